@@ -1,0 +1,309 @@
+"""The engine room: how kernels are compiled, cached on disk and run on all cores.
+
+This module and `simd` are the only ones that import Numba. A *kernel* is called from Python and is cached on disk;
+an *inline* is a piece of a kernel and is compiled into it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import llvmlite.binding
+import llvmlite.ir
+import numba
+import numpy as np
+import platformdirs
+from numba.core import cgutils, event, types
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.extending import intrinsic
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# Check every array access and every SIMD load (slow): the suite runs once with it. Part of the cache key.
+CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
+
+# No `nnan` and `ninf`: a miss is inf. No `reassoc`: positions are summed as (origin + near part) + small part on purpose.
+FASTMATH = {"nsz", "arcp", "contract", "afn"}
+
+KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
+
+_OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH, "boundscheck": CHECK}
+
+
+# --------------------------------------------------------------------------------------------------- the disk cache
+
+
+@cache
+def source_key() -> str:
+    """Name of the cache folder: a hash of everything that compiled code depends on.
+
+    Numba looks at the file of the function only, so that an edit of `vec.py` would leave stale kernels behind.
+    """
+    digest = hashlib.sha256()
+    root = Path(__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode())
+        digest.update(path.read_bytes())
+    facts = (numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2], CHECK)
+    cpu = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
+    features = os.environ.get("NUMBA_CPU_FEATURES") or llvmlite.binding.get_host_cpu_features().flatten()
+    digest.update(repr((facts, cpu, features)).encode())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Folder of the compiled kernels (`POINTRAY_CACHE`, else the user's cache), or None where nothing can be written."""
+    base = Path(os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False))
+    folder = base / f"kernels-{source_key()}"
+    try:
+        fresh = not folder.exists()
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f".probe-{os.getpid()}-{threading.get_ident()}"
+        probe.touch()
+        probe.unlink()
+        if fresh:
+            others = sorted(base.glob("kernels-*"), key=lambda p: p.stat().st_mtime)
+            for old in others[: -KEEP_CACHES - 1]:
+                shutil.rmtree(old, ignore_errors=True)
+    except OSError:
+        return None
+    return folder
+
+
+class _Locator:
+    """Tells Numba where one kernel's compiled code lies: all of them in `cache_folder()`."""
+
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        self._py_file = py_file
+        self._line = py_func.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator:
+        return cls(py_func, py_file)
+
+    def get_cache_path(self) -> str:
+        return str(cache_folder())
+
+    def ensure_cache_path(self) -> None:
+        pass
+
+    def get_source_stamp(self) -> str:
+        return source_key()
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _CacheImpl(CompileResultCacheImpl):
+    _locator_classes = [_Locator]
+
+
+class _Cache(FunctionCache):
+    """Numba's cache in our folder; a cache that cannot be read or written is no error."""
+
+    _impl_class = _CacheImpl
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # a damaged or half-written file: compile again
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError:
+            pass
+
+
+KERNELS: dict[str, Any] = {}
+
+
+def kernel(function: F) -> F:
+    """Compile a function that Python calls: without the interpreter lock, cached on disk, one signature."""
+    dispatcher = numba.njit(**_OPTIONS)(function)
+    if cache_folder() is not None:
+        dispatcher._cache = _Cache(function)
+    KERNELS[f"{function.__module__}.{function.__qualname__}"] = dispatcher
+    return dispatcher
+
+
+def inline(function: F) -> F:
+    """Compile a piece of a kernel; LLVM inlines it where it is called."""
+    return numba.njit(**_OPTIONS, forceinline=True)(function)
+
+
+def routine(function: F) -> F:
+    """Compile a piece of a kernel that is too large, or called from too many places, to be inlined."""
+    return numba.njit(**_OPTIONS)(function)
+
+
+def compilations() -> int:
+    """Number of kernels that this process has compiled, not loaded from the cache."""
+    return sum(sum(k.stats.cache_misses.values()) for k in KERNELS.values()) if cache_folder() else _Listener.count
+
+
+class _Listener(event.Listener):  # type: ignore[misc]
+    """Counts compilations and says once that the first one takes a moment."""
+
+    count = 0
+    notice: Callable[[], None] | None = None
+
+    def on_start(self, event: Any) -> None:
+        if event.data["dispatcher"] not in KERNELS.values():
+            return
+        _Listener.count += 1
+        if _Listener.notice is not None:
+            notice, _Listener.notice = _Listener.notice, None
+            notice()
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+event.register("numba:compile", _Listener())
+
+
+def on_first_compilation(notice: Callable[[], None] | None) -> None:
+    """Call `notice` when the next kernel has to be compiled."""
+    _Listener.notice = notice
+
+
+# --------------------------------------------------------------------------------------------------- all cores
+
+# What a kernel and its caller share: int64 slots, a cache line apart.
+NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24
+
+
+@intrinsic
+def _fetch_add(typingctx, array, index, value):  # type: ignore[no-untyped-def]
+    """array[index] += value as one atomic step; returns the value before."""
+    if not (isinstance(array, types.Array) and array.dtype == types.int64):
+        return None
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        pointer = builder.gep(data, [args[1]])
+        return builder.atomic_rmw("add", pointer, args[2], "monotonic")
+
+    return types.int64(array, types.int64, types.int64), codegen
+
+
+@intrinsic
+def _peek(typingctx, array, index):  # type: ignore[no-untyped-def]
+    """array[index], read afresh from memory."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        pointer = builder.gep(data, [args[1]])
+        return builder.load_atomic(pointer, "monotonic", 8, typ=llvmlite.ir.IntType(64))
+
+    return types.int64(array, types.int64), codegen
+
+
+@intrinsic
+def array_at(typingctx, address, length, like):  # type: ignore[no-untyped-def]
+    """The one-dimensional array of `length` items of the type of `like` that lies at an address; owns nothing."""
+    array = types.Array(like, 1, "C")
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        item = context.get_abi_sizeof(context.get_data_type(array.dtype))
+        size = context.get_constant(types.intp, item)
+        out = context.make_array(array)(context, builder)
+        pointer = builder.inttoptr(args[0], out.data.type)
+        context.populate_array(
+            out,
+            data=pointer,
+            shape=cgutils.pack_array(builder, [args[1]]),
+            strides=cgutils.pack_array(builder, [size]),
+            itemsize=size,
+            meminfo=None,
+        )
+        return out._getvalue()
+
+    return array(types.int64, types.int64, like), codegen
+
+
+@inline
+def take(work):  # type: ignore[no-untyped-def]
+    """The number of the next tile, or -1: none left, or cancelled."""
+    if _peek(work, CANCEL) != 0:
+        return -1
+    tile = _fetch_add(work, NEXT, 1)
+    return tile if tile < work[TOTAL] else -1
+
+
+@inline
+def cancelled(work):  # type: ignore[no-untyped-def]
+    """Whether the caller wants the kernel to stop."""
+    return _peek(work, CANCEL) != 0
+
+
+def thread_count(threads: int | None = None) -> int:
+    """Threads to use: the argument, else `POINTRAY_THREADS`, else all processors this process may use."""
+    if threads is None:
+        text = os.environ.get("POINTRAY_THREADS", "")
+        if not text:
+            return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        try:
+            threads = int(text)
+        except ValueError:
+            raise ValueError(f"POINTRAY_THREADS must be a whole number, not {text!r}") from None
+    if threads < 1:
+        raise ValueError(f"threads must be at least 1, not {threads}")
+    return threads
+
+
+def run(
+    kernel: Callable[..., Any],
+    tiles: int,
+    *args: Any,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[Any]:
+    """Run `kernel(work, *args)` in worker threads that `take(work)` tiles until none is left.
+
+    The caller only waits, so that Ctrl-C gets through: it cancels the kernels between two tiles.
+    `progress` is called with the share done, some ten times a second. Returns what each worker returned.
+    """
+    work = np.zeros(SLOTS, np.int64)
+    work[TOTAL] = tiles
+    results: list[Any] = []
+    errors: list[BaseException] = []
+
+    def worker() -> None:
+        try:
+            results.append(kernel(work, *args))
+        except BaseException as error:
+            errors.append(error)
+            work[CANCEL] = 1
+
+    workers = [threading.Thread(target=worker, daemon=True) for _ in range(min(thread_count(threads), max(tiles, 1)))]
+    for thread in workers:
+        thread.start()
+    try:
+        for thread in workers:
+            while thread.is_alive():
+                thread.join(0.1)
+                if progress is not None:
+                    progress(min(work[NEXT] / max(tiles, 1), 1.0))
+    except BaseException:
+        # A worker may be inside the compiler, which nothing interrupts: wait a little and leave it behind.
+        work[CANCEL] = 1
+        end = time.monotonic() + 0.3
+        for thread in workers:
+            thread.join(max(0.0, end - time.monotonic()))
+        raise
+    if errors:
+        raise errors[0]
+    return results

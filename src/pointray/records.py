@@ -1,0 +1,165 @@
+"""The records that kernels share: what each array holds, in which unit, and what stands for 'none'. Said once, here.
+
+All arrays are flat and C-contiguous, so that a model can travel as a table of addresses (`model_table`) and every
+kernel has one signature whatever the number of models. Lengths are in model space, about the points' origin.
+
+What 'none' means
+-----------------
+- A ray that misses has t = inf; a degenerate ray (a direction that is zero or not finite) misses.
+- An empty box is lo = +inf, hi = -inf: no ray enters it. Every box test must get this right without a special case.
+- An empty slot of a block is a splat 1e15 away with radius 1: its weight is 0 at every point.
+- An empty slot of a group of spheres has a squared radius of -1: no ray is near it.
+- The surface function is NaN where no support reaches; a comparison with it is false, so that no sign change counts.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import array_at, inline
+
+Array = NDArray[Any]
+
+# A block: 4 splats in structure-of-arrays order, 7 rows of 4 float32 (28 bytes a splat).
+BLOCK = 28
+PX, PY, PZ, NX, NY, NZ, INV_R2 = 0, 4, 8, 12, 16, 20, 24
+
+# A leaf: 16 float32.
+LEAF = 16
+CELL = 0  # 0..5: the kd-tree's voxel, lo x y z, hi x y z
+SLAB = 6  # 6..8: unit normal m of the slab; all surface in the voxel has SLAB_LO <= m.x <= SLAB_HI
+SLAB_LO, SLAB_HI = 9, 10
+STEP = 11  # distance of the samples along a ray
+RADIUS = 12  # mean support radius of the splats over the voxel
+
+# A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.
+WIDTH = 8
+NODE = 6 * WIDTH
+NO_CHILD = -(2**31)  # else: a child >= 0 is a node, a child < 0 is leaf ~child
+
+# A group: 16 bounding spheres of blocks, 4 rows (centre x y z, squared radius) of 16 float32.
+GROUP = 64
+
+# The head of a model: 16 float32.
+HEAD = 16
+BOUNDS = 0  # 0..5: lo x y z, hi x y z of all boxes
+SURFACE = 6  # which surface: one of the next four
+PAPER, IMLS, APSS, DISC = 0, 1, 2, 3
+SURFACES = ("paper", "imls", "apss", "disc")
+REFINE = 7  # secant steps after the bracket
+TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
+
+
+class Tree(NamedTuple):
+    """The acceleration structure of one model, with its splats.
+
+    head : (16,) float32, see `HEAD`
+    boxes : (nodes * 48,) float32, the children's tight boxes
+    children : (nodes * 8,) int32
+    leaves : (leaves * 16,) float32, see `LEAF`
+    spans : (leaves * 2,) int32, first group and number of groups
+    spheres : (groups * 64,) float32, bounding spheres of the blocks that a leaf knows
+    refs : (groups * 16,) int32, their numbers; 0 in an empty slot
+    blocks : (blocks * 28,) float32
+    order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
+    colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; or length 0: the points have none
+    """
+
+    head: Array
+    boxes: Array
+    children: Array
+    leaves: Array
+    spans: Array
+    spheres: Array
+    refs: Array
+    blocks: Array
+    order: Array
+    colors: Array
+
+
+_F32, _I32 = np.float32(0), np.int32(0)
+ROW = 2 * len(Tree._fields)  # a model in the table: the address and the length of each array
+
+
+def model_table(trees: list[Tree]) -> Array:
+    """(models * ROW,) int64: where each model's arrays lie. Holds no reference: the caller keeps the trees alive."""
+    rows = [[value for array in tree for value in (array.ctypes.data, array.size)] for tree in trees]
+    return np.array(rows, np.int64).reshape(-1)
+
+
+@inline
+def tree_at(table, model):  # type: ignore[no-untyped-def]
+    """The tree of one model of the table."""
+    i = model * ROW
+    return Tree(
+        array_at(table[i + 0], table[i + 1], _F32),
+        array_at(table[i + 2], table[i + 3], _F32),
+        array_at(table[i + 4], table[i + 5], _I32),
+        array_at(table[i + 6], table[i + 7], _F32),
+        array_at(table[i + 8], table[i + 9], _I32),
+        array_at(table[i + 10], table[i + 11], _F32),
+        array_at(table[i + 12], table[i + 13], _I32),
+        array_at(table[i + 14], table[i + 15], _F32),
+        array_at(table[i + 16], table[i + 17], _I32),
+        array_at(table[i + 18], table[i + 19], _I32),
+    )
+
+
+class Scratch(NamedTuple):
+    """One thread's working memory.
+
+    stack : (256,) int32, children still to visit; stack_near : (256,) float32, where the ray enters them
+    near : (n,) int32, blocks near the ray in the current leaf; counts : (8,) int64, see COUNT_*
+    lift : (1,) float32, the start rule's state, see `trace/leaf.py`
+    """
+
+    stack: Array
+    stack_near: Array
+    near: Array
+    counts: Array
+    lift: Array
+
+
+COUNT_NEAR, COUNT_NODES, COUNT_LEAVES, COUNT_RAYS = 0, 1, 2, 3
+
+
+@inline
+def new_scratch(longest):  # type: ignore[no-untyped-def]
+    """Working memory for models whose longest leaf knows `longest` blocks."""
+    return Scratch(
+        np.empty(256, np.int32),
+        np.empty(256, np.float32),
+        np.empty(longest + 16, np.int32),
+        np.zeros(8, np.int64),
+        np.zeros(1, np.float32),
+    )
+
+
+class Ray(NamedTuple):
+    """A ray in model space: origin, unit direction, its inverse, the interval, and the side it starts on.
+
+    side : +1 where a ray that starts on the surface is outside (where normals point), -1 where it is inside
+    """
+
+    ox: float
+    oy: float
+    oz: float
+    dx: float
+    dy: float
+    dz: float
+    t_min: float
+    t_max: float
+    side: float
+
+
+class Hit(NamedTuple):
+    """Where a ray meets a model, in model space: t = inf and leaf = -1 for a miss; the normal has unit length."""
+
+    t: float
+    nx: float
+    ny: float
+    nz: float
+    leaf: int

@@ -1,0 +1,151 @@
+"""Splats -> Tree: the whole way on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import run
+from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
+from .blocks import make_blocks, sort_splats
+from .cells import FULL, STOPPED, Cells, build_cells
+from .leaves import fill_groups, fill_leaves
+from .wide import collapse, enclose
+
+LEAF_WIDTH = 6.0  # a voxel's longest edge in mean support radii
+
+
+class Splats(NamedTuple):
+    """Points with a support.
+
+    positions : (n, 3) float32, about the points' origin
+    normals : (n, 3) float32, unit
+    radii : (n,) float32, the support's radius, in the unit of the positions
+    rows : (n,) int32, the caller's row of each
+    colors : (n, 3) uint8, sRGB, or None
+    """
+
+    positions: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    radii: NDArray[np.float32]
+    rows: NDArray[np.int32]
+    colors: NDArray[np.uint8] | None
+
+
+class TreeSettings(NamedTuple):
+    """What a tree is built for.
+
+    surface : 'paper', 'imls', 'apss' or 'disc'
+    samples : samples in the length of a support's diameter, the paper's N
+    refine : secant steps after the bracket
+    trim : largest |x - P(x)| of a hit in local radii, inf for no limit
+    leaf_width : a voxel's longest edge in mean radii
+    cut : False leaves slabs unlimited and boxes as large as their voxels, to test the others against
+    """
+
+    surface: str
+    samples: int = 4
+    refine: int = 1
+    trim: float = float("inf")
+    leaf_width: float = LEAF_WIDTH
+    cut: bool = True
+
+
+def _cells(blocks: NDArray[np.float32], width: float, threads: int | None) -> Cells:
+    """The binary kd-tree; the arrays grow until they hold it."""
+    count = len(blocks) // 28
+    nodes, refs = count // 2 + 64, 6 * count + 4096
+    while True:
+        cells = Cells(
+            np.empty((nodes, 2), np.int32),
+            np.empty((nodes, 6), np.float32),
+            np.zeros((nodes, 2), np.int64),
+            np.empty(refs, np.int32),
+        )
+        built = run(build_cells, 1, blocks, float(width), cells, threads=threads)[0]
+        if built == STOPPED:
+            raise KeyboardInterrupt
+        if built != FULL:
+            return Cells(cells.children[:built], cells.boxes[:built], cells.spans[:built], cells.refs)
+        nodes, refs = 2 * nodes, 2 * refs
+
+
+def build_tree(
+    splats: Splats,
+    settings: TreeSettings,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Tree:
+    """Build the tree of a model (paper, parts III and IV).
+
+    Four splats make a block; space is cut into voxels that know every block with a splat over them; in each voxel a
+    conservative test tells where the surface can be; the voxels' tight boxes are gathered into nodes of eight.
+    """
+    say = progress or (lambda share: None)
+    order = sort_splats(splats.positions, threads)
+    say(0.3)
+    blocks, bounds = make_blocks(splats.positions, splats.normals, splats.radii, order, threads)
+    say(0.4)
+    cells = _cells(blocks, settings.leaf_width, threads)
+    say(0.7)
+
+    nodes = np.flatnonzero(cells.children[:, 0] < 0).astype(np.int32)
+    leaves = np.zeros(len(nodes) * LEAF, np.float32)
+    tight = np.empty((len(nodes), 6))
+    surface = SURFACES.index(settings.surface)
+    reference = float(np.quantile(splats.radii[:: max(1, len(splats.radii) // 100_000)], 0.02))
+    chosen = (surface, settings.samples, reference, int(settings.cut))
+    run(fill_leaves, -(-len(nodes) // 64), cells, blocks, chosen, (nodes, leaves, tight), threads=threads)
+    full = tight[:, 0] <= tight[:, 3]
+    say(0.9)
+
+    counts = np.where(full, -(-np.diff(cells.spans[nodes], axis=1)[:, 0] // 16), 0)
+    spans = np.empty((len(nodes), 2), np.int32)
+    spans[:, 0], spans[:, 1] = np.cumsum(counts) - counts, counts
+    groups = int(counts.sum())
+    spheres, refs = np.empty(groups * GROUP, np.float32), np.empty(groups * 16, np.int32)
+    run(fill_groups, -(-len(nodes) // 64), cells, nodes, bounds, (spans.reshape(-1), spheres, refs), threads=threads)
+
+    leaf_of = np.full(len(cells.children), -1, np.int32)
+    leaf_of[nodes] = np.arange(len(nodes))
+    node_boxes = np.empty((len(cells.children), 6))
+    enclose(cells.children, leaf_of, tight, node_boxes)
+    room = len(cells.children)
+    wide_boxes, wide_children = np.empty(room * NODE, np.float32), np.empty(room * WIDTH, np.int32)
+    wide = collapse(cells.children, leaf_of, node_boxes, (wide_boxes, wide_children))
+
+    head = np.zeros(HEAD, np.float32)
+    head[BOUNDS : BOUNDS + 6] = node_boxes[0]
+    head[SURFACE], head[REFINE], head[TRIM] = surface, settings.refine, settings.trim
+    say(1.0)
+    return Tree(
+        head,
+        wide_boxes[: wide * NODE].copy(),
+        wide_children[: wide * WIDTH].copy(),
+        leaves,
+        spans.reshape(-1),
+        spheres,
+        refs,
+        blocks,
+        _rows(order, splats.rows, len(bounds)),
+        _colors(order, splats.colors, len(bounds)),
+    )
+
+
+def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
+    """The caller's row of each slot, -1 where it is empty."""
+    out = np.full(slots, -1, np.int32)
+    out[: len(order)] = rows[order]
+    return out
+
+
+def _colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: int) -> NDArray[np.int32]:
+    """The packed colour of each slot; nothing where the points have none."""
+    if colors is None:
+        return np.zeros(0, np.int32)
+    out = np.zeros(slots, np.int32)
+    out[: len(order)] = (colors[order].astype(np.int32) * np.array([1, 256, 65536], np.int32)).sum(axis=1)
+    return out

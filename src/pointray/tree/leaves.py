@@ -1,0 +1,192 @@
+"""Leaves: each voxel's slab and tight box, from a conservative test of where the surface can be (paper, part IV).
+
+Where f = 0 at a point x, the weighted means cannot all have one sign: there are two splats i, j over x with
+n_i.(x - p_j) <= 0, and two with >= 0 (for `imls` i = j). Let m be a unit vector and S the largest sine between m and
+the normals of the voxel's splats, all less than a right angle away. A vector v = x - p_j with |v| < r_j and n_i.v <= 0
+has m.v <= S r_j. So all surface in the voxel lies where
+
+    min_j (m.p_j - S r_j)  <=  m.x  <=  max_j (m.p_j + S r_j):  the slab.
+
+For `apss`, f is the mean of `paper` and `imls` plus u4 |x - P|^2, at most the spread of the normals times |x - P|:
+S is taken APSS_REACH times as large. A slab that misses the voxel proves it empty. The tight box encloses the balls
+of all splats cut by slab and voxel.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inline, kernel, take
+from ..records import APSS, BLOCK, CELL, GROUP, INV_R2, LEAF, NX, PX, RADIUS, SLAB, SLAB_HI, SLAB_LO, STEP
+from .blocks import PER_BLOCK
+from .cells import overlap
+
+APSS_REACH = 2.0
+PAD = 1e-3  # slabs and boxes are padded by this share of the mean radius, against rounding
+
+
+@inline
+def _members(blocks, refs, span, cell, out):  # type: ignore[no-untyped-def]
+    """Rows x, y, z, nx, ny, nz, r of the splats whose support overlaps the cell; returns their number."""
+    count = 0
+    for s in range(span[0], span[1]):
+        for k in range(PER_BLOCK):
+            slot = refs[s] * BLOCK + k
+            r2, distance = overlap(blocks, slot, cell)
+            if distance <= r2 and blocks[slot] < np.float32(1e14):
+                for c in range(3):
+                    out[count, c] = blocks[slot + PX + 4 * c]
+                    out[count, 3 + c] = blocks[slot + NX + 4 * c]
+                out[count, 6] = math.sqrt(r2)
+                count += 1
+    return count
+
+
+@inline
+def _slab(members, reach):  # type: ignore[no-untyped-def]
+    """Mean normal m, least and greatest m.x of any surface: see the head of this file."""
+    mx = my = mz = 0.0
+    for row in members:
+        mx += row[3]
+        my += row[4]
+        mz += row[5]
+    length = math.sqrt(mx * mx + my * my + mz * mz)
+    if length < 1e-6:
+        mx, my, mz, length = 0.0, 0.0, 1.0, 1.0
+    mx, my, mz = mx / length, my / length, mz / length
+    cosine = 1.0
+    for row in members:
+        cosine = min(cosine, mx * row[3] + my * row[4] + mz * row[5])
+    sine = min(1.0, reach * math.sqrt(max(0.0, 1.0 - cosine * cosine))) if cosine > 0.0 else 1.0
+    low, high = np.inf, -np.inf
+    for row in members:
+        height = mx * row[0] + my * row[1] + mz * row[2]
+        low = min(low, height - sine * row[6])
+        high = max(high, height + sine * row[6])
+    return mx, my, mz, low, high
+
+
+@inline
+def _farthest(m, r, low, high):  # type: ignore[no-untyped-def]
+    """Greatest coordinate, along an axis whose cosine with the slab's normal is m, of a ball cut by the slab.
+
+    The ball has radius r and its centre at height 0; the slab goes from low to high.
+    """
+    height = min(max(r * m, low), high)
+    return m * height + math.sqrt(max(0.0, r * r - height * height)) * math.sqrt(max(0.0, 1.0 - m * m))
+
+
+@inline
+def _tight_box(members, slab, box):  # type: ignore[no-untyped-def]
+    """Shrink box to the balls of the members cut by the slab."""
+    mx, my, mz, low, high = slab
+    for c in range(3):
+        m = mx if c == 0 else (my if c == 1 else mz)
+        least, greatest = np.inf, -np.inf
+        for row in members:
+            height = mx * row[0] + my * row[1] + mz * row[2]
+            if low - height > row[6] or high - height < -row[6]:
+                continue
+            greatest = max(greatest, row[c] + _farthest(m, row[6], low - height, high - height))
+            least = min(least, row[c] - _farthest(-m, row[6], low - height, high - height))
+        box[c] = max(box[c], least)
+        box[3 + c] = min(box[3 + c], greatest)
+
+
+@inline
+def _cut_by_slab(slab, box):  # type: ignore[no-untyped-def]
+    """Shrink a box to the part of it inside of a slab, axis by axis."""
+    mx, my, mz, low, high = slab
+    m = (mx, my, mz)
+    least = greatest = 0.0
+    for c in range(3):
+        least += min(m[c] * box[c], m[c] * box[3 + c])
+        greatest += max(m[c] * box[c], m[c] * box[3 + c])
+    if least > high or greatest < low:
+        box[0], box[3] = np.inf, -np.inf
+        return
+    for c in range(3):
+        if abs(m[c]) < 1e-3:
+            continue
+        # The other two axes contribute at least (most) this much to m.x.
+        rest_least = least - min(m[c] * box[c], m[c] * box[3 + c])
+        rest_greatest = greatest - max(m[c] * box[c], m[c] * box[3 + c])
+        a, b = (low - rest_greatest) / m[c], (high - rest_least) / m[c]
+        box[c] = max(box[c], min(a, b))
+        box[3 + c] = min(box[3 + c], max(a, b))
+
+
+@kernel
+def fill_leaves(work, cells, blocks, settings, out):  # type: ignore[no-untyped-def]
+    """Fill each leaf's record and tight box. A box that comes out inverted says that the leaf is empty.
+
+    settings : surface, samples in a support's diameter, reference radius, whether to cut (0: unlimited slabs and boxes)
+    out : numbers of the leaf nodes (leaves,), records (leaves * 16,), boxes (leaves, 6) float64
+    """
+    boxes, spans, refs = cells.boxes, cells.spans, cells.refs
+    surface, samples, reference, cut = settings
+    nodes, records, tight = out
+    longest = 0
+    for node in nodes:
+        longest = max(longest, spans[node, 1] - spans[node, 0])
+    rows = np.empty((longest * PER_BLOCK, 7), np.float64)
+    tile = take(work)
+    while tile >= 0:
+        for leaf in range(tile * 64, min((tile + 1) * 64, nodes.size)):
+            cell = boxes[nodes[leaf]]
+            members = rows[: _members(blocks, refs, spans[nodes[leaf]], cell, rows)]
+            record = records[leaf * LEAF : (leaf + 1) * LEAF]
+            box = tight[leaf]
+            box[:] = cell
+            record[:] = 0.0
+            record[CELL : CELL + 6] = cell
+            record[SLAB + 2], record[SLAB_LO], record[SLAB_HI] = 1.0, -np.inf, np.inf
+            mean, least = 0.0, np.inf
+            for row in members:
+                mean += row[6] / len(members)
+                least = min(least, row[6])
+            if len(members) == 0:
+                box[0], box[3] = np.inf, -np.inf
+                continue
+            # Steps are the reference's times a power of two: lattices of samples that differ are nested.
+            record[STEP] = 2.0 * reference / samples * 2.0 ** math.floor(math.log2(max(least, 1e-30) / reference))
+            record[RADIUS] = mean
+            if cut == 0:
+                continue
+            slab = _slab(members, APSS_REACH if surface == APSS else 1.0)
+            _tight_box(members, slab, box)
+            _cut_by_slab(slab, box)
+            pad = PAD * mean
+            record[SLAB : SLAB + 5] = (slab[0], slab[1], slab[2], slab[3] - pad, slab[4] + pad)
+            if not (box[0] <= box[3] and box[1] <= box[4] and box[2] <= box[5]):
+                box[0], box[3] = np.inf, -np.inf
+                continue
+            for c in range(3):
+                box[c] -= pad
+                box[3 + c] += pad
+        tile = take(work)
+    return 0
+
+
+@kernel
+def fill_groups(work, cells, nodes, bounds, out):  # type: ignore[no-untyped-def]
+    """Copy each leaf's references into groups of 16 bounding spheres. out : spans, spheres, refs as in `Tree`."""
+    spans, spheres, refs = out
+    tile = take(work)
+    while tile >= 0:
+        for leaf in range(tile * 64, min((tile + 1) * 64, nodes.size)):
+            begin, end = cells.spans[nodes[leaf]]
+            for g in range(spans[2 * leaf + 1]):
+                group = spans[2 * leaf] + g
+                for k in range(16):
+                    s = begin + 16 * g + k
+                    b = cells.refs[s] if s < end else 0
+                    refs[group * 16 + k] = b
+                    for c in range(3):
+                        spheres[group * GROUP + 16 * c + k] = bounds[b * 4 + c]
+                    r = bounds[b * 4 + 3]
+                    spheres[group * GROUP + 48 + k] = r * r if s < end else np.float32(-1.0)
+        tile = take(work)
+    return 0

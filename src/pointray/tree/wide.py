@@ -1,0 +1,70 @@
+"""The binary kd-tree collapsed into wide nodes: eight tight boxes that a ray is tested against at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline, kernel
+from ..records import NO_CHILD, NODE, WIDTH
+
+
+@inline
+def _area(box):  # type: ignore[no-untyped-def]
+    """Half the surface of a box; negative for an empty one."""
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    if not (x >= 0.0 and y >= 0.0 and z >= 0.0):
+        return -1.0
+    return x * y + y * z + z * x
+
+
+@kernel
+def enclose(children, leaf_of, tight, boxes):  # type: ignore[no-untyped-def]
+    """Boxes of the binary nodes, from the leaves' tight boxes upwards: (nodes, 6) float64."""
+    for node in range(len(children) - 1, -1, -1):
+        box = boxes[node]
+        if children[node, 0] < 0:
+            box[:] = tight[leaf_of[node]]
+            continue
+        a, b = boxes[children[node, 0]], boxes[children[node, 1]]
+        for c in range(3):
+            box[c] = min(a[c], b[c])
+            box[3 + c] = max(a[3 + c], b[3 + c])
+
+
+@kernel
+def collapse(children, leaf_of, boxes, out):  # type: ignore[no-untyped-def]
+    """Open the child of largest surface until a node has eight; returns the number of wide nodes."""
+    wide_boxes, wide_children = out
+    pending = np.empty(len(children) + 1, np.int32)  # binary node of each wide node, in order of their numbers
+    pending[0] = 0
+    total, node = 1, 0
+    members = np.empty(WIDTH, np.int32)
+    while node < total:
+        members[0] = pending[node]
+        count = 1
+        while count < WIDTH:
+            best, largest = -1, -1.0
+            for k in range(count):
+                if children[members[k], 0] >= 0 and _area(boxes[members[k]]) > largest:
+                    best, largest = k, _area(boxes[members[k]])
+            if best < 0:
+                break
+            opened = members[best]
+            members[best] = children[opened, 0]
+            members[count] = children[opened, 1]
+            count += 1
+        for k in range(WIDTH):
+            empty = k >= count or _area(boxes[members[k]]) < 0.0
+            for c in range(3):
+                wide_boxes[node * NODE + c * WIDTH + k] = np.inf if empty else boxes[members[k], c]
+                wide_boxes[node * NODE + (3 + c) * WIDTH + k] = -np.inf if empty else boxes[members[k], 3 + c]
+            if empty:
+                wide_children[node * WIDTH + k] = NO_CHILD
+            elif children[members[k], 0] < 0:
+                wide_children[node * WIDTH + k] = ~leaf_of[members[k]]
+            else:
+                wide_children[node * WIDTH + k] = total
+                pending[total] = members[k]
+                total += 1
+        node += 1
+    return total
