@@ -163,3 +163,62 @@ class Hit(NamedTuple):
     ny: float
     nz: float
     leaf: int
+
+
+# An instance: 40 float64.
+INSTANCE = 40
+KIND = 0  # MODEL or PLANE
+MODEL, PLANE = 0, 1
+MODEL_ROW = 1  # which model of the table
+MATERIAL = 2  # which material
+TO_MODEL = 4  # 4..15: world to model space, row-major 3x4
+PLANE_POINT, PLANE_NORMAL, PLANE_COLOR = 4, 7, 10  # of a plane: 3 each
+PLANE_CHECKER = 13  # edge of a checker's square, 0: plain
+PLANE_CATCHER = 14  # 1: seen only where a shadow falls on it
+PLANE_U, PLANE_V = 16, 19  # the checker's axes, 3 each
+
+# A light: 8 float64.
+LIGHT = 8
+LIGHT_KIND = 0
+POINT_LIGHT, SUN_LIGHT = 0, 1
+LIGHT_PLACE = 1  # position, or direction of travel
+LIGHT_POWER = 4  # RGB: intensity in W/sr, or irradiance in W/m2
+
+# A material: 8 float64.
+MATERIAL_SIZE = 8
+MATERIAL_KIND = 0
+DIFFUSE, PHONG = 0, 1
+OWN_COLOR = 1  # 1: the points' own colour
+BASE_COLOR = 2  # 2..4: else this, linear
+SPECULAR, EXPONENT = 5, 6
+
+
+class World(NamedTuple):
+    """All that a scene's rays can meet, for kernels.
+
+    table : (models * ROW,) int64, see `model_table`; instances, lights, materials : float64, see above
+    tone : (256,) float32, linear value of each sRGB level; longest : blocks of the longest leaf
+    """
+
+    table: Array
+    instances: Array
+    lights: Array
+    materials: Array
+    tone: Array
+    longest: int
+
+
+class WorldHit(NamedTuple):
+    """Where a ray meets the scene, in world space: t in lengths of the direction, inf for a miss; instance -1.
+
+    normal : unit; color : linear; slot : place of the splat of most weight in the model's order, -1 for a plane
+    leaf, and local : position in model space, for what is blended later
+    """
+
+    t: float
+    normal: tuple[float, float, float]
+    color: tuple[float, float, float]
+    instance: int
+    slot: int
+    leaf: int
+    local: tuple[float, float, float]

@@ -24,6 +24,7 @@ from .blocks import PER_BLOCK
 from .cells import overlap
 
 APSS_REACH = 2.0
+LEEWAY = 0.1  # a step may be 2**0.1 times the asked length, so that nearly equal radii share one lattice
 PAD = 1e-3  # slabs and boxes are padded by this share of the mean radius, against rounding
 
 
@@ -151,7 +152,9 @@ def fill_leaves(work, cells, blocks, settings, out):  # type: ignore[no-untyped-
                 box[0], box[3] = np.inf, -np.inf
                 continue
             # Steps are the reference's times a power of two: lattices of samples that differ are nested.
-            record[STEP] = 2.0 * reference / samples * 2.0 ** math.floor(math.log2(max(least, 1e-30) / reference))
+            record[STEP] = 2.0 * reference / samples * 2.0 ** math.floor(
+                math.log2(max(least, 1e-30) / reference) + LEEWAY
+            )
             record[RADIUS] = mean
             if cut == 0:
                 continue

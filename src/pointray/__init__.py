@@ -1,0 +1,71 @@
+"""pointray: ray tracing of point clouds, interactively, on an ordinary PC.
+
+>>> import pointray as pr
+>>> model = pr.Model(pr.read("scan.ply"))
+>>> scene = pr.Scene()
+>>> scene.add(model)
+>>> pr.write_image("scan.png", pr.render(scene, pr.Camera.frame(scene.bounds)))
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+# Where each public name lives; loaded when first asked for, so that `import pointray` costs nothing.
+_HOME = {
+    "Camera": "camera",
+    "Diffuse": "shade.materials",
+    "Hits": "scene",
+    "Model": "model",
+    "Phong": "shade.materials",
+    "Plane": "scene",
+    "PointLight": "shade.lights",
+    "Points": "data",
+    "Scene": "scene",
+    "Settings": "render",
+    "SunLight": "shade.lights",
+    "estimate_normals": "points",
+    "procedural": "points",
+    "procedural_distance": "points",
+    "read": "points",
+    "render": "render",
+    "write": "points",
+    "write_image": "image",
+}
+
+__all__ = sorted([*_HOME, "__version__"])
+
+if TYPE_CHECKING:
+    from .camera import Camera as Camera
+    from .data import Points as Points
+    from .image import write_image as write_image
+    from .model import Model as Model
+    from .points import estimate_normals as estimate_normals
+    from .points import procedural as procedural
+    from .points import procedural_distance as procedural_distance
+    from .points import read as read
+    from .points import write as write
+    from .render import Settings as Settings
+    from .render import render as render
+    from .scene import Hits as Hits
+    from .scene import Plane as Plane
+    from .scene import Scene as Scene
+    from .shade.lights import PointLight as PointLight
+    from .shade.lights import SunLight as SunLight
+    from .shade.materials import Diffuse as Diffuse
+    from .shade.materials import Phong as Phong
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'pointray' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})

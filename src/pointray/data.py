@@ -1,0 +1,238 @@
+"""The nouns that travel between the stages: shape, dtype, unit and 'none' value of each array, said once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FARTHEST = 1e15  # a coordinate beyond it is a 'no return' marker of some scanner: its square is of no use in float32
+SAMPLE = 20_000  # rows that stand for all when the spacing is estimated
+
+
+@dataclass(frozen=True, slots=True, init=False, repr=False, eq=False)
+class Points:
+    """A point cloud: what a scanner or a file gives, one row a point.
+
+    Rows with a position that is NaN or infinite are kept, so that a row's number is that of the caller; see `finite`.
+
+    Parameters
+    ----------
+    positions : (n, 3) array_like, float or int
+        World coordinates.
+    normals : (n, 3) array_like, optional
+        Stored as given: not normalised, and zero or NaN where unknown.
+    colors : (n, 3) or (n, 4) array_like, optional
+        sRGB, uint8 or float from 0 to 1; alpha is dropped.
+    attributes : dict of str to (n,) or (n, k) array_like, optional
+        Anything else that is known of each point.
+    origin : (3,) array_like, optional
+        What positions are held about. None: zero, unless float32 would lose a ten-thousandth of the spacing (maps:
+        millions of metres); then a rounded place near the middle.
+
+    Attributes
+    ----------
+    positions : (n, 3) float32
+        C-contiguous, about `origin`: world = origin + positions.
+    origin : (3,) float64
+    normals : (n, 3) float32 or None
+    colors : (n, 3) uint8 or None
+    attributes : dict of str to (n,) or (n, k) float32
+
+    Raises
+    ------
+    ValueError
+        If a shape, dtype or value is wrong, or no row has a finite position.
+    """
+
+    positions: NDArray[np.float32]
+    origin: NDArray[np.float64]
+    normals: NDArray[np.float32] | None
+    colors: NDArray[np.uint8] | None
+    attributes: dict[str, NDArray[np.float32]]
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        normals: ArrayLike | None = None,
+        colors: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
+        origin: ArrayLike | None = None,
+    ) -> None:
+        world = _numbers(positions, "positions")
+        if world.ndim != 2 or world.shape[1] != 3:
+            raise ValueError(f"positions must have the shape (n, 3), not {world.shape}")
+        if len(world) == 0:
+            raise ValueError("positions holds no points: its shape is (0, 3)")
+        about = _choose_origin(world) if origin is None else _check_origin(origin)
+        self._fill(_localise(world, about), about, normals, colors, attributes)
+
+    @classmethod
+    def about(
+        cls,
+        origin: ArrayLike,
+        positions: NDArray[np.float32],
+        normals: ArrayLike | None = None,
+        colors: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
+    ) -> Points:
+        """Points whose (n, 3) float32 positions already lie about `origin`."""
+        points = cls.__new__(cls)
+        points._fill(_localise(positions, np.zeros(3)), _check_origin(origin), normals, colors, attributes)
+        return points
+
+    def _fill(
+        self,
+        positions: NDArray[np.float32],
+        origin: NDArray[np.float64],
+        normals: ArrayLike | None,
+        colors: ArrayLike | None,
+        attributes: Mapping[str, ArrayLike] | None,
+    ) -> None:
+        n = len(positions)
+        fields = {
+            "positions": positions,
+            "origin": origin,
+            "normals": None if normals is None else _check_normals(normals, n),
+            "colors": None if colors is None else _check_colors(colors, n),
+            "attributes": _check_attributes(attributes, n),
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+        if not self.finite.any():
+            raise ValueError(f"positions: none of the {n:,} rows is finite")
+
+    @property
+    def world(self) -> NDArray[np.float64]:
+        """World coordinates, (n, 3) float64: a new array."""
+        return self.positions + self.origin
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond 1e15."""
+        x, y, z = self.positions.T
+        reach = np.float32(FARTHEST)
+        return np.asarray((np.abs(x) <= reach) & (np.abs(y) <= reach) & (np.abs(z) <= reach))
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Least and greatest world coordinates of the finite rows, (2, 3) float64."""
+        finite = self.finite
+        rows = self.positions if finite.all() else self.positions[finite]
+        return np.stack([rows.min(axis=0), rows.max(axis=0)]) + self.origin
+
+    def select(self, rows: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Points:
+        """The given rows (numbers or a mask), about the same origin."""
+        return Points.about(
+            self.origin,
+            self.positions[rows],
+            None if self.normals is None else self.normals[rows],
+            None if self.colors is None else self.colors[rows],
+            {name: values[rows] for name, values in self.attributes.items()},
+        )
+
+    def with_normals(self, normals: ArrayLike) -> Points:
+        """The same points with other normals; the other arrays are shared."""
+        return Points.about(self.origin, self.positions, normals, self.colors, self.attributes)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __repr__(self) -> str:
+        low, high = self.bounds
+        size = " x ".join(f"{extent:.4g}" for extent in high - low)
+        held = [name for name in ("normals", "colors") if getattr(self, name) is not None] + list(self.attributes)
+        about = f", about ({', '.join(f'{x:.10g}' for x in self.origin)})" if self.origin.any() else ""
+        return f"<Points: {len(self):,}, size {size}{about}, with {', '.join(held) or 'positions only'}>"
+
+
+def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:
+    """`values` as an array of ints or floats."""
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"{name} is no regular array of numbers: {error}") from None
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must hold ints or floats, not {array.dtype} (shape {array.shape})")
+    return array
+
+
+def _float32(array: NDArray[Any]) -> NDArray[np.float32]:
+    """A writable, C-contiguous float32 array: the same memory where that is possible."""
+    with np.errstate(over="ignore"):  # becomes infinite: a row that is not finite
+        return np.require(array, np.float32, ["C", "W", "A"])
+
+
+def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.float32]:
+    return _float32(np.subtract(world, origin, dtype=np.float64) if origin.any() else world)
+
+
+def _check_origin(origin: ArrayLike) -> NDArray[np.float64]:
+    array = _numbers(origin, "origin").astype(np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ValueError(f"origin must be three finite numbers, not {array.tolist()}")
+    return array
+
+
+def _choose_origin(world: NDArray[Any]) -> NDArray[np.float64]:
+    """Zero, unless float32 about zero is too coarse for the spacing of the points."""
+    rows = world[:: -(-len(world) // SAMPLE)].astype(np.float64)
+    rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1)]
+    if len(rows) == 0:
+        return np.zeros(3)
+    # The inner 96%: a stray point (often at 0, 0, 0) must not pass for the size of the model.
+    low, high = np.quantile(rows, [0.02, 0.98], axis=0)
+    spacing = _spacing(high - low, len(world))
+    rounding = np.maximum(-low, high).max() * 2.0**-24
+    if rounding <= 1e-4 * spacing:
+        return np.zeros(3)
+    step = 10.0 ** np.floor(np.log10(max((high - low).max(), spacing)))
+    return np.asarray(np.round((low + high) / 2 / step) * step)
+
+
+def _spacing(size: NDArray[np.float64], n: int) -> float:
+    """Distance of neighbours if n points cover the sides of a box; one unit where that says nothing."""
+    x, y, z = size
+    area = x * y + y * z + z * x
+    return float(np.sqrt(area / n) or size.max() / n or 1.0)
+
+
+def _check_normals(normals: ArrayLike, n: int) -> NDArray[np.float32]:
+    array = _numbers(normals, "normals")
+    if array.shape != (n, 3):
+        raise ValueError(f"normals must have the shape ({n}, 3), a row for each position, not {array.shape}")
+    return _float32(array)
+
+
+def _check_colors(colors: ArrayLike, n: int) -> NDArray[np.uint8]:
+    array = _numbers(colors, "colors")
+    if array.shape not in ((n, 3), (n, 4)):
+        raise ValueError(f"colors must have the shape ({n}, 3) or ({n}, 4), a row for each position, not {array.shape}")
+    array = array[:, :3]
+    if array.dtype.kind == "f":
+        good = (array >= 0) & (array <= 1)  # false for NaN
+        if not good.all():
+            row = int(np.flatnonzero(~good.all(axis=1))[0])
+            raise ValueError(f"float colors must lie between 0 and 1; row {row} is {array[row].tolist()}")
+        array = np.rint(array * 255).astype(np.uint8)
+    if array.dtype != np.uint8:
+        raise ValueError(f"colors must be uint8 (0 to 255) or float (0 to 1), not {array.dtype}")
+    return np.require(array, np.uint8, ["C", "W"])
+
+
+def _check_attributes(attributes: Mapping[str, ArrayLike] | None, n: int) -> dict[str, NDArray[np.float32]]:
+    return {name: _check_attribute(name, values, n) for name, values in (attributes or {}).items()}
+
+
+def _check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[np.float32]:
+    if not isinstance(name, str) or not name:
+        raise ValueError(f"the name of an attribute must be a string with letters in it, not {name!r}")
+    array = _numbers(values, f"attribute {name!r}")
+    if array.ndim not in (1, 2) or len(array) != n:
+        raise ValueError(
+            f"attribute {name!r} must have the shape ({n},) or ({n}, k), a row for each position, not {array.shape}"
+        )
+    return _float32(array)

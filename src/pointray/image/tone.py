@@ -1,0 +1,69 @@
+"""From linear radiance to what a screen shows, and back from a file's colours."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+CURVES = ("srgb", "filmic")
+
+
+def linear_to_srgb(linear: NDArray[np.floating[Any]]) -> Floats:
+    """The sRGB curve (IEC 61966-2-1), values clipped to 0..1; any shape, float32."""
+    x = np.clip(linear, 0, 1).astype(np.float32)
+    curve: Floats = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return curve
+
+
+def srgb_to_linear(colors: NDArray[np.uint8] | NDArray[np.floating[Any]]) -> Floats:
+    """Linear float32 of sRGB colours, uint8 or float from 0 to 1; any shape."""
+    return _TABLE[colors] if colors.dtype == np.uint8 else _decode(colors.astype(np.float64))
+
+
+def _decode(x: NDArray[np.float64]) -> Floats:
+    curve = np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0) + 0.055) / 1.055) ** 2.4)
+    return curve.astype(np.float32)
+
+
+_TABLE = _decode(np.arange(256) / 255)
+
+
+def filmic(linear: Floats) -> Floats:
+    """A curve that rolls highlights off as film does: linear 0..inf to linear 0..1, 1 to 0.80.
+
+    References
+    ----------
+    Narkowicz: ACES Filmic Tone Mapping Curve (2016), the fit without its optional 0.6 of exposure.
+    """
+    x = np.clip(linear, 0, 1e4)  # beyond, the square may overflow; the curve has long reached 1
+    curve: Floats = np.minimum(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 1)
+    return curve
+
+
+def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
+    """What of linear colours can be shown.
+
+    Parameters
+    ----------
+    linear : (..., 3) float32
+    exposure : float
+        In stops: each doubles the light.
+    curve : {"srgb", "filmic"}
+        How brightness above 1 is treated: cut off, or rolled off.
+
+    Returns
+    -------
+    (..., 3) float32
+        Linear, 0 to 1; NaN becomes 0.
+    """
+    if curve not in CURVES:
+        raise ValueError(f"unknown curve {curve!r}: the curves are {', '.join(CURVES)}")
+    if not np.isfinite(exposure):
+        raise ValueError(f"exposure must be a finite number of stops, not {exposure}")
+    with np.errstate(over="ignore"):  # infinite is as bright as 1
+        exposed = np.nan_to_num(linear) * np.float32(2.0 ** np.clip(exposure, -100, 100))
+    return filmic(exposed) if curve == "filmic" else np.clip(exposed, 0, 1)

@@ -1,0 +1,138 @@
+"""Model: points with a support each, and the tree over them. What a user traces."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .data import Points
+from .points import normals as point_normals
+from .records import SURFACES
+from .splats.radii import check_radii, choose_radii
+from .tree.build import Splats, Tree, TreeSettings, build_tree
+
+SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
+TRIM = {"paper": 0.6, "imls": 0.6, "apss": 0.6, "disc": np.inf}  # "auto", see ARCHITECTURE.md
+LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
+STAGES = ("normals", "radii", "tree")
+
+
+class Model:
+    """A point cloud made ready for rays: every point gets a support, and a tree is built over the supports.
+
+    Parameters
+    ----------
+    points : Points or (n, 3) array_like
+        Rows without a finite position are left out (with a warning); missing normals are estimated.
+    radii : (n,) array_like, optional
+        Support radius of each point, in the unit of the positions. None: chosen (paper, part II).
+    surface : {"paper", "imls", "apss", "disc"}, optional
+        The implicit surface, see `pointray.trace.surface`; "disc" is the flat splats of the paper's figure 1a.
+        None: "apss".
+    samples : int
+        Samples along a ray in the length of a support's diameter, the paper's N: steps are at most radius * 2 / N.
+    refine : int
+        Secant steps after the bracket; 0 is the paper.
+    trim : "auto", float or None
+        A hit counts only where |x - P(x)| is at most this many local radii: it keeps open borders from growing a skirt
+        and removes phantom surface. None: no limit, the paper.
+    radius_scale : float
+        All radii times this.
+    progress : callable, optional
+        Called with the stage's name and the share done.
+
+    Raises
+    ------
+    ValueError
+        If a shape, dtype or value is wrong, or there is one place only and no radius.
+    """
+
+    def __init__(
+        self,
+        points: Points | ArrayLike,
+        radii: ArrayLike | None = None,
+        *,
+        surface: str | None = None,
+        samples: int = 4,
+        refine: int = 1,
+        trim: str | float | None = "auto",
+        radius_scale: float = 1.0,
+        progress: Callable[[str, float], None] | None = None,
+    ) -> None:
+        self.points = points if isinstance(points, Points) else Points(points)
+        self.surface = SURFACE if surface is None else surface
+        settings = _check_settings(self.surface, samples, refine, trim)
+        scale = _check_scale(radius_scale)
+        given = None if radii is None else check_radii(radii, len(self.points))
+        say = progress or (lambda stage, share: None)
+        used = np.flatnonzero(self.points.finite).astype(np.int32)
+        lost = len(self.points) - len(used)
+        if lost:
+            warnings.warn(f"{lost:,} of {len(self.points):,} points have no finite position: left out", stacklevel=2)
+        cloud = self.points.select(used) if lost else self.points
+        say("normals", 0.0)
+        normals = _unit_normals(cloud)
+        say("radii", 0.0)
+        chosen = (choose_radii(cloud.positions) if given is None else given[used]) * np.float32(scale)
+        self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
+        self.radii[used] = chosen
+        splats = Splats(cloud.positions, normals, chosen, used, cloud.colors)
+        self.tree: Tree = build_tree(splats, settings, progress=lambda share: say("tree", share))
+        self._bounds = cloud.bounds
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Least and greatest world coordinates of the points, (2, 3) float64."""
+        return self._bounds.copy()
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of every array held: the points, their radii and the tree."""
+        points = self.points
+        arrays = [points.positions, points.normals, points.colors, *points.attributes.values(), self.radii, *self.tree]
+        return sum(array.nbytes for array in arrays if array is not None)
+
+    def __repr__(self) -> str:
+        return f"<Model: {len(self.points):,} points, surface {self.surface}, {self.nbytes / 2**20:.0f} MiB>"
+
+
+def _unit_normals(points: Points) -> NDArray[np.float32]:
+    """Unit normals: the points' own where they have them, mended or estimated where not."""
+    if points.normals is None:
+        normals = point_normals.estimate_normals(points).normals
+        assert normals is not None
+        return normals
+    mended, message = point_normals.mend_normals(points)
+    if message:
+        warnings.warn(message, stacklevel=3)
+    assert mended.normals is not None
+    return mended.normals
+
+
+def _check_settings(surface: str, samples: int, refine: int, trim: str | float | None) -> TreeSettings:
+    if surface not in SURFACES:
+        raise ValueError(f"unknown surface {surface!r}: one of {', '.join(SURFACES)}")
+    for name, value, least, most in (
+        ("samples", samples, 2, LARGEST_SAMPLES),
+        ("refine", refine, 0, LARGEST_REFINE),
+    ):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+            raise ValueError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
+    if trim == "auto":
+        limit = TRIM[surface]
+    elif trim is None:
+        limit = np.inf
+    elif isinstance(trim, int | float) and trim > 0:
+        limit = float(trim)
+    else:
+        raise ValueError(f"trim must be 'auto', None or a positive number of radii, not {trim!r}")
+    return TreeSettings(surface, int(samples), int(refine), limit)
+
+
+def _check_scale(scale: float) -> float:
+    if not isinstance(scale, int | float | np.number) or not np.isfinite(scale) or scale <= 0:
+        raise ValueError(f"radius_scale must be a positive number, not {scale!r}")
+    return float(scale)

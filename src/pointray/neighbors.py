@@ -1,0 +1,118 @@
+"""Nearest neighbours.
+
+SciPy's kd-tree, not pykdtree: of a million surface points the 9 nearest take 0.7 s with it and 0.5 s with pykdtree (two
+threads), but it keeps to the number of threads it is given, and in a forked process pykdtree's OpenMP hangs.
+What counts more is the order: along a Morton curve both are four times as fast as in random order.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from .jit import thread_count
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+
+_CHUNK = 1 << 17  # queries at a time: SciPy answers in float64 and int64, four times what is kept
+
+
+def neighbors(positions: Floats, k: int, queries: Floats | None = None) -> tuple[Floats, NDArray[np.int32]]:
+    """The k nearest positions of each query, nearest first.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        Finite.
+    k : int
+        If there are fewer positions, all are given.
+    queries : (m, 3) float32, optional
+        None: the positions themselves; each is then among its own neighbours (first, but for duplicates).
+
+    Returns
+    -------
+    distances : (m, min(k, n)) float32
+    indices : (m, min(k, n)) int32
+    """
+    order = morton_order(positions)
+    tree = _tree(positions[order])
+    asked = order if queries is None else morton_order(queries)
+    distances, indices = _query(tree, (positions if queries is None else queries)[asked], min(k, len(positions)))
+    back = np.empty_like(asked)
+    back[asked] = np.arange(len(asked))
+    return distances[back], order.astype(np.int32)[indices[back]]
+
+
+def _tree(positions: Floats) -> Any:
+    return cKDTree(positions, balanced_tree=False, compact_nodes=False)  # half the time to build, no slower to ask
+
+
+def _query(tree: Any, queries: Floats, k: int) -> tuple[Floats, NDArray[np.int32]]:
+    distances = np.empty((len(queries), k), np.float32)
+    indices = np.empty((len(queries), k), np.int32)
+    workers = thread_count()
+    for start in range(0, len(queries), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        distances[part], indices[part] = tree.query(queries[part], k=np.arange(1, k + 1), workers=workers)
+    return distances, indices
+
+
+def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:
+    """One row for each place, and for each row the place it belongs to.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    cell : float
+        Size of a place: 0 takes equal positions together, else all that share a cell of this size.
+
+    Returns
+    -------
+    rows : (m,) int64
+        The first row of each place, ascending.
+    places : (n,) int64
+        positions[rows][places] is positions, but for the size of a cell.
+    """
+    keys = np.floor(positions / np.float64(cell)) if cell else positions + np.float32(0)  # -0 is 0
+    _, first, places = np.unique(_hash(keys), return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return np.sort(first), rank[places]
+
+
+def _hash(keys: NDArray[Any]) -> NDArray[np.uint64]:
+    """A 64-bit number a row: one sort instead of three. Two of a million rows collide once in 10^7 models."""
+    code = np.zeros(len(keys), np.uint64)
+    for column in keys.T:
+        code ^= np.ascontiguousarray(column, np.float64).view(np.uint64)
+        code *= np.uint64(0x9E3779B97F4A7C15)
+        code ^= code >> np.uint64(32)
+        code *= np.uint64(0xD6E8FEB86659FD93)
+        code ^= code >> np.uint64(29)
+    return code
+
+
+def morton_order(positions: Floats) -> Rows:
+    """Row numbers along a Morton curve through the positions' bounds (21 bits an axis)."""
+    low, high = positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64)
+    scale = (2**21 - 1) / max(float((high - low).max()), 1e-300)
+    code = np.zeros(len(positions), np.uint64)
+    for axis in range(3):
+        code |= _spread(((positions[:, axis] - low[axis]) * scale).astype(np.uint64)) << np.uint64(axis)
+    return np.argsort(code)
+
+
+def _spread(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Two zeros behind each of the 21 bits."""
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
+    return bits

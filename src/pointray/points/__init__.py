@@ -1,0 +1,7 @@
+"""File -> Points: one file a format; normals where they are missing; models made by formula."""
+
+from .files import read, write
+from .normals import estimate_normals
+from .procedural import procedural, procedural_distance
+
+__all__ = ["estimate_normals", "procedural", "procedural_distance", "read", "write"]

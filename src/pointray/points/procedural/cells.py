@@ -1,0 +1,111 @@
+"""Which strokes matter where: space is cut into cells, each with the list of strokes that can change it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import kernel, run, take
+from .clay import ADD, CARVE, COLUMNS, CUT, ELLIPSOID, FAR, KIND, OP, PAINT, RELIEF, ROUND, TUBE, WIDTH
+from .clay import blend, ellipsoid, height, local, shape
+from .clay import SIZE
+from .solids import CLAY, Solid
+
+_TILE = 64
+
+
+@kernel
+def _select(work, solid, centers, parents, half, out, near):  # type: ignore[no-untyped-def]
+    """Strokes of each cell, from its parent's list, by interval arithmetic over the ball around the cell.
+
+    out[i, 0] is their number, out[i, 1:] their numbers; near[i] tells whether the surface may pass through the cell.
+    """
+    table = solid.table
+    t = take(work)
+    while t >= 0:
+        for cell in range(t * _TILE, min((t + 1) * _TILE, parents.size)):
+            x, y, z = centers[cell, 0], centers[cell, 1], centers[cell, 2]
+            f, slack, count = FAR, 0.0, 0
+            for j in range(solid.starts[parents[cell]], solid.starts[parents[cell] + 1]):
+                i = solid.items[j]
+                op, width = int(table[i, OP]), table[i, WIDTH]
+                if op == RELIEF:
+                    u, v, w = local(table, i, x, y, z)
+                    region = ellipsoid(u, v, w, table[i, SIZE], table[i, SIZE + 1], table[i, SIZE + 2])
+                    if region - 1.5 * half >= width:
+                        continue
+                    f -= height(table, i, x, y, z)
+                    slack += min(2.0 * half, 2.5 * abs(table[i, ROUND]))
+                else:
+                    d = shape(table, i, x, y, z)
+                    spread = half * (1.5 if int(table[i, KIND]) <= TUBE else 1.0)
+                    if op == PAINT:
+                        if d - spread >= width:
+                            continue
+                    elif op == ADD:
+                        if d - spread > f + slack + width:
+                            continue
+                        if d + spread < f - slack - width:
+                            count, f, slack = 0, d, spread
+                        else:
+                            f, slack = blend(f, d, width), max(slack, spread)
+                    else:
+                        d = -d if op == CARVE else d
+                        if d + spread < f - slack - width:
+                            continue
+                        f, slack = -blend(-f, -d, width), max(slack, spread)
+                count += 1
+                out[cell, count] = i
+            out[cell, 0] = count
+            near[cell] = abs(f) <= slack
+        t = take(work)
+
+
+def _subdivide(centers: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
+    """The centres of the eight halves of each cell."""
+    corners = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], np.float64)
+    return np.asarray((centers[:, None] + corners * (edge / 4)).reshape(-1, 3))
+
+
+def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], cell: float) -> Solid:
+    """The strokes with their cells, refined in three halvings where the surface passes.
+
+    Parameters
+    ----------
+    table : (strokes, clay.COLUMNS) float64
+    low, high : (3,) float64
+        A box that holds the surface with room to spare.
+    cell : float
+        Edge of the finest cells.
+    """
+    assert table.shape[1] == COLUMNS
+    levels = 3
+    coarse = cell * 2**levels
+    dims = np.ceil((high - low) / coarse).astype(np.int64)
+    fine = dims * 2**levels
+    lists = np.zeros(tuple(fine), np.int32)
+    starts, items = [np.array([0, len(table)])], [np.arange(len(table))]
+    solid = Solid(CLAY, table, lists, starts[0].astype(np.int32), items[0].astype(np.int32), low, cell)
+    centers = low + (np.indices(tuple(dims)).reshape(3, -1).T + 0.5) * coarse
+    parents = np.zeros(len(centers), np.int32)
+    total, known, edge = len(table), 1, coarse
+    for level in range(levels + 1):
+        out = np.empty((len(centers), int(np.diff(solid.starts).max()) + 1), np.int32)
+        near = np.empty(len(centers), np.bool_)
+        run(_select, -(-len(centers) // _TILE), solid, centers, parents, edge * 3**0.5 / 2, out, near)
+        counts = out[:, 0]
+        starts.append(total + np.cumsum(counts))
+        items.append(out[:, 1:][np.arange(out.shape[1] - 1) < counts[:, None]])
+        total += int(counts.sum())
+        solid = solid._replace(
+            starts=np.concatenate(starts).astype(np.int32), items=np.concatenate(items).astype(np.int32)
+        )
+        numbers = known + np.arange(len(centers), dtype=np.int32)
+        known += len(centers)
+        span = 2 ** (levels - level)
+        corner = np.rint((centers - edge / 2 - low) / cell).astype(np.int64)
+        for i, j, k in np.ndindex(span, span, span):
+            lists[corner[:, 0] + i, corner[:, 1] + j, corner[:, 2] + k] = numbers
+        centers, parents = _subdivide(centers[near], edge), np.repeat(numbers[near], 8)
+        edge /= 2
+    return solid

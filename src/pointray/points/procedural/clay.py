@@ -1,0 +1,186 @@
+"""Clay: a solid made stroke by stroke: material is added, carved away, cut off or given a relief, edges always rounded.
+
+A stroke is a row of a table. All strokes blend over a finite width, so that the strokes that matter within a small
+cell can be listed exactly (`cells`), and hundreds of strokes cost no more than the ten that are near.
+"""
+
+from __future__ import annotations
+
+from math import acos, cos, sin, sqrt
+
+from ...jit import inline, routine
+from .reliefs import relief
+
+# Columns of a stroke. Tubes keep their three control points and radii where the others keep centre, axes and size;
+# reliefs keep the number of repeats in VEIN, their region in SIZE and their amplitude in ROUND.
+KIND, OP, WIDTH, COLOR, VEIN, CENTER, AXES, SIZE, ROUND, SCALE, COLUMNS = 0, 1, 2, 3, 6, 7, 10, 19, 22, 23, 24
+POINTS, RADII = 7, 16
+
+ELLIPSOID, TUBE, BOX, DRUM, RING = 0, 1, 2, 3, 4
+ADD, CARVE, CUT, RELIEF, PAINT = 0, 1, 2, 3, 4
+
+FAR = 10.0  # the field before the first stroke
+
+
+@inline
+def blend(a, b, width):  # type: ignore[no-untyped-def]
+    """Minimum of a and b, smooth (C2) where they differ by less than the width; nowhere above the minimum."""
+    h = max(width - abs(a - b), 0.0) / width
+    return min(a, b) - h * h * h * width * (1.0 / 6.0)
+
+
+@inline
+def local(table, i, x, y, z):  # type: ignore[no-untyped-def]
+    """The point in the axes of stroke i."""
+    x, y, z = x - table[i, CENTER], y - table[i, CENTER + 1], z - table[i, CENTER + 2]
+    u = table[i, AXES] * x + table[i, AXES + 1] * y + table[i, AXES + 2] * z
+    v = table[i, AXES + 3] * x + table[i, AXES + 4] * y + table[i, AXES + 5] * z
+    w = table[i, AXES + 6] * x + table[i, AXES + 7] * y + table[i, AXES + 8] * z
+    return u, v, w
+
+
+@inline
+def ellipsoid(u, v, w, a, b, c):  # type: ignore[no-untyped-def]
+    """First-order distance to an ellipsoid: exact slope on its surface (Quilez, "Ellipsoid SDF")."""
+    p, q, r = u / a, v / b, w / c
+    k0 = sqrt(p * p + q * q + r * r)
+    p, q, r = p / a, q / b, r / c
+    k1 = sqrt(p * p + q * q + r * r)
+    return k0 * (k0 - 1.0) / (k1 + 1e-12)
+
+
+@inline
+def _box(u, v, w, a, b, c, rounding):  # type: ignore[no-untyped-def]
+    u, v, w = abs(u) - a + rounding, abs(v) - b + rounding, abs(w) - c + rounding
+    p, q, r = max(u, 0.0), max(v, 0.0), max(w, 0.0)
+    return sqrt(p * p + q * q + r * r) + min(max(u, max(v, w)), 0.0) - rounding
+
+
+@inline
+def _drum(u, v, w, radius, height, rounding):  # type: ignore[no-untyped-def]
+    u, w = sqrt(u * u + v * v) - radius + rounding, abs(w) - height + rounding
+    p, r = max(u, 0.0), max(w, 0.0)
+    return sqrt(p * p + r * r) + min(max(u, w), 0.0) - rounding
+
+
+@inline
+def _foot(a2, ab, b2, da, db):  # type: ignore[no-untyped-def]
+    """Parameter of the point of a quadratic Bezier curve that is nearest to a point (Quilez, "Quadratic Bezier SDF").
+
+    With p(t) = A + 2 a t + b t^2 and d = A - x, arguments are the products a.a, a.b, b.b, d.a and d.b.
+    """
+    k = 1.0 / b2
+    kx, ky, kz = k * ab, k * (2.0 * a2 + db) / 3.0, k * da
+    p = ky - kx * kx
+    q = kx * (2.0 * kx * kx - 3.0 * ky) + kz
+    h = q * q + 4.0 * p * p * p
+    if h >= 0.0:
+        h = sqrt(h)
+        m, n = (h - q) * 0.5, (-h - q) * 0.5
+        root = (abs(m) ** (1.0 / 3.0)) * (1.0 if m > 0.0 else -1.0)
+        root += (abs(n) ** (1.0 / 3.0)) * (1.0 if n > 0.0 else -1.0)
+        t = min(max(root - kx, 0.0), 1.0)
+    else:
+        z = sqrt(-p)
+        angle = acos(min(max(q / (p * z * 2.0), -1.0), 1.0)) / 3.0
+        m, n = cos(angle), sin(angle) * 1.7320508075688772
+        t = min(max((m + m) * z - kx, 0.0), 1.0)
+        s = min(max((-n - m) * z - kx, 0.0), 1.0)
+        # |p(t) - d|^2 / 2 without its constant: which of the two is nearer
+        ft = t * (2.0 * da + t * (2.0 * a2 + db + t * (2.0 * ab + 0.5 * b2 * t)))
+        fs = s * (2.0 * da + s * (2.0 * a2 + db + s * (2.0 * ab + 0.5 * b2 * s)))
+        t = s if fs < ft else t
+    for _ in range(2):  # the closed form loses digits where the curve is nearly straight
+        value = da + t * (2.0 * a2 + db + t * (3.0 * ab + b2 * t))
+        rise = 2.0 * a2 + db + t * (6.0 * ab + 3.0 * b2 * t)
+        if rise > 1e-3 * a2:
+            t = min(max(t - value / rise, 0.0), 1.0)
+    return t
+
+
+@inline
+def _tube(table, i, x, y, z):  # type: ignore[no-untyped-def]
+    """A bent tube; its radius starts and ends level, so that the round caps join without a crease."""
+    px, py, pz = table[i, POINTS], table[i, POINTS + 1], table[i, POINTS + 2]
+    ax, ay, az = table[i, POINTS + 3] - px, table[i, POINTS + 4] - py, table[i, POINTS + 5] - pz
+    bx, by, bz = table[i, POINTS + 6] - px - 2.0 * ax, table[i, POINTS + 7] - py - 2.0 * ay, 0.0
+    bz = table[i, POINTS + 8] - pz - 2.0 * az
+    dx, dy, dz = px - x, py - y, pz - z
+    t = _foot(
+        ax * ax + ay * ay + az * az,
+        ax * bx + ay * by + az * bz,
+        bx * bx + by * by + bz * bz,
+        dx * ax + dy * ay + dz * az,
+        dx * bx + dy * by + dz * bz,
+    )
+    dx, dy, dz = dx + t * (2.0 * ax + t * bx), dy + t * (2.0 * ay + t * by), dz + t * (2.0 * az + t * bz)
+    smooth = t * t * (3.0 - 2.0 * t)
+    bulge = 16.0 * t * t * (1.0 - t) * (1.0 - t)
+    radius = table[i, RADII] + smooth * (table[i, RADII + 1] - table[i, RADII]) + bulge * table[i, RADII + 2]
+    return sqrt(dx * dx + dy * dy + dz * dz) - radius
+
+
+@routine
+def shape(table, i, x, y, z):  # type: ignore[no-untyped-def]
+    """Signed distance to the bare shape of stroke i."""
+    kind = int(table[i, KIND])
+    if kind == TUBE:
+        return _tube(table, i, x, y, z)
+    u, v, w = local(table, i, x, y, z)
+    a, b, c = table[i, SIZE], table[i, SIZE + 1], table[i, SIZE + 2]
+    if kind == ELLIPSOID:
+        return ellipsoid(u, v, w, a, b, c)
+    if kind == BOX:
+        return _box(u, v, w, a, b, c, table[i, ROUND])
+    if kind == DRUM:
+        return _drum(u, v, w, a, c, table[i, ROUND])
+    ring = sqrt(u * u + v * v) - a
+    return sqrt(ring * ring + w * w) - c
+
+
+@inline
+def fade(d, width):  # type: ignore[no-untyped-def]
+    """1 inside of a region, 0 beyond the width outside of it, smooth between."""
+    t = min(max(1.0 - d / width, 0.0), 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+@routine
+def height(table, i, x, y, z):  # type: ignore[no-untyped-def]
+    """How far the relief of stroke i raises the surface at a point."""
+    u, v, w = local(table, i, x, y, z)
+    region = fade(ellipsoid(u, v, w, table[i, SIZE], table[i, SIZE + 1], table[i, SIZE + 2]), table[i, WIDTH])
+    if region == 0.0:
+        return 0.0
+    scale = table[i, SCALE]
+    return region * table[i, ROUND] * relief(int(table[i, KIND]), u / scale, v / scale, w / scale, table[i, VEIN])
+
+
+@inline
+def list_of(solid, x, y, z):  # type: ignore[no-untyped-def]
+    """Number of the list of strokes for a point."""
+    lists = solid.lists
+    u, v, w = (x - solid.origin[0]) / solid.cell, (y - solid.origin[1]) / solid.cell, (z - solid.origin[2]) / solid.cell
+    if u >= 0.0 and v >= 0.0 and w >= 0.0 and u < lists.shape[0] and v < lists.shape[1] and w < lists.shape[2]:
+        return int(lists[int(u), int(v), int(w)])
+    return 0
+
+
+@routine
+def work_clay(solid, x, y, z):  # type: ignore[no-untyped-def]
+    """The field of the clay at a point: all strokes in their order."""
+    table = solid.table
+    which = list_of(solid, x, y, z)
+    f = FAR
+    for j in range(solid.starts[which], solid.starts[which + 1]):
+        i = solid.items[j]
+        op = int(table[i, OP])
+        if op == ADD:
+            f = blend(f, shape(table, i, x, y, z), table[i, WIDTH])
+        elif op == CARVE:
+            f = -blend(-f, shape(table, i, x, y, z), table[i, WIDTH])
+        elif op == CUT:
+            f = -blend(-f, -shape(table, i, x, y, z), table[i, WIDTH])
+        elif op == RELIEF:
+            f -= height(table, i, x, y, z)
+    return f

@@ -1,0 +1,171 @@
+"""A triangle mesh of a solid, fine enough to spread points over: surface nets (Gibson 1998), vertices on the surface."""
+
+from __future__ import annotations
+
+from math import ceil, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import inline, kernel, run, take
+from .solids import Solid, field, settle
+
+BLOCK = 8  # cells along a block's edge; blocks far from the surface are skipped whole
+
+
+class Grid(NamedTuple):
+    """A grid of cells: lower corner, edge of a cell, and the field at the corners, +1 where nobody looked."""
+
+    low: NDArray[np.float64]  # (3,)
+    cell: float
+    values: NDArray[np.float32]  # (nx + 1, ny + 1, nz + 1)
+
+
+@kernel
+def _near(work, solid, grid, near):  # type: ignore[no-untyped-def]
+    """Whether the surface may pass through each block."""
+    half = 0.5 * BLOCK * grid.cell
+    i = take(work)
+    while i >= 0:
+        for j in range(near.shape[1]):
+            for k in range(near.shape[2]):
+                x = grid.low[0] + (2 * i + 1) * half
+                f = field(solid, x, grid.low[1] + (2 * j + 1) * half, grid.low[2] + (2 * k + 1) * half)
+                near[i, j, k] = abs(f) < 2.0 * sqrt(3.0) * half
+        i = take(work)
+
+
+@kernel
+def _fill(work, solid, grid, blocks):  # type: ignore[no-untyped-def]
+    """The field at all corners of the blocks; shared corners are written twice with the same number."""
+    t = take(work)
+    while t >= 0:
+        for i in range(blocks[t, 0] * BLOCK, (blocks[t, 0] + 1) * BLOCK + 1):
+            for j in range(blocks[t, 1] * BLOCK, (blocks[t, 1] + 1) * BLOCK + 1):
+                for k in range(blocks[t, 2] * BLOCK, (blocks[t, 2] + 1) * BLOCK + 1):
+                    x, y = grid.low[0] + i * grid.cell, grid.low[1] + j * grid.cell
+                    grid.values[i, j, k] = field(solid, x, y, grid.low[2] + k * grid.cell)
+        t = take(work)
+
+
+@inline
+def _crossings(values, i, j, k):  # type: ignore[no-untyped-def]
+    """Number of edges of a cell that the surface crosses, and the sum of the crossings in cells."""
+    count, x, y, z = 0, 0.0, 0.0, 0.0
+    for axis in range(3):
+        for a in range(2):
+            for b in range(2):
+                if axis == 0:
+                    p, q, r, u, v, w = 0, a, b, 1, 0, 0
+                elif axis == 1:
+                    p, q, r, u, v, w = a, 0, b, 0, 1, 0
+                else:
+                    p, q, r, u, v, w = a, b, 0, 0, 0, 1
+                f, g = values[i + p, j + q, k + r], values[i + p + u, j + q + v, k + r + w]
+                if (f < 0.0) != (g < 0.0):
+                    t = f / (f - g)
+                    count += 1
+                    x, y, z = x + p + t * u, y + q + t * v, z + r + t * w
+    return count, x, y, z
+
+
+@kernel
+def _vertices(work, solid, grid, blocks, first, vertices, numbers):  # type: ignore[no-untyped-def]
+    """One vertex for each cell that the surface passes; with an empty `vertices`, count them only (into `first`)."""
+    t = take(work)
+    while t >= 0:
+        number = first[t]
+        for i in range(blocks[t, 0] * BLOCK, (blocks[t, 0] + 1) * BLOCK):
+            for j in range(blocks[t, 1] * BLOCK, (blocks[t, 1] + 1) * BLOCK):
+                for k in range(blocks[t, 2] * BLOCK, (blocks[t, 2] + 1) * BLOCK):
+                    count, x, y, z = _crossings(grid.values, i, j, k)
+                    if count == 0:
+                        continue
+                    if vertices.size > 0:
+                        x, y, z = i + x / count, j + y / count, k + z / count
+                        x, y, z = grid.low[0] + x * grid.cell, grid.low[1] + y * grid.cell, grid.low[2] + z * grid.cell
+                        x, y, z = settle(solid, x, y, z, 1)
+                        vertices[number, 0], vertices[number, 1], vertices[number, 2] = x, y, z
+                        numbers[i, j, k] = number
+                    number += 1
+        if vertices.size == 0:
+            first[t] = number
+        t = take(work)
+
+
+@inline
+def _quad(numbers, a, b, c, d, flip, faces, count):  # type: ignore[no-untyped-def]
+    """Two triangles between the vertices of four cells around an edge."""
+    p, q = numbers[a[0], a[1], a[2]], numbers[b[0], b[1], b[2]]
+    r, s = numbers[c[0], c[1], c[2]], numbers[d[0], d[1], d[2]]
+    if min(min(p, q), min(r, s)) < 0:
+        return count
+    if flip:
+        q, s = s, q
+    if count + 2 <= faces.shape[0]:
+        faces[count, 0], faces[count, 1], faces[count, 2] = p, q, r
+        faces[count + 1, 0], faces[count + 1, 1], faces[count + 1, 2] = p, r, s
+    return count + 2
+
+
+@kernel
+def _faces(grid, blocks, numbers, faces):  # type: ignore[no-untyped-def]
+    """Faces around every edge of the grid that the surface crosses; returns how many there are."""
+    count = 0
+    v = grid.values
+    for t in range(blocks.shape[0]):
+        for i in range(max(blocks[t, 0] * BLOCK, 1), (blocks[t, 0] + 1) * BLOCK):
+            for j in range(max(blocks[t, 1] * BLOCK, 1), (blocks[t, 1] + 1) * BLOCK):
+                for k in range(max(blocks[t, 2] * BLOCK, 1), (blocks[t, 2] + 1) * BLOCK):
+                    inside = v[i, j, k] < 0.0
+                    cell = (i, j, k)
+                    if inside != (v[i + 1, j, k] < 0.0):
+                        around = ((i, j - 1, k), (i, j - 1, k - 1), (i, j, k - 1))
+                        count = _quad(numbers, cell, around[0], around[1], around[2], not inside, faces, count)
+                    if inside != (v[i, j + 1, k] < 0.0):
+                        around = ((i, j, k - 1), (i - 1, j, k - 1), (i - 1, j, k))
+                        count = _quad(numbers, cell, around[0], around[1], around[2], not inside, faces, count)
+                    if inside != (v[i, j, k + 1] < 0.0):
+                        around = ((i - 1, j, k), (i - 1, j - 1, k), (i, j - 1, k))
+                        count = _quad(numbers, cell, around[0], around[1], around[2], not inside, faces, count)
+    return count
+
+
+def mesh_solid(
+    solid: Solid, low: NDArray[np.float64], high: NDArray[np.float64], cell: float
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """A closed mesh of the solid's surface.
+
+    Parameters
+    ----------
+    low, high : (3,) float64
+        A box that holds the surface, with a cell to spare.
+    cell : float
+        Edge of the grid's cells; parts thinner than this are lost.
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+        On the surface to about cell^3.
+    faces : (f, 3) int32
+        Counterclockwise seen from outside.
+    """
+    shape = tuple(ceil(float(extent) / (cell * BLOCK)) for extent in high - low)
+    near = np.empty(shape, np.bool_)
+    corners = tuple(BLOCK * s + 1 for s in shape)
+    grid = Grid(low, cell, np.ones(corners, np.float32))
+    run(_near, shape[0], solid, grid, near)
+    blocks = np.argwhere(near).astype(np.int32)
+    run(_fill, len(blocks), solid, grid, blocks)
+    numbers = np.full(corners, -1, np.int32)
+    counts = np.zeros(len(blocks), np.int64)
+    run(_vertices, len(blocks), solid, grid, blocks, counts, np.empty((0, 3)), numbers)
+    vertices = np.empty((int(counts.sum()), 3))
+    run(_vertices, len(blocks), solid, grid, blocks, np.cumsum(counts) - counts, vertices, numbers)
+    faces = np.empty((int(2.2 * len(vertices)) + 16, 3), np.int32)
+    count = _faces(grid, blocks, numbers, faces)
+    if count > len(faces):
+        faces = np.empty((count, 3), np.int32)
+        _faces(grid, blocks, numbers, faces)
+    return vertices, faces[:count].copy()

@@ -1,0 +1,113 @@
+"""Colours of the solids, computed from the place on the surface."""
+
+from __future__ import annotations
+
+from math import floor, sin, sqrt
+
+from ...jit import inline, routine
+from .clay import ADD, CARVE, COLOR, CUT, FAR, OP, PAINT, RELIEF, ROUND, VEIN, WIDTH, blend, fade, height, list_of, shape
+from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS
+
+EDGE = 0.004  # width over which one colour goes over into the next
+
+
+@inline
+def _lattice_noise(i, j, k):  # type: ignore[no-untyped-def]
+    h = (i * 73856093) ^ (j * 19349663) ^ (k * 83492791)
+    h = ((h ^ (h >> 13)) * 1274126177) & 0x7FFFFFFF
+    return ((h ^ (h >> 16)) & 0xFFFF) / 32767.5 - 1.0
+
+
+@routine
+def noise(x, y, z):  # type: ignore[no-untyped-def]
+    """Value noise between -1 and 1, one feature per unit."""
+    i, j, k = int(floor(x)), int(floor(y)), int(floor(z))
+    u, v, w = x - i, y - j, z - k
+    u, v, w = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v), w * w * (3.0 - 2.0 * w)
+    total = 0.0
+    for c in range(8):
+        a, b, d = c & 1, (c >> 1) & 1, c >> 2
+        weight = (u if a else 1.0 - u) * (v if b else 1.0 - v) * (w if d else 1.0 - w)
+        total += weight * _lattice_noise(i + a, j + b, k + d)
+    return total
+
+
+@inline
+def _cloud(x, y, z, scale):  # type: ignore[no-untyped-def]
+    """Three octaves of noise."""
+    n = noise(x * scale, y * scale, z * scale)
+    n += 0.5 * noise(2.03 * x * scale + 7.0, 2.03 * y * scale, 2.03 * z * scale)
+    return n + 0.25 * noise(4.1 * x * scale, 4.1 * y * scale + 3.0, 4.1 * z * scale)
+
+
+@inline
+def _veins(x, y, z):  # type: ignore[no-untyped-def]
+    """Thin winding lines: 1 on a vein, 0 away from it."""
+    bend = _cloud(x, y, z, 3.0) + 0.30 * _cloud(x, y, z, 14.0)
+    line = abs(sin(5.0 * x + 3.0 * y + 9.0 * z + 4.2 * bend))
+    strong = 0.5 + 0.5 * noise(4.0 * x + 9.0, 4.0 * y, 4.0 * z)
+    return max(1.0 - 2.6 * sqrt(line), 0.0) * max(strong, 0.08)
+
+
+@inline
+def _over(red, green, blue, table, i, share):  # type: ignore[no-untyped-def]
+    """One colour laid over another."""
+    red += share * (table[i, COLOR] - red)
+    green += share * (table[i, COLOR + 1] - green)
+    blue += share * (table[i, COLOR + 2] - blue)
+    return red, green, blue
+
+
+@routine
+def _clay_color(solid, x, y, z):  # type: ignore[no-untyped-def]
+    """The colour of the stroke that reaches out furthest, then the coats of paint, shades of relief and veins."""
+    table = solid.table
+    which = list_of(solid, x, y, z)
+    f, red, green, blue, vein, shade = FAR, 0.5, 0.5, 0.5, 0.0, 0.0
+    for j in range(solid.starts[which], solid.starts[which + 1]):
+        i = solid.items[j]
+        op = int(table[i, OP])
+        if op == ADD:
+            d = shape(table, i, x, y, z)
+            share = min(max(0.5 + (f - d) / (2.0 * EDGE), 0.0), 1.0)
+            red, green, blue = _over(red, green, blue, table, i, share)
+            vein += share * (table[i, VEIN] - vein)
+            shade *= 1.0 - share
+            f = blend(f, d, table[i, WIDTH])
+        elif op == CARVE:
+            f = -blend(-f, shape(table, i, x, y, z), table[i, WIDTH])
+        elif op == CUT:
+            f = -blend(-f, -shape(table, i, x, y, z), table[i, WIDTH])
+        elif op == PAINT:
+            share = fade(shape(table, i, x, y, z), table[i, WIDTH]) * table[i, ROUND]
+            red, green, blue = _over(red, green, blue, table, i, share)
+            vein += share * (table[i, VEIN] - vein)
+        elif op == RELIEF:
+            h = height(table, i, x, y, z)
+            f -= h
+            # gold, dirt or light that catches on raised places
+            share = min(max(h / table[i, ROUND], -1.0), 1.0)
+            if table[i, COLOR] >= 0.0:
+                red, green, blue = _over(red, green, blue, table, i, max(share, 0.0) ** 2)
+            else:
+                shade += 0.16 * share
+    streak = _veins(x, y, z)
+    light = 1.0 + shade + 0.045 * _cloud(x, y, z, 6.0) + 0.03 * noise(60.0 * x, 60.0 * y, 60.0 * z)
+    if vein >= 0.0:
+        light *= 1.0 - vein * streak
+        return red * light, green * light, blue * light
+    return red * light - vein * streak, green * light - vein * streak, blue * light - 0.8 * vein * streak
+
+
+@routine
+def color(solid, x, y, z):  # type: ignore[no-untyped-def]
+    """sRGB colour at a surface point, 0 to 1."""
+    if solid.kind == CLAY:
+        return _clay_color(solid, x, y, z)
+    tint = _cloud(x, y, z, 2.5)
+    if solid.kind == TORUS:
+        return 0.80 + 0.10 * tint, 0.52 + 0.12 * tint, 0.30 + 0.08 * tint
+    if solid.kind == LATTICE:
+        s = 0.5 + 0.5 * sin(z * 6.2831853 / LATTICE_PITCH)
+        return 0.35 + 0.45 * s + 0.05 * tint, 0.55 + 0.05 * tint, 0.70 - 0.35 * s + 0.05 * tint
+    return 0.36 + 0.12 * tint, 0.55 + 0.12 * tint, 0.72 + 0.10 * tint

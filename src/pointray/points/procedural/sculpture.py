@@ -1,0 +1,25 @@
+"""The statue: a bust of Iphigenia on a turned plinth, about 2 high, standing on z = 0 and facing -y."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .bust import sculpt_bust, sculpt_plinth
+from .cells import clay_solid
+from .head import sculpt_head
+from .solids import Solid
+from .strokes import Clay
+
+HEAD = {"place": (0.0, -0.005, 1.315), "turn": (-3.0, 4.0, -14.0), "scale": 0.62}
+BOUNDS = np.array([[-0.70, -0.48, -0.03], [0.70, 0.52, 2.08]])
+CELL = 0.02
+
+
+def statue() -> Solid:
+    """All strokes of the statue, with the cells that make it fast."""
+    clay = Clay()
+    sculpt_bust(clay)  # first: its foot is cut off, and so would be the plinth
+    sculpt_plinth(clay)
+    with clay.part(**HEAD):
+        sculpt_head(clay)
+    return clay_solid(clay.table(), *BOUNDS, CELL)

@@ -1,0 +1,178 @@
+"""What a solid is to the kernels, and its signed distance: closed formulas, or clay that `sculpture` shapes."""
+
+from __future__ import annotations
+
+from math import floor, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import inline, kernel, routine, take
+from .clay import blend, work_clay
+
+SPHERE, TORUS, LATTICE, CLAY = 0, 1, 2, 3
+
+TORUS_MAJOR, TORUS_MINOR = 1.0, 0.4
+LATTICE_PITCH, LATTICE_END, LATTICE_RADIUS, LATTICE_BLEND = 0.5, 0.75, 0.035, 0.04
+LATTICE_KNOB = 0.06  # radius of the balls where struts meet
+
+SETTLED = 1e-10  # a field this small is on the surface
+STENCIL = 3e-6  # step of central differences: truncation and rounding both stay below 1e-7
+
+
+class Solid(NamedTuple):
+    """One solid, as kernels take it. `table` and the cells that follow are used by clay only.
+
+    A cell names the list of the strokes that can change the surface inside of it: `items[starts[l] : starts[l + 1]]`
+    with `l = lists[cell]`. List 0 holds every stroke and serves whatever lies outside of the cells.
+    """
+
+    kind: int
+    table: NDArray[np.float64]  # (strokes, clay.COLUMNS)
+    lists: NDArray[np.int32]  # (nx, ny, nz)
+    starts: NDArray[np.int32]  # (number of lists + 1,)
+    items: NDArray[np.int32]  # stroke numbers
+    origin: NDArray[np.float64]  # (3,) lower corner of the cells
+    cell: float  # edge of a cell
+
+
+@inline
+def _strut(along, across, other):  # type: ignore[no-untyped-def]
+    """Squared distance to the nearest of the lattice's parallel lines."""
+    beyond = max(abs(along) - LATTICE_END, 0.0)
+    across -= _nearest_line(across)
+    other -= _nearest_line(other)
+    return beyond * beyond + across * across + other * other
+
+
+@inline
+def _nearest_line(x):  # type: ignore[no-untyped-def]
+    line = (floor(x / LATTICE_PITCH) + 0.5) * LATTICE_PITCH
+    return min(max(line, -LATTICE_END), LATTICE_END)
+
+
+@inline
+def _lattice(x, y, z):  # type: ignore[no-untyped-def]
+    """A cube of 4 x 4 x 4 balls joined by round struts, every joint filleted."""
+    a = sqrt(_strut(x, y, z)) - LATTICE_RADIUS
+    b = sqrt(_strut(y, z, x)) - LATTICE_RADIUS
+    c = sqrt(_strut(z, x, y)) - LATTICE_RADIUS
+    u, v, w = x - _nearest_line(x), y - _nearest_line(y), z - _nearest_line(z)
+    knob = sqrt(u * u + v * v + w * w) - LATTICE_KNOB
+    struts = blend(blend(a, b, LATTICE_BLEND), c, LATTICE_BLEND)
+    return blend(struts, knob, LATTICE_BLEND)
+
+
+@routine
+def field(solid, x, y, z):  # type: ignore[no-untyped-def]
+    """A smooth function of space: zero on the surface, negative inside, its slope there near 1."""
+    if solid.kind == SPHERE:
+        return sqrt(x * x + y * y + z * z) - 1.0
+    if solid.kind == TORUS:
+        ring = sqrt(x * x + y * y) - TORUS_MAJOR
+        return sqrt(ring * ring + z * z) - TORUS_MINOR
+    if solid.kind == LATTICE:
+        return _lattice(x, y, z)
+    return work_clay(solid, x, y, z)
+
+
+@routine
+def slope(solid, x, y, z, e):  # type: ignore[no-untyped-def]
+    """Gradient of the field by central differences over 2 e."""
+    s = 0.5 / e
+    gx = (field(solid, x + e, y, z) - field(solid, x - e, y, z)) * s
+    gy = (field(solid, x, y + e, z) - field(solid, x, y - e, z)) * s
+    gz = (field(solid, x, y, z + e) - field(solid, x, y, z - e)) * s
+    return gx, gy, gz
+
+
+@inline
+def _bracket(solid, x, y, z, f):  # type: ignore[no-untyped-def]
+    """A surface point near one where Newton's method is stuck: look along the 26 directions, further each time."""
+    reach = max(abs(f), 1e-5)
+    while reach < 0.1:
+        for number in range(27):
+            u, v, w = number // 9 - 1, number // 3 % 3 - 1, number % 3 - 1
+            if (field(solid, x + reach * u, y + reach * v, z + reach * w) < 0.0) == (f < 0.0):
+                continue
+            low, high = 0.0, reach
+            while high - low > 1e-12:
+                middle = 0.5 * (low + high)
+                if (field(solid, x + middle * u, y + middle * v, z + middle * w) < 0.0) == (f < 0.0):
+                    low = middle
+                else:
+                    high = middle
+            return x + high * u, y + high * v, z + high * w
+        reach *= 1.4
+    return x, y, z
+
+
+@routine
+def settle(solid, x, y, z, steps):  # type: ignore[no-untyped-def]
+    """A point near the surface moved onto it: Newton's method along the gradient.
+
+    The gradient is one-sided and the field is read again with it (a chord step), which saves evaluations. After
+    more than 2 steps that did not arrive, the surface is found by bisection.
+    """
+    e = 1e-6
+    f = field(solid, x, y, z)
+    for _ in range(steps):
+        if abs(f) < SETTLED:
+            return x, y, z
+        gx = (field(solid, x + e, y, z) - f) / e
+        gy = (field(solid, x, y + e, z) - f) / e
+        gz = (field(solid, x, y, z + e) - f) / e
+        square = max(gx * gx + gy * gy + gz * gz, 0.04)
+        for _ in range(2):
+            step = min(max(f / square, -0.05), 0.05)
+            x, y, z = x - step * gx, y - step * gy, z - step * gz
+            f = field(solid, x, y, z)
+            if abs(f) < SETTLED:
+                return x, y, z
+    if steps > 2 and abs(f) > 1e-9:
+        return _bracket(solid, x, y, z, f)
+    return x, y, z
+
+
+@routine
+def distance(solid, x, y, z):  # type: ignore[no-untyped-def]
+    """Signed Euclidean distance; for blended solids by following the foot point on the surface.
+
+    The foot p starts below x; then x - p loses its tangential part and p is settled again, which converges linearly
+    with distance / radius of curvature. On the surface the first step is exact already.
+    """
+    f = field(solid, x, y, z)
+    if solid.kind == SPHERE or solid.kind == TORUS or f == 0.0:
+        return f
+    gx, gy, gz = slope(solid, x, y, z, STENCIL)
+    estimate = f / sqrt(max(gx * gx + gy * gy + gz * gz, 1e-2))
+    if abs(estimate) < 1e-6:
+        return estimate
+    px, py, pz = settle(solid, x, y, z, 12)
+    best = sqrt((x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2)
+    share = 1.0
+    for _ in range(24):
+        gx, gy, gz = slope(solid, px, py, pz, STENCIL)
+        square = gx * gx + gy * gy + gz * gz
+        along = ((x - px) * gx + (y - py) * gy + (z - pz) * gz) / max(square, 1e-2)
+        tx, ty, tz = x - px - along * gx, y - py - along * gy, z - pz - along * gz
+        if tx * tx + ty * ty + tz * tz < 1e-6 * best * best:
+            break
+        qx, qy, qz = settle(solid, px + share * tx, py + share * ty, pz + share * tz, 4)
+        found = sqrt((x - qx) ** 2 + (y - qy) ** 2 + (z - qz) ** 2)
+        if found < best and abs(field(solid, qx, qy, qz)) < 1e-9:
+            px, py, pz, best = qx, qy, qz, found
+        else:
+            share *= 0.5
+    return best if f > 0.0 else -best
+
+
+@kernel
+def distances(work, solid, x, out, tile):  # type: ignore[no-untyped-def]
+    """out[i] = distance at x[i]."""
+    t = take(work)
+    while t >= 0:
+        for i in range(t * tile, min((t + 1) * tile, out.size)):
+            out[i] = distance(solid, x[i, 0], x[i, 1], x[i, 2])
+        t = take(work)

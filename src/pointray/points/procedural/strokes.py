@@ -1,0 +1,135 @@
+"""The sculptor's hand: strokes of clay put down in the axes of a part, turned and scaled into the table of `clay`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .clay import (
+    ADD,
+    AXES,
+    BOX,
+    CENTER,
+    COLOR,
+    COLUMNS,
+    DRUM,
+    ELLIPSOID,
+    KIND,
+    OP,
+    POINTS,
+    RADII,
+    RELIEF,
+    RING,
+    ROUND,
+    SCALE,
+    SIZE,
+    TUBE,
+    VEIN,
+    WIDTH,
+)
+
+Vector = Sequence[float]
+
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+UNPAINTED = (-1.0, -1.0, -1.0)  # a relief that only shades the colour below it
+
+
+def rotation(turn: Vector) -> NDArray[np.float64]:
+    """Matrix of turns about x, then y, then z, in degrees."""
+    (a, b, c), (d, e, f) = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    x = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
+    y = np.array([[b, 0, e], [0, 1, 0], [-e, 0, b]])
+    z = np.array([[c, -f, 0], [f, c, 0], [0, 0, 1]])
+    return np.asarray(z @ y @ x, np.float64)
+
+
+class Clay:
+    """Collects strokes. Lengths are in units of the current part (`part`), which has its own place, turn and scale.
+
+    Every stroke takes `op` (ADD, CARVE, CUT, PAINT), the `width` over which it blends, a `color` (sRGB, 0 to 1),
+    `vein` (how strong the veins of the stone are) and `both` (a second one mirrored at the part's plane x = 0).
+    """
+
+    def __init__(self) -> None:
+        self._rows: list[NDArray[np.float64]] = []
+        self._scale, self._turn, self._place = 1.0, np.eye(3), np.zeros(3)
+
+    def table(self) -> NDArray[np.float64]:
+        """(strokes, COLUMNS) float64"""
+        return np.array(self._rows)
+
+    @contextmanager
+    def part(self, place: Vector, turn: Vector = (0, 0, 0), scale: float = 1.0) -> Iterator[None]:
+        """Strokes within the `with` are in axes turned, scaled and moved to `place`."""
+        before = self._scale, self._turn, self._place
+        self._place = self._place + self._scale * self._turn @ np.asarray(place, np.float64)
+        self._turn, self._scale = self._turn @ rotation(turn), self._scale * scale
+        yield
+        self._scale, self._turn, self._place = before
+
+    def _row(
+        self, kind: int, op: int = ADD, width: float = 0.02, color: Vector = (0.5, 0.5, 0.5), vein: float = 0.0
+    ) -> NDArray[np.float64]:
+        row = np.zeros(COLUMNS)
+        row[KIND], row[OP], row[WIDTH], row[VEIN], row[SCALE] = kind, op, width * self._scale, vein, self._scale
+        row[COLOR : COLOR + 3] = color
+        return row
+
+    def _solid(
+        self, kind: int, center: Vector, size: Vector, turn: Vector, rounding: float, both: bool, **stroke: Any
+    ) -> None:
+        for mirror in (np.eye(3), MIRROR) if both else (np.eye(3),):
+            row = self._row(kind, **stroke)
+            row[CENTER : CENTER + 3] = self._place + self._scale * self._turn @ mirror @ np.asarray(center, np.float64)
+            row[AXES : AXES + 9] = (self._turn @ mirror @ rotation(turn)).T.ravel()
+            row[SIZE : SIZE + 3] = np.asarray(size, np.float64) * self._scale
+            row[ROUND] = rounding
+            self._rows.append(row)
+
+    def ellipsoid(
+        self, center: Vector, radii: Vector, turn: Vector = (0, 0, 0), both: bool = False, share: float = 1.0, **stroke: Any
+    ) -> None:
+        """An ellipsoid; `share` is how opaque it is when it is painted."""
+        self._solid(ELLIPSOID, center, radii, turn, share, both, **stroke)
+
+    def box(self, center: Vector, half: Vector, rounding: float, **stroke: Any) -> None:
+        """A box with rounded edges, given by its half edges."""
+        self._solid(BOX, center, half, (0, 0, 0), rounding * self._scale, False, **stroke)
+
+    def drum(self, center: Vector, radius: float, half: float, rounding: float, **stroke: Any) -> None:
+        """A round slab of radius and half height, its rims rounded."""
+        self._solid(DRUM, center, (radius, radius, half), (0, 0, 0), rounding * self._scale, False, **stroke)
+
+    def ring(self, center: Vector, radius: float, thickness: float, turn: Vector = (0, 0, 0), **stroke: Any) -> None:
+        """A torus."""
+        self._solid(RING, center, (radius, radius, thickness), turn, 1.0, False, **stroke)
+
+    def tube(
+        self, a: Vector, through: Vector, c: Vector, radii: Vector, both: bool = False, share: float = 1.0, **stroke: Any
+    ) -> None:
+        """A bent tube from a to c through a point half way; radii at a, at c, and what the middle has more."""
+        p, m, q = (np.asarray(v, np.float64) for v in (a, through, c))
+        control = 2.0 * m - 0.5 * (p + q)
+        # a straight line has no second derivative: bend it by a hundredth
+        chord = q - p
+        if np.linalg.norm(p - 2 * control + q) < 0.03 * np.linalg.norm(chord):
+            control = control + 0.03 * np.cross(chord, [0.3, 0.5, 0.8])
+        for mirror in (np.eye(3), MIRROR) if both else (np.eye(3),):
+            row = self._row(TUBE, **stroke)
+            points = np.stack([p, control, q]) @ mirror
+            row[POINTS : POINTS + 9] = (self._place + self._scale * points @ self._turn.T).ravel()
+            row[RADII : RADII + 3] = np.asarray(radii, np.float64) * self._scale
+            row[ROUND] = share
+            self._rows.append(row)
+
+    def relief(
+        self, pattern: int, center: Vector, region: Vector, amplitude: float, turn: Vector = (0, 0, 0), **stroke: Any
+    ) -> None:
+        """Displace what is there by a pattern within an ellipsoid; `count` repeats; a `color` for its raised parts."""
+        count = stroke.pop("count", 0)
+        stroke.setdefault("color", UNPAINTED)
+        self._solid(pattern, center, region, turn, amplitude * self._scale, False, op=RELIEF, vein=count, **stroke)

@@ -1,0 +1,157 @@
+"""From a scene to a picture: rays through the pixels, the first hit of each, its light, the mean of the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera
+from .jit import inline, kernel, run, take
+from .records import COUNT_LEAVES, COUNT_NODES, World, new_scratch
+from .scene import Scene
+from .shade.direct import direct_light
+from .trace.world import closest_in
+from .vec import add, dot, scale, triple, unit
+
+INTEGRATORS = ("phong", "normal", "depth", "color", "cost")
+PHONG, NORMAL, DEPTH, COLOR, COST = range(5)
+TILE = 16  # pixels a side
+MOST_SAMPLES = 65536
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a picture is made.
+
+    Parameters
+    ----------
+    integrator : str
+        "phong" (direct light with hard shadows), or what is at the first hit: "normal" (world, -1 to 1 shown as 0 to 1),
+        "depth" (distance along the view), "color" (unlit), "cost" (red: nodes, green: leaves visited, blue: both / 64).
+    spp : int
+        Samples a pixel; 1 goes through the pixel's middle.
+    shadows : bool
+    seed : int
+        Of the places of the samples in the pixel.
+    threads : int, optional
+        None: `POINTRAY_THREADS`, else all. The picture does not depend on it.
+    """
+
+    integrator: str = "phong"
+    spp: int = 1
+    shadows: bool = True
+    seed: int = 0
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.integrator not in INTEGRATORS:
+            raise ValueError(f"unknown integrator {self.integrator!r}: one of {', '.join(INTEGRATORS)}")
+        if not isinstance(self.spp, int) or not 1 <= self.spp <= MOST_SAMPLES:
+            raise ValueError(f"spp must be a whole number from 1 to {MOST_SAMPLES}, not {self.spp!r}")
+        if not isinstance(self.seed, int) or not 0 <= self.seed < 2**31:
+            raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, not {self.seed!r}")
+
+
+@inline
+def _noise(x, y, seed):  # type: ignore[no-untyped-def]
+    """A number in 0..1 from three whole ones (the finaliser of MurmurHash3)."""
+    h = np.uint32(x * 0x1F1F1F1F ^ y * 0x5F356495 ^ seed * 0x2C1B3C6D)
+    h = np.uint32((h ^ (h >> np.uint32(16))) * np.uint32(0x85EBCA6B))
+    h = np.uint32((h ^ (h >> np.uint32(13))) * np.uint32(0xC2B2AE35))
+    return float(h ^ (h >> np.uint32(16))) / 4294967296.0
+
+
+@inline
+def place_in_pixel(x, y, sample, seed, spp):  # type: ignore[no-untyped-def]
+    """Where in the pixel a sample lies, 0..1: Roberts' R2 sequence, shifted by a hash of the pixel."""
+    if spp == 1:
+        return 0.5, 0.5
+    a = _noise(x, y, 2 * seed) + sample * 0.7548776662466927
+    b = _noise(x, y, 2 * seed + 1) + sample * 0.5698402909980532
+    return a - np.floor(a), b - np.floor(b)
+
+
+@inline
+def look(world, ray, forward, how, scratch):  # type: ignore[no-untyped-def]
+    """Colour and alpha that a camera ray (o, d) brings back. how : integrator, shadows."""
+    scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
+    hit = closest_in(world, (ray[0], ray[1], 0.0, np.inf), 1.0, scratch)
+    if how[0] == COST:
+        nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
+        return (nodes, leaves, (nodes + leaves) / 64.0), 1.0
+    if hit.instance < 0:
+        return (0.0, 0.0, 0.0), 0.0
+    if how[0] == PHONG:
+        return direct_light(world, hit, ray, how[1] != 0, scratch), 1.0
+    if how[0] == NORMAL:
+        return add(scale(hit.normal, 0.5), (0.5, 0.5, 0.5)), 1.0
+    if how[0] == DEPTH:
+        depth = hit.t * dot(ray[1], forward)
+        return (depth, depth, depth), 1.0
+    return hit.color, 1.0
+
+
+@kernel
+def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
+    """Render tiles of an image (h, w, 4). how : integrator, shadows, spp, seed, background (4 with alpha)."""
+    height, width = image.shape[:2]
+    scratch = new_scratch(world.longest)
+    integrator, shadows, spp, seed, background = how
+    eye, forward, right, up = triple(camera, 0), triple(camera, 3), triple(camera, 6), triple(camera, 9)
+    across = (width + TILE - 1) // TILE
+    tile = take(work)
+    while tile >= 0:
+        top, left = tile // across * TILE, tile % across * TILE
+        for y in range(top, min(top + TILE, height)):
+            for x in range(left, min(left + TILE, width)):
+                total, cover = (0.0, 0.0, 0.0), 0.0
+                for sample in range(spp):
+                    px, py = place_in_pixel(x, y, sample, seed, spp)
+                    u, v = 2.0 * (x + px) / width - 1.0, 1.0 - 2.0 * (y + py) / height
+                    direction = unit(add(forward, add(scale(right, u), scale(up, v))))
+                    color, alpha = look(world, (eye, direction), forward, (integrator, shadows), scratch)
+                    total, cover = add(total, color), cover + alpha
+                for c in range(3):
+                    image[y, x, c] = (total[c] + (spp - cover) * background[c]) / spp
+                image[y, x, 3] = (cover + (spp - cover) * background[3]) / spp
+        tile = take(work)
+    return 0
+
+
+def render(
+    scene: Scene,
+    camera: Camera,
+    settings: Settings | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> NDArray[np.float32]:
+    """Render a scene.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with the share done, some ten times a second.
+
+    Returns
+    -------
+    (h, w, 4) float32
+        Linear RGB, premultiplied, and alpha: the share of the pixel that is covered (1 with a background).
+
+    Notes
+    -----
+    A scene without lights is lit by a headlight at the camera.
+    """
+    settings = settings or Settings()
+    width, height = camera.size
+    image = np.empty((height, width, 4), np.float32)
+    world: World = scene._world()[0]
+    color = scene.background
+    background = (0.0, 0.0, 0.0, 0.0) if color is None else (*map(float, color), 1.0)
+    integrator = INTEGRATORS.index(settings.integrator)
+    how = (integrator, int(settings.shadows), settings.spp, settings.seed, background)
+    tiles = -(-width // TILE) * -(-height // TILE)
+    args = (world, camera.basis.reshape(-1), how, image)
+    run(_frame, tiles, *args, threads=settings.threads, progress=progress)
+    return image

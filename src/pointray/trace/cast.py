@@ -1,0 +1,134 @@
+"""Batches of rays -> hits: two entry points, closest hit and occlusion, each on all cores."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import kernel, run, take
+from ..records import (
+    COUNT_NEAR,
+    INSTANCE,
+    MODEL_ROW,
+    Array,
+    Ray,
+    World,
+    new_scratch,
+    tree_at,
+)
+from ..simd import lane
+from ..vec import add, scale, triple
+from .leaf import gather_near
+from .surface import weights_of_block
+from .world import closest_in, occluded_in
+
+TILE = 1024  # rays that a thread takes at a time
+
+
+@kernel
+def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-untyped-def]
+    """Closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, and place (leaf, local)."""
+    t, position, normal, color, point, instance, leaf, local = out
+    scratch = new_scratch(world.longest)
+    tile = take(work)
+    while tile >= 0:
+        for i in range(tile * TILE, min((tile + 1) * TILE, t.size)):
+            o, d = triple(origins, 3 * i), triple(directions, 3 * i)
+            hit = closest_in(world, (o, d, limits[2 * i], limits[2 * i + 1]), 1.0, scratch)
+            t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
+            x = add(o, scale(d, hit.t)) if hit.instance >= 0 else (np.nan, np.nan, np.nan)
+            for c in range(3):
+                position[3 * i + c], normal[3 * i + c], color[3 * i + c] = x[c], hit.normal[c], hit.color[c]
+                local[3 * i + c] = hit.local[c]
+            point[i] = -1
+            if hit.slot >= 0:
+                tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
+                point[i] = tree.order[hit.slot]
+        tile = take(work)
+    return 0
+
+
+@kernel
+def _occluded(work, world, origins, directions, limits, out):  # type: ignore[no-untyped-def]
+    """Occlusion: out is (n,) uint8."""
+    scratch = new_scratch(world.longest)
+    tile = take(work)
+    while tile >= 0:
+        for i in range(tile * TILE, min((tile + 1) * TILE, out.size)):
+            ray = (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1])
+            out[i] = occluded_in(world, ray, 1.0, scratch)
+        tile = take(work)
+    return 0
+
+
+@kernel
+def _blend_attribute(work, world, places, values, width, out):  # type: ignore[no-untyped-def]
+    """Blend one attribute, (n * k,) float32 in the caller's order, at hits: places is (hits, model, leaf, local)."""
+    hits, model, leaf, local = places
+    scratch = new_scratch(world.longest)
+    tree = tree_at(world.table, model)
+    f32, zero = np.float32, np.float32(0.0)
+    tile = take(work)
+    while tile >= 0:
+        for h in range(tile * TILE, min((tile + 1) * TILE, hits.size)):
+            i = hits[h]
+            x = (f32(local[3 * i]), f32(local[3 * i + 1]), f32(local[3 * i + 2]))
+            ray = Ray(zero, zero, zero, f32(1.0), zero, zero, zero, zero, zero)
+            gather_near(tree, leaf[i], scratch, x, ray, zero)
+            total = 0.0
+            for c in range(width):
+                out[h * width + c] = 0.0
+            for k in range(scratch.counts[COUNT_NEAR]):
+                weights = weights_of_block(tree, scratch.near[k], x[0], x[1], x[2])
+                for j in range(4):
+                    w = lane(weights, j)
+                    if w > 0.0:
+                        total += w
+                        row = tree.order[np.int64(scratch.near[k]) * 4 + j]
+                        for c in range(width):
+                            out[h * width + c] += w * values[np.int64(row) * width + c]
+            for c in range(width):
+                out[h * width + c] /= total
+        tile = take(work)
+    return 0
+
+
+def closest_hits(world: World, origins: Array, directions: Array, limits: Array) -> dict[str, Array]:
+    """Closest hits of n rays, as flat arrays: what `_closest` fills.
+
+    Parameters
+    ----------
+    origins, directions : (n, 3) float64, C-contiguous
+    limits : (n, 2) float64, t_min and t_max
+    """
+    n = len(origins)
+    out = {
+        "t": np.empty(n),
+        "position": np.empty((n, 3)),
+        "normal": np.empty((n, 3), np.float32),
+        "color": np.empty((n, 3), np.float32),
+        "point": np.empty(n, np.int64),
+        "instance": np.empty(n, np.int32),
+        "leaf": np.empty(n, np.int64),
+        "local": np.empty((n, 3)),
+    }
+    flat = tuple(array.reshape(-1) for array in out.values())
+    run(_closest, -(-n // TILE), world, origins.reshape(-1), directions.reshape(-1), limits.reshape(-1), flat)
+    return out
+
+
+def occlusions(world: World, origins: Array, directions: Array, limits: Array) -> NDArray[np.bool_]:
+    """Whether each of n rays meets anything, (n,) bool; parameters as for `closest_hits`."""
+    out = np.zeros(len(origins), np.uint8)
+    run(_occluded, -(-len(origins) // TILE), world, origins.reshape(-1), directions.reshape(-1), limits.reshape(-1), out)
+    return out.view(np.bool_)
+
+
+def blend_attribute(world: World, hits: dict[str, Array], rows: Array, model: int, values: Array) -> Array:
+    """One attribute, (n,) or (n, k), blended at the hits `rows` of `closest_hits`, all on one model: float32."""
+    out = np.empty((len(rows), *values.shape[1:]), np.float32)
+    places = (rows, model, hits["leaf"], hits["local"].reshape(-1))
+    width = values.size // len(values)
+    args = (world, places, np.ascontiguousarray(values).reshape(-1), width, out.reshape(-1))
+    run(_blend_attribute, -(-len(rows) // TILE), *args)
+    return out

@@ -1,0 +1,246 @@
+"""The intersection of a ray with the surface inside of one voxel (paper, part III).
+
+Samples lie on a lattice along the ray, t = k * step, and where the ray enters and leaves the voxel: f there is the
+same from both sides. The slab and the tight box only choose which part of this sequence is looked at; so neither they
+nor the size of the voxels decide what is found. Four samples are evaluated at once.
+
+Three things can be between two neighbouring samples that both have support:
+- a sign change: a crossing;
+- the same sign, but f falls towards zero at the first and rises at the second: a grazing ray that may cross twice.
+  Four more samples around the lowest place decide;
+- else nothing.
+
+Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Ray.side` tells.
+Until f has once been on that side it counts as lifted by this much: such a ray is not blocked by the splats around
+its origin when it leaves, however flat, and is when it goes to the other side.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inline
+from ..records import (
+    CELL,
+    COUNT_NEAR,
+    DISC,
+    GROUP,
+    LEAF,
+    RADIUS,
+    REFINE,
+    SLAB,
+    SLAB_HI,
+    SLAB_LO,
+    STEP,
+    SURFACE,
+    TRIM,
+    Hit,
+)
+from ..simd import bits, lane, load16, lowest, quarters, shift_quarter, spread16, vabs, vmax, vmin
+from .disc import search_discs
+from .surface import HALF, NAN, ONE, TWO, ZERO, normal, offset, sums, value
+
+START = np.float32(0.02)  # radii
+GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
+INF = np.float32(np.inf)
+FIRST_LANES = 0x1111  # the first lane of each quarter
+# Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
+# interpolation is exact to a thousandth of the radius, and two farther out for where the estimate is off.
+NEAR_ESTIMATE, FAR_ESTIMATE = np.float32(0.02), np.float32(0.12)
+
+
+@inline
+def voxel_interval(tree, leaf, ray):  # type: ignore[no-untyped-def]
+    """Where the ray enters and leaves the leaf's voxel, within its own interval."""
+    at = leaf * LEAF + CELL
+    ax, bx = (tree.leaves[at] - ray.ox) / ray.dx, (tree.leaves[at + 3] - ray.ox) / ray.dx
+    ay, by = (tree.leaves[at + 1] - ray.oy) / ray.dy, (tree.leaves[at + 4] - ray.oy) / ray.dy
+    az, bz = (tree.leaves[at + 2] - ray.oz) / ray.dz, (tree.leaves[at + 5] - ray.oz) / ray.dz
+    enter = max(max(min(ax, bx), min(ay, by)), max(min(az, bz), ray.t_min))
+    leave = min(min(max(ax, bx), max(ay, by)), min(max(az, bz), ray.t_max))
+    return enter, leave
+
+
+@inline
+def slab_interval(tree, leaf, ray, enter, leave):  # type: ignore[no-untyped-def]
+    """The part of an interval inside of the leaf's slab; empty where enter > leave."""
+    at = leaf * LEAF
+    mx, my, mz = tree.leaves[at + SLAB], tree.leaves[at + SLAB + 1], tree.leaves[at + SLAB + 2]
+    height = mx * ray.ox + my * ray.oy + mz * ray.oz
+    rise = mx * ray.dx + my * ray.dy + mz * ray.dz
+    if abs(rise) < np.float32(1e-6):
+        rise = np.float32(1e-6)
+    a, b = (tree.leaves[at + SLAB_LO] - height) / rise, (tree.leaves[at + SLAB_HI] - height) / rise
+    return max(enter, min(a, b)), min(leave, max(a, b))
+
+
+@inline
+def gather_near(tree, leaf, scratch, middle, ray, half):  # type: ignore[no-untyped-def]
+    """List the leaf's blocks whose bounding sphere is near the segment of half length `half` about a point."""
+    first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
+    n = 0
+    for group in range(first, first + count):
+        at = np.int64(group) * GROUP
+        x, y, z = load16(tree.spheres, at) - middle[0], load16(tree.spheres, at + 16) - middle[1], load16(
+            tree.spheres, at + 32
+        ) - middle[2]
+        along = x * ray.dx + y * ray.dy + z * ray.dz
+        beyond = vmax(vabs(along) - half, spread16(ZERO))
+        square = x * x + y * y + z * z - along * along + beyond * beyond
+        left = bits(square < load16(tree.spheres, at + 48))
+        while left != 0:
+            scratch.near[n] = tree.refs[group * 16 + lowest(left)]
+            n += 1
+            left &= left - 1
+    scratch.counts[COUNT_NEAR] = n
+
+
+@inline
+def evaluate(tree, scratch, frame, t):  # type: ignore[no-untyped-def]
+    """f, counted positive on the ray's own side, and its slope along the ray, at four t: frame is (middle, t, ray)."""
+    middle, center, ray = frame
+    s = t - center
+    means = sums(tree, scratch, s * ray.dx + middle[0], s * ray.dy + middle[1], s * ray.dz + middle[2])
+    f, _ = value(int(tree.head[SURFACE]), means)
+    slope = means[3] * ray.dx + means[4] * ray.dy + means[5] * ray.dz
+    return f * ray.side, slope * ray.side
+
+
+@inline
+def crossing(a, b):  # type: ignore[no-untyped-def]
+    """Whether the sign changes between two values that both exist (zero counts as positive)."""
+    return ((a < ZERO) & (b >= ZERO)) | ((a >= ZERO) & (b < ZERO))
+
+
+@inline
+def secant(tree, scratch, frame, bracket, around):  # type: ignore[no-untyped-def]
+    """Four samples in a bracket (t, f, t, f), about `around` of its length: the first of the five parts that crosses.
+
+    Returns that part as a bracket, or one whose end is inf if none crosses.
+    """
+    ta, fa, tb, fb = bracket
+    span = tb - ta
+    middle = min(max(around, ZERO), ONE)
+    t = quarters(
+        ta + span * max(middle - FAR_ESTIMATE, ZERO),
+        ta + span * max(middle - NEAR_ESTIMATE, ZERO),
+        ta + span * min(middle + NEAR_ESTIMATE, ONE),
+        ta + span * min(middle + FAR_ESTIMATE, ONE),
+    )
+    f, _ = evaluate(tree, scratch, frame, t)
+    f = f + scratch.lift[0]
+    before, t_before = shift_quarter(spread16(fa), f), shift_quarter(spread16(ta), t)
+    found = bits(crossing(before, f)) & FIRST_LANES
+    if found != 0:
+        i = lowest(found)
+        return lane(t_before, i), lane(before, i), lane(t, i), lane(f, i)
+    last = lane(f, 12)
+    if (last < ZERO) != (fb < ZERO):
+        return lane(t, 12), last, tb, fb
+    return ta, fa, INF, fb
+
+
+@inline
+def root(bracket):  # type: ignore[no-untyped-def]
+    """Where the line between a bracket's ends is zero, as a share of its length."""
+    return bracket[1] / (bracket[1] - bracket[3])
+
+
+@inline
+def refine(tree, scratch, frame, bracket):  # type: ignore[no-untyped-def]
+    """t of the crossing in a bracket, after the model's number of secant steps."""
+    for _ in range(int(tree.head[REFINE])):
+        bracket = secant(tree, scratch, frame, bracket, root(bracket))
+        if bracket[2] == INF:
+            return INF
+    share = root(bracket)
+    return bracket[0] + (bracket[2] - bracket[0]) * share
+
+
+@inline
+def accept(tree, scratch, frame, leaf, t):  # type: ignore[no-untyped-def]
+    """The hit at t; a miss where the point lies farther from its splats' middle than the trim allows."""
+    middle, center, ray = frame
+    s = spread16(t - center)
+    means = sums(tree, scratch, s * ray.dx + middle[0], s * ray.dy + middle[1], s * ray.dz + middle[2])
+    if not (lane(means[8], 0) > ZERO) or offset(means) > tree.head[TRIM] * tree.leaves[leaf * LEAF + RADIUS]:
+        return Hit(INF, ZERO, ZERO, ZERO, -1)
+    nx, ny, nz = normal(int(tree.head[SURFACE]), means)
+    return Hit(t, nx, ny, nz, leaf)
+
+
+@inline
+def look_into(tree, scratch, frame, pair, crosses):  # type: ignore[no-untyped-def]
+    """t of the first crossing between two samples (t, f, slope, t, f, slope), inf if there is none after all."""
+    ta, fa, ga, tb, fb, gb = pair
+    bracket = (ta, fa, tb, fb)
+    if not crosses:
+        # The slopes' zero, by linear interpolation: the lowest place of a parabola.
+        bracket = secant(tree, scratch, frame, bracket, ga / (ga - gb))
+        if bracket[2] == INF:
+            return INF
+    return refine(tree, scratch, frame, bracket)
+
+
+@inline
+def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped-def]
+    """The first hit in a leaf's voxel: near, far is where the ray is inside of the leaf's tight box."""
+    enter, leave = voxel_interval(tree, leaf, ray)
+    low, high = slab_interval(tree, leaf, ray, max(near, enter), min(far, leave))
+    miss = Hit(INF, ZERO, ZERO, ZERO, -1)
+    if not (low <= high):
+        return miss
+    starts = enter <= ray.t_min  # the ray's origin is in this voxel: the start rule needs f there
+    if starts:
+        low = enter
+    step = tree.leaves[leaf * LEAF + STEP]
+    # One step more on both sides: a bracket may reach out of the slab.
+    first, last = math.floor(low / step), math.ceil(high / step)
+    t_low, t_high = max(first * step, enter), min(last * step, leave)
+    center = HALF * (t_low + t_high)
+    middle = (ray.ox + center * ray.dx, ray.oy + center * ray.dy, ray.oz + center * ray.dz)
+    gather_near(tree, leaf, scratch, middle, ray, HALF * (t_high - t_low))
+    if scratch.counts[COUNT_NEAR] == 0:
+        return miss
+    frame = (middle, center, ray)
+    if int(tree.head[SURFACE]) == DISC:
+        return search_discs(tree, leaf, scratch, frame, enter, leave)
+    margin = GRAZING * tree.leaves[leaf * LEAF + RADIUS]
+
+    t_before = f_before = slope_before = spread16(NAN)
+    k = first
+    while k <= last:
+        t = quarters(k * step, (k + ONE) * step, (k + TWO) * step, (k + np.float32(3.0)) * step)
+        t = vmin(vmax(t, spread16(enter)), spread16(leave))
+        f, slope = evaluate(tree, scratch, frame, t)
+        if starts:
+            starts = False
+            reach = START * tree.leaves[leaf * LEAF + RADIUS]
+            scratch.lift[0] = reach if abs(lane(f, 0)) < reach else ZERO
+        f = f + scratch.lift[0]
+
+        t_a, f_a, slope_a = shift_quarter(t_before, t), shift_quarter(f_before, f), shift_quarter(slope_before, slope)
+        change = crossing(f_a, f)
+        # Both tangents meet below the margin: their lowest place is deeper than f's where f is convex.
+        meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
+        sinks = ((f_a > ZERO) & (slope_a < ZERO) & (f > ZERO) & (slope > ZERO) & (meet < margin)) | (
+            (f_a < ZERO) & (slope_a > ZERO) & (f < ZERO) & (slope < ZERO) & (meet > ZERO - margin)
+        )
+        changes = bits(change) & FIRST_LANES
+        events = changes | (bits(sinks) & FIRST_LANES)
+        while events != 0:
+            i = lowest(events)
+            events &= events - 1
+            pair = (lane(t_a, i), lane(f_a, i), lane(slope_a, i), lane(t, i), lane(f, i), lane(slope, i))
+            at = look_into(tree, scratch, frame, pair, (changes >> i) & 1 != 0)
+            if at < INF:
+                hit = accept(tree, scratch, frame, leaf, at)
+                if hit.leaf >= 0:
+                    return hit
+        if scratch.lift[0] != ZERO and bits(f >= scratch.lift[0]) & FIRST_LANES != 0:
+            scratch.lift[0] = ZERO
+        t_before, f_before, slope_before = t, f, slope
+        k += np.float32(4.0)
+    return miss

@@ -1,0 +1,165 @@
+"""A ray through the scene: each instance in its own space, the nearest hit of all.
+
+Rays are float64 in the world. In an instance's space they get unit length, start where they enter the model's bounds
+(so that a far camera costs no precision) and go on as float32.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inline, routine
+from ..records import (
+    BOUNDS,
+    INSTANCE,
+    KIND,
+    MODEL,
+    MODEL_ROW,
+    PLANE_CHECKER,
+    PLANE_COLOR,
+    PLANE_NORMAL,
+    PLANE_POINT,
+    PLANE_U,
+    PLANE_V,
+    TO_MODEL,
+    Ray,
+    WorldHit,
+    tree_at,
+)
+from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple, unit
+from .surface import blend
+from .traverse import closest, steady
+
+ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
+
+
+@inline
+def no_hit():  # type: ignore[no-untyped-def]
+    """What a ray that misses finds."""
+    zero = (0.0, 0.0, 0.0)
+    return WorldHit(np.inf, zero, zero, -1, np.int64(-1), np.int64(-1), zero)
+
+
+@inline
+def _clip(head, o, d, t_min, t_max):  # type: ignore[no-untyped-def]
+    """The part of a ray inside of a model's bounds, padded against rounding; empty where low > high."""
+    low, high = t_min, t_max
+    for c in range(3):
+        a, b = float(head[BOUNDS + c]), float(head[BOUNDS + 3 + c])
+        pad = 1e-6 * (abs(a) + abs(b))
+        inverse = 1.0 / (d[c] if abs(d[c]) > 1e-300 else 1e-300)
+        near, far = (a - pad - o[c]) * inverse, (b + pad - o[c]) * inverse
+        low, high = max(low, min(near, far)), min(high, max(near, far))
+    return low, high
+
+
+@inline
+def _model_hit(world, at, ray, side, scratch):  # type: ignore[no-untyped-def]
+    """(t, hit, tree, start) of a ray (o, d, t_min, t_max) with one model, t in lengths of d; the hit in model space."""
+    tree = tree_at(world.table, np.int64(world.instances[at + MODEL_ROW]))
+    o = transform(world.instances, at + TO_MODEL, ray[0])
+    o = (
+        o[0] + world.instances[at + TO_MODEL + 3],
+        o[1] + world.instances[at + TO_MODEL + 7],
+        o[2] + world.instances[at + TO_MODEL + 11],
+    )
+    d = transform(world.instances, at + TO_MODEL, ray[1])
+    speed = length(d)
+    d = scale(d, 1.0 / speed)
+    low, high = _clip(tree.head, o, d, ray[2] * speed, ray[3] * speed)
+    start = add(o, scale(d, low))
+    f32 = np.float32
+    local = Ray(
+        f32(start[0]),
+        f32(start[1]),
+        f32(start[2]),
+        steady(f32(d[0])),
+        steady(f32(d[1])),
+        steady(f32(d[2])),
+        f32(0.0),
+        f32(high - low if low <= high else -1.0),
+        f32(side),
+    )
+    hit = closest(tree, local, scratch)
+    return (low + float(hit.t)) / speed, hit, tree, add(start, scale(d, float(hit.t)))
+
+
+@inline
+def _plane_hit(world, at, ray, side):  # type: ignore[no-untyped-def]
+    """t of a ray with a plane; a ray that starts on the plane is on `side` of it."""
+    o, d, t_min, t_max = ray
+    normal, point = triple(world.instances, at + PLANE_NORMAL), triple(world.instances, at + PLANE_POINT)
+    start = add(o, scale(d, t_min))
+    height, rise = dot(normal, sub(start, point)), dot(normal, d)
+    if abs(height) <= ON_PLANE * (length(start) + length(point)):
+        return t_min if rise * side < 0.0 else np.inf
+    t = t_min - height / rise
+    return t if t >= t_min and t <= t_max else np.inf
+
+
+@inline
+def plane_color(world, at, x):  # type: ignore[no-untyped-def]
+    """A plane's colour at a point: plain, or a checker with every other square at half."""
+    color = triple(world.instances, at + PLANE_COLOR)
+    edge = world.instances[at + PLANE_CHECKER]
+    if edge > 0.0:
+        v = sub(x, triple(world.instances, at + PLANE_POINT))
+        a = math.floor(dot(v, triple(world.instances, at + PLANE_U)) / edge)
+        b = math.floor(dot(v, triple(world.instances, at + PLANE_V)) / edge)
+        if int(a + b) % 2 != 0:
+            return scale(color, 0.5)
+    return color
+
+
+@inline
+def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
+    """Whether a ray can hit anything: finite, a direction that is not zero, an interval that is not empty."""
+    square = dot(d, d)
+    return square > 0.0 and square < np.inf and dot(o, o) < np.inf and t_min <= t_max
+
+
+@routine
+def closest_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
+    """The nearest hit of a ray (o, d, t_min, t_max) with everything in the scene; a degenerate ray misses."""
+    best = no_hit()
+    o, d, t_min, t_max = ray
+    if not is_ray(o, d, t_min, t_max):
+        return best
+    for i in range(world.instances.size // INSTANCE):
+        at = i * INSTANCE
+        if world.instances[at + KIND] == MODEL:
+            t, hit, tree, local = _model_hit(world, at, (o, d, t_min, t_max), side, scratch)
+            if hit.leaf >= 0 and t <= t_max:
+                f32 = np.float32
+                red, green, blue, slot = blend(tree, scratch, world.tone, f32(local[0]), f32(local[1]), f32(local[2]))
+                normal = transform_transposed(
+                    world.instances, at + TO_MODEL, (float(hit.nx), float(hit.ny), float(hit.nz))
+                )
+                color = (float(red), float(green), float(blue))
+                best = WorldHit(t, unit(normal), color, i, slot, hit.leaf, local)
+                t_max = t
+        else:
+            t = _plane_hit(world, at, (o, d, t_min, t_max), side)
+            if t < np.inf:
+                normal = triple(world.instances, at + PLANE_NORMAL)
+                best = WorldHit(t, normal, plane_color(world, at, add(o, scale(d, t))), i, -1, -1, (0.0, 0.0, 0.0))
+                t_max = t
+    return best
+
+
+@routine
+def occluded_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
+    """Whether anything in the scene is between t_min and t_max of a ray (o, d, t_min, t_max)."""
+    o, d, t_min, t_max = ray
+    if not is_ray(o, d, t_min, t_max):
+        return False
+    for i in range(world.instances.size // INSTANCE):
+        at = i * INSTANCE
+        if world.instances[at + KIND] == MODEL:
+            if _model_hit(world, at, ray, side, scratch)[1].leaf >= 0:
+                return True
+        elif _plane_hit(world, at, ray, side) < np.inf:
+            return True
+    return False

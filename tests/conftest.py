@@ -1,0 +1,24 @@
+"""What several tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
+
+
+def shared_model(name: str) -> Path:
+    """Path of a real scan, such as 'points/stanford_bunny.ply'; skips the test where it is not to be had."""
+    path = MODELS / name
+    if not path.exists():
+        pytest.skip(f"the scan {name} is not here")
+    return path
+
+
+def sphere_points(n: int, seed: int = 0) -> np.ndarray:
+    """Random points of the unit sphere, (n, 3) float32."""
+    rows = np.random.default_rng(seed).normal(size=(n, 3))
+    return (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)

@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+from PIL import Image
+
+from pointray.image import filmic, linear_to_srgb, srgb_to_linear, tone, write_image
+
+BYTES = np.arange(256, dtype=np.uint8)
+GRAY = np.full((4, 6, 3), 0.25, np.float32)
+
+
+def load(path):
+    return np.asarray(Image.open(path))
+
+
+def rgba(color, alpha):
+    return np.tile(np.float32([*(np.float32(color) * alpha), alpha]), (4, 6, 1))
+
+
+def test_srgb_known_values():
+    linear = srgb_to_linear(np.array([0, 10, 11, 128, 188, 255], np.uint8))
+    np.testing.assert_allclose(linear, [0, 0.0030353, 0.0033465, 0.2158605, 0.5028865, 1], rtol=1e-4)
+    np.testing.assert_allclose(
+        linear_to_srgb(np.float32([0, 0.0031308, 0.2140411, 1])), [0, 0.04045, 0.5, 1], atol=1e-5
+    )
+
+
+def test_srgb_there_and_back():
+    np.testing.assert_array_equal(np.rint(linear_to_srgb(srgb_to_linear(BYTES)) * 255), BYTES)
+    np.testing.assert_allclose(srgb_to_linear(BYTES), srgb_to_linear(BYTES / 255), rtol=1e-6)
+    assert srgb_to_linear(BYTES.reshape(16, 16)).shape == (16, 16)
+
+
+def test_filmic_rises_from_0_to_1():
+    curve = filmic(np.geomspace(1e-6, 1e30, 1000).astype(np.float32))
+    assert (np.diff(curve) >= 0).all()
+    assert curve[0] < 1e-6
+    assert curve[-1] == 1
+    assert filmic(np.float32([1]))[0] == pytest.approx(2.54 / 3.16)  # Narkowicz' fit at 1
+
+
+def test_a_stop_doubles():
+    np.testing.assert_allclose(tone(GRAY, exposure=1), 0.5)
+    np.testing.assert_allclose(tone(GRAY, exposure=-2, curve="filmic"), filmic(np.full_like(GRAY, 0.0625)))
+
+
+def test_what_is_no_number_is_black():
+    values = np.float32([np.nan, np.inf, -np.inf, -1, 3])
+    for curve in ("srgb", "filmic"):
+        shown = tone(values, 3, curve)
+        assert shown[[0, 2, 3]].tolist() == [0, 0, 0]
+        assert shown[1] == 1
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.JPEG"])
+def test_opaque_images_have_three_channels(tmp_path, name):
+    for image in (GRAY, rgba([0.25] * 3, 1), GRAY.astype(np.float64)):
+        write_image(tmp_path / name, image)
+        picture = load(tmp_path / name)
+        assert picture.shape == (4, 6, 3)
+        assert np.abs(picture.astype(int) - 137).max() <= 1
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_file_colors_survive(tmp_path):
+    ramp = np.stack([BYTES, BYTES[::-1], BYTES], axis=1)[None]
+    write_image(tmp_path / "a.png", srgb_to_linear(ramp))
+    np.testing.assert_array_equal(load(tmp_path / "a.png"), ramp)
+
+
+def test_alpha_is_kept_and_taken_out_of_the_color(tmp_path):
+    write_image(tmp_path / "a.png", rgba([1, 0.25, 0], 0.5))
+    picture = load(tmp_path / "a.png")
+    assert picture.shape == (4, 6, 4)
+    assert picture[0, 0].tolist() == [255, 137, 0, 128]
+    write_image(tmp_path / "a.png", np.zeros((4, 6, 4), np.float32))
+    assert not load(tmp_path / "a.png").any()
+
+
+def test_a_jpeg_shows_the_image_on_white(tmp_path):
+    write_image(tmp_path / "a.jpg", np.zeros((4, 6, 4), np.float32), curve="filmic")
+    assert load(tmp_path / "a.jpg").min() >= 254
+    write_image(tmp_path / "a.jpg", rgba([0, 0, 0], 0.5))
+    assert np.abs(load(tmp_path / "a.jpg").astype(int) - 188).max() <= 1
+
+
+def test_nan_and_infinity_do_no_harm(tmp_path):
+    image = rgba([0.25] * 3, 1)
+    image[0, 0], image[1, 1], image[2, 2, 3] = np.nan, [np.inf, 0, 0, 1], np.nan
+    write_image(tmp_path / "a.png", image)
+    picture = load(tmp_path / "a.png")
+    assert picture[0, 0].tolist() == [0, 0, 0, 0]
+    assert picture[1, 1].tolist() == [255, 0, 0, 255]
+    assert picture[2, 2, 3] == 0
+    assert picture[3, 3].tolist() == [137, 137, 137, 255]
+
+
+@pytest.mark.parametrize(
+    ("name", "image", "others", "words"),
+    [
+        ("a.bmp", GRAY, {}, r"cannot write \.bmp; can write \.png, \.jpg"),
+        ("a", GRAY, {}, "without extension"),
+        ("a.png", GRAY[0], {}, r"\(6, 3\)"),
+        ("a.png", GRAY[..., :2], {}, r"\(4, 6, 2\)"),
+        ("a.png", np.zeros((0, 6, 3)), {}, r"\(0, 6, 3\)"),
+        ("a.png", np.zeros((4, 6, 3), np.uint8), {}, "float"),
+        ("a.png", GRAY, {"curve": "log"}, "srgb, filmic"),
+        ("a.png", GRAY, {"exposure": np.nan}, "exposure"),
+    ],
+)
+def test_what_is_no_image(tmp_path, name, image, others, words):
+    with pytest.raises(ValueError, match=words):
+        write_image(tmp_path / name, image, **others)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_folder_is_an_oserror(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        write_image(tmp_path / "none" / "a.png", GRAY)

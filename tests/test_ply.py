@@ -1,0 +1,311 @@
+import os
+import stat
+import struct
+
+import numpy as np
+import pytest
+from conftest import shared_model
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from plyfile import PlyData, PlyElement
+
+from pointray.data import Points
+from pointray.points import read, write
+from pointray.points.files import check_writable, replacing
+
+RNG = np.random.default_rng(2)
+XYZ = RNG.random((50, 3)).astype(np.float32)
+RGB = RNG.integers(0, 256, (50, 3)).astype(np.uint8)
+
+
+def save(path, columns, text=False, order="<", before=()):
+    """Write vertices of the given columns with plyfile."""
+    rows = np.empty(50, [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        rows[name] = column
+    PlyData([*before, PlyElement.describe(rows, "vertex"), faces()], text, order).write(str(path))
+    return path
+
+
+def faces(name="face"):
+    rows = np.empty(3, [("vertex_indices", object), ("flag", "u1")])
+    rows["vertex_indices"] = [np.array(row, np.int32) for row in ([0, 1, 2], [3, 4, 5, 6], [7])]
+    rows["flag"] = 0
+    return PlyElement.describe(rows, name, val_types={"vertex_indices": "i4"})
+
+
+FORMATS = [(True, "="), (False, "<"), (False, ">")]
+
+
+@pytest.mark.parametrize(("text", "order"), FORMATS)
+@pytest.mark.parametrize("dtype", ["f4", "f8", "i2"])
+def test_every_format_and_order_of_properties(tmp_path, text, order, dtype):
+    xyz = (XYZ * 100).astype(dtype)
+    columns = {
+        "blue": RGB[:, 2],
+        "z": xyz[:, 2],
+        "nz": XYZ[:, 2],
+        "intensity": np.arange(50, dtype=np.uint16),
+        "nx": XYZ[:, 0],
+        "x": xyz[:, 0],
+        "green": RGB[:, 1],
+        "ny": XYZ[:, 1],
+        "y": xyz[:, 1],
+        "red": RGB[:, 0],
+    }
+    points = read(save(tmp_path / "a.PLY", columns, text, order))
+    np.testing.assert_array_equal(points.positions, xyz.astype(np.float32))
+    np.testing.assert_array_equal(points.normals, XYZ)
+    np.testing.assert_array_equal(points.colors, RGB)
+    assert list(points.attributes) == ["intensity"]
+    np.testing.assert_array_equal(points.attributes["intensity"], np.arange(50))
+
+
+@pytest.mark.parametrize(("text", "order"), FORMATS)
+def test_elements_before_the_vertices_are_passed_over(tmp_path, text, order):
+    before = [PlyElement.describe(np.zeros(4, [("a", "i2")]), "grid"), faces("strips")]
+    points = read(save(tmp_path / "a.ply", dict(zip("xyz", XYZ.T, strict=True)), text, order, before))
+    np.testing.assert_array_equal(points.positions, XYZ)
+    assert points.normals is None
+    assert points.colors is None
+
+
+@pytest.mark.parametrize(("text", "order"), FORMATS)
+def test_lists_among_the_vertices_are_dropped(tmp_path, text, order):
+    (tmp_path / "a.ply").write_bytes(with_lists(text, order))
+    points = read(tmp_path / "a.ply")
+    np.testing.assert_array_equal(points.positions, XYZ)
+    assert points.attributes == {}
+
+
+def with_lists(text, order):
+    """A file with a list in every vertex, by hand: plyfile's writer forgets the byte order of such rows."""
+    name = "ascii" if text else {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    header = f"ply\nformat {name} 1.0\nelement first 2\nproperty uchar a\nelement vertex 50\nproperty float x\n"
+    header += "property list uchar int near\nproperty float y\nproperty float z\nend_header\n"
+    body = b"1\n2\n" if text else b"12"
+    for i, (x, y, z) in enumerate(XYZ):
+        near = range(i % 4)
+        if text:
+            body += " ".join(str(value) for value in (x, len(near), *near, y, z)).encode() + b"\n"
+        else:
+            body += struct.pack(f"{order}fB{len(near)}iff", x, len(near), *near, y, z)
+    return header.encode() + body
+
+
+@pytest.mark.parametrize("names", ["red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue"])
+@pytest.mark.parametrize(
+    "colors", [RGB, RGB.astype("u2") * 257, RGB.astype("i4"), (RGB / 255).astype("f4"), RGB.astype("f4")]
+)
+def test_colors_of_all_kinds(tmp_path, names, colors):
+    columns = dict(zip(["x", "y", "z", *names.split()], [*XYZ.T, *colors.T], strict=True))
+    for text in (False, True):
+        np.testing.assert_array_equal(read(save(tmp_path / "a.ply", columns, text)).colors, RGB)
+
+
+@pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
+def test_headers_as_programs_write_them(tmp_path, line_end):
+    """All line ends, a comment in Latin-1, a first byte of data that looks like a line end."""
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment M\xfcnchen",
+        "obj_info num_cols 512",
+        "element vertex 1",
+    ]
+    lines += [f"property float {name}" for name in "xyz"] + ["end_header"]
+    header = "".join(line + line_end for line in lines).encode("latin-1")
+    row = np.array([[1, 2, 3]], "<f4")
+    row.view(np.uint8)[0, 0] = 10
+    (tmp_path / "a.ply").write_bytes(header + row.tobytes())
+    np.testing.assert_array_equal(read(tmp_path / "a.ply").positions, row)
+
+
+def test_map_coordinates_keep_their_precision(tmp_path):
+    world = XYZ.astype(np.float64) + [637369.0, 5851979.0, 406.0]
+    points = read(save(tmp_path / "a.ply", dict(zip("xyz", world.T, strict=True))))
+    assert np.abs(points.world - world).max() < 1e-7
+
+
+def test_writing_and_reading_gives_the_same(tmp_path):
+    attributes = {"intensity": XYZ[:, 0], "uv": XYZ[:, :2]}
+    near, far = (Points(XYZ + shift, XYZ, RGB, attributes) for shift in ([0, 0, 0], [5e6, 0, 0]))
+    for points in (near, far):
+        write(tmp_path / "a.ply", points)
+        again = read(tmp_path / "a.ply")
+        np.testing.assert_array_equal(again.world, points.world)
+        np.testing.assert_array_equal(again.normals, XYZ)
+        np.testing.assert_array_equal(again.colors, RGB)
+        np.testing.assert_array_equal(again.attributes["intensity"], XYZ[:, 0])
+        np.testing.assert_array_equal(again.attributes["uv_1"], XYZ[:, 1])
+    assert [path.name for path in tmp_path.iterdir()] == ["a.ply"]
+
+
+def test_a_written_file_is_plain_ply(tmp_path):
+    write(tmp_path / "a.ply", Points(XYZ, colors=RGB))
+    vertex = PlyData.read(str(tmp_path / "a.ply"))["vertex"]
+    assert [str(p) for p in vertex.properties] == [
+        *(f"property float {name}" for name in "xyz"),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+    ]
+    np.testing.assert_array_equal(vertex["y"], XYZ[:, 1])
+
+
+# ------------------------------------------------------------------------------------------------- what goes wrong
+
+
+HEADER = "ply\nformat {format} 1.0\nelement vertex {count}\n"
+HEADER += "property float x\nproperty float y\nproperty float z\nend_header\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "not a PLY file"),
+        (b"ply\n" + bytes(range(256)) * 4, "no line 'end_header'"),
+        (b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n", "no line 'end_header'"),
+        (b"ply\nformat ascii 1.0\nelement face 0\nend_header\n", "no element 'vertex'.*face"),
+        (b"ply\nformat ascii 1.0\nelement vertex -3\nproperty float x\nend_header\n", "element vertex -3"),
+        (b"ply\nformat weird 1.0\nelement vertex 3\nproperty float x\nend_header\n", "header is damaged"),
+        (b"ply\nformat ascii 1.0\nelement vertex 3\nproperty half x\nend_header\n", "header is damaged.*half"),
+        (
+            b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float a\nend_header\n1\n2\n3\n",
+            "no properties x, y, z, only: a",
+        ),
+        (HEADER.format(format="ascii", count=0), "0 vertices"),
+        (HEADER.format(format="binary_little_endian", count=10**14) + "abc", "is cut off"),
+        (HEADER.format(format="ascii", count=10**14) + "1 2 3\n", "is cut off"),
+        (HEADER.format(format="binary_little_endian", count=2) + "0" * 23, "cut off: 2 vertices of 12 bytes"),
+        (HEADER.format(format="ascii", count=2) + "1 2 3\n\n\n\n\n\n\n\n\n\n", "2 lines of 3 numbers.*1 of 3"),
+        (HEADER.format(format="ascii", count=2) + " " * 99, "2 lines of 3 numbers"),
+        (HEADER.format(format="ascii", count=2) + "1 2 3\n4 5 six\n", "six"),
+        (HEADER.format(format="ascii", count=2) + "1 2 3 4\n4 5 6 7\n", "2 of 4"),
+        (HEADER.format(format="ascii", count=2) + "nan nan nan\nnan 0 0\n", "none of the 2 rows is finite"),
+    ],
+)
+def test_damaged_files_are_named_with_the_reason_in_one_line(tmp_path, content, words):
+    path = tmp_path / "damaged.ply"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ValueError, match=words) as caught:
+        read(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def valid(tmp_path_factory):
+    """One small file of each kind, as bytes (the last with a list a vertex), and a path to write damaged ones to."""
+    path = tmp_path_factory.mktemp("fuzz") / "a.ply"
+    columns = dict(zip(["x", "y", "z", "red", "green", "blue", "a"], [*XYZ.T, *RGB.T, XYZ[:, 0]], strict=True))
+    contents = [save(path, columns, text, order, [faces("strips")]).read_bytes() for text, order in FORMATS]
+    return path, [*contents, *(with_lists(text, order) for text, order in FORMATS)]
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    kind=st.integers(0, 5),
+    cut=st.floats(0, 1),
+    flips=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), max_size=4),
+)
+def test_a_damaged_file_is_read_or_refused(valid, kind, cut, flips):
+    path, contents = valid
+    content = bytearray(contents[kind])
+    for place, bits in flips:
+        content[int(place**2 * len(content))] ^= bits  # more of them in the header
+    path.write_bytes(content[: int(np.sqrt(cut) * len(content)) + 1])
+    try:
+        points = read(path)
+    except ValueError as error:
+        assert str(error).startswith(str(path))
+    else:
+        assert len(points) > 0
+
+
+def test_what_cannot_be_opened_is_an_oserror(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        read(tmp_path / "none.ply")
+    with pytest.raises(FileNotFoundError):
+        read(tmp_path / "none.xyz")
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(OSError, match="not a regular file"):
+        read(tmp_path / "folder.ply")
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.ply")
+        with pytest.raises(OSError, match="not a regular file"):
+            read(tmp_path / "pipe.ply")
+
+
+def test_an_unknown_extension_lists_what_can_be_read(tmp_path):
+    (tmp_path / "a.stl").touch()
+    with pytest.raises(ValueError, match=r"cannot read \.stl; can read .*\.ply"):
+        read(tmp_path / "a.stl")
+    with pytest.raises(ValueError, match=r"cannot write \.stl"):
+        write(tmp_path / "a.stl", Points(XYZ))
+
+
+@pytest.mark.parametrize("name", ["x", "two words", "größe"])
+def test_attributes_that_ply_cannot_name(tmp_path, name):
+    with pytest.raises(ValueError, match="cannot hold an attribute"):
+        write(tmp_path / "a.ply", Points(XYZ, attributes={name: XYZ[:, 0]}))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_folder_is_noticed_before_any_work(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        check_writable(tmp_path / "none" / "a.ply")
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        write(tmp_path / "none" / "a.ply", Points(XYZ))
+    with pytest.raises(IsADirectoryError):
+        check_writable(tmp_path)
+
+
+@pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt])
+def test_a_failed_write_leaves_the_old_file(tmp_path, failure):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(failure), replacing(path) as beside:
+        beside.write_text("half")
+        raise failure
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a.txt", "old")]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes and links of POSIX")
+def test_a_replaced_file_has_an_ordinary_mode_and_stays_a_link(tmp_path):
+    target, link, plain = tmp_path / "target.txt", tmp_path / "link.txt", tmp_path / "plain.txt"
+    target.write_text("old")
+    link.symlink_to(target)
+    plain.touch()
+    with replacing(link) as beside:
+        beside.write_text("new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+    assert stat.S_IMODE(target.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
+
+
+# ------------------------------------------------------------------------------------------------------ real files
+
+
+def test_real_files():
+    points = read(shared_model("points/tls_pumpA_rgb.ply"))
+    assert len(points) == 155_201
+    assert points.normals is not None
+    assert points.colors is not None
+    mesh = read(shared_model("meshes/stanford_bunny_mesh.ply"))
+    np.testing.assert_array_equal(mesh.positions, read(shared_model("points/stanford_bunny.ply")).positions)
+    grid = read(shared_model("raw/bun000_rangegrid_ascii.ply"))
+    assert len(grid) == 40_256
+    assert np.ptp(grid.bounds, axis=0).max() < 0.2
+
+
+def test_real_map_coordinates_and_labels():
+    path = shared_model("raw/b9_als_rgb_label.ply")
+    points, truth = read(path), PlyData.read(str(path))["vertex"]
+    for axis, name in enumerate("xyz"):
+        assert np.abs(points.world[:, axis] - truth[name]).max() < 1e-5
+    np.testing.assert_array_equal(points.attributes["label"], truth["label"])
+
+
+def test_compressed_gaussians_are_refused_with_what_they_hold():
+    with pytest.raises(ValueError, match=r"no properties x, y, z, only: packed_position"):
+        read(shared_model("raw/3dgs_biker.compressed.ply"))

@@ -1,0 +1,142 @@
+import pickle
+
+import numpy as np
+import pytest
+
+from pointray.data import Points
+
+RNG = np.random.default_rng(1)
+CLOUD = RNG.random((1000, 3))
+UTM = np.array([637369.0, 5851979.0, 406.0])
+
+
+def test_small_coordinates_are_held_about_zero():
+    points = Points(CLOUD)
+    assert not points.origin.any()
+    assert points.positions.dtype == np.float32
+    assert points.positions.flags.c_contiguous
+    np.testing.assert_array_equal(points.positions, CLOUD.astype(np.float32))
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 100.0])
+def test_map_coordinates_keep_a_ten_thousandth_of_the_spacing(scale):
+    world = UTM + CLOUD * scale
+    points = Points(world)
+    spacing = scale / np.sqrt(len(CLOUD))
+    assert points.origin.any()
+    assert np.abs(points.world - world).max() <= max(1e-4 * spacing, 1e-9)
+    assert np.abs(points.bounds - [world.min(axis=0), world.max(axis=0)]).max() <= max(1e-4 * spacing, 1e-9)
+
+
+def test_one_stray_point_does_not_hide_that_coordinates_are_large():
+    world = np.vstack([UTM + CLOUD, [[0, 0, 0]]])
+    points = Points(world)
+    assert np.abs(points.world - world)[:-1].max() < 1e-6
+
+
+def test_a_given_origin_is_kept():
+    points = Points(CLOUD + 5, origin=(5, 5, 5))
+    assert points.origin.tolist() == [5, 5, 5]
+    np.testing.assert_allclose(points.positions, CLOUD, atol=1e-6)
+
+
+def test_arrays_are_copied_only_if_needed_and_are_writable():
+    array = CLOUD.astype(np.float32)
+    assert np.shares_memory(Points(array).positions, array)
+    array.flags.writeable = False
+    strided = np.zeros((1000, 6), np.float32)[:, ::2]
+    for given in (
+        array,
+        strided,
+        CLOUD.astype(">f8"),
+        CLOUD.astype(np.float16),
+        (CLOUD * 9).astype(int),
+        CLOUD.tolist(),
+    ):
+        positions = Points(given).positions
+        assert positions.flags.writeable
+        assert positions.flags.c_contiguous
+        assert positions.dtype.isnative
+        np.testing.assert_allclose(positions, given, rtol=1e-3)
+
+
+def test_rows_that_are_not_finite_are_kept_and_told_apart():
+    world = CLOUD.copy()
+    world[3, 1], world[5, 2], world[7, 0] = np.nan, np.inf, 3e38
+    points = Points(world)
+    assert len(points) == 1000
+    assert np.flatnonzero(~points.finite).tolist() == [3, 5, 7]
+    assert points.bounds.max() <= 1
+
+
+def test_colors_are_bytes_or_floats_and_alpha_goes():
+    expected = np.array([[0, 128, 255]] * 2, np.uint8)
+    for colors in (expected, expected / 255, [[0.001, 0.501, 0.999]] * 2, np.array([[0, 128, 255, 7]] * 2, np.uint8)):
+        stored = Points(np.eye(3)[:2], colors=colors).colors
+        assert stored.dtype == np.uint8
+        np.testing.assert_array_equal(stored, expected)
+
+
+def test_attributes_are_float32_rows():
+    points = Points(CLOUD, attributes={"a": np.arange(1000), "b": np.ones((1000, 2)), "c": CLOUD[:, 0] > 0.5})
+    assert {name: (a.shape, a.dtype.name) for name, a in points.attributes.items()} == {
+        "a": ((1000,), "float32"),
+        "b": ((1000, 2), "float32"),
+        "c": ((1000,), "float32"),
+    }
+
+
+def test_select_takes_rows_of_everything():
+    points = Points(UTM + CLOUD, CLOUD, (CLOUD * 255).astype(np.uint8), {"a": np.arange(1000)})
+    few = points.select(np.array([7, 3]))
+    np.testing.assert_array_equal(few.world, points.world[[7, 3]])
+    np.testing.assert_array_equal(few.origin, points.origin)
+    np.testing.assert_array_equal(few.normals, points.normals[[7, 3]])
+    np.testing.assert_array_equal(few.colors, points.colors[[7, 3]])
+    assert few.attributes["a"].tolist() == [7, 3]
+
+
+def test_repr_says_what_there_is():
+    text = repr(Points(UTM + CLOUD, CLOUD, attributes={"intensity": CLOUD[:, 0]}))
+    assert "1,000" in text
+    assert "normals, intensity" in text
+    assert "\n" not in text
+
+
+def test_points_can_be_sent_to_another_process():
+    points = Points(UTM + CLOUD, CLOUD)
+    again = pickle.loads(pickle.dumps(points))
+    np.testing.assert_array_equal(again.world, points.world)
+    np.testing.assert_array_equal(again.normals, points.normals)
+
+
+ONE = [[1.0, 2.0, 3.0]]
+
+
+@pytest.mark.parametrize(
+    ("positions", "others", "words"),
+    [
+        (np.zeros((0, 3)), {}, "no points"),
+        ([1, 2, 3], {}, r"\(n, 3\), not \(3,\)"),
+        (np.zeros((5, 2)), {}, r"\(5, 2\)"),
+        ([[1, 2, 3], [4, 5]], {}, "positions is no regular array"),
+        ([["a", "b", "c"]], {}, "positions must hold ints or floats"),
+        ([[1j, 2, 3]], {}, "complex128"),
+        (np.full((2, 3), None), {}, "object"),
+        ([[np.nan] * 3] * 4, {}, "none of the 4 rows is finite"),
+        (ONE, {"normals": np.zeros((2, 3))}, r"normals must have the shape \(1, 3\).*\(2, 3\)"),
+        (ONE, {"normals": np.zeros((3, 1))}, r"normals.*\(3, 1\)"),
+        (ONE, {"colors": np.zeros((1, 2))}, r"colors.*\(1, 2\)"),
+        (ONE, {"colors": [[0, 0.5, 1.01]]}, "between 0 and 1; row 0"),
+        (ONE, {"colors": [[0, np.nan, 1]]}, "between 0 and 1"),
+        (ONE, {"colors": np.array([[0, 1, 256]])}, "uint8"),
+        (ONE, {"attributes": {"a": [1, 2]}}, r"attribute 'a'.*\(2,\)"),
+        (ONE, {"attributes": {"a": 1.0}}, r"attribute 'a'.*\(\)"),
+        (ONE, {"attributes": {3: [1.0]}}, "string"),
+        (ONE, {"origin": (1, 2)}, "origin"),
+        (ONE, {"origin": (1, 2, np.inf)}, "origin"),
+    ],
+)
+def test_what_is_wrong_is_said(positions, others, words):
+    with pytest.raises(ValueError, match=words):
+        Points(positions, **others)

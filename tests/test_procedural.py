@@ -1,0 +1,166 @@
+"""The procedural models: the promised number of points, on the exact surface, evenly spread, always the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from pointray.points.procedural import NAMES, area, mesh, procedural, procedural_distance, sample
+
+RNG = np.random.default_rng(5)
+
+
+def spacing(points: np.ndarray, name: str) -> np.ndarray:
+    """Distance from each point to its nearest neighbour, in units of sqrt(area / n)."""
+    return cKDTree(points).query(points, k=2)[0][:, 1] / np.sqrt(area(name) / len(points))
+
+
+def gradient(name: str, x: np.ndarray, step: float = 1e-6) -> np.ndarray:
+    offsets = step * np.stack([np.eye(3), -np.eye(3)], axis=1)
+    values = procedural_distance(name, x[:, None, None] + offsets)
+    return (values[..., 0] - values[..., 1]) / (2 * step)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("n", [1000, 4321, 60_000])
+def test_exactly_n_points(name, n):
+    positions, normals, colors = sample(name, n)
+    assert positions.shape == normals.shape == colors.shape == (n, 3)
+    assert (positions.dtype, normals.dtype, colors.dtype) == (np.float32, np.float32, np.uint8)
+
+
+@pytest.mark.parametrize("n", [1, 2, 17])
+@pytest.mark.parametrize("name", ["sphere", "torus"])
+def test_very_few_points(name, n):
+    assert sample(name, n)[0].shape == (n, 3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_points_lie_on_the_surface_at_every_n(name):
+    for n in (1000, 60_000):
+        positions = sample(name, n)[0].astype(np.float64)
+        assert np.abs(procedural_distance(name, positions)).max() < 3e-7
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_normals_are_the_gradient(name):
+    positions, normals, _ = sample(name, 20_000)
+    assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-6
+    slope = gradient(name, positions.astype(np.float64))
+    # a step of float32 in the position turns the normal by step / radius of curvature (0.005)
+    assert np.abs(slope - normals).max() < 2e-4
+    assert np.quantile(np.abs(slope - normals), 0.99) < 1e-5
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("n", [20_000, 200_000])
+def test_points_are_spread_evenly(name, n):
+    positions = sample(name, n)[0]
+    assert np.mean(spacing(positions, name) < 0.55) < 1e-3
+    probes = sample(name, 2 * n, seed=7)[0]
+    gaps = cKDTree(positions).query(probes)[0] / np.sqrt(area(name) / n)
+    assert np.quantile(gaps, 0.999) < 0.9
+    assert gaps.max() < 1.5
+
+
+@pytest.mark.parametrize("name", ["statue", "torus"])
+def test_the_same_points_with_any_number_of_threads(name, monkeypatch):
+    first = sample(name, 30_000, seed=3)
+    monkeypatch.setenv("POINTRAY_THREADS", "1")
+    for a, b in zip(first, sample(name, 30_000, seed=3), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(first[0], sample(name, 30_000, seed=4)[0])
+
+
+def test_sphere_and_torus_distances():
+    x = RNG.normal(size=(4, 5, 3))
+    np.testing.assert_allclose(procedural_distance("sphere", x), np.linalg.norm(x, axis=-1) - 1, atol=1e-15)
+    ring = np.hypot(np.hypot(x[..., 0], x[..., 1]) - 1, x[..., 2]) - 0.4
+    np.testing.assert_allclose(procedural_distance("torus", x), ring, atol=1e-15)
+    assert procedural_distance("sphere", [0, 0, 2]).shape == ()
+    assert procedural_distance("sphere", [0, 0, 2]) == 1
+
+
+def test_lattice_distances_at_a_strut():
+    # half way along a strut it is a plain cylinder of radius 0.035
+    assert procedural_distance("lattice", [0.0, 0.25, 0.25 + 0.055]) == pytest.approx(0.02, rel=1e-9)
+    assert procedural_distance("lattice", [0.0, 0.25, 0.25]) < 0
+    assert procedural_distance("lattice", [0.0, 0.0, 0.0]) > 0.2
+
+
+@pytest.mark.parametrize("name", ["statue", "lattice"])
+def test_distance_is_euclidean_near_the_surface(name):
+    positions, normals, _ = sample(name, 1_000_000 if name == "statue" else 300_000)
+    tree = cKDTree(positions)
+    spread = np.sqrt(area(name) / len(positions))
+    for offset in (0.1, 0.05, 0.02, -0.01):
+        chosen = RNG.integers(0, len(positions), 400)
+        x = positions[chosen] + offset * normals[chosen].astype(np.float64)
+        nearest = tree.query(x)[0]
+        keep = nearest > 4 * spread
+        # the nearest sample is further than the nearest point of the surface, by at most gap^2 / (2 distance)
+        slack = spread**2 / nearest[keep] + 0.01 * nearest[keep]
+        found = np.abs(procedural_distance(name, x[keep]))
+        assert np.mean(np.abs(found - nearest[keep]) > slack) < 0.01
+
+
+def test_statue_is_one_closed_solid():
+    vertices, faces = mesh("statue")
+    links = coo_matrix((np.ones(len(faces)), (faces[:, 0], faces[:, 1])), shape=(len(vertices),) * 2)
+    assert connected_components(links, directed=False)[0] == 1
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+    _, counts = np.unique(edges[:, 0] * len(vertices) + edges[:, 1], return_counts=True)
+    assert (counts % 2 == 0).all()
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    assert np.einsum("ij,ij->i", np.cross(a, b), c).sum() / 6 > 0.3  # outward, or the volume would be negative
+
+
+def test_statue_stands_on_the_ground():
+    positions = sample("statue", 60_000)[0]
+    assert abs(positions[:, 2].min()) < 1e-3
+    assert 1.8 < positions[:, 2].max() < 2.2
+    assert np.abs(positions[:, :2]).max() < 0.8
+
+
+def test_statue_has_relief_finer_than_32000_points():
+    """Neighbouring normals of the coarse cloud differ more than those of the fine one by far."""
+    turns = []
+    for n in (32_000, 512_000):
+        positions, normals, _ = sample("statue", n)
+        near = cKDTree(positions).query(positions[:20_000], k=2)[1][:, 1]
+        turns.append(np.mean(np.einsum("ij,ij->i", normals[:20_000], normals[near])))
+    assert turns[0] < 0.95
+    assert turns[1] > 0.985
+
+
+def test_areas():
+    assert area("sphere") == pytest.approx(4 * np.pi, rel=1e-4)
+    assert area("torus") == pytest.approx(4 * np.pi**2 * 0.4, rel=1e-4)
+
+
+def test_statue_is_coloured_by_part():
+    colors = sample("statue", 20_000)[2].astype(int)
+    assert len(np.unique(colors // 32, axis=0)) > 40
+
+
+def test_wrong_arguments():
+    with pytest.raises(ValueError, match="statue, sphere, torus, lattice"):
+        sample("bunny", 10)
+    with pytest.raises(ValueError, match="statue, sphere, torus, lattice"):
+        procedural_distance("bunny", [0, 0, 0])
+    for n in (0, -5, 10**12, 2.5, "many", None):
+        with pytest.raises(ValueError, match="n"):
+            sample("sphere", n)
+    with pytest.raises(ValueError, match="shape"):
+        procedural_distance("sphere", [[0, 0]])
+
+
+def test_points_are_handed_over():
+    data = pytest.importorskip("pointray.data")
+    points = procedural("sphere", 100)
+    assert isinstance(points, data.Points)
+    assert points.positions.shape == (100, 3)
+    assert points.colors.dtype == np.uint8
