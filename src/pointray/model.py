@@ -64,7 +64,7 @@ class Model:
     ) -> None:
         self.points = points if isinstance(points, Points) else Points(points)
         self.surface = SURFACE if surface is None else surface
-        settings = _check_settings(self.surface, samples, refine, trim)
+        self.settings = _check_settings(self.surface, samples, refine, trim)
         scale = _check_scale(radius_scale)
         given = None if radii is None else check_radii(radii, len(self.points))
         say = progress or (lambda stage, share: None)
@@ -80,7 +80,7 @@ class Model:
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
         self.radii[used] = chosen
         splats = Splats(cloud.positions, normals, chosen, used, cloud.colors)
-        self.tree: Tree = build_tree(splats, settings, progress=lambda share: say("tree", share))
+        self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = cloud.bounds
 
     @property

@@ -47,7 +47,7 @@ def _clip(head, o, d, t_min, t_max):  # type: ignore[no-untyped-def]
     """The part of a ray inside of a model's bounds, padded against rounding; empty where low > high."""
     low, high = t_min, t_max
     for c in range(3):
-        a, b = float(head[BOUNDS + c]), float(head[BOUNDS + 3 + c])
+        a, b = np.float64(head[BOUNDS + c]), np.float64(head[BOUNDS + 3 + c])
         pad = 1e-6 * (abs(a) + abs(b))
         inverse = 1.0 / (d[c] if abs(d[c]) > 1e-300 else 1e-300)
         near, far = (a - pad - o[c]) * inverse, (b + pad - o[c]) * inverse
@@ -83,7 +83,7 @@ def _model_hit(world, at, ray, side, scratch):  # type: ignore[no-untyped-def]
         f32(side),
     )
     hit = closest(tree, local, scratch)
-    return (low + float(hit.t)) / speed, hit, tree, add(start, scale(d, float(hit.t)))
+    return (low + np.float64(hit.t)) / speed, hit, tree, add(start, scale(d, np.float64(hit.t)))
 
 
 @inline
@@ -135,9 +135,9 @@ def closest_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
                 f32 = np.float32
                 red, green, blue, slot = blend(tree, scratch, world.tone, f32(local[0]), f32(local[1]), f32(local[2]))
                 normal = transform_transposed(
-                    world.instances, at + TO_MODEL, (float(hit.nx), float(hit.ny), float(hit.nz))
+                    world.instances, at + TO_MODEL, (np.float64(hit.nx), np.float64(hit.ny), np.float64(hit.nz))
                 )
-                color = (float(red), float(green), float(blue))
+                color = (np.float64(red), np.float64(green), np.float64(blue))
                 best = WorldHit(t, unit(normal), color, i, slot, hit.leaf, local)
                 t_max = t
         else:
