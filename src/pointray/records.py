@@ -45,7 +45,7 @@ GROUP = 64
 
 # The head of a model: 16 float32.
 HEAD = 16
-BOUNDS = 0  # 0..5: lo x y z, hi x y z of all boxes
+BOUNDS = 0  # 0..5: lo x y z, hi x y z of all supports
 SURFACE = 6  # which surface: one of the next four
 PAPER, IMLS, APSS, DISC = 0, 1, 2, 3
 SURFACES = ("paper", "imls", "apss", "disc")

@@ -40,10 +40,12 @@ from ..records import (
 )
 from ..simd import bits, lane, load16, lowest, quarters, shift_quarter, spread16, vabs, vmax, vmin
 from .disc import search_discs
-from .surface import HALF, NAN, ONE, TWO, ZERO, normal, offset, sums, value
+from .surface import HALF, NAN, ONE, TWO, ZERO, local_radius, normal, offset, sums, value
 
 START = np.float32(0.02)  # radii
 GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
+# f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
+JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
 INF = np.float32(np.inf)
 FIRST_LANES = 0x1111  # the first lane of each quarter
 # Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
@@ -161,13 +163,22 @@ def refine(tree, scratch, frame, bracket):  # type: ignore[no-untyped-def]
 
 @inline
 def accept(tree, scratch, frame, leaf, t):  # type: ignore[no-untyped-def]
-    """The hit at t; a miss where the point lies farther from its splats' middle than the trim allows."""
+    """The hit at t, or a miss: f jumps there from sign to sign, or the splats' middle is farther than the trim allows."""
     middle, center, ray = frame
-    s = spread16(t - center)
-    means = sums(tree, scratch, s * ray.dx + middle[0], s * ray.dy + middle[1], s * ray.dz + middle[2])
-    if not (lane(means[8], 0) > ZERO) or offset(means) > tree.head[TRIM] * tree.leaves[leaf * LEAF + RADIUS]:
-        return Hit(INF, ZERO, ZERO, ZERO, -1)
-    nx, ny, nz = normal(int(tree.head[SURFACE]), means)
+    s = t - center
+    x, y, z = s * ray.dx + middle[0], s * ray.dy + middle[1], s * ray.dz + middle[2]
+    means = sums(tree, scratch, spread16(x), spread16(y), spread16(z))
+    miss = Hit(INF, ZERO, ZERO, ZERO, -1)
+    if not lane(means[8], 0) > ZERO:
+        return miss
+    surface = int(tree.head[SURFACE])
+    radius = local_radius(tree, scratch, x, y, z)
+    f, _ = value(surface, means)
+    if offset(means) > tree.head[TRIM] * radius:
+        return miss
+    if abs(lane(f, 0)) > (JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED) * radius + scratch.lift[0]:
+        return miss
+    nx, ny, nz = normal(surface, means)
     return Hit(t, nx, ny, nz, leaf)
 
 
@@ -213,7 +224,7 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
     k = first
     while k <= last:
         t = quarters(k * step, (k + ONE) * step, (k + TWO) * step, (k + np.float32(3.0)) * step)
-        t = vmin(vmax(t, spread16(enter)), spread16(leave))
+        t = vmin(vmax(t, spread16(t_low)), spread16(t_high))
         f, slope = evaluate(tree, scratch, frame, t)
         if starts:
             starts = False

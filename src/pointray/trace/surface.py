@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import APSS, BLOCK, COUNT_NEAR, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
+from ..records import BLOCK, COUNT_NEAR, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
 from ..simd import bits, lane, lowest, repeat4, select, spread16, sum_quarters, vmax
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
@@ -117,6 +117,17 @@ def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
+def local_radius(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
+    """Support radius at a point: 1 / r^2 averaged with the surface's weights."""
+    weight = inverse = spread16(ZERO)
+    for k in range(scratch.counts[COUNT_NEAR]):
+        w = weights_of_block(tree, scratch.near[k], x, y, z)
+        weight = weight + w
+        inverse = inverse + w * repeat4(tree.blocks, np.int64(scratch.near[k]) * BLOCK + INV_R2)
+    return math.sqrt(lane(sum_quarters(weight), 0) / lane(sum_quarters(inverse), 0))
+
+
+@inline
 def blend(tree, scratch, table, x, y, z):  # type: ignore[no-untyped-def]
     """Linear colour (by the surface's own weights; 1 without colours) and slot of most weight at a surface point.
 
@@ -144,6 +155,3 @@ def blend(tree, scratch, table, x, y, z):  # type: ignore[no-untyped-def]
     if total > ZERO:
         return red / total, green / total, blue / total, best
     return ONE, ONE, ONE, best
-
-
-__all__ = ["APSS", "blend", "normal", "offset", "sums", "value", "weights_of_block"]

@@ -96,7 +96,8 @@ def build_tree(
     leaves = np.zeros(len(nodes) * LEAF, np.float32)
     tight = np.empty((len(nodes), 6))
     surface = SURFACES.index(settings.surface)
-    reference = float(np.quantile(splats.radii[:: max(1, len(splats.radii) // 100_000)], 0.02))
+    low = len(splats.radii) // 50
+    reference = float(np.partition(splats.radii, low)[low])
     chosen = (surface, settings.samples, reference, int(settings.cut))
     run(fill_leaves, -(-len(nodes) // 64), cells, blocks, chosen, (nodes, leaves, tight), threads=threads)
     full = tight[:, 0] <= tight[:, 3]
@@ -118,7 +119,10 @@ def build_tree(
     wide = collapse(cells.children, leaf_of, node_boxes, (wide_boxes, wide_children))
 
     head = np.zeros(HEAD, np.float32)
-    head[BOUNDS : BOUNDS + 6] = node_boxes[0]
+    # Of the supports, not of the boxes: the lattice of samples starts where a ray enters, whatever the tree is like.
+    reach = splats.radii[:, None]
+    head[BOUNDS : BOUNDS + 3] = (splats.positions - reach).min(axis=0)
+    head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + reach).max(axis=0)
     head[SURFACE], head[REFINE], head[TRIM] = surface, settings.refine, settings.trim
     say(1.0)
     return Tree(
