@@ -18,8 +18,8 @@ import numpy as np
 from embree_discs import ABSENT, Discs, available, tile_order
 
 import pointray as pr
-from pointray.jit import kernel, run, take
-from pointray.records import World, new_scratch
+from pointray.jit import keep, kernel, run, take
+from pointray.records import World, lend_scratch, lend_world, new_scratch
 from pointray.trace.world import closest_in
 from pointray.vec import triple
 
@@ -29,13 +29,15 @@ TILE = 1024
 @kernel
 def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
     """Closest hit of each ray, t only: what Embree is asked for."""
-    scratch = new_scratch(world.longest)
+    memory = new_scratch(world.longest)
+    scratch, world = lend_scratch(memory), lend_world(world)
     tile = take(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, t.size)):
             ray = (triple(origins, 3 * i), triple(directions, 3 * i), 0.0, np.inf)
             t[i] = closest_in(world, ray, 1.0, scratch).t
         tile = take(work)
+    keep(memory)
     return 0
 
 

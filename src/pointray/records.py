@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import array_at, inline
+from .jit import array_at, borrow, inline
 
 Array = NDArray[Any]
 
@@ -138,6 +138,12 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
     )
 
 
+@inline
+def lend_scratch(s):  # type: ignore[no-untyped-def]
+    """The working memory without references to it (see `jit.borrow`): the kernel must `keep` the original."""
+    return Scratch(borrow(s.stack), borrow(s.stack_near), borrow(s.near), borrow(s.counts), borrow(s.lift))
+
+
 class Ray(NamedTuple):
     """A ray in model space: origin, unit direction, its inverse, the interval, and the side it starts on.
 
@@ -206,6 +212,12 @@ class World(NamedTuple):
     materials: Array
     tone: Array
     longest: int
+
+
+@inline
+def lend_world(w):  # type: ignore[no-untyped-def]
+    """The world without references to its arrays (see `jit.borrow`)."""
+    return World(borrow(w.table), borrow(w.instances), borrow(w.lights), borrow(w.materials), borrow(w.tone), w.longest)
 
 
 class WorldHit(NamedTuple):

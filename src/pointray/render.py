@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
-from .jit import inline, kernel, run, take
-from .records import COUNT_LEAVES, COUNT_NODES, World, new_scratch
+from .jit import inline, keep, kernel, run, take
+from .records import COUNT_LEAVES, COUNT_NODES, World, lend_scratch, lend_world, new_scratch
 from .scene import Scene
 from .shade.direct import direct_light
 from .trace.world import closest_in
@@ -98,7 +98,8 @@ def look(world, ray, forward, how, scratch):  # type: ignore[no-untyped-def]
 def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
     """Render tiles of an image (h, w, 4). how : integrator, shadows, spp, seed, background (4 with alpha)."""
     height, width = image.shape[:2]
-    scratch = new_scratch(world.longest)
+    memory = new_scratch(world.longest)
+    scratch, world = lend_scratch(memory), lend_world(world)
     integrator, shadows, spp, seed, background = how
     eye, forward, right, up = triple(camera, 0), triple(camera, 3), triple(camera, 6), triple(camera, 9)
     across = (width + TILE - 1) // TILE
@@ -118,6 +119,7 @@ def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
                     image[y, x, c] = (total[c] + (spp - cover) * background[c]) / spp
                 image[y, x, 3] = (cover + (spp - cover) * background[3]) / spp
         tile = take(work)
+    keep(memory)
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import kernel, run, take
+from ..jit import borrow, keep, kernel, run, take
 from ..records import (
     COUNT_NEAR,
     INSTANCE,
@@ -13,6 +13,8 @@ from ..records import (
     Array,
     Ray,
     World,
+    lend_scratch,
+    lend_world,
     new_scratch,
     tree_at,
 )
@@ -29,7 +31,9 @@ TILE = 1024  # rays that a thread takes at a time
 def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-untyped-def]
     """Closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, and place (leaf, local)."""
     t, position, normal, color, point, instance, leaf, local = out
-    scratch = new_scratch(world.longest)
+    origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
+    memory = new_scratch(world.longest)
+    scratch, world = lend_scratch(memory), lend_world(world)
     tile = take(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, t.size)):
@@ -45,19 +49,23 @@ def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-
                 tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
                 point[i] = tree.order[hit.slot]
         tile = take(work)
+    keep(memory)
     return 0
 
 
 @kernel
 def _occluded(work, world, origins, directions, limits, out):  # type: ignore[no-untyped-def]
     """Occlusion: out is (n,) uint8."""
-    scratch = new_scratch(world.longest)
+    origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
+    memory = new_scratch(world.longest)
+    scratch, world = lend_scratch(memory), lend_world(world)
     tile = take(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, out.size)):
             ray = (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1])
             out[i] = occluded_in(world, ray, 1.0, scratch)
         tile = take(work)
+    keep(memory)
     return 0
 
 
@@ -65,7 +73,8 @@ def _occluded(work, world, origins, directions, limits, out):  # type: ignore[no
 def _blend_attribute(work, world, places, values, width, out):  # type: ignore[no-untyped-def]
     """Blend one attribute, (n * k,) float32 in the caller's order, at hits: places is (hits, model, leaf, local)."""
     hits, model, leaf, local = places
-    scratch = new_scratch(world.longest)
+    memory = new_scratch(world.longest)
+    scratch, world = lend_scratch(memory), lend_world(world)
     tree = tree_at(world.table, model)
     f32, zero = np.float32, np.float32(0.0)
     tile = take(work)
@@ -90,6 +99,7 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
             for c in range(width):
                 out[h * width + c] /= total
         tile = take(work)
+    keep(memory)
     return 0
 
 

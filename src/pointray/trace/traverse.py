@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline, routine
+from ..jit import inline
 from ..records import COUNT_LEAVES, COUNT_NODES, NODE, WIDTH, Hit
 from ..simd import bits, lane, load8, lowest, spread8, vmax, vmin
 from .leaf import INF, ZERO, search_leaf
@@ -24,7 +24,7 @@ def steady(d):  # type: ignore[no-untyped-def]
     return (TINY if d >= ZERO else -TINY) if abs(d) < TINY else d
 
 
-@routine
+@inline
 def closest(tree, ray, scratch):  # type: ignore[no-untyped-def]
     """The first hit of a ray with the model. Counts nodes and leaves; leaves the near blocks of the hit in scratch."""
     scratch.lift[0] = ZERO

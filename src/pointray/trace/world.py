@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..jit import inline, routine
+from ..jit import inline
 from ..records import (
     BOUNDS,
     INSTANCE,
@@ -24,6 +24,7 @@ from ..records import (
     PLANE_U,
     PLANE_V,
     TO_MODEL,
+    Hit,
     Ray,
     WorldHit,
     tree_at,
@@ -40,6 +41,13 @@ def no_hit():  # type: ignore[no-untyped-def]
     """What a ray that misses finds."""
     zero = (0.0, 0.0, 0.0)
     return WorldHit(np.inf, zero, zero, -1, np.int64(-1), np.int64(-1), zero)
+
+
+@inline
+def no_model_hit():  # type: ignore[no-untyped-def]
+    """What a ray that misses a model finds in it."""
+    zero = np.float32(0.0)
+    return Hit(np.float32(np.inf), zero, zero, zero, -1)
 
 
 @inline
@@ -69,6 +77,8 @@ def _model_hit(world, at, ray, side, scratch):  # type: ignore[no-untyped-def]
     speed = length(d)
     d = scale(d, 1.0 / speed)
     low, high = _clip(tree.head, o, d, ray[2] * speed, ray[3] * speed)
+    if not low <= high:
+        return np.inf, no_model_hit(), tree, o
     start = add(o, scale(d, low))
     f32 = np.float32
     local = Ray(
@@ -79,7 +89,7 @@ def _model_hit(world, at, ray, side, scratch):  # type: ignore[no-untyped-def]
         steady(f32(d[1])),
         steady(f32(d[2])),
         f32(0.0),
-        f32(high - low if low <= high else -1.0),
+        f32(high - low),
         f32(side),
     )
     hit = closest(tree, local, scratch)
@@ -120,7 +130,7 @@ def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
     return square > 0.0 and square < np.inf and dot(o, o) < np.inf and t_min <= t_max
 
 
-@routine
+@inline
 def closest_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
     """The nearest hit of a ray (o, d, t_min, t_max) with everything in the scene; a degenerate ray misses."""
     best = no_hit()
@@ -149,7 +159,7 @@ def closest_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
     return best
 
 
-@routine
+@inline
 def occluded_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
     """Whether anything in the scene is between t_min and t_max of a ray (o, d, t_min, t_max)."""
     o, d, t_min, t_max = ray

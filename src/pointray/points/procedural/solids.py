@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import floor, sqrt
+from math import cos, floor, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ LATTICE_PITCH, LATTICE_END, LATTICE_RADIUS, LATTICE_BLEND = 0.5, 0.75, 0.035, 0.
 LATTICE_KNOB = 0.06  # radius of the balls where struts meet
 
 SETTLED = 1e-10  # a field this small is on the surface
+LOOKS = 400  # directions
+CLOSE = 0.004  # below this the surface, nowhere rounder than 0.005, has one nearest point
 STENCIL = 3e-6  # step of central differences: truncation and rounding both stay below 1e-7
 
 
@@ -136,11 +138,68 @@ def settle(solid, x, y, z, steps):  # type: ignore[no-untyped-def]
 
 
 @routine
-def distance(solid, x, y, z):  # type: ignore[no-untyped-def]
-    """Signed Euclidean distance; for blended solids by following the foot point on the surface.
+def _slide(solid, x, y, z, p, q, r):  # type: ignore[no-untyped-def]
+    """The surface point (p, q, r) moved along the surface to where x - p is normal to it: a nearest point of x.
 
-    The foot p starts below x; then x - p loses its tangential part and p is settled again, which converges linearly
-    with distance / radius of curvature. On the surface the first step is exact already.
+    The tangential part of x - p is walked and settled again, which converges with distance / radius of curvature.
+    """
+    best = sqrt((x - p) ** 2 + (y - q) ** 2 + (z - r) ** 2)
+    share = 1.0
+    for _ in range(24):
+        gx, gy, gz = slope(solid, p, q, r, STENCIL)
+        along = ((x - p) * gx + (y - q) * gy + (z - r) * gz) / max(gx * gx + gy * gy + gz * gz, 1e-2)
+        tx, ty, tz = x - p - along * gx, y - q - along * gy, z - r - along * gz
+        if tx * tx + ty * ty + tz * tz < 1e-5 * best * best:
+            break
+        u, v, w = settle(solid, p + share * tx, q + share * ty, r + share * tz, 4)
+        found = sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2)
+        if found < best:
+            p, q, r, best = u, v, w, found
+        else:
+            share *= 0.5
+    return p, q, r, best
+
+
+@inline
+def _look(number, a, b, c):  # type: ignore[no-untyped-def]
+    """One of `LOOKS` directions on a spiral (Fibonacci) about the unit axis (a, b, c), denser towards the axis."""
+    share = (number + 0.5) / LOOKS
+    along = 1.0 - 2.0 * share * share
+    across = sqrt(1.0 - along * along)
+    s, t = across * cos(2.399963229728653 * number), across * sin(2.399963229728653 * number)
+    # a basis about the axis (Duff et al. 2017, "Building an Orthonormal Basis, Revisited")
+    sign = 1.0 if c >= 0.0 else -1.0
+    d = -1.0 / (sign + c)
+    e = a * b * d
+    u = along * a + s * (1.0 + sign * a * a * d) + t * e
+    v = along * b + s * sign * e + t * (sign + b * b * d)
+    return u, v, along * c - s * sign * a - t * b
+
+
+@routine
+def _nearer(solid, x, y, z, f, p, q, r, best):  # type: ignore[no-untyped-def]
+    """A surface point nearer to x than the one at (p, q, r), at distance `best`; with its distance, or -1."""
+    reach = 0.992 * best
+    for number in range(LOOKS):
+        u, v, w = _look(number, (p - x) / best, (q - y) / best, (r - z) / best)
+        if (field(solid, x + reach * u, y + reach * v, z + reach * w) < 0.0) != (f < 0.0):
+            low, high = 0.0, reach
+            while high - low > 1e-9:
+                middle = 0.5 * (low + high)
+                if (field(solid, x + middle * u, y + middle * v, z + middle * w) < 0.0) == (f < 0.0):
+                    low = middle
+                else:
+                    high = middle
+            return x + low * u, y + low * v, z + low * w, low
+    return x, y, z, -1.0
+
+
+@routine
+def distance(solid, x, y, z):  # type: ignore[no-untyped-def]
+    """Signed Euclidean distance.
+
+    Blended solids: f / |grad f| below 1e-6; further off the point below x on the surface slides to where it is
+    nearest; and beyond `CLOSE`, where a relief has many such points, the ball up to it is searched for a nearer one.
     """
     f = field(solid, x, y, z)
     if solid.kind == SPHERE or solid.kind == TORUS or f == 0.0:
@@ -149,22 +208,15 @@ def distance(solid, x, y, z):  # type: ignore[no-untyped-def]
     estimate = f / sqrt(max(gx * gx + gy * gy + gz * gz, 1e-2))
     if abs(estimate) < 1e-6:
         return estimate
-    px, py, pz = settle(solid, x, y, z, 12)
-    best = sqrt((x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2)
-    share = 1.0
-    for _ in range(24):
-        gx, gy, gz = slope(solid, px, py, pz, STENCIL)
-        square = gx * gx + gy * gy + gz * gz
-        along = ((x - px) * gx + (y - py) * gy + (z - pz) * gz) / max(square, 1e-2)
-        tx, ty, tz = x - px - along * gx, y - py - along * gy, z - pz - along * gz
-        if tx * tx + ty * ty + tz * tz < 1e-6 * best * best:
+    p, q, r = settle(solid, x, y, z, 12)
+    p, q, r, best = _slide(solid, x, y, z, p, q, r)
+    for _ in range(12):
+        if best < CLOSE:
             break
-        qx, qy, qz = settle(solid, px + share * tx, py + share * ty, pz + share * tz, 4)
-        found = sqrt((x - qx) ** 2 + (y - qy) ** 2 + (z - qz) ** 2)
-        if found < best and abs(field(solid, qx, qy, qz)) < 1e-9:
-            px, py, pz, best = qx, qy, qz, found
-        else:
-            share *= 0.5
+        p, q, r, found = _nearer(solid, x, y, z, f, p, q, r, best)
+        if found < 0.0:
+            break
+        p, q, r, best = _slide(solid, x, y, z, p, q, r)
     return best if f > 0.0 else -best
 
 
