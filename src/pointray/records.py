@@ -145,7 +145,7 @@ def lend_scratch(s):  # type: ignore[no-untyped-def]
 
 
 class Ray(NamedTuple):
-    """A ray in model space: origin, unit direction, its inverse, the interval, and the side it starts on.
+    """A ray in model space: origin, unit direction, the inverse of each component, the interval, the side it starts on.
 
     side : +1 where a ray that starts on the surface is outside (where normals point), -1 where it is inside
     """
@@ -156,6 +156,9 @@ class Ray(NamedTuple):
     dx: float
     dy: float
     dz: float
+    ix: float
+    iy: float
+    iz: float
     t_min: float
     t_max: float
     side: float

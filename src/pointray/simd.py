@@ -8,8 +8,10 @@ Arithmetic with a scalar spreads the scalar over all lanes.
 from __future__ import annotations
 
 import operator
+import os
 from typing import Any
 
+import llvmlite.binding
 import llvmlite.ir as ir
 from numba.core import cgutils, types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
@@ -311,6 +313,44 @@ def lowest(typingctx, word):  # type: ignore[no-untyped-def]
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
     return types.int64(types.int64), codegen
+
+
+# Whether the processor packs lanes in one instruction; elsewhere the set bits are walked.
+PACKS = "+avx512f" in (
+    os.environ.get("NUMBA_CPU_FEATURES") or llvmlite.binding.get_host_cpu_features().flatten()
+) and os.environ.get("NUMBA_CPU_NAME") in (None, "", "host")
+
+
+@intrinsic
+def _compress(typingctx, mask, source, index, target, at):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        mask, source, index, target, at = args
+        vector = Vector("int", 16)
+        values = builder.load(_pointer(context, builder, sig.args[1], source, index, vector), align=4)
+        data = context.make_array(sig.args[3])(context, builder, target).data
+        kind = ir.FunctionType(ir.VoidType(), [vector.llvm, _I32.as_pointer(), mask.type])
+        store = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.compressstore.v16i32")
+        builder.call(store, [values, builder.gep(data, [at]), mask])
+        word = builder.bitcast(mask, ir.IntType(16))
+        return builder.zext(builder.ctpop(word), ir.IntType(64))
+
+    return types.int64(mask, source, types.intp, target, types.intp), codegen
+
+
+@inline
+def pack(mask, source, index, target, at):  # type: ignore[no-untyped-def]
+    """Append source[index + lane] of each set lane of a 16-lane mask to target[at:], int32; returns how many."""
+    if CHECK:
+        _check(source, index, 16)
+        _check(target, at, 16)
+    if PACKS:
+        return _compress(mask, source, index, target, at)
+    left, n = bits(mask), 0
+    while left != 0:
+        target[at + n] = source[index + lowest(left)]
+        n += 1
+        left &= left - 1
+    return n
 
 
 @intrinsic

@@ -11,7 +11,6 @@ from ..records import (
     INSTANCE,
     MODEL_ROW,
     Array,
-    Ray,
     World,
     lend_scratch,
     lend_world,
@@ -22,6 +21,7 @@ from ..simd import lane
 from ..vec import add, scale, triple
 from .leaf import gather_near
 from .surface import weights_of_block
+from .traverse import make_ray
 from .world import closest_in, occluded_in
 
 TILE = 1024  # rays that a thread takes at a time
@@ -77,12 +77,12 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
     scratch, world = lend_scratch(memory), lend_world(world)
     tree = tree_at(world.table, model)
     f32, zero = np.float32, np.float32(0.0)
+    ray = make_ray((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.0, 1.0)
     tile = take(work)
     while tile >= 0:
         for h in range(tile * TILE, min((tile + 1) * TILE, hits.size)):
             i = hits[h]
             x = (f32(local[3 * i]), f32(local[3 * i + 1]), f32(local[3 * i + 2]))
-            ray = Ray(zero, zero, zero, f32(1.0), zero, zero, zero, zero, zero)
             gather_near(tree, leaf[i], scratch, x, ray, zero)
             total = 0.0
             for c in range(width):

@@ -38,7 +38,7 @@ from ..records import (
     TRIM,
     Hit,
 )
-from ..simd import bits, lane, load16, lowest, quarters, shift_quarter, spread16, vabs, vmax, vmin
+from ..simd import bits, lane, load16, lowest, pack, quarters, shift_quarter, spread16, vabs, vmax, vmin
 from .disc import search_discs
 from .surface import HALF, NAN, ONE, TWO, ZERO, local_radius, normal, offset, sums, value
 
@@ -57,9 +57,9 @@ NEAR_ESTIMATE, FAR_ESTIMATE = np.float32(0.02), np.float32(0.12)
 def voxel_interval(tree, leaf, ray):  # type: ignore[no-untyped-def]
     """Where the ray enters and leaves the leaf's voxel, within its own interval."""
     at = leaf * LEAF + CELL
-    ax, bx = (tree.leaves[at] - ray.ox) / ray.dx, (tree.leaves[at + 3] - ray.ox) / ray.dx
-    ay, by = (tree.leaves[at + 1] - ray.oy) / ray.dy, (tree.leaves[at + 4] - ray.oy) / ray.dy
-    az, bz = (tree.leaves[at + 2] - ray.oz) / ray.dz, (tree.leaves[at + 5] - ray.oz) / ray.dz
+    ax, bx = (tree.leaves[at] - ray.ox) * ray.ix, (tree.leaves[at + 3] - ray.ox) * ray.ix
+    ay, by = (tree.leaves[at + 1] - ray.oy) * ray.iy, (tree.leaves[at + 4] - ray.oy) * ray.iy
+    az, bz = (tree.leaves[at + 2] - ray.oz) * ray.iz, (tree.leaves[at + 5] - ray.oz) * ray.iz
     enter = max(max(min(ax, bx), min(ay, by)), max(min(az, bz), ray.t_min))
     leave = min(min(max(ax, bx), max(ay, by)), min(max(az, bz), ray.t_max))
     return enter, leave
@@ -74,7 +74,8 @@ def slab_interval(tree, leaf, ray, enter, leave):  # type: ignore[no-untyped-def
     rise = mx * ray.dx + my * ray.dy + mz * ray.dz
     if abs(rise) < np.float32(1e-6):
         rise = np.float32(1e-6)
-    a, b = (tree.leaves[at + SLAB_LO] - height) / rise, (tree.leaves[at + SLAB_HI] - height) / rise
+    rise = ONE / rise
+    a, b = (tree.leaves[at + SLAB_LO] - height) * rise, (tree.leaves[at + SLAB_HI] - height) * rise
     return max(enter, min(a, b)), min(leave, max(a, b))
 
 
@@ -85,17 +86,14 @@ def gather_near(tree, leaf, scratch, middle, ray, half):  # type: ignore[no-unty
     n = 0
     for group in range(first, first + count):
         at = np.int64(group) * GROUP
-        x, y, z = load16(tree.spheres, at) - middle[0], load16(tree.spheres, at + 16) - middle[1], load16(
-            tree.spheres, at + 32
-        ) - middle[2]
+        x = load16(tree.spheres, at) - middle[0]
+        y = load16(tree.spheres, at + 16) - middle[1]
+        z = load16(tree.spheres, at + 32) - middle[2]
         along = x * ray.dx + y * ray.dy + z * ray.dz
         beyond = vmax(vabs(along) - half, spread16(ZERO))
         square = x * x + y * y + z * z - along * along + beyond * beyond
-        left = bits(square < load16(tree.spheres, at + 48))
-        while left != 0:
-            scratch.near[n] = tree.refs[group * 16 + lowest(left)]
-            n += 1
-            left &= left - 1
+        near = square < load16(tree.spheres, at + 48)
+        n += pack(near, tree.refs, np.int64(group) * 16, scratch.near, n)
     scratch.counts[COUNT_NEAR] = n
 
 
@@ -234,11 +232,12 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
 
         t_a, f_a, slope_a = shift_quarter(t_before, t), shift_quarter(f_before, f), shift_quarter(slope_before, slope)
         change = crossing(f_a, f)
-        # Both tangents meet below the margin: their lowest place is deeper than f's where f is convex.
-        meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
-        sinks = ((f_a > ZERO) & (slope_a < ZERO) & (f > ZERO) & (slope > ZERO) & (meet < margin)) | (
-            (f_a < ZERO) & (slope_a > ZERO) & (f < ZERO) & (slope < ZERO) & (meet > ZERO - margin)
-        )
+        # Towards zero at the first and away from it at the second: rare, so that the rest is done only then.
+        sinks = (f_a * slope_a < ZERO) & (f * slope > ZERO) & (f_a * f > ZERO)
+        if bits(sinks) & FIRST_LANES != 0:
+            # Both tangents meet below the margin: the lowest place is above theirs where f is convex.
+            meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
+            sinks = sinks & ((meet * f < ZERO) | (vabs(meet) < spread16(margin)))
         changes = bits(change) & FIRST_LANES
         events = changes | (bits(sinks) & FIRST_LANES)
         while events != 0:

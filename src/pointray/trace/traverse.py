@@ -5,17 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import COUNT_LEAVES, COUNT_NODES, NODE, WIDTH, Hit
+from ..records import COUNT_LEAVES, COUNT_NODES, NODE, WIDTH, Hit, Ray
 from ..simd import bits, lane, load8, lowest, spread8, vmax, vmin
 from .leaf import INF, ZERO, search_leaf
 
 TINY = np.float32(1e-20)
-
-
-@inline
-def _inverse(d):  # type: ignore[no-untyped-def]
-    """1 / d, finite also where the ray is parallel to an axis."""
-    return np.float32(1.0) / d
 
 
 @inline
@@ -28,7 +22,7 @@ def steady(d):  # type: ignore[no-untyped-def]
 def closest(tree, ray, scratch):  # type: ignore[no-untyped-def]
     """The first hit of a ray with the model. Counts nodes and leaves; leaves the near blocks of the hit in scratch."""
     scratch.lift[0] = ZERO
-    ix, iy, iz = _inverse(ray.dx), _inverse(ray.dy), _inverse(ray.dz)
+    ix, iy, iz = ray.ix, ray.iy, ray.iz
     # Rows of the near and far planes of each axis, by the ray's sign: an empty box then always comes out empty.
     nx, ny, nz = (0 if ix > 0 else 3 * WIDTH), (0 if iy > 0 else 3 * WIDTH), (0 if iz > 0 else 3 * WIDTH)
     fx, fy, fz = 3 * WIDTH - nx, 3 * WIDTH - ny, 3 * WIDTH - nz
@@ -69,3 +63,13 @@ def closest(tree, ray, scratch):  # type: ignore[no-untyped-def]
             hit = search_leaf(tree, ~node, ray, scratch, stack_near[top], INF)
             if hit.leaf >= 0:
                 return hit
+
+
+@inline
+def make_ray(o, d, length, side):  # type: ignore[no-untyped-def]
+    """A ray in model space of the given length, from float64 origin and unit direction."""
+    f32, one = np.float32, np.float32(1.0)
+    x, y, z = steady(f32(d[0])), steady(f32(d[1])), steady(f32(d[2]))
+    return Ray(
+        f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, one / x, one / y, one / z, ZERO, f32(length), f32(side)
+    )

@@ -25,13 +25,12 @@ from ..records import (
     PLANE_V,
     TO_MODEL,
     Hit,
-    Ray,
     WorldHit,
     tree_at,
 )
 from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple, unit
 from .surface import blend
-from .traverse import closest, steady
+from .traverse import closest, make_ray
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
@@ -80,19 +79,7 @@ def _model_hit(world, at, ray, side, scratch):  # type: ignore[no-untyped-def]
     if not low <= high:
         return np.inf, no_model_hit(), tree, o
     start = add(o, scale(d, low))
-    f32 = np.float32
-    local = Ray(
-        f32(start[0]),
-        f32(start[1]),
-        f32(start[2]),
-        steady(f32(d[0])),
-        steady(f32(d[1])),
-        steady(f32(d[2])),
-        f32(0.0),
-        f32(high - low),
-        f32(side),
-    )
-    hit = closest(tree, local, scratch)
+    hit = closest(tree, make_ray(start, d, high - low, side), scratch)
     return (low + np.float64(hit.t)) / speed, hit, tree, add(start, scale(d, np.float64(hit.t)))
 
 

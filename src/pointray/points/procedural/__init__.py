@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...jit import kernel, run, take
+from .clay import COLUMNS
 from .meshing import mesh_solid
 from .paint import color
 from .scatter import scatter
@@ -57,7 +58,7 @@ def solid(name: str) -> Solid:
         return statue()
     kind = {"sphere": SPHERE, "torus": TORUS, "lattice": LATTICE}[name]
     starts = np.zeros(2, np.int32)
-    return Solid(kind, np.zeros((0, 24)), np.zeros((1, 1, 1), np.int32), starts, starts[:0], np.zeros(3), 1.0)
+    return Solid(kind, np.zeros((0, COLUMNS)), np.zeros((1, 1, 1), np.int32), starts, starts[:0], np.zeros(3), 1.0)
 
 
 def _bounds(name: str) -> NDArray[np.float64]:
@@ -109,7 +110,8 @@ def area(name: str) -> float:
     middles = 0.5 * (vertices[keys // len(vertices)] + vertices[keys % len(vertices)])
     run(_settle_all, -(-len(middles) // _TILE), solid(name), middles)
     m = inverse.reshape(-1, 3) + len(vertices)
-    halves = [[faces[:, 0], m[:, 0], m[:, 2]], [faces[:, 1], m[:, 1], m[:, 0]], [faces[:, 2], m[:, 2], m[:, 1]], list(m.T)]
+    a, b, c = faces.T
+    halves = [[a, m[:, 0], m[:, 2]], [b, m[:, 1], m[:, 0]], [c, m[:, 2], m[:, 1]], list(m.T)]
     fine = sum(_area(np.concatenate([vertices, middles]), np.column_stack(part)) for part in halves)
     return (4 * fine - coarse) / 3
 
@@ -184,8 +186,9 @@ def procedural_distance(name: str, x: ArrayLike) -> Any:
     """Signed distance to the exact surface of a procedural model, negative inside.
 
     The sphere and the torus have closed formulas. The lattice and the statue are blended; their distance is found by
-    following the nearest point on the surface. It is zero exactly on the surface and the Euclidean distance to
-    better than 1% within 0.1 of it; further away it is at least the distance to some surface point in view of x.
+    following the nearest point on the surface: f / |grad f| at the surface, the Euclidean distance to 1% within 0.03
+    of it, and to 2% within 0.1, measured (a relief has many points that are nearest among their own neighbours).
+    It is never less than the distance.
 
     Parameters
     ----------

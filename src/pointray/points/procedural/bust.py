@@ -36,8 +36,23 @@ def _torso(clay: Clay, grow: float, **stroke: Any) -> None:
     """Chest, shoulders and the stumps of the arms, grown by a little for the cloth that lies on them."""
     g = grow
     clay.ellipsoid((0, 0.03, 0.80), (0.35 + g, 0.19 + g, 0.40 + g), width=0.05, **stroke)
-    clay.tube((-0.40, 0.06, 0.975), (0, 0.075, 1.050), (0.40, 0.06, 0.975), (0.095 + g, 0.095 + g, 0.015), width=0.12, **stroke)
-    clay.tube((0.41, 0.06, 0.97), (0.46, 0.055, 0.84), (0.46, 0.05, 0.66), (0.100 + g, 0.090 + g, 0.0), both=True, width=0.08, **stroke)
+    clay.tube(
+        (-0.40, 0.06, 0.975),
+        (0, 0.075, 1.050),
+        (0.40, 0.06, 0.975),
+        (0.095 + g, 0.095 + g, 0.015),
+        width=0.12,
+        **stroke,
+    )
+    clay.tube(
+        (0.41, 0.06, 0.97),
+        (0.46, 0.055, 0.84),
+        (0.46, 0.05, 0.66),
+        (0.100 + g, 0.090 + g, 0.0),
+        both=True,
+        width=0.08,
+        **stroke,
+    )
     clay.ellipsoid((0.145, -0.100, 0.795), (0.115 + g, 0.110 + g, 0.120 + g), both=True, width=0.08, **stroke)
 
 
@@ -54,5 +69,21 @@ def sculpt_bust(clay: Clay) -> None:
     _torso(clay, -0.012, **skin)
     clay.ellipsoid((0, 0.06, 0.99), (0.620, 0.42, 0.47), op=CUT, width=0.03)
     clay.tube((0, 0.075, 1.02), (0, 0.065, 1.24), (0, 0.03, 1.46), (0.155, 0.120, -0.022), width=0.11, **skin)
-    clay.tube((0.125, 0.055, 1.45), (0.095, -0.02, 1.28), (0.028, -0.078, 1.085), (0.016, 0.012, 0.002), both=True, width=0.06, **skin)
-    clay.tube((0.04, -0.085, 1.065), (0.16, -0.055, 1.085), (0.30, 0.03, 1.105), (0.012, 0.012, 0.003), both=True, width=0.05, **skin)
+    clay.tube(
+        (0.125, 0.055, 1.45),
+        (0.095, -0.02, 1.28),
+        (0.028, -0.078, 1.085),
+        (0.016, 0.012, 0.002),
+        both=True,
+        width=0.06,
+        **skin,
+    )
+    clay.tube(
+        (0.04, -0.085, 1.065),
+        (0.16, -0.055, 1.085),
+        (0.30, 0.03, 1.105),
+        (0.012, 0.012, 0.003),
+        both=True,
+        width=0.05,
+        **skin,
+    )

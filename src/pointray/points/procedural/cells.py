@@ -6,9 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import kernel, run, take
-from .clay import ADD, CARVE, COLUMNS, CUT, ELLIPSOID, FAR, KIND, OP, PAINT, RELIEF, ROUND, TUBE, WIDTH
-from .clay import blend, ellipsoid, height, local, shape
-from .clay import SIZE
+from .clay import (
+    ADD,
+    CARVE,
+    COLUMNS,
+    FAR,
+    KIND,
+    OP,
+    PAINT,
+    RELIEF,
+    ROUND,
+    SIZE,
+    TUBE,
+    WIDTH,
+    ellipsoid,
+    height,
+    local,
+    shape,
+)
+from .smooth import blend
 from .solids import CLAY, Solid
 
 _TILE = 64

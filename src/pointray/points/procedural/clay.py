@@ -10,6 +10,7 @@ from math import acos, cos, sin, sqrt
 
 from ...jit import inline, routine
 from .reliefs import relief
+from .smooth import blend, step
 
 # Columns of a stroke. Tubes keep their three control points and radii where the others keep centre, axes and size;
 # reliefs keep the number of repeats in VEIN, their region in SIZE and their amplitude in ROUND.
@@ -20,13 +21,6 @@ ELLIPSOID, TUBE, BOX, DRUM, RING = 0, 1, 2, 3, 4
 ADD, CARVE, CUT, RELIEF, PAINT = 0, 1, 2, 3, 4
 
 FAR = 10.0  # the field before the first stroke
-
-
-@inline
-def blend(a, b, width):  # type: ignore[no-untyped-def]
-    """Minimum of a and b, smooth (C2) where they differ by less than the width; nowhere above the minimum."""
-    h = max(width - abs(a - b), 0.0) / width
-    return min(a, b) - h * h * h * width * (1.0 / 6.0)
 
 
 @inline
@@ -114,9 +108,8 @@ def _tube(table, i, x, y, z):  # type: ignore[no-untyped-def]
         dx * bx + dy * by + dz * bz,
     )
     dx, dy, dz = dx + t * (2.0 * ax + t * bx), dy + t * (2.0 * ay + t * by), dz + t * (2.0 * az + t * bz)
-    smooth = t * t * (3.0 - 2.0 * t)
     bulge = 16.0 * t * t * (1.0 - t) * (1.0 - t)
-    radius = table[i, RADII] + smooth * (table[i, RADII + 1] - table[i, RADII]) + bulge * table[i, RADII + 2]
+    radius = table[i, RADII] + step(t) * (table[i, RADII + 1] - table[i, RADII]) + bulge * table[i, RADII + 2]
     return sqrt(dx * dx + dy * dy + dz * dz) - radius
 
 
@@ -141,8 +134,7 @@ def shape(table, i, x, y, z):  # type: ignore[no-untyped-def]
 @inline
 def fade(d, width):  # type: ignore[no-untyped-def]
     """1 inside of a region, 0 beyond the width outside of it, smooth between."""
-    t = min(max(1.0 - d / width, 0.0), 1.0)
-    return t * t * (3.0 - 2.0 * t)
+    return step(1.0 - d / width)
 
 
 @routine

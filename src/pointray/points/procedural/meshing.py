@@ -1,4 +1,4 @@
-"""A triangle mesh of a solid, fine enough to spread points over: surface nets (Gibson 1998), vertices on the surface."""
+"""A triangle mesh of a solid, fine enough to spread points over: surface nets (Gibson 1998), moved onto the surface."""
 
 from __future__ import annotations
 

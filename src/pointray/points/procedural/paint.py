@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import floor, sin, sqrt
 
 from ...jit import inline, routine
-from .clay import ADD, CARVE, COLOR, CUT, FAR, OP, PAINT, RELIEF, ROUND, VEIN, WIDTH, blend, fade, height, list_of, shape
+from .clay import ADD, CARVE, COLOR, CUT, FAR, OP, PAINT, RELIEF, ROUND, VEIN, WIDTH, fade, height, list_of, shape
+from .smooth import blend
 from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS
 
 EDGE = 0.004  # width over which one colour goes over into the next

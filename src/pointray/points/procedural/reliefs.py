@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import atan2, cos, exp, floor, pi, sin, sqrt
 
 from ...jit import inline, routine
+from .smooth import blend, step
 
 HAIR, FOLDS, MEANDER, FLUTES, SPIRAL = 10, 11, 12, 13, 14
 
@@ -16,7 +17,7 @@ def _hair(u, v, w, count):  # type: ignore[no-untyped-def]
     along = atan2(sqrt(u * u + w * w), v)
     # ripples shrink towards the pole and have the same sign on both sides of the parting
     wave = 0.045 * sin(15.0 * along + 1.3 * cos(3.0 * around)) + 0.006 * sin(31.0 * along + 2.0)
-    angle = around * count + wave * count * (1.0 if u > 0.0 else -1.0) * min(abs(u) * 12.0, 1.0)
+    angle = around * count + wave * count * u / sqrt(u * u + 0.003)
     lock = cos(angle)
     strands = cos(3.0 * angle + 1.0 * sin(9.0 * along)) + 0.4 * cos(5.0 * angle + 1.0)
     calm = u * u + w * w
@@ -54,14 +55,13 @@ def _meander(u, v, w, count):  # type: ignore[no-untyped-def]
     d = 9.0
     for shift in range(-1, 2):  # the key's own cell and its neighbours
         x = s + 8.0 * shift
-        d = min(d, _segment(x, t, 0.0, 0.5, 0.0, 5.5))
-        d = min(d, _segment(x, t, 0.0, 5.5, 6.0, 5.5))
-        d = min(d, _segment(x, t, 6.0, 2.2, 6.0, 5.5))
-        d = min(d, _segment(x, t, 3.0, 2.2, 6.0, 2.2))
-        d = min(d, _segment(x, t, 3.0, 2.2, 3.0, 3.6))
-        d = min(d, _segment(x, t, 0.0, 0.5, 8.0, 0.5))
-    raised = min(max((1.05 - d) / 0.85, 0.0), 1.0)
-    return raised * raised * (3.0 - 2.0 * raised)
+        d = blend(d, _segment(x, t, 0.0, 0.5, 0.0, 5.5), 0.5)
+        d = blend(d, _segment(x, t, 0.0, 5.5, 6.0, 5.5), 0.5)
+        d = blend(d, _segment(x, t, 6.0, 2.2, 6.0, 5.5), 0.5)
+        d = blend(d, _segment(x, t, 3.0, 2.2, 6.0, 2.2), 0.5)
+        d = blend(d, _segment(x, t, 3.0, 2.2, 3.0, 3.6), 0.5)
+        d = blend(d, _segment(x, t, 0.0, 0.5, 8.0, 0.5), 0.5)
+    return step((0.82 - d) / 0.7)  # 0 half way between two lines
 
 
 @inline

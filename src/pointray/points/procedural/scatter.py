@@ -7,7 +7,7 @@ finite number of darts gets to d = 0.79. The last points go into what room is le
 
 from __future__ import annotations
 
-from math import floor, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from ...jit import inline, kernel, run, take
 FIRST_DISTANCE = 0.79  # in units of sqrt(A / n)
 FIRST_ROUNDS, LATER_ROUNDS = 16, 6  # darts per d^2 of the surface
 SHRINK = 0.95
-ROOM = 1.3  # slots of a brick per expected point; hexagonal packing at d = 0.79 needs 1.85, random points never come near
+ROOM = 1.3  # slots of a brick per expected point
 
 
 class Bricks(NamedTuple):
@@ -70,17 +70,36 @@ def _fits(x, y, z, grid, dims, heads, following, local, square):  # type: ignore
 
 
 @inline
+def _neighbor(bricks, brick, number):  # type: ignore[no-untyped-def]
+    """One of the 27 bricks at and around a brick, -1 where there is none."""
+    i = bricks.places[brick, 0] + number // 9 - 1
+    j = bricks.places[brick, 1] + number // 3 % 3 - 1
+    k = bricks.places[brick, 2] + number % 3 - 1
+    nx, ny, nz = bricks.number.shape
+    if min(i, min(j, k)) < 0 or i >= nx or j >= ny or k >= nz:
+        return -1
+    return int(bricks.number[i, j, k])
+
+
+@inline
+def _crowd(bricks, brick):  # type: ignore[no-untyped-def]
+    """How many points a brick and its neighbours may hold at most."""
+    total = 0
+    for number in range(27):
+        other = _neighbor(bricks, brick, number)
+        if other >= 0:
+            total += bricks.slot[other + 1] - bricks.slot[other]
+    return total
+
+
+@inline
 def _gather(bricks, brick, grid, dims, heads, following, local):  # type: ignore[no-untyped-def]
     """The points of a brick and of its neighbours that lie in its local grid, put into the grid's cells."""
     held = 0
-    nx, ny, nz = bricks.number.shape
     for number in range(27):
-        i = bricks.places[brick, 0] + number // 9 - 1
-        j = bricks.places[brick, 1] + number // 3 % 3 - 1
-        k = bricks.places[brick, 2] + number % 3 - 1
-        if min(i, min(j, k)) < 0 or i >= nx or j >= ny or k >= nz or bricks.number[i, j, k] < 0:
+        other = _neighbor(bricks, brick, number)
+        if other < 0:
             continue
-        other = bricks.number[i, j, k]
         for p in range(bricks.slot[other], bricks.slot[other] + bricks.count[other]):
             x, y, z = float(bricks.points[p, 0]), float(bricks.points[p, 1]), float(bricks.points[p, 2])
             u, v, w = (x - grid[0]) * grid[3], (y - grid[1]) * grid[3], (z - grid[2]) * grid[3]
@@ -125,15 +144,7 @@ def _throw(work, bricks, turn, areas, distance, rounds, key):  # type: ignore[no
             1.0 / distance,
         )
         heads[:] = -1
-        size = 0
-        for other in range(27):
-            i = bricks.places[brick, 0] + other // 9 - 1
-            j = bricks.places[brick, 1] + other // 3 % 3 - 1
-            k = bricks.places[brick, 2] + other % 3 - 1
-            nx, ny, nz = bricks.number.shape
-            if min(i, min(j, k)) >= 0 and i < nx and j < ny and k < nz and bricks.number[i, j, k] >= 0:
-                near = bricks.number[i, j, k]
-                size += bricks.slot[near + 1] - bricks.slot[near]
+        size = _crowd(bricks, brick)
         local, following = np.empty((size, 3)), np.empty(size, np.int32)
         held = _gather(bricks, brick, grid, dims, heads, following, local)
         free = bricks.slot[brick] + bricks.count[brick]
@@ -143,9 +154,7 @@ def _throw(work, bricks, turn, areas, distance, rounds, key):  # type: ignore[no
                 darts = int(areas[t] / square + _unit(seed, 0))
                 for dart in range(darts):
                     x, y, z = _dart(bricks.corners, t, mix(seed, dart))
-                    if free < bricks.slot[brick + 1] and _fits(
-                        x, y, z, grid, dims, heads, following, local, square
-                    ):
+                    if free < bricks.slot[brick + 1] and _fits(x, y, z, grid, dims, heads, following, local, square):
                         u, v, w = (x - grid[0]) * grid[3], (y - grid[1]) * grid[3], (z - grid[2]) * grid[3]
                         cell = (int(u) * dims + int(v)) * dims + int(w)
                         held = _insert(x, y, z, cell, heads, following, local, held)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import inline, kernel, routine, take
-from .clay import blend, work_clay
+from .clay import work_clay
+from .smooth import blend
 
 SPHERE, TORUS, LATTICE, CLAY = 0, 1, 2, 3
 

@@ -91,7 +91,13 @@ class Clay:
             self._rows.append(row)
 
     def ellipsoid(
-        self, center: Vector, radii: Vector, turn: Vector = (0, 0, 0), both: bool = False, share: float = 1.0, **stroke: Any
+        self,
+        center: Vector,
+        radii: Vector,
+        turn: Vector = (0, 0, 0),
+        both: bool = False,
+        share: float = 1.0,
+        **stroke: Any,
     ) -> None:
         """An ellipsoid; `share` is how opaque it is when it is painted."""
         self._solid(ELLIPSOID, center, radii, turn, share, both, **stroke)
@@ -109,7 +115,14 @@ class Clay:
         self._solid(RING, center, (radius, radius, thickness), turn, 1.0, False, **stroke)
 
     def tube(
-        self, a: Vector, through: Vector, c: Vector, radii: Vector, both: bool = False, share: float = 1.0, **stroke: Any
+        self,
+        a: Vector,
+        through: Vector,
+        c: Vector,
+        radii: Vector,
+        both: bool = False,
+        share: float = 1.0,
+        **stroke: Any,
     ) -> None:
         """A bent tube from a to c through a point half way; radii at a, at c, and what the middle has more."""
         p, m, q = (np.asarray(v, np.float64) for v in (a, through, c))
