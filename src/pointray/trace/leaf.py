@@ -17,8 +17,6 @@ its origin when it leaves, however flat, and is when it goes to the other side.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..jit import inline
@@ -28,6 +26,7 @@ from ..records import (
     DISC,
     GROUP,
     LEAF,
+    LEAST,
     RADIUS,
     REFINE,
     SLAB,
@@ -170,12 +169,15 @@ def accept(tree, scratch, frame, leaf, t):  # type: ignore[no-untyped-def]
     if not lane(means[8], 0) > ZERO:
         return miss
     surface = int(tree.head[SURFACE])
-    radius = local_radius(tree, scratch, x, y, z)
     f, _ = value(surface, means)
-    if offset(means) > tree.head[TRIM] * radius:
-        return miss
-    if abs(lane(f, 0)) > (JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED) * radius + scratch.lift[0]:
-        return miss
+    away, gap = offset(means), abs(lane(f, 0)) - scratch.lift[0]
+    jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
+    # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
+    least = tree.leaves[leaf * LEAF + LEAST]
+    if away > tree.head[TRIM] * least or gap > jump * least:
+        radius = local_radius(tree, scratch, x, y, z)
+        if away > tree.head[TRIM] * radius or gap > jump * radius:
+            return miss
     nx, ny, nz = normal(surface, means)
     return Hit(t, nx, ny, nz, leaf)
 
@@ -206,7 +208,8 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
         low = enter
     step = tree.leaves[leaf * LEAF + STEP]
     # One step more on both sides: a bracket may reach out of the slab.
-    first, last = math.floor(low / step), math.ceil(high / step)
+    # t is never negative here: truncation is the floor (a call to floor would spill every vector register).
+    first, last = np.float32(np.int32(low / step)), np.float32(np.int32(high / step) + 1)
     t_low, t_high = max(first * step, enter), min(last * step, leave)
     center = HALF * (t_low + t_high)
     middle = (ray.ox + center * ray.dx, ray.oy + center * ray.dy, ray.oz + center * ray.dz)

@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from ..jit import inline, kernel, take
-from ..records import APSS, BLOCK, CELL, GROUP, INV_R2, LEAF, NX, PX, RADIUS, SLAB, SLAB_HI, SLAB_LO, STEP
+from ..records import APSS, BLOCK, CELL, GROUP, INV_R2, LEAF, LEAST, NX, PX, RADIUS, SLAB, SLAB_HI, SLAB_LO, STEP
 from .blocks import PER_BLOCK
 from .cells import overlap
 
@@ -155,7 +155,7 @@ def fill_leaves(work, cells, blocks, settings, out):  # type: ignore[no-untyped-
             record[STEP] = 2.0 * reference / samples * 2.0 ** math.floor(
                 math.log2(max(least, 1e-30) / reference) + LEEWAY
             )
-            record[RADIUS] = mean
+            record[RADIUS], record[LEAST] = mean, least
             if cut == 0:
                 continue
             slab = _slab(members, APSS_REACH if surface == APSS else 1.0)
