@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from ..points.files import replacing
+from ..points.files import check_writable, replacing
 from .tone import linear_to_srgb, tone
 
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -44,10 +44,7 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float 
     A PNG keeps alpha where any is below 1. A JPEG has none: it shows the image on white.
     """
     file = Path(path)
-    format = FORMATS.get(file.suffix.lower())
-    if format is None:
-        extension = file.suffix or "a file without extension"
-        raise ValueError(f"{file}: cannot write {extension}; can write {', '.join(FORMATS)}")
+    format = _format_of(file)
     linear, alpha = _split(image)
     shown = tone(linear, exposure, curve)
     if format == "JPEG":
@@ -57,6 +54,20 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float 
         picture = np.concatenate([picture, _to_bytes(alpha)], axis=2)
     with replacing(file) as beside:
         Image.fromarray(picture).save(beside, format, quality=QUALITY, subsampling=0, compress_level=4)
+
+
+def check_image_path(path: str | os.PathLike[str]) -> None:
+    """Raise what `write_image` would raise for this path, before the work is done."""
+    _format_of(Path(path))
+    check_writable(path)
+
+
+def _format_of(file: Path) -> str:
+    format = FORMATS.get(file.suffix.lower())
+    if format is None:
+        extension = file.suffix or "a file without extension"
+        raise ValueError(f"{file}: cannot write {extension}; can write {', '.join(FORMATS)}")
+    return format
 
 
 def _split(image: ArrayLike) -> tuple[Floats, Floats]:

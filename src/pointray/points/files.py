@@ -38,6 +38,16 @@ def read(path: str | os.PathLike[str]) -> Points:
         If there is no reader for the extension, or the contents are damaged or hold no points.
     """
     file = Path(path)
+    reader = check_readable(file)
+    try:
+        return reader(file)
+    except ValueError as error:
+        raise ValueError(f"{file}: {' '.join(str(error).split())}") from error
+
+
+def check_readable(path: str | os.PathLike[str]) -> Callable[[Path], Points]:
+    """The reader of a file; OSError or ValueError if it cannot be opened, or no reader knows its extension."""
+    file = Path(path)
     if not stat.S_ISREG(file.stat().st_mode):  # a folder, or a pipe that would wait for ever
         number = errno.EISDIR if file.is_dir() else errno.EINVAL
         raise OSError(number, "not a regular file", str(file))
@@ -45,10 +55,7 @@ def read(path: str | os.PathLike[str]) -> Points:
     if reader is None:
         known = ", ".join(sorted(READERS))
         raise ValueError(f"{file}: cannot read {file.suffix or 'a file without extension'}; can read {known}")
-    try:
-        return reader(file)
-    except ValueError as error:
-        raise ValueError(f"{file}: {' '.join(str(error).split())}") from error
+    return reader
 
 
 def write(path: str | os.PathLike[str], points: Points) -> None:

@@ -1,0 +1,107 @@
+"""The main job on the embedded model: what `pointray demo` does, stage by stage, with the clock."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .camera import Camera
+from .image import write_image
+from .jit import compilations, thread_count
+from .model import Model
+from .points import procedural
+from .render import Settings, render
+from .scene import Plane, Scene
+from .shade.lights import SunLight
+from .shade.materials import Phong
+
+GROUND = (0.42, 0.44, 0.47)
+SKY = (0.62, 0.72, 0.84)
+
+
+def statue_scene(model: Model) -> Scene:
+    """The statue on the ground, under a sun."""
+    scene = Scene()
+    scene.add(model, material=Phong(specular=0.04, exponent=40))
+    scene.add(Plane((0, 0, float(model.bounds[0, 2])), (0, 0, 1), color=GROUND, checker=0.5))
+    scene.add_light(SunLight((0.9, 1.0, -1.15), (3.6, 3.45, 3.2)))
+    scene.add_light(SunLight((-1.0, 0.6, -0.25), (0.35, 0.4, 0.5)))
+    scene.background = SKY  # type: ignore[assignment]
+    return scene
+
+
+def statue_camera(model: Model, size: tuple[int, int]) -> Camera:
+    """The statue from its front, a little to its left."""
+    return Camera.frame(model.bounds, (0.32, -1.0, 0.16), fov=30, size=size)
+
+
+class Clock:
+    """Seconds of each stage, from the calls that tell the progress."""
+
+    def __init__(self, show: Callable[[str, float], None]) -> None:
+        self.seconds: dict[str, float] = {}
+        self._show, self._stage, self._since = show, "", time.perf_counter()
+
+    def __call__(self, stage: str, share: float) -> None:
+        """A stage begins, or goes on."""
+        now = time.perf_counter()
+        if self._stage:
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
+        self._stage, self._since = stage, now
+        self._show(stage, share)
+
+
+def run_demo(
+    path: Path,
+    count: int,
+    size: tuple[int, int],
+    frames: int,
+    threads: int | None,
+    show: Callable[[str, float], None],
+) -> dict[str, Any]:
+    """Make the statue, its model and its picture; returns the table.
+
+    Rays a second counts the camera rays and one shadow ray for each light and covered pixel that faces it.
+    """
+    clock = Clock(show)
+    clock("points", 0.0)
+    points = procedural("statue", count)
+    model = Model(points, progress=clock)
+    scene, camera = statue_scene(model), statue_camera(model, size)
+    settings = Settings(threads=threads)
+    clock("first frame", 0.0)
+    write_image(path, render(scene, camera, settings))
+    compiled = compilations()
+    times = []
+    for frame in range(frames):
+        clock("frames", frame / frames)
+        start = time.perf_counter()
+        image = render(scene, camera, settings)
+        times.append(time.perf_counter() - start)
+    clock("", 1.0)
+    # With the background every pixel has alpha 1: what is covered is told by a picture of the normals.
+    covered = int((render(scene, camera, Settings("depth", threads=threads))[..., 0] != scene_sky(scene)).sum())
+    median = statistics.median(times)
+    rays = image.shape[0] * image.shape[1] + 2 * covered
+    return {
+        "points": count,
+        "picture": f"{path}, {size[0]}x{size[1]}, {thread_count(threads)} threads",
+        "seconds_for_points": clock.seconds["points"],
+        "seconds_for_radii": clock.seconds["radii"],
+        "seconds_for_tree": clock.seconds["tree"],
+        "seconds_for_compilation_and_first_frame": clock.seconds["first frame"],
+        "kernels_compiled": compiled,
+        "median_frame_ms": 1e3 * median,
+        "frames_per_second": 1 / median,
+        "million_rays_per_second": rays / median / 1e6,
+        "bytes_per_point": model.nbytes / count,
+    }
+
+
+def scene_sky(scene: Scene) -> float:
+    """Red of the background: what a picture of depths shows where nothing is."""
+    color = scene.background
+    return 0.0 if color is None else float(color[0])
