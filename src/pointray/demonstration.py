@@ -29,7 +29,7 @@ def statue_scene(model: Model) -> Scene:
     scene.add(Plane((0, 0, float(model.bounds[0, 2])), (0, 0, 1), color=GROUND, checker=0.5))
     scene.add_light(SunLight((0.9, 1.0, -1.15), (3.6, 3.45, 3.2)))
     scene.add_light(SunLight((-1.0, 0.6, -0.25), (0.35, 0.4, 0.5)))
-    scene.background = SKY  # type: ignore[assignment]
+    scene.background = SKY
     return scene
 
 
