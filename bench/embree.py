@@ -15,9 +15,9 @@ import warnings
 from collections.abc import Callable
 
 import numpy as np
-from embree_discs import ABSENT, Discs, available, tile_order
 
 import pointray as pr
+from embree_discs import ABSENT, Discs, available, tile_order
 from pointray.jit import keep, kernel, run, take
 from pointray.records import World, lend_scratch, lend_world, new_scratch
 from pointray.trace.world import closest_in

@@ -1,8 +1,8 @@
-"""What calling Embree from Numba costs: the loop of `embree_discs.py` against `embree_loop.cpp`, frame by frame in turn.
+"""What calling Embree from Numba costs: the loop of `embree_discs.py` against `embree_loop.cpp`, frame by frame.
 
     python bench/embree_shim.py [--points 1000000] [--size 512] [--repeats 15]
 
-Both trace the same camera rays at a torus of splats, both with the rays in tiles of 4 x 4 pixels. Needs g++ and Embree's
+Both trace the same camera rays at a torus of splats, with the rays in tiles of 4 x 4 pixels. Needs g++ and Embree's
 headers (Debian and Ubuntu: `libembree-dev`) besides the library.
 """
 
@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from embree_discs import ABSENT, Discs, available, tile_order
 from numpy.typing import NDArray
+
+from embree_discs import ABSENT, Discs, available, tile_order
 
 SOURCE = Path(__file__).with_name("embree_loop.cpp")
 THREADS = 2
@@ -29,7 +30,7 @@ Floats = NDArray[np.float32]
 
 
 def torus(count: int, major: float = 1.0, minor: float = 0.4) -> tuple[Floats, Floats, np.float32]:
-    """Positions and normals (count, 3), evenly random over a torus, and a radius with which 8 splats cover each point."""
+    """Positions and normals (count, 3), evenly random over a torus, and a radius: 8 splats over a point."""
     random = np.random.default_rng(7)
     angles = random.uniform(0, 2 * np.pi, (3 * count, 2))
     keep = random.uniform(0, major + minor, 3 * count) < major + minor * np.cos(angles[:, 1])

@@ -78,7 +78,9 @@ def main() -> None:
             ("voxels of half the size", {"leaf_width": LEAF_WIDTH / 2}),
             ("voxels of twice the size", {"leaf_width": LEAF_WIDTH * 2}),
         ):
-            print(f"   {label:28s}", compare(shipped, depths(rebuilt(model, **changes), options.size), radius), flush=True)
+            print(
+                f"   {label:28s}", compare(shipped, depths(rebuilt(model, **changes), options.size), radius), flush=True
+            )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from conftest import shared_model, sphere_points
 from scipy.spatial import cKDTree
 
+from conftest import shared_model, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, morton_order, neighbors
 from pointray.points import estimate_normals, read

@@ -4,11 +4,11 @@ import struct
 
 import numpy as np
 import pytest
-from conftest import shared_model
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
+from conftest import shared_model
 from pointray.data import Points
 from pointray.points import read, write
 from pointray.points.files import check_writable, replacing

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from conftest import shared_model, sphere_points
 from scipy.spatial import cKDTree
 
+from conftest import shared_model, sphere_points
 from pointray.points import read
 from pointray.splats import check_radii, choose_radii
 

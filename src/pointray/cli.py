@@ -91,7 +91,7 @@ def render(
     check_readable(file)
     import pointray as pr
 
-    camera_at = {"fov": fov, "size": size_of(size), "up": numbers(up, "--up")}
+    camera_at: dict[str, Any] = {"fov": fov, "size": size_of(size), "up": numbers(up, "--up")}
     settings = pr.Settings(integrator.value, spp=spp, seed=seed, threads=threads)
     scene = pr.Scene()
     for text in light or []:
@@ -168,7 +168,11 @@ class Progress:
 
         console = Console(stderr=True)
         self._bars = Bars(
-            TextColumn("{task.description}"), BarColumn(), console=console, transient=True, disable=not console.is_terminal
+            TextColumn("{task.description}"),
+            BarColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
         )
         self._task = self._bars.add_task("", total=1.0)
         self._bars.start()
@@ -208,7 +212,7 @@ def main() -> None:
     """Exit status 0, 1 (failed), 2 (bad input), 130 (interrupted)."""
     import warnings
 
-    warnings.showwarning = _note
+    warnings.showwarning = _note  # type: ignore[assignment]
     warnings.simplefilter("default", UserWarning)
     status = 0
     try:

@@ -13,9 +13,10 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import llvmlite.binding
 import llvmlite.ir
@@ -24,19 +25,19 @@ import numpy as np
 import platformdirs
 from numba.core import cgutils, event, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
-from numba.extending import intrinsic
+from numba.extending import intrinsic as _intrinsic
 
-F = TypeVar("F", bound=Callable[..., Any])
+intrinsic: Any = _intrinsic  # its type describes the definition, not the call in a kernel
 
 # Check every array access and every SIMD load (slow): the suite runs once with it. Part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
-# No `nnan` and `ninf`: a miss is inf. No `reassoc`: positions are summed as (origin + near part) + small part on purpose.
+# No `nnan` and `ninf`: a miss is inf. No `reassoc`: positions are summed as (near part) + small part on purpose.
 FASTMATH = {"nsz", "arcp", "contract", "afn"}
 
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
 
-_OPTIONS = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH, "boundscheck": CHECK}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH, "boundscheck": CHECK}
 
 
 # --------------------------------------------------------------------------------------------------- the disk cache
@@ -62,7 +63,7 @@ def source_key() -> str:
 
 @cache
 def cache_folder() -> Path | None:
-    """Folder of the compiled kernels (`POINTRAY_CACHE`, else the user's cache), or None where nothing can be written."""
+    """Folder of the compiled kernels (`POINTRAY_CACHE`, else the user's cache); None where nothing can be written."""
     base = Path(os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False))
     folder = base / f"kernels-{source_key()}"
     try:
@@ -115,21 +116,19 @@ class _Cache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super().load_overload(sig, target_context)
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception:  # a damaged or half-written file: compile again
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        try:
-            super().save_overload(sig, data)
-        except OSError:
-            pass
+        with suppress(OSError):
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
 KERNELS: dict[str, Any] = {}
 
 
-def kernel(function: F) -> F:
+def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls: without the interpreter lock, cached on disk, one signature."""
     dispatcher = numba.njit(**_OPTIONS)(function)
     if cache_folder() is not None:
@@ -138,12 +137,12 @@ def kernel(function: F) -> F:
     return dispatcher
 
 
-def inline(function: F) -> F:
+def inline(function: Callable[..., Any]) -> Any:
     """Compile a piece of a kernel; LLVM inlines it where it is called."""
     return numba.njit(**_OPTIONS, forceinline=True)(function)
 
 
-def routine(function: F) -> F:
+def routine(function: Callable[..., Any]) -> Any:
     """Compile a piece of a kernel that is too large, or called from too many places, to be inlined."""
     return numba.njit(**_OPTIONS)(function)
 

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .data import Points
 from .points import normals as point_normals
-from .records import SURFACES
+from .records import SURFACES, Tree
 from .splats.radii import check_radii, choose_radii
-from .tree.build import Splats, Tree, TreeSettings, build_tree
+from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
 TRIM = {"paper": 0.6, "imls": 0.6, "apss": 0.6, "disc": np.inf}  # "auto", see ARCHITECTURE.md

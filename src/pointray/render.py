@@ -29,7 +29,7 @@ class Settings:
     Parameters
     ----------
     integrator : str
-        "phong" (direct light with hard shadows), or what is at the first hit: "normal" (world, -1 to 1 shown as 0 to 1),
+        "phong" (direct light, hard shadows), or what is at the first hit: "normal" (world, -1 to 1 shown as 0 to 1),
         "depth" (distance along the view), "color" (unlit), "cost" (red: nodes, green: leaves visited, blue: both / 64).
     spp : int
         Samples a pixel; 1 goes through the pixel's middle.

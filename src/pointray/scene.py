@@ -17,7 +17,6 @@ from .records import (
     MODEL,
     MODEL_ROW,
     PLANE,
-    PLANE_CATCHER,
     PLANE_CHECKER,
     PLANE_COLOR,
     PLANE_NORMAL,
@@ -199,7 +198,7 @@ class Scene:
         Parameters
         ----------
         origins, directions : (..., 3) array_like
-            World; they and t_min, t_max are broadcast against each other. A direction that is zero or not finite misses.
+            World; they and t_min, t_max are broadcast. A direction that is zero or not finite misses.
         t_min, t_max : (...) array_like
             The part of the ray that counts, in lengths of the direction.
         attributes : sequence of str
@@ -211,7 +210,7 @@ class Scene:
             If shapes do not broadcast, a dtype is no number, or no model has an attribute of that name.
         """
         shape, rays = _check_rays(origins, directions, t_min, t_max)
-        world, numbers, models = self._world()
+        world, numbers, _ = self._world()
         found = closest_hits(world, *rays)
         row = found["instance"]
         blended = {name: self._blend(name, found, shape) for name in attributes}
@@ -258,7 +257,9 @@ class Scene:
     def _world(self) -> tuple[World, list[int], list[Model]]:
         """What kernels read, the instances' numbers in its order, and the models (kept alive)."""
         if self._built is None:
-            models = list({id(i.shape): i.shape for i in self._instances.values() if isinstance(i.shape, Model)}.values())
+            models = list(
+                {id(i.shape): i.shape for i in self._instances.values() if isinstance(i.shape, Model)}.values()
+            )
             row = {id(model): k for k, model in enumerate(models)}
             records = [_record(i, row) for i in self._instances.values()]
             for k, record in enumerate(records):

@@ -15,9 +15,9 @@ import llvmlite.binding
 import llvmlite.ir as ir
 from numba.core import cgutils, types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, lower_cast, models, register_model
+from numba.extending import lower_builtin, lower_cast, models, register_model
 
-from .jit import CHECK, inline
+from .jit import CHECK, inline, intrinsic
 
 _FLAGS = ("nsz", "arcp", "contract", "afn")
 _I32 = ir.IntType(32)
@@ -28,7 +28,7 @@ class Vector(types.Type):
 
     def __init__(self, kind: str, lanes: int) -> None:
         self.kind, self.lanes = kind, lanes
-        super().__init__(name=f"{kind}x{lanes}")
+        super().__init__(name=f"{kind}x{lanes}")  # type: ignore[no-untyped-call]
 
     @property
     def element(self) -> Any:
@@ -42,7 +42,7 @@ class Vector(types.Type):
 @register_model(Vector)
 class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, dmm: Any, fe_type: Vector) -> None:
-        super().__init__(dmm, fe_type, fe_type.llvm)
+        super().__init__(dmm, fe_type, fe_type.llvm)  # type: ignore[no-untyped-call]
 
 
 def _spread(builder: Any, value: Any, vector: Vector) -> Any:

@@ -112,7 +112,7 @@ def closest_hits(world: World, origins: Array, directions: Array, limits: Array)
     limits : (n, 2) float64, t_min and t_max
     """
     n = len(origins)
-    out = {
+    out: dict[str, Array] = {
         "t": np.empty(n),
         "position": np.empty((n, 3)),
         "normal": np.empty((n, 3), np.float32),
@@ -130,7 +130,9 @@ def closest_hits(world: World, origins: Array, directions: Array, limits: Array)
 def occlusions(world: World, origins: Array, directions: Array, limits: Array) -> NDArray[np.bool_]:
     """Whether each of n rays meets anything, (n,) bool; parameters as for `closest_hits`."""
     out = np.zeros(len(origins), np.uint8)
-    run(_occluded, -(-len(origins) // TILE), world, origins.reshape(-1), directions.reshape(-1), limits.reshape(-1), out)
+    run(
+        _occluded, -(-len(origins) // TILE), world, origins.reshape(-1), directions.reshape(-1), limits.reshape(-1), out
+    )
     return out.view(np.bool_)
 
 

@@ -149,18 +149,29 @@ def root(bracket):  # type: ignore[no-untyped-def]
 
 @inline
 def refine(tree, scratch, frame, bracket):  # type: ignore[no-untyped-def]
-    """t of the crossing in a bracket, after the model's number of secant steps."""
-    for _ in range(int(tree.head[REFINE])):
+    """t of the crossing in a bracket, after the model's number of secant steps.
+
+    Where the last step's estimate was off (the crossing is not between its two close samples), one more follows.
+    """
+    steps = int(tree.head[REFINE])
+    k = 0
+    while k < steps:
+        span = bracket[2] - bracket[0]
         bracket = secant(tree, scratch, frame, bracket, root(bracket))
         if bracket[2] == INF:
             return INF
+        k += 1
+        if k == steps and bracket[2] - bracket[0] > np.float32(3.0) * NEAR_ESTIMATE * span:
+            bracket = secant(tree, scratch, frame, bracket, root(bracket))
+    if bracket[2] == INF:
+        return INF
     share = root(bracket)
     return bracket[0] + (bracket[2] - bracket[0]) * share
 
 
 @inline
 def accept(tree, scratch, frame, leaf, t):  # type: ignore[no-untyped-def]
-    """The hit at t, or a miss: f jumps there from sign to sign, or the splats' middle is farther than the trim allows."""
+    """The hit at t, or a miss: f jumps from sign to sign, or the splats' middle is farther than the trim allows."""
     middle, center, ray = frame
     s = t - center
     x, y, z = s * ray.dx + middle[0], s * ray.dy + middle[1], s * ray.dz + middle[2]

@@ -7,7 +7,8 @@ import numpy as np
 from ..jit import inline
 from ..records import COUNT_LEAVES, COUNT_NODES, NODE, WIDTH, Hit, Ray
 from ..simd import bits, lane, load8, lowest, spread8, vmax, vmin
-from .leaf import INF, ZERO, search_leaf
+from .leaf import INF, search_leaf
+from .surface import ZERO
 
 TINY = np.float32(1e-20)
 
@@ -70,6 +71,4 @@ def make_ray(o, d, length, side):  # type: ignore[no-untyped-def]
     """A ray in model space of the given length, from float64 origin and unit direction."""
     f32, one = np.float32, np.float32(1.0)
     x, y, z = steady(f32(d[0])), steady(f32(d[1])), steady(f32(d[2]))
-    return Ray(
-        f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, one / x, one / y, one / z, ZERO, f32(length), f32(side)
-    )
+    return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, one / x, one / y, one / z, ZERO, f32(length), f32(side))

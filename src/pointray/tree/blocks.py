@@ -86,7 +86,7 @@ def _spans(low: int, high: int, limit: int) -> list[tuple[int, int]]:
     """The spans that `_sort_rows` leaves behind."""
     if high - low <= limit:
         return [(low, high)]
-    middle = _middle.py_func(low, high)
+    middle = int(_middle.py_func(low, high))
     return _spans(low, middle, limit) + _spans(middle, high, limit)
 
 

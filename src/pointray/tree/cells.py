@@ -1,4 +1,4 @@
-"""The kd-tree: space is cut into voxels, and each voxel knows every splat whose support overlaps it (paper, part III)."""
+"""The kd-tree: space is cut into voxels, each of which knows every splat whose support overlaps it (part III)."""
 
 from __future__ import annotations
 

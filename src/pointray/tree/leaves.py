@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from ..jit import inline, kernel, take
-from ..records import APSS, BLOCK, CELL, GROUP, INV_R2, LEAF, LEAST, NX, PX, RADIUS, SLAB, SLAB_HI, SLAB_LO, STEP
+from ..records import APSS, BLOCK, CELL, GROUP, LEAF, LEAST, NX, PX, RADIUS, SLAB, SLAB_HI, SLAB_LO, STEP
 from .blocks import PER_BLOCK
 from .cells import overlap
 
@@ -152,8 +152,8 @@ def fill_leaves(work, cells, blocks, settings, out):  # type: ignore[no-untyped-
                 box[0], box[3] = np.inf, -np.inf
                 continue
             # Steps are the reference's times a power of two: lattices of samples that differ are nested.
-            record[STEP] = 2.0 * reference / samples * 2.0 ** math.floor(
-                math.log2(max(least, 1e-30) / reference) + LEEWAY
+            record[STEP] = (
+                2.0 * reference / samples * 2.0 ** math.floor(math.log2(max(least, 1e-30) / reference) + LEEWAY)
             )
             record[RADIUS], record[LEAST] = mean, least
             if cut == 0:

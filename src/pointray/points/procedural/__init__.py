@@ -122,7 +122,7 @@ def _finish(work, solid, positions, normals, colors):  # type: ignore[no-untyped
     t = take(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, positions.shape[0])):
-            x, y, z = float(positions[i, 0]), float(positions[i, 1]), float(positions[i, 2])
+            x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
             x, y, z = settle(solid, x, y, z, 8)
             gx, gy, gz = slope(solid, x, y, z, STENCIL)
             length = np.sqrt(gx * gx + gy * gy + gz * gz)

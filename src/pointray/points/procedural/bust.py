@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .clay import CARVE, CUT, PAINT
-from .head import GOLD, SKIN
+from .head import FLESH, GOLD
 from .reliefs import FLUTES, FOLDS, MEANDER
 from .strokes import Clay
 
@@ -16,8 +16,8 @@ PALE = (0.83, 0.80, 0.74)
 
 
 def sculpt_plinth(clay: Clay) -> None:
-    stone = {"color": STONE, "vein": -0.45}
-    pale = {"color": PALE, "vein": 0.35}
+    stone: dict[str, Any] = {"color": STONE, "vein": -0.45}
+    pale: dict[str, Any] = {"color": PALE, "vein": 0.35}
     clay.box((0, 0, 0.045), (0.36, 0.36, 0.045), 0.014, width=0.01, **stone)
     clay.drum((0, 0, 0.100), 0.335, 0.02, 0.012, width=0.008, **pale)
     clay.drum((0, 0, 0.160), 0.310, 0.055, 0.010, width=0.008, **stone)
@@ -58,7 +58,6 @@ def _torso(clay: Clay, grow: float, **stroke: Any) -> None:
 
 def sculpt_bust(clay: Clay) -> None:
     """Cloth first, then its folds, then the neckline, then the skin below, and the neck when the foot is cut round."""
-    skin = {"color": SKIN, "vein": 0.05}
     _torso(clay, 0.040, color=GOLD)
     clay.ellipsoid((0.42, 0.05, 0.72), (0.36, 0.60, 0.75), (0, -38, 0), op=CUT, width=0.02)
     clay.ellipsoid((0.42, 0.05, 0.72), (0.34, 0.585, 0.73), (0, -38, 0), op=PAINT, width=0.003, color=MANTLE)
@@ -66,9 +65,9 @@ def sculpt_bust(clay: Clay) -> None:
     clay.relief(FOLDS, (0, 0.0, 1.12), (0.75, 0.5, 0.75), 0.0165, width=0.02)
     clay.ellipsoid((0, -0.13, 1.12), (0.230, 0.30, 0.185), op=CARVE, width=0.02)
     clay.ellipsoid((0, -0.13, 1.12), (0.248, 0.318, 0.206), op=PAINT, width=0.003, color=GOLD)
-    _torso(clay, -0.012, **skin)
+    _torso(clay, -0.012, **FLESH)
     clay.ellipsoid((0, 0.06, 0.99), (0.620, 0.42, 0.47), op=CUT, width=0.03)
-    clay.tube((0, 0.075, 1.02), (0, 0.065, 1.24), (0, 0.03, 1.46), (0.155, 0.120, -0.022), width=0.11, **skin)
+    clay.tube((0, 0.075, 1.02), (0, 0.065, 1.24), (0, 0.03, 1.46), (0.155, 0.120, -0.022), width=0.11, **FLESH)
     clay.tube(
         (0.125, 0.055, 1.45),
         (0.095, -0.02, 1.28),
@@ -76,7 +75,7 @@ def sculpt_bust(clay: Clay) -> None:
         (0.016, 0.012, 0.002),
         both=True,
         width=0.06,
-        **skin,
+        **FLESH,
     )
     clay.tube(
         (0.04, -0.085, 1.065),
@@ -85,5 +84,5 @@ def sculpt_bust(clay: Clay) -> None:
         (0.012, 0.012, 0.003),
         both=True,
         width=0.05,
-        **skin,
+        **FLESH,
     )

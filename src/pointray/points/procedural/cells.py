@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -100,6 +102,8 @@ def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArr
     dims = np.ceil((high - low) / coarse).astype(np.int64)
     fine = dims * 2**levels
     lists = np.zeros(tuple(fine), np.int32)
+    starts: list[NDArray[Any]]
+    items: list[NDArray[Any]]
     starts, items = [np.array([0, len(table)])], [np.arange(len(table))]
     solid = Solid(CLAY, table, lists, starts[0].astype(np.int32), items[0].astype(np.int32), low, cell)
     centers = low + (np.indices(tuple(dims)).reshape(3, -1).T + 0.5) * coarse

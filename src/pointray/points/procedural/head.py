@@ -21,6 +21,8 @@ TRESSES = (0.56, 0.35, 0.20)
 PEARL = (0.93, 0.89, 0.80)
 GOLD = (0.80, 0.62, 0.31)
 
+FLESH: dict[str, Any] = {"color": SKIN, "vein": 0.05}
+
 
 def sculpt_head(clay: Clay) -> None:
     """The whole head; hair first, since its relief must not touch the skin."""
@@ -35,9 +37,8 @@ def sculpt_head(clay: Clay) -> None:
 
 
 def _skull(clay: Clay) -> None:
-    skin = {"color": SKIN, "vein": 0.05}
-    clay.ellipsoid((0, -0.035, 0.60), (0.300, 0.345, 0.345), width=0.02, **skin)
-    clay.ellipsoid((0, -0.13, 0.375), (0.222, 0.240, 0.36), width=0.08, **skin)
+    clay.ellipsoid((0, -0.035, 0.60), (0.300, 0.345, 0.345), width=0.02, **FLESH)
+    clay.ellipsoid((0, -0.13, 0.375), (0.222, 0.240, 0.36), width=0.08, **FLESH)
     clay.tube(
         (0.205, 0.03, 0.33),
         (0.150, -0.15, 0.135),
@@ -45,10 +46,10 @@ def _skull(clay: Clay) -> None:
         (0.055, 0.042, 0.0),
         both=True,
         width=0.10,
-        **skin,
+        **FLESH,
     )
-    clay.ellipsoid((0, -0.318, 0.083), (0.066, 0.062, 0.062), width=0.07, **skin)
-    clay.ellipsoid((0.150, -0.225, 0.405), (0.085, 0.085, 0.078), both=True, width=0.09, **skin)
+    clay.ellipsoid((0, -0.318, 0.083), (0.066, 0.062, 0.062), width=0.07, **FLESH)
+    clay.ellipsoid((0.150, -0.225, 0.405), (0.085, 0.085, 0.078), both=True, width=0.09, **FLESH)
     # sockets, under a straight classical brow
     clay.ellipsoid((0.130, -0.405, 0.495), (0.088, 0.070, 0.052), (0, 0, 14), both=True, op=CARVE, width=0.07)
     clay.tube(
@@ -58,23 +59,21 @@ def _skull(clay: Clay) -> None:
         (0.022, 0.016, 0.006),
         both=True,
         width=0.045,
-        **skin,
+        **FLESH,
     )
     clay.ellipsoid((0.165, -0.295, 0.345), (0.07, 0.05, 0.06), both=True, op=PAINT, width=0.05, color=BLUSH, share=0.55)
 
 
 def _nose(clay: Clay) -> None:
-    skin = {"color": SKIN, "vein": 0.05}
-    clay.tube((0, -0.352, 0.580), (0, -0.405, 0.470), (0, -0.455, 0.372), (0.030, 0.034, -0.004), width=0.05, **skin)
-    clay.ellipsoid((0, -0.455, 0.362), (0.043, 0.042, 0.036), width=0.03, **skin)
-    clay.ellipsoid((0.039, -0.404, 0.352), (0.023, 0.043, 0.025), (0, 0, 16), both=True, width=0.045, **skin)
+    clay.tube((0, -0.352, 0.580), (0, -0.405, 0.470), (0, -0.455, 0.372), (0.030, 0.034, -0.004), width=0.05, **FLESH)
+    clay.ellipsoid((0, -0.455, 0.362), (0.043, 0.042, 0.036), width=0.03, **FLESH)
+    clay.ellipsoid((0.039, -0.404, 0.352), (0.023, 0.043, 0.025), (0, 0, 16), both=True, width=0.045, **FLESH)
     clay.ellipsoid((0.023, -0.428, 0.326), (0.012, 0.024, 0.014), (0, 0, 14), both=True, op=CARVE, width=0.016)
 
 
 def _mouth(clay: Clay) -> None:
-    skin = {"color": SKIN, "vein": 0.05}
-    lips = {"color": LIPS, "vein": 0.02}
-    clay.ellipsoid((0, -0.300, 0.235), (0.125, 0.098, 0.095), width=0.08, **skin)
+    lips: dict[str, Any] = {"color": LIPS, "vein": 0.02}
+    clay.ellipsoid((0, -0.300, 0.235), (0.125, 0.098, 0.095), width=0.08, **FLESH)
     clay.tube((0, -0.405, 0.312), (0, -0.408, 0.290), (0, -0.414, 0.268), (0.007, 0.010, 0.0), op=CARVE, width=0.03)
     clay.tube(
         (0.004, -0.400, 0.251),
@@ -112,15 +111,14 @@ def _mouth(clay: Clay) -> None:
 
 
 def _eyes(clay: Clay) -> None:
-    skin = {"color": SKIN, "vein": 0.05}
     clay.ellipsoid((0.128, -0.270, 0.497), (0.066, 0.066, 0.066), both=True, width=0.010, color=EYES, vein=0.02)
     clay.ellipsoid((0.128, -0.345, 0.498), (0.025, 0.03, 0.025), both=True, op=PAINT, width=0.003, color=IRIS)
     clay.ellipsoid((0.128, -0.345, 0.499), (0.011, 0.03, 0.011), both=True, op=PAINT, width=0.003, color=PUPIL)
     clay.ellipsoid((0.128, -0.344, 0.501), (0.011, 0.011, 0.011), both=True, op=CARVE, width=0.010)
-    lid = {"both": True, "width": 0.012, **skin}
+    lid: dict[str, Any] = {"both": True, "width": 0.012, **FLESH}
     clay.tube((0.064, -0.322, 0.488), (0.126, -0.343, 0.5265), (0.196, -0.270, 0.489), (0.009, 0.010, 0.008), **lid)
     clay.tube((0.066, -0.322, 0.486), (0.130, -0.332, 0.4685), (0.192, -0.270, 0.487), (0.008, 0.008, 0.004), **lid)
-    clay.ellipsoid((0.062, -0.328, 0.487), (0.012, 0.012, 0.010), both=True, width=0.012, **skin)
+    clay.ellipsoid((0.062, -0.328, 0.487), (0.012, 0.012, 0.010), both=True, width=0.012, **FLESH)
     clay.tube(
         (0.052, -0.385, 0.566),
         (0.135, -0.362, 0.594),
@@ -135,9 +133,8 @@ def _eyes(clay: Clay) -> None:
 
 
 def _ears(clay: Clay) -> None:
-    skin = {"color": SKIN, "vein": 0.05}
     with clay.part((0, 0, 0)):
-        clay.ellipsoid((0.272, 0.035, 0.425), (0.035, 0.058, 0.092), (12, 0, -18), both=True, width=0.02, **skin)
+        clay.ellipsoid((0.272, 0.035, 0.425), (0.035, 0.058, 0.092), (12, 0, -18), both=True, width=0.02, **FLESH)
         clay.ellipsoid((0.305, 0.015, 0.415), (0.020, 0.030, 0.052), (12, 0, -18), both=True, op=CARVE, width=0.018)
         clay.tube(
             (0.290, -0.015, 0.455),
@@ -146,7 +143,7 @@ def _ears(clay: Clay) -> None:
             (0.011, 0.010, 0.003),
             both=True,
             width=0.014,
-            **skin,
+            **FLESH,
         )
         clay.tube(
             (0.300, 0.088, 0.420),
@@ -155,13 +152,13 @@ def _ears(clay: Clay) -> None:
             (0.010, 0.016, 0.0),
             both=True,
             width=0.014,
-            **skin,
+            **FLESH,
         )
         clay.ellipsoid((0.283, 0.015, 0.300), (0.020, 0.020, 0.020), both=True, width=0.010, color=GOLD)
 
 
 def _hair(clay: Clay) -> None:
-    hair = {"color": TRESSES}
+    hair: dict[str, Any] = {"color": TRESSES}
     clay.ellipsoid((0, 0.075, 0.640), (0.345, 0.405, 0.375), width=0.02, **hair)
     clay.ellipsoid((0, 0.19, 0.440), (0.285, 0.255, 0.300), width=0.12, **hair)
     # a roll of hair around the face, from the parting to the ears
@@ -191,7 +188,7 @@ def _hair(clay: Clay) -> None:
 
 def _locks(clay: Clay) -> None:
     """A curl that comes loose before each ear."""
-    hair = {"color": TRESSES, "both": True, "width": 0.012}
+    hair: dict[str, Any] = {"color": TRESSES, "both": True, "width": 0.012}
     clay.tube((0.262, -0.090, 0.560), (0.288, -0.120, 0.470), (0.272, -0.075, 0.400), (0.016, 0.010, 0.004), **hair)
 
 
@@ -213,7 +210,7 @@ def _diadem(clay: Clay) -> None:
         return 0.353 * width * sin(angle), y, 0.64 + rise
 
     steps = [1.75 * (k / 6.0 - 1.0) for k in range(13)]
-    gold = {"color": GOLD, "width": 0.022}
+    gold: dict[str, Any] = {"color": GOLD, "width": 0.022}
     for lean in (0.33, 0.47):
         _arc(clay, [hoop(angle, lean) for angle in steps], 0.017, **gold)
     for k in range(-12, 13):

@@ -29,7 +29,7 @@ class Bricks(NamedTuple):
     places: NDArray[np.int64]  # (bricks, 3) grid coordinates
     number: NDArray[np.int32]  # (nx, ny, nz) brick at a place, -1: none
     slot: NDArray[np.int64]  # (bricks + 1,) first slot of each
-    count: NDArray[np.int64]  # (bricks,) points so far
+    filled: NDArray[np.int64]  # (bricks,) points so far
     points: NDArray[np.float32]  # (slots, 3)
     low: NDArray[np.float64]  # (3,)
     edge: float
@@ -100,8 +100,8 @@ def _gather(bricks, brick, grid, dims, heads, following, local):  # type: ignore
         other = _neighbor(bricks, brick, number)
         if other < 0:
             continue
-        for p in range(bricks.slot[other], bricks.slot[other] + bricks.count[other]):
-            x, y, z = float(bricks.points[p, 0]), float(bricks.points[p, 1]), float(bricks.points[p, 2])
+        for p in range(bricks.slot[other], bricks.slot[other] + bricks.filled[other]):
+            x, y, z = np.float64(bricks.points[p, 0]), np.float64(bricks.points[p, 1]), np.float64(bricks.points[p, 2])
             u, v, w = (x - grid[0]) * grid[3], (y - grid[1]) * grid[3], (z - grid[2]) * grid[3]
             if min(u, min(v, w)) >= 0.0 and max(u, max(v, w)) < dims:
                 held = _insert(x, y, z, (int(u) * dims + int(v)) * dims + int(w), heads, following, local, held)
@@ -124,7 +124,7 @@ def _dart(corners, t, word):  # type: ignore[no-untyped-def]
     x = p * corners[t, 0, 0] + q * corners[t, 1, 0] + r * corners[t, 2, 0]
     y = p * corners[t, 0, 1] + q * corners[t, 1, 1] + r * corners[t, 2, 1]
     z = p * corners[t, 0, 2] + q * corners[t, 1, 2] + r * corners[t, 2, 2]
-    return float(np.float32(x)), float(np.float32(y)), float(np.float32(z))
+    return np.float64(np.float32(x)), np.float64(np.float32(y)), np.float64(np.float32(z))
 
 
 @kernel
@@ -147,7 +147,7 @@ def _throw(work, bricks, turn, areas, distance, rounds, key):  # type: ignore[no
         size = _crowd(bricks, brick)
         local, following = np.empty((size, 3)), np.empty(size, np.int32)
         held = _gather(bricks, brick, grid, dims, heads, following, local)
-        free = bricks.slot[brick] + bricks.count[brick]
+        free = bricks.slot[brick] + bricks.filled[brick]
         for turn_of in range(rounds):
             for t in range(bricks.first[brick], bricks.first[brick + 1]):
                 seed = mix(mix(key, turn_of), t)
@@ -160,7 +160,7 @@ def _throw(work, bricks, turn, areas, distance, rounds, key):  # type: ignore[no
                         held = _insert(x, y, z, cell, heads, following, local, held)
                         bricks.points[free] = (x, y, z)
                         free += 1
-        bricks.count[brick] = free - bricks.slot[brick]
+        bricks.filled[brick] = free - bricks.slot[brick]
         number = take(work)
 
 
@@ -222,19 +222,19 @@ def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float
     colors = (bricks.places & 1) @ np.array([4, 2, 1])
     distance = FIRST_DISTANCE * float(np.sqrt(areas.sum() / n))
     rounds, attempt = FIRST_ROUNDS, 0
-    before = bricks.count.copy()
-    while bricks.count.sum() < n:
-        before = bricks.count.copy()
+    before = bricks.filled.copy()
+    while bricks.filled.sum() < n:
+        before = bricks.filled.copy()
         for color in range(8):
             turn = np.flatnonzero(colors == color)
             key = np.uint64((seed * 1_000_003 + attempt) % 2**63)
             run(_throw, len(turn), bricks, turn, areas, distance, rounds, key)
         distance, rounds, attempt = distance * SHRINK, LATER_ROUNDS, attempt + 1
     # too many: points of the last pass, and only those, go again
-    added = bricks.count - before
+    added = bricks.filled - before
     start = np.cumsum(added) - added
     late = np.repeat(bricks.slot[:-1] + before - start, added) + np.arange(int(added.sum()))
-    excess = int(bricks.count.sum()) - n
-    keep = np.arange(int(bricks.slot[-1])) < np.repeat(bricks.slot[:-1] + bricks.count, np.diff(bricks.slot))
+    excess = int(bricks.filled.sum()) - n
+    keep = np.arange(int(bricks.slot[-1])) < np.repeat(bricks.slot[:-1] + bricks.filled, np.diff(bricks.slot))
     keep[late[np.argsort(_hash(late, seed), kind="stable")[:excess]]] = False
     return np.asarray(bricks.points[keep])

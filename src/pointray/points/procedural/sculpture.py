@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .bust import sculpt_bust, sculpt_plinth
@@ -10,7 +12,7 @@ from .head import sculpt_head
 from .solids import Solid
 from .strokes import Clay
 
-HEAD = {"place": (0.0, -0.005, 1.315), "turn": (-3.0, 4.0, -14.0), "scale": 0.62}
+HEAD: dict[str, Any] = {"place": (0.0, -0.005, 1.315), "turn": (-3.0, 4.0, -14.0), "scale": 0.62}
 BOUNDS = np.array([[-0.70, -0.48, -0.03], [0.70, 0.52, 2.08]])
 CELL = 0.02
 
@@ -22,4 +24,4 @@ def statue() -> Solid:
     sculpt_plinth(clay)
     with clay.part(**HEAD):
         sculpt_head(clay)
-    return clay_solid(clay.table(), *BOUNDS, CELL)
+    return clay_solid(clay.table(), BOUNDS[0], BOUNDS[1], CELL)

@@ -1,0 +1,157 @@
+"""Slow and obvious twins: f straight from its definition in float64, over all splats, without tree, slab or SIMD."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pointray.jit import inline, kernel, run, take
+
+KINDS = {"paper": 0, "imls": 1, "apss": 2}
+STEPS = 40  # samples in a radius
+
+
+class Twin(NamedTuple):
+    """What the twin finds on each ray.
+
+    t : (n,) float64, inf for a miss; radius : local radius at the hit
+    doubtful : (n,) bool: a graze, two crossings closer than half a radius, or a hit close to a limit (trim, jump)
+    """
+
+    t: np.ndarray
+    radius: np.ndarray
+    doubtful: np.ndarray
+
+
+@inline
+def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
+    """(f, |x - P|, local radius) at x over the chosen splats; NaN without support. splats: rows x y z nx ny nz r."""
+    w_sum, r_sum, qn, qq = 0.0, 0.0, 0.0, 0.0
+    q, n = np.zeros(3), np.zeros(3)
+    for k in range(count):
+        s = splats[chosen[k]]
+        d = s[:3] - x
+        square = (d * d).sum()
+        if square >= s[6] * s[6]:
+            continue
+        w = (1.0 - square / (s[6] * s[6])) ** 2
+        w_sum += w
+        r_sum += w / (s[6] * s[6])
+        q += w * d
+        n += w * s[3:6]
+        qn += w * (d * s[3:6]).sum()
+        qq += w * square
+    if w_sum == 0.0:
+        return np.nan, np.nan, np.nan
+    q, n, qn, qq = q / w_sum, n / w_sum, qn / w_sum, qq / w_sum
+    center, plane = (q * q).sum(), (q * n).sum()
+    f = -plane if kind == 0 else -qn
+    if kind == 2:
+        u4 = 0.5 * (qn - plane) / max(qq - center, 0.25 * qq, 1e-300)
+        f = -plane - u4 * (qq - 2.0 * center)
+    return f, math.sqrt(center), math.sqrt(w_sum / r_sum)
+
+
+@inline
+def bisect(splats, chosen, count, ray, ends, kind):  # type: ignore[no-untyped-def]
+    """t of the sign change between two t."""
+    o, d = ray
+    a, b = ends
+    fa = field(splats, chosen, count, o + a * d, kind)[0]
+    for _ in range(40):
+        middle = 0.5 * (a + b)
+        f = field(splats, chosen, count, o + middle * d, kind)[0]
+        if (f < 0.0) == (fa < 0.0):
+            a = middle
+        else:
+            b = middle
+    return 0.5 * (a + b)
+
+
+@kernel
+def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-untyped-def]
+    """Step along each ray; out : t, radius, doubtful."""
+    kind, trim = settings
+    t_out, radius_out, doubtful = out
+    chosen, near, far = np.empty(len(splats), np.int64), np.empty(len(splats)), np.empty(len(splats))
+    i = take(work)
+    while i >= 0:
+        o, d = origins[i], directions[i]
+        count, smallest = 0, np.inf
+        for k in range(len(splats)):
+            x, y, z = splats[k, 0] - o[0], splats[k, 1] - o[1], splats[k, 2] - o[2]
+            along = x * d[0] + y * d[1] + z * d[2]
+            rest = splats[k, 6] ** 2 - (x * x + y * y + z * z - along * along)
+            if rest > 0.0 and along + splats[k, 6] > 0.0:
+                chosen[count] = k
+                near[count], far[count] = along - math.sqrt(rest), along + math.sqrt(rest)
+                smallest = min(smallest, splats[k, 6])
+                count += 1
+        t_out[i], radius_out[i], doubtful[i] = np.inf, 0.0, False
+        order = np.argsort(near[:count])
+        k, t, step = 0, 0.0, smallest / STEPS
+        before, before2, last_cross = np.nan, np.nan, -np.inf
+        active = np.empty(count, np.int64)
+        live = 0
+        found = np.inf
+        while True:
+            keep = 0
+            for a in range(live):
+                if far[active[a]] > t - 2.0 * step:
+                    active[keep] = active[a]
+                    keep += 1
+            live = keep
+            if live == 0:
+                if k >= count:
+                    break
+                t = max(near[order[k]], t)
+                before = before2 = np.nan
+            while k < count and near[order[k]] <= t + step:
+                active[live] = order[k]
+                live += 1
+                k += 1
+            names = np.empty(live, np.int64)
+            for a in range(live):
+                names[a] = chosen[active[a]]
+            f, away, radius = field(splats, names, live, o + t * d, kind)
+            if found < np.inf:
+                # Behind the hit only a second crossing closer than half a radius is of interest.
+                if t > found + 0.5 * radius_out[i] or not f == f:
+                    break
+                if (f < 0.0) != (before < 0.0):
+                    doubtful[i] = True
+                    break
+            elif (f < 0.0 and before >= 0.0) or (f >= 0.0 and before < 0.0):
+                at = bisect(splats, names, live, (o, d), (t - step, t), kind)
+                value, offset, local = field(splats, names, live, o + at * d, kind)
+                if abs(value) > 0.01 * local or abs(offset - trim * local) < 0.02 * local:
+                    doubtful[i] = True
+                if offset <= trim * local and abs(value) <= 0.05 * local:
+                    if at - last_cross < 0.5 * local:
+                        doubtful[i] = True
+                    t_out[i], radius_out[i], found = at, local, at
+                else:
+                    last_cross = at
+            elif abs(before) < 0.02 * radius and abs(before) <= abs(before2) and abs(before) <= abs(f):
+                doubtful[i] = True
+            elif not f == f and abs(before) < 0.02 * smallest:
+                doubtful[i] = True
+            before2, before = before, f
+            t += step
+        i = take(work)
+    return 0
+
+
+def walk(model, origins, directions):  # type: ignore[no-untyped-def]
+    """Twin of the closest hit of world rays (n, 3) with one model at its place; unit directions."""
+    tree = model.tree
+    used = tree.order >= 0
+    splats = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used].astype(np.float64)
+    splats[:, 6] = 1 / np.sqrt(splats[:, 6])
+    n = len(origins)
+    twin = Twin(np.empty(n), np.empty(n), np.zeros(n, np.bool_))
+    settings = (KINDS[model.surface], float(model.settings.trim))
+    run(_walk, n, splats, np.ascontiguousarray(origins - model.points.origin), directions, settings, tuple(twin))
+    return twin
