@@ -1,0 +1,115 @@
+"""The tree is whole, the validator sees when it is not, and nothing that is seen depends on slabs, boxes or voxels."""
+
+import numpy as np
+import pytest
+from conftest import shared_model
+
+import pointray as pr
+from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
+from pointray.tree.check import check_tree
+
+
+def splats(name):
+    points = pr.read(shared_model(f"points/{name}.ply")) if name.startswith("stanford") else pr.procedural(name, 40_000)
+    model = pr.Model(points)
+    return Splats(points.positions, points.normals, model.radii, np.arange(len(points), dtype=np.int32), points.colors)
+
+
+@pytest.fixture(scope="module")
+def torus():
+    return splats("torus")
+
+
+@pytest.mark.parametrize("name", ["sphere", "torus", "lattice", "statue", "stanford_bunny"])
+@pytest.mark.parametrize("surface", ["imls", "apss"])
+def test_trees_are_whole(name, surface):
+    assert check_tree(build_tree(splats(name), TreeSettings(surface)), places=4000) == []
+
+
+def copied(tree):
+    return tree._replace(**{name: getattr(tree, name).copy() for name in tree._fields})
+
+
+def shift_box(tree):
+    node = int(np.flatnonzero(tree.children.reshape(-1, 8)[0] >= 0)[0])
+    tree.boxes.reshape(-1, 6, 8)[0, 3, node] -= 0.1
+
+
+def forget_blocks(tree):
+    tree.refs[:] = np.roll(tree.refs, 160)
+
+
+def move_slabs(tree):
+    tree.leaves.reshape(-1, 16)[:, 9:11] += tree.leaves.reshape(-1, 16)[:, 12:13]
+
+
+def shrink_spheres(tree):
+    tree.spheres.reshape(-1, 4, 16)[5, 3] *= 0.5
+
+
+def cut_child(tree):
+    leaf = int(np.flatnonzero(tree.children < 0)[0])
+    tree.children[leaf] = -(2**31)
+
+
+def double_row(tree):
+    tree.order[7] = tree.order[8]
+
+
+def point_outside(tree):
+    tree.refs[0] = tree.blocks.size
+
+
+@pytest.mark.parametrize(
+    "corrupt", [shift_box, forget_blocks, move_slabs, shrink_spheres, cut_child, double_row, point_outside]
+)
+def test_the_validator_sees_a_corrupted_tree(torus, corrupt):
+    tree = copied(build_tree(torus, TreeSettings("apss")))
+    corrupt(tree)
+    assert check_tree(tree, places=4000)
+
+
+def seen(cloud, **changes):
+    """t of random rays through the cloud's bounds."""
+    model = object.__new__(pr.Model)
+    model.points, model.radii = pr.Points(cloud.positions, cloud.normals), cloud.radii
+    model.surface = "apss"
+    model._bounds = model.points.bounds
+    model.tree = build_tree(cloud, TreeSettings("apss", trim=0.6, **changes))
+    scene = pr.Scene()
+    scene.add(model)
+    rng = np.random.default_rng(3)
+    low, high = model.bounds
+    a, b = (rng.uniform(low, high, (200_000, 3)) for _ in range(2))
+    origins = a - 3 * (b - a)
+    return scene.intersect(origins, b - a).t * np.linalg.norm(b - a, axis=1)
+
+
+@pytest.mark.parametrize("name", ["torus", "statue", "stanford_bunny", "stanford_bunny_rangescans"])
+def test_slabs_and_boxes_lose_nothing(name):
+    cloud = splats(name)
+    tight, loose = seen(cloud), seen(cloud, cut=False)
+    assert (np.isfinite(tight) != np.isfinite(loose)).sum() <= 2
+    both = np.isfinite(tight) & np.isfinite(loose)
+    assert (np.abs(tight - loose)[both] > 0.02 * np.median(cloud.radii)).sum() <= 2
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("name", ["torus", "statue", "stanford_bunny"])
+def test_the_size_of_voxels_changes_nothing(name, factor):
+    cloud = splats(name)
+    one, other = seen(cloud), seen(cloud, leaf_width=LEAF_WIDTH * factor)
+    assert (np.isfinite(one) != np.isfinite(other)).sum() <= 2
+    both = np.isfinite(one) & np.isfinite(other)
+    assert (np.abs(one - other)[both] > 0.02 * np.median(cloud.radii)).sum() <= 20
+
+
+def test_coincident_and_huge_supports_are_no_trouble():
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(500, 3)).astype(np.float32)
+    n = x / np.linalg.norm(x, axis=1, keepdims=True)
+    radii = np.full(500, 50, np.float32)
+    rows = np.arange(500, dtype=np.int32)
+    tree = build_tree(Splats(np.repeat(x[:1], 500, axis=0), n, radii, rows, None), TreeSettings("imls"))
+    assert tree.blocks.size == 125 * 28
+    assert check_tree(build_tree(Splats(x, n, radii, rows, None), TreeSettings("imls")), places=500) == []
