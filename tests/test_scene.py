@@ -1,0 +1,278 @@
+"""Scenes: shapes of batches, what hits mean, transforms, lights, threads, and bad input."""
+
+import threading
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from pointray import jit
+
+RNG = np.random.default_rng(7)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return pr.Model(pr.procedural("sphere", 20_000))
+
+
+@pytest.fixture(scope="module")
+def scene(model):
+    scene = pr.Scene()
+    scene.add(model)
+    return scene
+
+
+def matrix(linear, shift=(0, 0, 0)):
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = linear, shift
+    return out
+
+
+TURN = np.linalg.qr(RNG.normal(size=(3, 3)))[0]
+TRANSFORMS = {
+    "rigid": matrix(TURN * np.sign(np.linalg.det(TURN)), (5, 1, -2)),
+    "scaled": matrix(np.diag([3, 3, 3])),
+    "mirrored": matrix(np.diag([-1, 1, 1]), (1, 0, 0)),
+    "sheared": matrix([[1, 0.5, 0], [0, 1.3, 0.2], [0, 0, 0.7]], (0, 0, 3)),
+}
+
+
+@pytest.mark.parametrize("name", TRANSFORMS)
+def test_transforms_and_their_normals(model, name):
+    transform = TRANSFORMS[name]
+    scene = pr.Scene()
+    number = scene.add(model, transform)
+    camera = pr.Camera.frame(scene.bounds, size=(60, 60))
+    hits = scene.intersect(*camera.rays())
+    hit = np.isfinite(hits.t)
+    assert hit.mean() > 0.2 and (hits.instance[hit] == number).all()
+    local = (hits.position[hit] - transform[:3, 3]) @ np.linalg.inv(transform[:3, :3]).T
+    assert np.abs(np.linalg.norm(local, axis=1) - 1).max() < 1e-3
+    normal = local @ np.linalg.inv(transform[:3, :3])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    assert (normal * hits.normal[hit]).sum(axis=1).min() > 0.999
+
+
+def test_moving_and_removing(model):
+    scene = pr.Scene()
+    a, b = scene.add(model), scene.add(model, matrix(np.eye(3), (5, 0, 0)))
+    rays = [[0, -9, 0], [5, -9, 0]], [0, 1, 0]
+    assert scene.intersect(*rays).instance.tolist() == [a, b]
+    scene.update(b, transform=matrix(np.eye(3), (0, -4, 0)))
+    assert scene.intersect(*rays).instance.tolist() == [b, -1]
+    scene.remove(b)
+    assert scene.intersect(*rays).instance.tolist() == [a, -1]
+    with pytest.raises(ValueError, match="no instance"):
+        scene.remove(b)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (0,), (7,), (3, 4), (2, 3, 4)])
+def test_leading_shapes(scene, shape):
+    hits = scene.intersect(np.broadcast_to([0.0, -4, 0], (*shape, 3)), [0, 1, 0])
+    assert hits.t.shape == hits.point.shape == hits.instance.shape == shape
+    assert hits.position.shape == hits.normal.shape == hits.color.shape == (*shape, 3)
+    assert scene.occluded([0, -4, 0], np.broadcast_to([0.0, 1, 0], (*shape, 3))).shape == shape
+    assert (hits.normal.dtype, hits.color.dtype, hits.point.dtype) == (np.float32, np.float32, np.int64)
+
+
+def test_the_interval_counts_and_broadcasts(scene):
+    t_max = np.array([2.0, 2.99, 3.01, 9.0])
+    assert scene.occluded([0, -4, 0], [0, 1, 0], t_max=t_max).tolist() == [False, False, True, True]
+    hits = scene.intersect([0, -4, 0], [0, 2, 0], t_min=[0.0, 2.0])
+    assert hits.t == pytest.approx([1.5, 2.5], abs=1e-3)
+
+
+def test_every_kind_of_array_compiles_one_kernel(scene, tmp_path):
+    origins, directions = pr.Camera.look_at((0, -4, 0), (0, 0, 0), size=(8, 8)).rays()
+    want = scene.intersect(origins, directions).t
+    frozen = origins.copy()
+    frozen.flags.writeable = False
+    mapped = np.memmap(tmp_path / "rays", np.float64, "w+", shape=directions.shape)
+    mapped[:] = directions
+    for o, d in (
+        (frozen, directions),
+        (origins, mapped),
+        (origins.astype(np.float32), directions.astype(np.float32)),
+        (np.asfortranarray(origins), np.repeat(directions, 2, axis=0)[::2]),
+        (origins.astype(">f8"), directions),
+    ):
+        assert np.array_equal(np.isfinite(scene.intersect(o, d).t), np.isfinite(want))
+        scene.occluded(o, d)
+    frozen_points = np.array(pr.procedural("sphere", 1000).positions)
+    frozen_points.flags.writeable = False
+    pr.Model(pr.Points(frozen_points, frozen_points))
+    pr.Model(pr.Points(np.repeat(frozen_points, 2, axis=0)[::2], frozen_points))
+    many = {name: len(k.signatures) for name, k in jit.KERNELS.items() if len(k.signatures) > 1}
+    assert not many
+
+
+def test_point_is_the_callers_row(tmp_path):
+    points = pr.procedural("sphere", 5000)
+    order = RNG.permutation(5000)
+    x = points.positions[order].astype(float)
+    x[::10] = np.nan
+    with pytest.warns(UserWarning, match="500 of 5,000"):
+        model = pr.Model(pr.Points(x, points.normals[order]))
+    scene = pr.Scene()
+    scene.add(model)
+    hits = scene.intersect(*pr.Camera.look_at((0, -4, 0), (0, 0, 0), size=(50, 50)).rays())
+    hit = hits.point >= 0
+    away = np.linalg.norm(x[hits.point[hit]] - hits.position[hit], axis=1)
+    assert away.max() < model.radii.max()
+    assert np.median(away) < 0.6 * np.median(model.radii)
+
+
+def test_colors_and_attributes_are_blended():
+    points = pr.procedural("sphere", 20_000)
+    x = points.positions
+    grey = np.repeat(np.rint(255 * (0.5 + 0.5 * x[:, 2:])).astype(np.uint8), 3, axis=1)
+    cloud = pr.Points(x, points.normals, grey, {"height": x[:, 2], "place": x})
+    scene = pr.Scene()
+    scene.add(pr.Model(cloud))
+    hits = scene.intersect(
+        *pr.Camera.look_at((0, -4, 0), (0, 0, 0), size=(50, 50)).rays(), attributes=["height", "place"]
+    )
+    hit = hits.point >= 0
+    assert np.abs(hits.attributes["height"][hit] - hits.position[hit][:, 2]).max() < 0.01
+    assert np.abs(hits.attributes["place"][hit] - hits.position[hit]).max() < 0.02
+    assert np.isnan(hits.attributes["height"][~hit]).all()
+    srgb = 0.5 + 0.5 * hits.position[hit][:, 2]
+    assert np.abs(hits.color[hit][:, 0] - np.where(srgb > 0.04, ((srgb + 0.055) / 1.055) ** 2.4, srgb / 12.92)).max() < 0.02
+    with pytest.raises(ValueError, match="height, place"):
+        scene.intersect([0, -4, 0], [0, 1, 0], attributes=["width"])
+
+
+def test_unlit_colors_come_back_within_one_level(tmp_path):
+    points = pr.procedural("sphere", 5000)
+    color = np.tile(np.array([[200, 3, 77]], np.uint8), (5000, 1))
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.Points(points.positions, points.normals, color)))
+    image = pr.render(scene, pr.Camera.look_at((0, -3, 0), (0, 0, 0), fov=20, size=(16, 16)), pr.Settings("color"))
+    pr.write_image(tmp_path / "c.png", image)
+    from PIL import Image
+
+    got = np.asarray(Image.open(tmp_path / "c.png"))[..., :3].astype(int)
+    assert np.abs(got - color[0]).max() <= 1
+
+
+def test_a_point_light_over_a_diffuse_plane():
+    scene = pr.Scene()
+    scene.add(pr.Plane((0, 0, 0), (0, 0, 1), color=0.6))
+    scene.add_light(pr.PointLight((0.5, 0, 2), 10))
+    camera = pr.Camera.look_at((0, -3, 3), (0, 0, 0), size=(20, 20))
+    image = pr.render(scene, camera)
+    x = scene.intersect(*camera.rays()).position
+    v = np.array([0.5, 0, 2]) - x
+    square = (v * v).sum(-1)
+    want = 0.6 / np.pi * 10 / square * v[..., 2] / np.sqrt(square)
+    assert np.allclose(image[..., 0], want, rtol=1e-5)
+    assert (image[..., 3] == 1).all()
+
+
+def test_shadow_of_a_sphere_on_a_plane(model):
+    scene = pr.Scene()
+    scene.add(model)
+    scene.add(pr.Plane((0, 0, -1), (0, 0, 1), checker=0.5))
+    scene.add_light(pr.SunLight((0, 0, -1), 2))
+    camera = pr.Camera.look_at((0, -6, 4), (0, 0, -1), size=(80, 80))
+    hits = scene.intersect(*camera.rays())
+    ground = hits.point < 0
+    distance = np.linalg.norm(hits.position[..., :2], axis=-1)
+    image = pr.render(scene, camera)[..., 0]
+    assert (image[ground & (distance < 0.97)] == 0).all() and (ground & (distance < 0.97)).sum() > 10
+    assert (image[ground & (distance > 1.03) & np.isfinite(distance)] > 0).all()
+    assert (image[~ground & (hits.normal[..., 2] > 0.02)] > 0).all()  # no acne
+
+
+def test_background_and_alpha(scene):
+    camera = pr.Camera.look_at((0, -4, 0), (0, 0, 0), fov=60, size=(40, 40))
+    scene.background = None
+    image = pr.render(scene, camera, pr.Settings(spp=4))
+    assert image[0, 0].tolist() == [0, 0, 0, 0] and image[20, 20, 3] == 1
+    assert ((image[..., 3] > 0) & (image[..., 3] < 1)).any()
+    scene.background = (0.2, 0.4, 0.6)
+    image = pr.render(scene, camera)
+    assert image[0, 0] == pytest.approx([0.2, 0.4, 0.6, 1])
+    scene.background = None
+
+
+def test_debug_views(scene):
+    camera = pr.Camera.look_at((0, -4, 0), (0, 0, 0), size=(31, 31))
+    assert pr.render(scene, camera, pr.Settings("normal"))[15, 15, :3] == pytest.approx([0.5, 0, 0.5], abs=0.02)
+    assert pr.render(scene, camera, pr.Settings("depth"))[15, 15, 0] == pytest.approx(3, abs=1e-3)
+    assert pr.render(scene, camera, pr.Settings("cost"))[15, 15, 1] >= 1
+
+
+def test_the_picture_does_not_depend_on_threads(scene):
+    camera = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(70, 50))
+    one, two, five = (pr.render(scene, camera, pr.Settings(spp=2, threads=n)) for n in (1, 2, 5))
+    assert np.array_equal(one, two) and np.array_equal(one, five)
+
+
+def test_several_python_threads_at_once(scene):
+    origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(100, 100)).rays()
+    want = scene.intersect(origins, directions).t
+    got = [None] * 6
+
+    def work(k):
+        got[k] = scene.intersect(origins, directions).t
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(6)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    assert all(np.array_equal(g, want) for g in got)
+
+
+def test_an_empty_scene():
+    scene = pr.Scene()
+    assert np.isinf(scene.intersect([0, 0, 0], [0, 1, 0]).t)
+    assert not scene.occluded([0, 0, 0], [0, 1, 0])
+    with pytest.raises(ValueError, match="no model"):
+        _ = scene.bounds
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda s, m: s.intersect([0, 0], [0, 1, 0]), "origins"),
+        (lambda s, m: s.intersect([0, 0, 0], "up"), "directions"),
+        (lambda s, m: s.intersect(np.zeros((3, 3)), np.zeros((4, 3))), "broadcast"),
+        (lambda s, m: s.intersect([0, 0, 1j], [0, 1, 0]), "real numbers"),
+        (lambda s, m: s.add(m, np.zeros((4, 4))), "last row|singular"),
+        (lambda s, m: s.add(m, matrix(np.diag([1, 1, 0]))), "singular"),
+        (lambda s, m: s.add(m, np.eye(3)), "4, 4"),
+        (lambda s, m: s.add("statue"), "Model and Plane"),
+        (lambda s, m: s.add(m, material="wood"), "material"),
+        (lambda s, m: s.add_light("sun"), "light"),
+        (lambda s, m: s.add_light(pr.SunLight((0, 0, 0))), "zero"),
+        (lambda s, m: s.add_light(pr.PointLight((0, 0, 0), -1)), "negative"),
+        (lambda s, m: pr.Plane((0, 0, 0), (0, 0, 0)), "normal"),
+        (lambda s, m: pr.Settings("magic"), "integrator"),
+        (lambda s, m: pr.Settings(spp=0), "spp"),
+        (lambda s, m: pr.Model(m.points, surface="flat"), "surface"),
+        (lambda s, m: pr.Model(m.points, samples=1), "samples"),
+        (lambda s, m: pr.Model(m.points, trim=-1), "trim"),
+        (lambda s, m: pr.Model(m.points, radius_scale=0), "radius_scale"),
+        (lambda s, m: pr.Model(m.points, radii=np.zeros(20_000)), "radi"),
+        (lambda s, m: pr.Model(m.points, radii=np.ones(3)), "radi"),
+        (lambda s, m: pr.Model(pr.Points([[0, 0, 0]], [[0, 0, 1]])), "radi"),
+        (lambda s, m: pr.Model(pr.Points(np.zeros((1000, 3)), np.ones((1000, 3)))), "radi|place"),
+    ],
+)
+def test_bad_input(model, call, says):
+    with pytest.raises(ValueError, match=says):
+        call(pr.Scene(), model)
+
+
+def test_one_point_with_a_radius_is_a_disc():
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.Points([[0, 0, 0]], [[0, -1, 0]]), [1.0], surface="disc"))
+    hits = scene.intersect([[0, -3, 0.9], [0, -3, 1.1]], [0, 1, 0])
+    assert hits.t.tolist() == [3, np.inf] and hits.point.tolist() == [0, -1]
+
+
+def test_nbytes_counts_what_is_held(model):
+    assert 50 < model.nbytes / 20_000 < 300

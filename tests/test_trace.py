@@ -1,0 +1,170 @@
+"""Rays against exact shapes: depth, normals, watertightness, where secondary rays start, and open borders."""
+
+import numpy as np
+import pytest
+
+import pointray as pr
+
+RNG = np.random.default_rng(5)
+
+
+def unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def scene_of(name, n=60_000, **options):
+    scene = pr.Scene()
+    points = pr.procedural(name, n) if isinstance(name, str) else name
+    model = pr.Model(points, **options)
+    scene.add(model)
+    return scene, model
+
+
+def spacing(area, n):
+    return np.sqrt(area / n)
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return scene_of("sphere")[0]
+
+
+@pytest.mark.parametrize(("surface", "depth"), [("paper", 0.03), ("imls", 0.03), ("apss", 0.002), ("disc", 0.2)])
+def test_depth_and_normal_of_a_sphere(surface, depth):
+    scene, model = scene_of("sphere", surface=surface)
+    origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), fov=30, size=(200, 200)).rays()
+    hits = scene.intersect(origins, directions)
+    b = (origins * directions).sum(-1)
+    gap = b * b - (origins * origins).sum(-1) + 1
+    assert (np.isfinite(hits.t) == (gap > 0))[np.abs(gap) > 0.01].all()
+    hit = np.isfinite(hits.t)
+    away = np.linalg.norm(hits.position[hit], axis=-1) - 1
+    assert np.sqrt((away**2).mean()) < depth * spacing(4 * np.pi, 60_000)
+    turned = np.degrees(np.arccos(np.clip((hits.normal[hit] * unit(hits.position[hit])).sum(-1), -1, 1)))
+    assert turned.mean() < (3 if surface == "disc" else 0.3)
+    assert np.abs(np.linalg.norm(hits.normal[hit], axis=-1) - 1).max() < 1e-5
+
+
+@pytest.mark.parametrize(("name", "inside"), [("sphere", 0.7), ("torus", 0.25), ("statue", None)])
+@pytest.mark.parametrize("count", [100_000, pytest.param(10_000_000, marks=pytest.mark.long)])
+def test_no_ray_escapes_from_inside(name, inside, count):
+    scene, model = scene_of(name)
+    origins = inside_of(name, inside, 20_000)
+    for start in range(0, count, 1_000_000):
+        some = min(1_000_000, count - start)
+        directions = RNG.normal(size=(some, 3))
+        assert scene.occluded(origins[RNG.integers(len(origins), size=some)], directions).all()
+
+
+def inside_of(name, inside, count):
+    if name == "sphere":
+        return unit(RNG.normal(size=(count, 3))) * inside * RNG.random((count, 1)) ** (1 / 3)
+    if name == "torus":
+        a, b, r = RNG.uniform(0, 2 * np.pi, (2, count)).tolist() + [inside * np.sqrt(RNG.random(count))]
+        ring = 1 + r * np.cos(b)
+        return np.stack([ring * np.cos(a), ring * np.sin(a), r * np.sin(b)], axis=1)
+    x = RNG.uniform((-0.6, -0.4, 0), (0.6, 0.4, 1.95), (count, 3))
+    return x[pr.procedural_distance(name, x) < -0.03]
+
+
+@pytest.mark.parametrize("surface", ["paper", "imls", "apss"])
+@pytest.mark.parametrize("degrees", [0.5, 2, 10, 45, 90])
+def test_rays_from_a_sphere_leave_outside_and_are_blocked_inside(surface, degrees):
+    scene, _ = scene_of("sphere", surface=surface)
+    origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), fov=26, size=(100, 100)).rays()
+    hits = scene.intersect(origins, directions)
+    x = hits.position[np.isfinite(hits.t)]
+    n = unit(x)
+    tangent = unit(np.cross(n, RNG.normal(size=n.shape)))
+    rise = np.radians(degrees)
+    assert not scene.occluded(x, np.cos(rise) * tangent + np.sin(rise) * n).any()
+    assert scene.occluded(x, np.cos(rise) * tangent - np.sin(rise) * n).all()
+
+
+def test_shadow_rays_from_a_torus_agree_with_the_exact_shape():
+    scene, model = scene_of("torus")
+    origins, directions = pr.Camera.look_at((1, -4, 2), (0, 0, 0), fov=40, size=(160, 160)).rays()
+    hits = scene.intersect(origins, directions)
+    x = hits.position[np.isfinite(hits.t)]
+    towards = unit(RNG.normal(size=x.shape))
+    blocked = scene.occluded(x, towards)
+    # Sphere tracing of the exact distance, from just outside.
+    t = np.full(len(x), 0.01)
+    least = np.full(len(x), np.inf)
+    for _ in range(400):
+        d = pr.procedural_distance("torus", x + t[:, None] * towards)
+        least = np.where(t > 0.1, np.minimum(least, d), least)
+        t = np.minimum(t + np.maximum(d, 1e-4), 9)
+    leaves = (hits.normal[np.isfinite(hits.t)] * towards).sum(-1)
+    truth = (least < 1e-3) | (leaves < 0)
+    sure = (np.abs(least - 1e-3) > 0.01) & (np.abs(leaves) > 0.1)
+    assert sure.mean() > 0.6
+    assert (blocked == truth)[sure].mean() > 0.999
+
+
+@pytest.mark.parametrize("shape", ["half sphere", "flat disc"])
+def test_open_borders_grow_no_skirt(shape):
+    n = 40_000
+    points = pr.procedural("sphere", n)
+    x = points.positions
+    if shape == "half sphere":
+        keep = x[:, 2] > 0
+        x = x[keep]
+        normals = x
+        h = spacing(4 * np.pi, n)
+    else:
+        k = np.arange(n) + 0.5
+        r, a = np.sqrt(k / n), np.pi * (1 + 5**0.5) * k
+        x = np.stack([r * np.cos(a), r * np.sin(a), 0 * a], axis=1)
+        normals = np.tile([0, 0, 1.0], (n, 1))
+        h = spacing(np.pi, n)
+    scene, _ = scene_of(pr.Points(x, normals))
+    if shape == "half sphere":
+        angle = RNG.uniform(0, 2 * np.pi, 200_000)
+        z = RNG.uniform(-4 * h, 4 * h, len(angle))
+        out = np.stack([np.cos(angle), np.sin(angle), 0 * z], axis=1)
+        t = scene.intersect(2 * out + [0, 0, 1] * z[:, None], -out, t_max=1.5).t
+        beyond = -z[np.isfinite(t)]
+        inner = z > 1.0 * h
+    else:
+        radius = RNG.uniform(1 - 5 * h, 1 + 5 * h, 200_000)
+        angle = RNG.uniform(0, 2 * np.pi, len(radius))
+        origins = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * radius + 1], axis=1)
+        t = scene.intersect(origins, [0, 0, -1.0]).t
+        beyond = (radius - 1)[np.isfinite(t)]
+        inner = radius < 1 - 1.0 * h
+    assert np.isfinite(t)[inner].all()
+    over = beyond[beyond > 0]
+    assert np.quantile(over, 0.99) <= 0.5 * h, f"{np.quantile(over, 0.99) / h:.2f} h"
+
+
+def test_degenerate_rays_miss(sphere):
+    directions = [[0, 0, 0], [np.nan, 0, 1], [np.inf, 0, 0], [0, 1, 0], [0, 1e-30, 0], [0, 1e30, 0]]
+    hits = sphere.intersect([0, -4, 0], directions)
+    assert np.isfinite(hits.t).tolist() == [False, False, False, True, True, True]
+    assert not np.isfinite(sphere.intersect([np.nan, -4, 0], [0, 1, 0]).t)
+    assert np.isnan(hits.position[0]).all() and not hits.normal[0].any() and not hits.color[0].any()
+    assert hits.point[0] == -1 and hits.instance[0] == -1
+    assert hits.t[3] * 1 == pytest.approx(3, abs=1e-3) and hits.t[5] == pytest.approx(3e-30, rel=1e-3)
+
+
+def test_coordinates_of_ten_million_with_millimetres():
+    points = pr.procedural("torus", 20_000)
+    far = np.array([1e7, -2e7, 5e6])
+    scene, model = scene_of(pr.Points(points.positions * 0.1 + far, points.normals))
+    near_scene, _ = scene_of(pr.Points(points.positions * 0.1, points.normals))
+    origins, directions = pr.Camera.look_at((0.1, -0.4, 0.3), (0, 0, 0), size=(80, 80)).rays()
+    a, b = scene.intersect(origins + far, directions), near_scene.intersect(origins, directions)
+    assert (np.isfinite(a.t) == np.isfinite(b.t)).mean() > 0.999
+    both = np.isfinite(a.t) & np.isfinite(b.t)
+    assert np.quantile(np.abs(a.t - b.t)[both], 0.99) < 1e-5
+
+
+def test_refine_and_samples_are_honoured():
+    errors = {}
+    for refine in (0, 1):
+        scene, _ = scene_of("sphere", 5_000, surface="apss", refine=refine)
+        origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), fov=26, size=(100, 100)).rays()
+        x = scene.intersect(origins, directions).position
+        errors[refine] = np.nanmean(np.abs(np.linalg.norm(x, axis=-1) - 1))
+    assert errors[1] < errors[0]
