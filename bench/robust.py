@@ -30,6 +30,7 @@ def splats_of(model: pr.Model) -> Splats:
         np.ascontiguousarray(1 / np.sqrt(blocks[:, 6])),
         rows,
         None,
+        model.tree.borders[model.tree.order >= 0] if model.tree.borders.size else None,
     )
 
 

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from .data import Points
 from .points import normals as point_normals
 from .records import SURFACES, Tree
+from .splats.borders import find_borders
 from .splats.radii import check_radii, choose_radii
 from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
-TRIM = {"paper": 0.6, "imls": 0.6, "apss": 0.6, "disc": np.inf}  # "auto", see ARCHITECTURE.md
+TRIM, TRIM_BORDER = 0.9, 0.35  # trim="auto": inside of the cloud, and on an open border; see ARCHITECTURE.md
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 STAGES = ("normals", "radii", "tree")
 
@@ -38,7 +39,8 @@ class Model:
         Secant steps after the bracket; 0 is the paper.
     trim : "auto", float or None
         A hit counts only where |x - P(x)| is at most this many local radii: it keeps open borders from growing a skirt
-        and removes phantom surface. None: no limit, the paper.
+        and removes phantom surface. "auto": 0.9, and 0.35 where the splats lie on an open border. None: no limit,
+        the paper.
     radius_scale : float
         All radii times this.
     progress : callable, optional
@@ -79,7 +81,11 @@ class Model:
         chosen = (choose_radii(cloud.positions) if given is None else given[used]) * np.float32(scale)
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
         self.radii[used] = chosen
-        splats = Splats(cloud.positions, normals, chosen, used, cloud.colors)
+        borders = None
+        if self.settings.trim_border < self.settings.trim:
+            say("borders", 0.0)
+            borders = find_borders(cloud.positions, normals)
+        splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders)
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = cloud.bounds
 
@@ -122,14 +128,14 @@ def _check_settings(surface: str, samples: int, refine: int, trim: str | float |
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
             raise ValueError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
     if trim == "auto":
-        limit = TRIM[surface]
+        limit, border = (np.inf, np.inf) if surface == "disc" else (TRIM, TRIM_BORDER)
     elif trim is None:
-        limit = np.inf
+        limit = border = np.inf
     elif isinstance(trim, int | float) and trim > 0:
-        limit = float(trim)
+        limit = border = float(trim)
     else:
         raise ValueError(f"trim must be 'auto', None or a positive number of radii, not {trim!r}")
-    return TreeSettings(surface, int(samples), int(refine), limit)
+    return TreeSettings(surface, int(samples), int(refine), limit, border)
 
 
 def _check_scale(scale: float) -> float:

@@ -52,6 +52,7 @@ PAPER, IMLS, APSS, DISC = 0, 1, 2, 3
 SURFACES = ("paper", "imls", "apss", "disc")
 REFINE = 7  # secant steps after the bracket
 TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
+TRIM_BORDER = 9  # the same where the splats lie on an open border
 
 
 class Tree(NamedTuple):
@@ -66,6 +67,7 @@ class Tree(NamedTuple):
     refs : (groups * 16,) int32, their numbers; 0 in an empty slot
     blocks : (blocks * 28,) float32
     order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
+    borders : (blocks * 4,) uint8, 1 for a splat on an open border; or length 0: none is
     colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; or length 0: the points have none
     """
 
@@ -78,10 +80,11 @@ class Tree(NamedTuple):
     refs: Array
     blocks: Array
     order: Array
+    borders: Array
     colors: Array
 
 
-_F32, _I32 = np.float32(0), np.int32(0)
+_F32, _I32, _U8 = np.float32(0), np.int32(0), np.uint8(0)
 ROW = 2 * len(Tree._fields)  # a model in the table: the address and the length of each array
 
 
@@ -105,7 +108,8 @@ def tree_at(table, model):  # type: ignore[no-untyped-def]
         array_at(table[i + 12], table[i + 13], _I32),
         array_at(table[i + 14], table[i + 15], _F32),
         array_at(table[i + 16], table[i + 17], _I32),
-        array_at(table[i + 18], table[i + 19], _I32),
+        array_at(table[i + 18], table[i + 19], _U8),
+        array_at(table[i + 20], table[i + 21], _I32),
     )
 
 

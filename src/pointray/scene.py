@@ -192,7 +192,7 @@ class Scene:
     ) -> Hits:
         """The closest hit of each ray.
 
-        A ray that starts on a surface (within 2% of a support radius) starts outside of it: it is not blocked by the
+        A ray that starts on a surface (within 1% of a support radius) starts outside of it: it is not blocked by the
         points around its origin when it leaves to where the normal points, and is when it goes inside.
 
         Parameters

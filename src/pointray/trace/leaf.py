@@ -35,13 +35,15 @@ from ..records import (
     STEP,
     SURFACE,
     TRIM,
+    TRIM_BORDER,
     Hit,
 )
 from ..simd import bits, lane, load16, lowest, pack, quarters, shift_quarter, spread16, vabs, vmax, vmin
 from .disc import search_discs
-from .surface import HALF, NAN, ONE, TWO, ZERO, local_radius, normal, offset, sums, value
+from .surface import HALF, NAN, ONE, TWO, ZERO, border_share, local_radius, normal, offset, sums, value
 
-START = np.float32(0.02)  # radii
+START, START_UNREFINED = np.float32(0.01), np.float32(0.05)  # radii; the latter where refine is 0
+BORDER_SHARE = np.float32(0.35)  # of the weight: from here on a hit counts as one on a border
 GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
@@ -185,9 +187,11 @@ def accept(tree, scratch, frame, leaf, t):  # type: ignore[no-untyped-def]
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = tree.leaves[leaf * LEAF + LEAST]
-    if away > tree.head[TRIM] * least or gap > jump * least:
+    if away > tree.head[TRIM_BORDER] * least or gap > jump * least:
         radius = local_radius(tree, scratch, x, y, z)
         if away > tree.head[TRIM] * radius or gap > jump * radius:
+            return miss
+        if away > tree.head[TRIM_BORDER] * radius and border_share(tree, scratch, x, y, z) > BORDER_SHARE:
             return miss
     nx, ny, nz = normal(surface, means)
     return Hit(t, nx, ny, nz, leaf)
@@ -240,7 +244,8 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
         f, slope = evaluate(tree, scratch, frame, t)
         if starts:
             starts = False
-            reach = START * tree.leaves[leaf * LEAF + RADIUS]
+            share = START if tree.head[REFINE] > ZERO else START_UNREFINED
+            reach = share * tree.leaves[leaf * LEAF + RADIUS]
             scratch.lift[0] = reach if abs(lane(f, 0)) < reach else ZERO
         f = f + scratch.lift[0]
 

@@ -128,6 +128,23 @@ def local_radius(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
+def border_share(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
+    """Share of the weight at a point that belongs to splats on an open border."""
+    if tree.borders.size == 0:
+        return ZERO
+    total, share = np.float32(1e-30), ZERO
+    for k in range(scratch.counts[COUNT_NEAR]):
+        weights = weights_of_block(tree, scratch.near[k], x, y, z)
+        left = bits(weights > ZERO) & 15
+        while left != 0:
+            j = lowest(left)
+            left &= left - 1
+            total += lane(weights, j)
+            share += lane(weights, j) * np.float32(tree.borders[np.int64(scratch.near[k]) * 4 + j])
+    return share / total
+
+
+@inline
 def blend(tree, scratch, table, x, y, z):  # type: ignore[no-untyped-def]
     """Linear colour (by the surface's own weights; 1 without colours) and slot of most weight at a surface point.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import run
-from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
+from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, REFINE, SURFACE, SURFACES, TRIM, TRIM_BORDER, WIDTH, Tree
 from .blocks import make_blocks, sort_splats
 from .cells import FULL, STOPPED, Cells, build_cells
 from .leaves import fill_groups, fill_leaves
@@ -26,6 +26,7 @@ class Splats(NamedTuple):
     radii : (n,) float32, the support's radius, in the unit of the positions
     rows : (n,) int32, the caller's row of each
     colors : (n, 3) uint8, sRGB, or None
+    borders : (n,) uint8, 1 on an open border, or None: there is none
     """
 
     positions: NDArray[np.float32]
@@ -33,6 +34,7 @@ class Splats(NamedTuple):
     radii: NDArray[np.float32]
     rows: NDArray[np.int32]
     colors: NDArray[np.uint8] | None
+    borders: NDArray[np.uint8] | None = None
 
 
 class TreeSettings(NamedTuple):
@@ -41,7 +43,7 @@ class TreeSettings(NamedTuple):
     surface : 'paper', 'imls', 'apss' or 'disc'
     samples : samples in the length of a support's diameter, the paper's N
     refine : secant steps after the bracket
-    trim : largest |x - P(x)| of a hit in local radii, inf for no limit
+    trim, trim_border : largest |x - P(x)| of a hit in local radii, inf for no limit; on an open border
     leaf_width : a voxel's longest edge in mean radii
     cut : False leaves slabs unlimited and boxes as large as their voxels, to test the others against
     """
@@ -50,6 +52,7 @@ class TreeSettings(NamedTuple):
     samples: int = 4
     refine: int = 1
     trim: float = float("inf")
+    trim_border: float = float("inf")
     leaf_width: float = LEAF_WIDTH
     cut: bool = True
 
@@ -124,6 +127,7 @@ def build_tree(
     head[BOUNDS : BOUNDS + 3] = (splats.positions - reach).min(axis=0)
     head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + reach).max(axis=0)
     head[SURFACE], head[REFINE], head[TRIM] = surface, settings.refine, settings.trim
+    head[TRIM_BORDER] = settings.trim_border
     say(1.0)
     return Tree(
         head,
@@ -135,6 +139,7 @@ def build_tree(
         refs,
         blocks,
         _rows(order, splats.rows, len(bounds)),
+        _borders(order, splats.borders, len(bounds)),
         _colors(order, splats.colors, len(bounds)),
     )
 
@@ -143,6 +148,15 @@ def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDAr
     """The caller's row of each slot, -1 where it is empty."""
     out = np.full(slots, -1, np.int32)
     out[: len(order)] = rows[order]
+    return out
+
+
+def _borders(order: NDArray[np.int32], borders: NDArray[np.uint8] | None, slots: int) -> NDArray[np.uint8]:
+    """Whether each slot lies on a border; nothing where none does."""
+    if borders is None or not borders.any():
+        return np.zeros(0, np.uint8)
+    out = np.zeros(slots, np.uint8)
+    out[: len(order)] = borders[order]
     return out
 
 

@@ -8,7 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..records import BLOCK, CELL, GROUP, LEAF, NO_CHILD, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Tree
+from ..records import (
+    BLOCK,
+    CELL,
+    DISC,
+    GROUP,
+    IMLS,
+    LEAF,
+    NO_CHILD,
+    NODE,
+    PAPER,
+    RADIUS,
+    SLAB,
+    SLAB_HI,
+    SLAB_LO,
+    SURFACE,
+    TRIM,
+    WIDTH,
+    Tree,
+)
 
 Floats = NDArray[np.float32]
 
@@ -38,8 +56,8 @@ def _check_lengths(tree: Tree) -> list[str]:
         wrong.append("boxes and children are of different lengths")
     if tree.spans.size != 2 * leaves or tree.spheres.size != groups * GROUP or tree.order.size != 4 * blocks:
         wrong.append("spans, spheres or order are of the wrong length")
-    if tree.colors.size not in (0, tree.order.size):
-        wrong.append("colors is of the wrong length")
+    if tree.colors.size not in (0, tree.order.size) or tree.borders.size not in (0, tree.order.size):
+        wrong.append("colors or borders is of the wrong length")
     if tree.refs.size and not 0 <= tree.refs.min() <= tree.refs.max() < blocks:
         wrong.append("a reference is no block")
     first, count = tree.spans.reshape(-1, 2).T
@@ -56,7 +74,7 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
     children = tree.children.reshape(-1, WIDTH)
     rows = tree.boxes.reshape(-1, 6, WIDTH)
     leaves = tree.leaves.size // LEAF
-    boxes = np.tile(np.float32([np.inf] * 3 + [-np.inf] * 3), (leaves, 1))
+    boxes = np.tile(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), (leaves, 1))
     seen_nodes, seen_leaves = np.zeros(len(children), int), np.zeros(leaves, int)
     seen_nodes[0] = 1
     problems: list[str] = []
@@ -80,6 +98,8 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
         problems.append("a node or leaf is not reached exactly once")
     if (seen_leaves[tree.spans[1::2] > 0] == 0).any():
         problems.append("a leaf with splats is never reached")
+    if (seen_leaves[tree.spans[1::2] == 0] > 0).any():
+        problems.append("a leaf that knows no splat is reached")
     return boxes, seen_leaves, problems
 
 
@@ -110,54 +130,117 @@ def _check_spheres(tree: Tree) -> list[str]:
     return problems
 
 
-def _check_places(tree: Tree, boxes: Floats, parents: NDArray[Any], places: int, seed: int) -> list[str]:
-    """At random points around splats: one voxel holds each, and knows every splat over it; the surface is enclosed."""
+def _check_places(tree: Tree, boxes: Floats, reached: NDArray[np.int64], places: int, seed: int) -> list[str]:
+    """At random places under splats: one voxel holds each, and its leaf knows every splat over it."""
     rows, block = _splats(tree)
     rng = np.random.default_rng(seed)
-    chosen = rows[rng.integers(len(rows), size=places)]
-    x = chosen[:, :3] + chosen[:, 6:] * rng.uniform(-0.5, 0.5, (places, 3)).astype(np.float32)
-    leaves = tree.leaves.reshape(-1, LEAF)
-    low, high = leaves[:, CELL : CELL + 3], leaves[:, CELL + 3 : CELL + 6]
-    middle = cKDTree((low + high) / 2)
-    near = middle.query(x, k=min(64, len(leaves)))[1].reshape(places, -1)
-    inside = ((low[near] <= x[:, None]) & (x[:, None] <= high[near])).all(axis=2)
-    over = cKDTree(rows[:, :3])
-    reach = np.quantile(rows[:, 6], 0.999)
+    chosen = rows[rng.integers(len(rows), size=places)].astype(np.float64)
+    x = chosen[:, :3] + chosen[:, 6:] * rng.uniform(-0.5, 0.5, (places, 3))
+    place, splat = _over(x, rows[:, :3], rows[:, 6] * (1 - 1e-5))
+    leaf, crowded, lost = _voxel_of(tree, x)
+    known = np.unique(_codes(tree))
+    codes = leaf[place] * (tree.blocks.size // BLOCK) + block[splat]
+    asked = (leaf[place] >= 0) & (tree.spans[2 * leaf[place] + 1] > 0)
+    missing = len(np.unique(leaf[place][asked & ~np.isin(codes, known)]))
     problems = []
-    lost = missing = outside = 0
-    for i in range(places):
-        splats = np.array(over.query_ball_point(x[i], reach), int)
-        splats = splats[np.linalg.norm(rows[splats, :3] - x[i], axis=1) < rows[splats, 6] * (1 - 1e-5)]
-        held = near[i][inside[i]]
-        if not len(held):
-            lost += len(splats) > 0
-            continue
-        for leaf in held:
-            first, count = tree.spans[2 * leaf : 2 * leaf + 2]
-            if count == 0:
-                continue
-            missing += not np.isin(block[splats], tree.refs[16 * first : 16 * (first + count)]).all()
-        outside += _surface_outside(rows[splats], x[i], leaves[held], boxes[held], parents[held])
-    if lost:
-        problems.append(f"{lost} of {places} places under splats lie in no voxel")
+    if lost[place].any():
+        problems.append(f"{len(np.unique(place[lost[place]]))} of {places} places under splats lie in no voxel")
+    if crowded.any():
+        problems.append(f"{crowded.sum()} of {places} places lie in more than one voxel")
     if missing:
         problems.append(f"{missing} leaves do not know every splat over a place in them")
-    if outside:
-        problems.append(f"{outside} places of the surface lie outside of their leaf's slab or box, or in an empty leaf")
+    if int(tree.head[SURFACE]) == DISC:
+        return problems
+    return problems + _check_surface(tree, boxes, reached, _onto_surface(tree, rows, x))
+
+
+def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDArray[np.float64]) -> list[str]:
+    """Places of the surface lie in a leaf that is no empty one, in its slab and in its tight box."""
+    leaf, _, _ = _voxel_of(tree, x)
+    x, leaf = x[leaf >= 0], leaf[leaf >= 0]
+    records, box = tree.leaves.reshape(-1, LEAF)[leaf].astype(np.float64), boxes[leaf]
+    slack = 1e-4 * records[:, RADIUS]  # a tenth of what slabs and boxes are padded by
+    height = np.einsum("ij,ij->i", records[:, SLAB : SLAB + 3], x)
+    slab = (height < records[:, SLAB_LO] - slack) | (height > records[:, SLAB_HI] + slack)
+    cut = ((x < box[:, :3] - slack[:, None]) | (x > box[:, 3:] + slack[:, None])).any(axis=1)
+    full = (tree.spans[2 * leaf + 1] > 0) & (reached[leaf] == 1)
+    problems = []
+    for wrong, what in (
+        (~full, "in an empty leaf"),
+        (full & slab, "outside of the slab"),
+        (full & cut, "outside of the box"),
+    ):
+        if wrong.any():
+            problems.append(f"{wrong.sum()} of {len(x)} places of the surface lie {what}, such as {x[wrong][0]}")
     return problems
 
 
-def _surface_outside(splats: Floats, x: Floats, leaves: Floats, boxes: Floats, reached: NDArray[Any]) -> bool:
-    """Whether the surface passes at x (planes of its splats on both sides within 1e-4 radii) and no leaf encloses it."""
-    if len(splats) == 0:
-        return False
-    height = np.einsum("ij,ij->i", x - splats[:, :3], splats[:, 3:6])
-    w = (1 - np.square(x - splats[:, :3]).sum(axis=1) / splats[:, 6] ** 2) ** 2
-    if abs((w * height).sum() / w.sum()) > 1e-2 * splats[:, 6].mean():
-        return False
-    # x is within 1% of a radius of the zero set of `imls`: enclosed but for that much.
-    slack = 0.03 * splats[:, 6].mean()
-    m = leaves[:, SLAB : SLAB + 3] @ x
-    good = (m >= leaves[:, SLAB_LO] - slack) & (m <= leaves[:, SLAB_HI] + slack) & (reached > 0)
-    good &= (boxes[:, :3] - slack <= x).all(axis=1) & (x <= boxes[:, 3:] + slack).all(axis=1)
-    return not bool(good.any())
+def _codes(tree: Tree) -> NDArray[np.int64]:
+    """leaf * blocks + block of everything that a leaf knows."""
+    count = 16 * tree.spans[1::2].astype(np.int64)
+    leaf = np.repeat(np.arange(len(count)), count)
+    start = np.repeat(16 * tree.spans[::2].astype(np.int64) - (np.cumsum(count) - count), count)
+    slot = start + np.arange(len(leaf))
+    listed = tree.spheres.reshape(-1, 4, 16)[:, 3].reshape(-1)[slot] > 0
+    return leaf[listed] * (tree.blocks.size // BLOCK) + tree.refs[slot[listed]]
+
+
+def _over(
+    x: NDArray[np.float64], centers: NDArray[Any], radii: NDArray[Any]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All pairs (place, ball) in which the place lies in the ball."""
+    found = cKDTree(x).query_ball_point(centers, radii)
+    lengths = np.fromiter(map(len, found), np.int64, len(found))
+    places = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
+    return places, np.repeat(np.arange(len(found)), lengths)
+
+
+def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """The leaf strictly inside of whose voxel each place lies, or -1; whether several do; whether none touches it."""
+    cells = tree.leaves.reshape(-1, LEAF)[:, CELL : CELL + 6].astype(np.float64)
+    real = np.flatnonzero((cells[:, :3] <= cells[:, 3:]).all(axis=1))
+    low, high = cells[real, :3], cells[real, 3:]
+    place, voxel = _over(x, (low + high) / 2, np.linalg.norm(high - low, axis=1) * 0.5001)
+    touched = ((low[voxel] <= x[place]) & (x[place] <= high[voxel])).all(axis=1)
+    rim = 1e-6 * np.abs(x).max(initial=0.0)
+    inside = ((low[voxel] + rim < x[place]) & (x[place] < high[voxel] - rim)).all(axis=1)
+    leaf = np.full(len(x), -1)
+    leaf[place[inside]] = real[voxel[inside]]
+    crowded = np.bincount(place[inside], minlength=len(x)) > 1
+    return leaf, crowded, np.bincount(place[touched], minlength=len(x)) == 0
+
+
+def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places of the tree's own surface: those of x that Newton's steps along the mean normal lead to f = 0."""
+    f = radius = away = np.full(len(x), np.nan)
+    for _ in range(6):
+        f, normal, away, radius = _field(rows, x, int(tree.head[SURFACE]))
+        step = np.clip(f / radius, -0.25, 0.25) * radius
+        moved = x - step[:, None] * normal
+        x = np.where(np.isfinite(moved), moved, x)
+    f, _, away, radius = _field(rows, x, int(tree.head[SURFACE]))
+    return x[(np.abs(f) < 1e-5 * radius) & (away < float(tree.head[TRIM]) * radius)]
+
+
+def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
+    """f (see `trace/surface.py`), unit mean normal, |x - P| and mean radius at places; NaN without support."""
+    place, splat = _over(x, rows[:, :3], rows[:, 6])
+    p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
+    q = p - x[place]
+    square = (q * q).sum(axis=1)
+    weight = np.maximum(1 - square / r[:, 0] ** 2, 0) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = weight / np.bincount(place, weight, len(x))[place]
+
+        def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.where(
+                np.bincount(place, minlength=len(x)) > 0, np.bincount(place, share * values, len(x)), np.nan
+            )
+
+        middle = np.stack([mean(q[:, c]) for c in range(3)], axis=1)
+        normal = np.stack([mean(n[:, c]) for c in range(3)], axis=1)
+        plane, qn, qq = (middle * normal).sum(axis=1), mean((q * n).sum(axis=1)), mean(square)
+        center = (middle * middle).sum(axis=1)
+        bend = 0.5 * (qn - plane) / np.maximum(qq - center, 0.25 * qq)
+        f = {PAPER: -plane, IMLS: -qn}.get(surface, -plane - bend * (qq - 2 * center))
+        return f, normal / np.linalg.norm(normal, axis=1, keepdims=True), np.sqrt(center), mean(r[:, 0])

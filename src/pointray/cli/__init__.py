@@ -1,0 +1,72 @@
+"""The command line: `main`, and what a run's end means to the shell."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+def execute(arguments: Sequence[str]) -> int:
+    """Run a command; returns the exit status: 0, 1 (failed), 2 (bad input), 130 (interrupted)."""
+    with warnings.catch_warnings():
+        warnings.showwarning = _note  # type: ignore[assignment]
+        warnings.simplefilter("default", UserWarning)
+        try:
+            from .commands import app
+
+            return app(list(arguments), prog_name="pointray", standalone_mode=False) or DONE
+        except KeyboardInterrupt:
+            return INTERRUPTED
+        except Exception as error:
+            return _tell(error)
+
+
+def _tell(error: Exception) -> int:
+    """Say in one line what went wrong."""
+    status = getattr(error, "exit_code", None)  # of typer's own errors
+    if type(error).__name__ == "NoArgsIsHelpError":
+        print(error)
+        return BAD_INPUT
+    if status is not None:
+        _say(error.format_message() if hasattr(error, "format_message") else str(error))
+        return int(status)
+    if isinstance(error, OSError | ValueError):
+        _say(_reason(error))
+        return BAD_INPUT
+    _say(str(error) if type(error).__name__ == "WriteError" else f"{type(error).__name__}: {error}")
+    return FAILED
+
+
+def _reason(error: OSError | ValueError) -> str:
+    """The message; of the system's errors the file and the reason."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return str(error)
+
+
+def _say(text: str) -> None:
+    print(f"pointray: {' '.join(text.split())}", file=sys.stderr)
+
+
+def _note(message: Any, *rest: Any) -> None:
+    """A warning of the library as one line."""
+    _say(f"note: {message}")
+
+
+def main() -> None:
+    """What the shell starts."""
+    try:
+        status = execute(sys.argv[1:])
+    except KeyboardInterrupt:  # a second one
+        status = INTERRUPTED
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # whoever read them has gone
+            stream.flush()
+    # A thread may still be inside of the compiler, which nothing interrupts: do not wait for it.
+    os._exit(status)

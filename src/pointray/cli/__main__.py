@@ -1,0 +1,5 @@
+"""python -m pointray.cli"""
+
+from . import main
+
+main()

@@ -1,0 +1,147 @@
+"""The commands. Nothing heavy is imported before it is needed, so that --help answers at once."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .options import View, ground_under, light_of, numbers, positive, use_threads
+from .waiting import Progress, in_background, writing
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Ray traces point clouds: smooth, lit, shadowed surfaces straight from points.",
+)
+
+Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
+Integrator = StrEnum("Integrator", ["phong", "normal", "depth", "color", "cost"])
+
+SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
+ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
+
+
+@app.command()
+def render(
+    file: Annotated[Path, typer.Argument(help="A scan: .ply.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The picture: .png or .jpg.")],
+    eye: Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")] = None,
+    target: Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")] = None,
+    up: Annotated[str, typer.Option(help="Which way is up, x,y,z.")] = "0,0,1",
+    fov: Annotated[float, typer.Option(help="Vertical field of view, degrees.")] = 40.0,
+    size: SizeOption = "800x600",
+    integrator: Annotated[Integrator, typer.Option(help="What is shown.")] = Integrator.phong,
+    spp: Annotated[int, typer.Option(help="Samples a pixel.")] = 4,
+    seed: Annotated[int, typer.Option(help="Of the samples' places.")] = 0,
+    threads: ThreadsOption = None,
+    surface: Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")] = None,
+    samples: Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")] = 4,
+    radius_scale: Annotated[float, typer.Option(help="All radii times this.")] = 1.0,
+    background: Annotated[str, typer.Option(help="Linear r,g,b, or none: transparent.")] = "0.85,0.87,0.9",
+    light: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength; repeatable. Default: a headlight."
+        ),
+    ] = None,
+    exposure: Annotated[float, typer.Option(help="Stops.")] = 0.0,
+    ground: Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")] = False,
+) -> None:
+    """Render a scan to a picture; camera and light place themselves."""
+    from ..image.write import check_image_path
+    from ..points.files import check_readable
+
+    check_image_path(output)
+    check_readable(file)
+    import pointray as pr
+
+    from ..render import Settings
+    from ..render import render as trace  # pr.render may be the module, by now
+
+    view = View(size, fov, up, eye, target)
+    settings = Settings(integrator.value, spp=spp, seed=seed, threads=use_threads(threads))
+    lights = [light_of(text) for text in light or []]
+    scene = pr.Scene()
+    scene.background = None if background == "none" else numbers(background, "--background")
+    options: dict[str, Any] = {"surface": surface and surface.value, "samples": samples}
+    options["radius_scale"] = positive(radius_scale, "--radius-scale")
+    if not -100 <= exposure <= 100:
+        raise ValueError(f"--exposure must lie between -100 and 100 stops, not {exposure}")
+    with Progress() as progress:
+        model = _load(file, options, progress)
+        scene.add(model)
+        if ground:
+            scene.add(ground_under(model.bounds, view.up))
+        for make in lights:
+            scene.add_light(make(model.bounds.mean(axis=0)))
+        camera = view.camera(model.bounds)
+        show = progress.show
+        image = in_background(lambda: trace(scene, camera, settings, lambda share: show("rendering", share)))
+    with writing(output):
+        pr.write_image(output, image, exposure=exposure)
+    print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points")
+
+
+def _load(file: Path, options: dict[str, Any], progress: Progress) -> Any:
+    """The model of a file."""
+    import pointray as pr
+
+    progress.show("reading", 0.0)
+    points = in_background(lambda: pr.read(file))
+    try:
+        return in_background(lambda: pr.Model(points, **options, progress=progress.show))
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
+
+
+@app.command()
+def info(
+    file: Annotated[Path, typer.Argument(help="A scan: .ply.")],
+    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """What is in a scan, and what is missing."""
+    from ..points.files import check_readable
+    from ..report import describe, show_table
+
+    check_readable(file)
+    import pointray as pr
+
+    with Progress() as progress:
+        progress.show("reading", 0.0)
+        facts = in_background(lambda: describe(pr.read(file)))
+    show_table({"file": str(file), **facts}, json)
+
+
+@app.command()
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", help="The picture.")] = Path("demo.png"),
+    points: Annotated[int, typer.Option(min=1000, max=10**8, help="Points of the statue.")] = 1_000_000,
+    size: SizeOption = "512x512",
+    frames: Annotated[int, typer.Option(min=1, help="Frames that are timed.")] = 10,
+    threads: ThreadsOption = None,
+    json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
+) -> None:
+    """Ray trace the embedded statue, on a ground plane, with a hard shadow; write the picture and print the times."""
+    from ..image.write import check_image_path
+
+    check_image_path(output)
+    wanted, count = View(size).size, use_threads(threads)
+    from ..demonstration import run_demo
+    from ..report import show_table
+
+    with Progress() as progress:
+        facts = in_background(lambda: run_demo(output, points, wanted, frames, count, progress.show))
+    show_table(facts, json)
+
+
+@app.callback(invoke_without_command=True)
+def _main(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        from .. import __version__
+
+        print(__version__)
+        raise typer.Exit()

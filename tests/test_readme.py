@@ -1,0 +1,56 @@
+"""Everything that README.md tells people to type works."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+import pointray as pr
+from pointray.cli import execute
+
+README = (Path(__file__).resolve().parents[1] / "README.md").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    """The fenced blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the scan that the README speaks of; the current one."""
+    pr.write(tmp_path / "scan.ply", pr.procedural("statue", 5000))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_there_is_something_to_test() -> None:
+    assert len(blocks("sh")) >= 3 and len(blocks("python")) >= 2
+    assert set(re.findall(r"^```(\w+)", README, re.MULTILINE)) <= {"sh", "python"}
+
+
+@pytest.mark.parametrize("block", blocks("sh"))
+def test_commands(block: str, folder: Path) -> None:
+    lines = block.replace("\\\n", " ").splitlines()
+    for line in lines:
+        program, *arguments = shlex.split(line, comments=True) or [""]
+        assert program == "pointray", f"do not know how to test {line!r}"
+        assert execute(arguments) == 0
+        if "-o" in arguments:
+            Image.open(folder / arguments[arguments.index("-o") + 1]).load()
+
+
+@pytest.mark.parametrize("block", blocks("python"))
+def test_programs(block: str, folder: Path) -> None:
+    subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=folder, check=True)
+    for name in re.findall(r'write_image\("([^"]+)"', block):
+        Image.open(folder / name).load()
+
+
+@pytest.mark.parametrize("link", re.findall(r"\]\((?!http)([^)#]+)\)", README))
+def test_links(link: str) -> None:
+    assert (Path(__file__).resolve().parents[1] / link).exists()
