@@ -118,7 +118,7 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
             f, away, radius = field(splats, names, live, o + t * d, kind)
             if found < np.inf:
                 # Behind the hit only a second crossing closer than half a radius is of interest.
-                if t > found + 0.5 * radius_out[i] or not f == f:
+                if t > found + 0.5 * radius_out[i] or f != f:
                     break
                 if (f < 0.0) != (before < 0.0):
                     doubtful[i] = True
@@ -134,9 +134,13 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
                     t_out[i], radius_out[i], found = at, local, at
                 else:
                     last_cross = at
-            elif abs(before) < 0.02 * radius and abs(before) <= abs(before2) and abs(before) <= abs(f):
-                doubtful[i] = True
-            elif not f == f and abs(before) < 0.02 * smallest:
+            elif (
+                abs(before) < 0.02 * radius
+                and abs(before) <= abs(before2)
+                and abs(before) <= abs(f)
+                or f != f
+                and abs(before) < 0.02 * smallest
+            ):
                 doubtful[i] = True
             before2, before = before, f
             t += step

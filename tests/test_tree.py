@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from conftest import shared_model
 
 import pointray as pr
+from conftest import shared_model
 from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
 from pointray.tree.check import check_tree
 

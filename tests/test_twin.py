@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import shared_model
-from naive import walk
 
 import pointray as pr
+from conftest import shared_model
+from naive import walk
 
 SURFACES = ["paper", "imls", "apss"]
 CLOUDS = ["bunny", "dragon", "lattice", "statue"]

@@ -25,13 +25,13 @@ _HOME = {
     "PointLight": "shade.lights",
     "Points": "data",
     "Scene": "scene",
-    "Settings": "render",
+    "Settings": "picture",
     "SunLight": "shade.lights",
     "estimate_normals": "points",
     "procedural": "points",
     "procedural_distance": "points",
     "read": "points",
-    "render": "render",
+    "render": "picture",
     "write": "points",
     "write_image": "image",
 }
@@ -43,13 +43,13 @@ if TYPE_CHECKING:
     from .data import Points as Points
     from .image import write_image as write_image
     from .model import Model as Model
+    from .picture import Settings as Settings
+    from .picture import render as render
     from .points import estimate_normals as estimate_normals
     from .points import procedural as procedural
     from .points import procedural_distance as procedural_distance
     from .points import read as read
     from .points import write as write
-    from .render import Settings as Settings
-    from .render import render as render
     from .scene import Hits as Hits
     from .scene import Plane as Plane
     from .scene import Scene as Scene

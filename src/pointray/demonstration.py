@@ -12,8 +12,8 @@ from .camera import Camera
 from .image import write_image
 from .jit import compilations, thread_count
 from .model import Model
+from .picture import Settings, render
 from .points import procedural
-from .render import Settings, render
 from .scene import Plane, Scene
 from .shade.lights import SunLight
 from .shade.materials import Phong

@@ -59,8 +59,8 @@ def render(
     check_readable(file)
     import pointray as pr
 
-    from ..render import Settings
-    from ..render import render as trace  # pr.render may be the module, by now
+    from ..picture import Settings
+    from ..picture import render as trace  # pr.render may be the module, by now
 
     view = View(size, fov, up, eye, target)
     settings = Settings(integrator.value, spp=spp, seed=seed, threads=use_threads(threads))

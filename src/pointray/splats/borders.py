@@ -68,4 +68,5 @@ def find_borders(positions: NDArray[np.float32], normals: NDArray[np.float32]) -
     out = np.zeros(len(positions), np.uint8)
     run(_find_gaps, -(-len(out) // TILE), positions, normals, np.ascontiguousarray(near), out)
     # Alone, a gap is chance: uneven sampling, or a crevice.
-    return out & (out[near[:, 1:13]].sum(axis=1) >= COMPANY)
+    company: NDArray[np.bool_] = out[near[:, 1:13]].sum(axis=1) >= COMPANY
+    return np.where(company, out, np.uint8(0))

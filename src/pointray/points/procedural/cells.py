@@ -112,7 +112,16 @@ def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArr
     for level in range(levels + 1):
         out = np.empty((len(centers), int(np.diff(solid.starts).max()) + 1), np.int32)
         near = np.empty(len(centers), np.bool_)
-        run(_select, -(-len(centers) // _TILE), solid, np.ascontiguousarray(centers), parents, edge * 3**0.5 / 2, out, near)
+        run(
+            _select,
+            -(-len(centers) // _TILE),
+            solid,
+            np.ascontiguousarray(centers),
+            parents,
+            edge * 3**0.5 / 2,
+            out,
+            near,
+        )
         counts = out[:, 0]
         starts.append(total + np.cumsum(counts))
         items.append(out[:, 1:][np.arange(out.shape[1] - 1) < counts[:, None]])
