@@ -134,14 +134,10 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
                     t_out[i], radius_out[i], found = at, local, at
                 else:
                     last_cross = at
-            elif (
-                abs(before) < 0.02 * radius
-                and abs(before) <= abs(before2)
-                and abs(before) <= abs(f)
-                or f != f
-                and abs(before) < 0.02 * smallest
-            ):
-                doubtful[i] = True
+            else:
+                lowest = abs(before) < 0.02 * radius and abs(before) <= abs(before2) and abs(before) <= abs(f)
+                if lowest or (f != f and abs(before) < 0.02 * smallest):
+                    doubtful[i] = True
             before2, before = before, f
             t += step
         i = take(work)

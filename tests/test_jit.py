@@ -16,6 +16,7 @@ from pointray.jit import kernel, run, take
 from pointray.simd import (
     bits,
     lane,
+    load8,
     load16,
     lowest,
     pack,
@@ -23,6 +24,7 @@ from pointray.simd import (
     repeat4,
     select,
     shift_quarter,
+    spread8,
     spread16,
     store,
     sum_quarters,
@@ -59,6 +61,48 @@ def test_vectors_are_numpy():
     assert out == pytest.approx(np.concatenate([*want, np.where(mask, np.abs(x - 9), 0)]))
     assert word == (mask << np.arange(16)).sum() and third == x[3] and first == np.flatnonzero(mask)[0]
     assert found[:count].tolist() == numbers[mask].tolist()
+
+
+@kernel
+def _compared(a, out):
+    x, y = load16(a, 0), load16(a, 16)
+    store(out, 0, vmin(x, y))
+    store(out, 16, vmax(x, y))
+    v, w = load8(a, 1), load8(a, 21)
+    store(out, 32, v * w - spread8(a[3]))
+    store(out, 40, vmin(v, w))
+    return bits(x < y), bits(x <= y), bits(x > y), bits(x >= y), bits((x < y) | (y < x)), bits((x < y) ^ (x <= y))
+
+
+def test_comparisons_know_nan_and_inf():
+    """A comparison with NaN is false; where one is NaN, min and max give the second."""
+    a = np.random.default_rng(4).normal(size=32).astype(np.float32)
+    a[0], a[17], a[2], a[19], a[20] = np.nan, np.nan, np.inf, -np.inf, a[4]
+    out = np.zeros(48, np.float32)
+    words = _compared(a, out)
+    x, y = a[:16], a[16:]
+    truths = [x < y, x <= y, x > y, x >= y, (x < y) | (y < x), x == y]
+    assert list(words) == [(t << np.arange(16)).sum() for t in truths]
+    assert np.array_equal(out[:16], np.where(x < y, x, y), equal_nan=True)
+    assert np.array_equal(out[16:32], np.where(x > y, x, y), equal_nan=True)
+    v, w = a[1:9], a[21:29]
+    assert out[32:40] == pytest.approx(v * w - a[3])
+    assert np.array_equal(out[40:], np.minimum(v, w))
+
+
+@kernel
+def _append(a, numbers, found):
+    n = pack(load16(a, 0) > np.float32(0), numbers, 0, found, 0)
+    return n, n + pack(load16(a, 16) > np.float32(0), numbers, 16, found, n)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_packing_appends_and_writes_nothing_beyond(share):
+    a = np.where(np.random.default_rng(2).random(32) < share, 1, -1).astype(np.float32)
+    numbers, found = np.arange(100, 132, dtype=np.int32), np.full(64, -1, np.int32)
+    half, count = _append(a, numbers, found)
+    assert (half, count) == ((a[:16] > 0).sum(), (a > 0).sum())
+    assert found.tolist() == [*numbers[a > 0], *[-1] * (64 - count)]
 
 
 @kernel
@@ -108,11 +152,11 @@ print(use(3.0), jit.compilations())
 """
 
 
-def use(folder: Path, cache: Path) -> list[str]:
+def use(folder: Path, cache: Path, program: str = USE) -> list[str]:
     """What a kernel that calls `vec.length` gives, and how many kernels were compiled, in a process of its own."""
     environment = {**os.environ, "PYTHONPATH": str(folder), "POINTRAY_CACHE": str(cache)}
     script = folder / "use.py"
-    script.write_text(USE)
+    script.write_text(program)
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
     return done.stdout.split()
 
@@ -136,6 +180,42 @@ def test_a_cache_folder_that_cannot_be_written_is_no_error(tmp_path):
     file.write_text("in the way")
     shutil.copytree(PACKAGE, tmp_path / "pointray", ignore=shutil.ignore_patterns("__pycache__"))
     assert use(tmp_path, file / "cache") == ["5.0", "1"]
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory):
+    """A copy of the package."""
+    folder = tmp_path_factory.mktemp("copy")
+    shutil.copytree(PACKAGE, folder / "pointray", ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+@pytest.mark.xfail(strict=True, reason="jit._Cache.save_overload lets the UnpicklingError of a damaged index out")
+def test_a_damaged_index_of_the_cache_is_no_error(elsewhere, tmp_path):
+    assert use(elsewhere, tmp_path) == ["5.0", "1"]
+    for file in tmp_path.rglob("*.nbi"):
+        file.write_bytes(file.read_bytes()[:100])
+    assert use(elsewhere, tmp_path) == ["5.0", "1"]
+    assert use(elsewhere, tmp_path) == ["5.0", "0"]
+
+
+PIECE = """
+from pointray import jit
+@jit.inline
+def piece(x):
+    return x * 2.0
+@jit.kernel
+def use(x):
+    return piece(x)
+print(use(3.0), jit.compilations())
+"""
+
+
+@pytest.mark.xfail(strict=True, reason="the source stamp knows the package only, not the kernel's own file")
+def test_an_edited_piece_of_a_kernel_outside_of_the_package_is_seen(elsewhere, tmp_path):
+    """The twins in tests/naive.py are such kernels: a stale one would compare with what is no longer written there."""
+    assert use(elsewhere, tmp_path, PIECE) == ["6.0", "1"]
+    assert use(elsewhere, tmp_path, PIECE.replace("2.0", "7.0")) == ["21.0", "1"]
 
 
 STAGES = ["points", "splats", "tree", "trace", "shade", "image"]
@@ -177,3 +257,20 @@ def test_every_public_name_is_there():
     for name in pointray.__all__:
         assert getattr(pointray, name) is not None
     assert callable(pointray.render)
+
+
+# From above to below; a file imports only what stands above it, or in its own folder.
+ROOMS = ["jit", "simd", "vec", "records", "data", "neighbors", "camera", *STAGES, "model", "scene", "picture", "view"]
+ROOMS += ["report", "demonstration", "cli"]
+
+
+def test_no_file_imports_what_stands_below_it():
+    wrong = []
+    for path in PACKAGE.rglob("*.py"):
+        room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+        if room == "__init__":
+            continue
+        assert room in ROOMS, f"{room} is new: say in ROOMS where it stands"
+        inner = [m.split(".")[1] for m in imports(path) if m.startswith("pointray.")]
+        wrong += [(path.name, m) for m in inner if m in ROOMS and ROOMS.index(m) > ROOMS.index(room)]
+    assert not wrong

@@ -12,7 +12,7 @@ from ..neighbors import neighbors
 
 NEIGHBORS = 20  # of so many evenly random directions, one in 1,000 sets leaves a gap of GAP
 GAP = math.radians(140)  # a straight border leaves 180 degrees
-COMPANY = 2  # a border is a curve: so many of the nearest neighbours must lie on it too
+COMPANY = 0  # a border is a curve: so many of the nearest neighbours must lie on it too
 TILE = 2048
 
 

@@ -43,7 +43,7 @@ from .disc import search_discs
 from .surface import HALF, NAN, ONE, TWO, ZERO, border_share, local_radius, normal, offset, sums, value
 
 START, START_UNREFINED = np.float32(0.01), np.float32(0.05)  # radii; the latter where refine is 0
-BORDER_SHARE = np.float32(0.35)  # of the weight: from here on a hit counts as one on a border
+BORDER_SHARE = np.float32(0.15)  # of the weight: from here on a hit counts as one on a border
 GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
