@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pointray.jit import inline, kernel, run, take
+from pointray.trace.leaf import BORDER_SHARE
 
 KINDS = {"paper": 0, "imls": 1, "apss": 2}
 STEPS = 40  # samples in a radius
@@ -27,8 +28,11 @@ class Twin(NamedTuple):
 
 @inline
 def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
-    """(f, |x - P|, local radius) at x over the chosen splats; NaN without support. splats: rows x y z nx ny nz r."""
-    w_sum, r_sum, qn, qq = 0.0, 0.0, 0.0, 0.0
+    """(f, |x - P|, local radius, border splats' share of the weight) at x over the chosen splats; NaN without support.
+
+    splats : rows x y z nx ny nz r border
+    """
+    w_sum, r_sum, b_sum, qn, qq = 0.0, 0.0, 0.0, 0.0, 0.0
     q, n = np.zeros(3), np.zeros(3)
     for k in range(count):
         s = splats[chosen[k]]
@@ -39,19 +43,20 @@ def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
         w = (1.0 - square / (s[6] * s[6])) ** 2
         w_sum += w
         r_sum += w / (s[6] * s[6])
+        b_sum += w * s[7]
         q += w * d
         n += w * s[3:6]
         qn += w * (d * s[3:6]).sum()
         qq += w * square
     if w_sum == 0.0:
-        return np.nan, np.nan, np.nan
+        return np.nan, np.nan, np.nan, np.nan
     q, n, qn, qq = q / w_sum, n / w_sum, qn / w_sum, qq / w_sum
     center, plane = (q * q).sum(), (q * n).sum()
     f = -plane if kind == 0 else -qn
     if kind == 2:
         u4 = 0.5 * (qn - plane) / max(qq - center, 0.25 * qq, 1e-300)
         f = -plane - u4 * (qq - 2.0 * center)
-    return f, math.sqrt(center), math.sqrt(w_sum / r_sum)
+    return f, math.sqrt(center), math.sqrt(w_sum / r_sum), b_sum / w_sum
 
 
 @inline
@@ -73,7 +78,7 @@ def bisect(splats, chosen, count, ray, ends, kind):  # type: ignore[no-untyped-d
 @kernel
 def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-untyped-def]
     """Step along each ray; out : t, radius, doubtful."""
-    kind, trim = settings
+    kind, trim, trim_border, border_share = settings
     t_out, radius_out, doubtful = out
     chosen, near, far = np.empty(len(splats), np.int64), np.empty(len(splats)), np.empty(len(splats))
     i = take(work)
@@ -115,7 +120,7 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
             names = np.empty(live, np.int64)
             for a in range(live):
                 names[a] = chosen[active[a]]
-            f, away, radius = field(splats, names, live, o + t * d, kind)
+            f, _, radius, _ = field(splats, names, live, o + t * d, kind)
             if found < np.inf:
                 # Behind the hit only a second crossing closer than half a radius is of interest.
                 if t > found + 0.5 * radius_out[i] or f != f:
@@ -125,10 +130,13 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
                     break
             elif (f < 0.0 and before >= 0.0) or (f >= 0.0 and before < 0.0):
                 at = bisect(splats, names, live, (o, d), (t - step, t), kind)
-                value, offset, local = field(splats, names, live, o + at * d, kind)
-                if abs(value) > 0.01 * local or abs(offset - trim * local) < 0.02 * local:
+                value, offset, local, share = field(splats, names, live, o + at * d, kind)
+                limit = (trim_border if share > border_share else trim) * local
+                if abs(value) > 0.01 * local or abs(offset - limit) < 0.02 * local:
                     doubtful[i] = True
-                if offset <= trim * local and abs(value) <= 0.05 * local:
+                if abs(share - border_share) < 0.02 and (offset <= trim * local) != (offset <= trim_border * local):
+                    doubtful[i] = True
+                if offset <= limit and abs(value) <= 0.05 * local:
                     if at - last_cross < 0.5 * local:
                         doubtful[i] = True
                     t_out[i], radius_out[i], found = at, local, at
@@ -148,10 +156,14 @@ def walk(model, origins, directions):  # type: ignore[no-untyped-def]
     """Twin of the closest hit of world rays (n, 3) with one model at its place; unit directions."""
     tree = model.tree
     used = tree.order >= 0
-    splats = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used].astype(np.float64)
+    splats = np.zeros((used.sum(), 8))
+    splats[:, :7] = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used]
     splats[:, 6] = 1 / np.sqrt(splats[:, 6])
+    if tree.borders.size:
+        splats[:, 7] = tree.borders[used]
     n = len(origins)
     twin = Twin(np.empty(n), np.empty(n), np.zeros(n, np.bool_))
-    settings = (KINDS[model.surface], float(model.settings.trim))
+    trims = float(model.settings.trim), float(model.settings.trim_border)
+    settings = (KINDS[model.surface], *trims, float(BORDER_SHARE))
     run(_walk, n, splats, np.ascontiguousarray(origins - model.points.origin), directions, settings, tuple(twin))
     return twin

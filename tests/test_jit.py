@@ -190,7 +190,6 @@ def elsewhere(tmp_path_factory):
     return folder
 
 
-@pytest.mark.xfail(strict=True, reason="jit._Cache.save_overload lets the UnpicklingError of a damaged index out")
 def test_a_damaged_index_of_the_cache_is_no_error(elsewhere, tmp_path):
     assert use(elsewhere, tmp_path) == ["5.0", "1"]
     for file in tmp_path.rglob("*.nbi"):
@@ -211,7 +210,6 @@ print(use(3.0), jit.compilations())
 """
 
 
-@pytest.mark.xfail(strict=True, reason="the source stamp knows the package only, not the kernel's own file")
 def test_an_edited_piece_of_a_kernel_outside_of_the_package_is_seen(elsewhere, tmp_path):
     """The twins in tests/naive.py are such kernels: a stale one would compare with what is no longer written there."""
     assert use(elsewhere, tmp_path, PIECE) == ["6.0", "1"]

@@ -8,10 +8,7 @@ from conftest import shared_model
 from naive import walk
 
 SURFACES = ["paper", "imls", "apss"]
-# The twin knows no open borders, where the kernel trims more: 4 of 4096 rays of the dragon.
-DRAGON = pytest.param("dragon", marks=pytest.mark.xfail(reason="4 of 4096 rays differ"))
-STATUE = pytest.param("statue", marks=pytest.mark.xfail(reason="3 of 4096 rays differ for imls"))
-CLOUDS = ["bunny", DRAGON, "lattice", STATUE]
+CLOUDS = ["bunny", "dragon", "lattice", "statue"]
 
 
 def cloud(name):

@@ -88,8 +88,10 @@ class _Locator:
     """Tells Numba where one kernel's compiled code lies: all of them in `cache_folder()`."""
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
-        self._py_file = py_file
         self._line = py_func.__code__.co_firstlineno
+        # A kernel of a benchmark or a test lies outside of the package: its own file counts too.
+        own = Path(py_file)
+        self._stamp = source_key() + (hashlib.sha256(own.read_bytes()).hexdigest()[:16] if own.exists() else "")
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator:
@@ -102,7 +104,7 @@ class _Locator:
         pass
 
     def get_source_stamp(self) -> str:
-        return source_key()
+        return self._stamp
 
     def get_disambiguator(self) -> str:
         return str(self._line)
@@ -125,7 +127,13 @@ class _Cache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(OSError):
-            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+            try:
+                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+            except OSError:
+                raise
+            except Exception:  # a damaged index: begin a new one
+                self.flush()  # type: ignore[no-untyped-call]
+                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
 
 KERNELS: dict[str, Any] = {}
