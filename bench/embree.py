@@ -78,7 +78,7 @@ def load(name: str | None, count: int) -> pr.Points:
 def beside(points: pr.Points, options: argparse.Namespace) -> float:
     """Print the comparison for one cloud; returns our seconds a frame."""
     model = pr.Model(points, surface=options.surface)
-    camera = pr.Camera.frame(model.bounds, (0.45, -1.0, 0.2), fov=options.fov, size=(options.size, options.size))
+    camera = pr.Camera.frame(model.bounds, (0.45, -1.0, 0.2), size=(options.size, options.size))
     order = tile_order(options.size, options.size)
     origins, directions = (a.reshape(-1, 3)[order] for a in camera.rays())
     flat = np.ascontiguousarray(origins).reshape(-1), np.ascontiguousarray(directions).reshape(-1)

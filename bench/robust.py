@@ -15,6 +15,7 @@ import warnings
 import numpy as np
 
 import pointray as pr
+from pointray.records import Tree
 from pointray.tree.build import LEAF_WIDTH, Splats, build_tree
 
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.2, 1.0, -0.3), (0.1, 0.2, 1.0))
@@ -30,8 +31,13 @@ def splats_of(model: pr.Model) -> Splats:
         np.ascontiguousarray(1 / np.sqrt(blocks[:, 6])),
         rows,
         None,
-        model.tree.borders[model.tree.order >= 0] if model.tree.borders.size else None,
+        borders_of(model.tree),
     )
+
+
+def borders_of(tree: Tree) -> np.ndarray | None:
+    """The way out of the border of each splat, if there is one."""
+    return np.float32(tree.borders.reshape(-1, 3)[tree.order >= 0]) / 127 if tree.borders.size else None
 
 
 def rebuilt(model: pr.Model, **changes: object) -> pr.Model:

@@ -28,11 +28,11 @@ class Twin(NamedTuple):
 
 @inline
 def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
-    """(f, |x - P|, local radius, border splats' share of the weight) at x over the chosen splats; NaN without support.
+    """(f, |x - P|, local radius, border splats' share of the weight, distance out of them) at x; NaN without support.
 
-    splats : rows x y z nx ny nz r border
+    splats : rows x y z nx ny nz r, and the way out of the border x y z
     """
-    w_sum, r_sum, b_sum, qn, qq = 0.0, 0.0, 0.0, 0.0, 0.0
+    w_sum, r_sum, b_sum, out, qn, qq = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     q, n = np.zeros(3), np.zeros(3)
     for k in range(count):
         s = splats[chosen[k]]
@@ -43,20 +43,22 @@ def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
         w = (1.0 - square / (s[6] * s[6])) ** 2
         w_sum += w
         r_sum += w / (s[6] * s[6])
-        b_sum += w * s[7]
+        if (s[7:] != 0.0).any():
+            b_sum += w
+            out -= w * (d * s[7:]).sum()
         q += w * d
         n += w * s[3:6]
         qn += w * (d * s[3:6]).sum()
         qq += w * square
     if w_sum == 0.0:
-        return np.nan, np.nan, np.nan, np.nan
+        return np.nan, np.nan, np.nan, np.nan, np.nan
     q, n, qn, qq = q / w_sum, n / w_sum, qn / w_sum, qq / w_sum
     center, plane = (q * q).sum(), (q * n).sum()
     f = -plane if kind == 0 else -qn
     if kind == 2:
         u4 = 0.5 * (qn - plane) / max(qq - center, 0.25 * qq, 1e-300)
         f = -plane - u4 * (qq - 2.0 * center)
-    return f, math.sqrt(center), math.sqrt(w_sum / r_sum), b_sum / w_sum
+    return f, math.sqrt(center), math.sqrt(w_sum / r_sum), b_sum / w_sum, out / max(b_sum, 1e-300)
 
 
 @inline
@@ -78,7 +80,7 @@ def bisect(splats, chosen, count, ray, ends, kind):  # type: ignore[no-untyped-d
 @kernel
 def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-untyped-def]
     """Step along each ray; out : t, radius, doubtful."""
-    kind, trim, trim_border, border_share = settings
+    kind, trim, overhang, border_share = settings
     t_out, radius_out, doubtful = out
     chosen, near, far = np.empty(len(splats), np.int64), np.empty(len(splats)), np.empty(len(splats))
     i = take(work)
@@ -120,7 +122,7 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
             names = np.empty(live, np.int64)
             for a in range(live):
                 names[a] = chosen[active[a]]
-            f, _, radius, _ = field(splats, names, live, o + t * d, kind)
+            f, _, radius, _, _ = field(splats, names, live, o + t * d, kind)
             if found < np.inf:
                 # Behind the hit only a second crossing closer than half a radius is of interest.
                 if t > found + 0.5 * radius_out[i] or f != f:
@@ -130,13 +132,13 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
                     break
             elif (f < 0.0 and before >= 0.0) or (f >= 0.0 and before < 0.0):
                 at = bisect(splats, names, live, (o, d), (t - step, t), kind)
-                value, offset, local, share = field(splats, names, live, o + at * d, kind)
-                limit = (trim_border if share > border_share else trim) * local
-                if abs(value) > 0.01 * local or abs(offset - limit) < 0.02 * local:
+                value, offset, local, share, out = field(splats, names, live, o + at * d, kind)
+                over = share > border_share and out > overhang * local
+                if abs(value) > 0.01 * local or abs(offset - trim * local) < 0.02 * local:
                     doubtful[i] = True
-                if abs(share - border_share) < 0.02 and (offset <= trim * local) != (offset <= trim_border * local):
-                    doubtful[i] = True
-                if offset <= limit and abs(value) <= 0.05 * local:
+                if share > border_share - 0.02 and out > (overhang - 0.02) * local:
+                    doubtful[i] = doubtful[i] or share < border_share + 0.02 or out < (overhang + 0.02) * local
+                if offset <= trim * local and not over and abs(value) <= 0.05 * local:
                     if at - last_cross < 0.5 * local:
                         doubtful[i] = True
                     t_out[i], radius_out[i], found = at, local, at
@@ -156,14 +158,14 @@ def walk(model, origins, directions):  # type: ignore[no-untyped-def]
     """Twin of the closest hit of world rays (n, 3) with one model at its place; unit directions."""
     tree = model.tree
     used = tree.order >= 0
-    splats = np.zeros((used.sum(), 8))
+    splats = np.zeros((used.sum(), 10))
     splats[:, :7] = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used]
     splats[:, 6] = 1 / np.sqrt(splats[:, 6])
     if tree.borders.size:
-        splats[:, 7] = tree.borders[used]
+        splats[:, 7:] = tree.borders.reshape(-1, 3)[used] / 127
     n = len(origins)
     twin = Twin(np.empty(n), np.empty(n), np.zeros(n, np.bool_))
-    trims = float(model.settings.trim), float(model.settings.trim_border)
+    trims = float(model.settings.trim), float(model.settings.overhang)
     settings = (KINDS[model.surface], *trims, float(BORDER_SHARE))
     run(_walk, n, splats, np.ascontiguousarray(origins - model.points.origin), directions, settings, tuple(twin))
     return twin

@@ -16,7 +16,7 @@ from .splats.radii import check_radii, choose_radii
 from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
-TRIM, TRIM_BORDER = 0.9, 0.35  # trim="auto": inside of the cloud, and on an open border; see ARCHITECTURE.md
+TRIM, OVERHANG = 0.95, 0.2  # trim="auto": |x - P(x)|, and how far out of an open border; see ARCHITECTURE.md
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 STAGES = ("normals", "radii", "tree")
 
@@ -38,9 +38,8 @@ class Model:
     refine : int
         Secant steps after the bracket; 0 is the paper.
     trim : "auto", float or None
-        A hit counts only where |x - P(x)| is at most this many local radii: it keeps open borders from growing a skirt
-        and removes phantom surface. "auto": 0.9, and 0.35 where the splats lie on an open border. None: no limit,
-        the paper.
+        A hit counts only where |x - P(x)| is at most this many local radii: it removes phantom surface. "auto": 0.95,
+        and no farther than 0.2 out of the splats on an open border, so that no skirt grows. None: the paper.
     radius_scale : float
         All radii times this.
     progress : callable, optional
@@ -82,7 +81,7 @@ class Model:
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
         self.radii[used] = chosen
         borders = None
-        if self.settings.trim_border < self.settings.trim:
+        if self.settings.overhang < np.inf:
             say("borders", 0.0)
             borders = find_borders(cloud.positions, normals)
         splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders)
@@ -128,14 +127,14 @@ def _check_settings(surface: str, samples: int, refine: int, trim: str | float |
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
             raise ValueError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
     if trim == "auto":
-        limit, border = (np.inf, np.inf) if surface == "disc" else (TRIM, TRIM_BORDER)
+        limit, overhang = (np.inf, np.inf) if surface == "disc" else (TRIM, OVERHANG)
     elif trim is None:
-        limit = border = np.inf
+        limit = overhang = np.inf
     elif isinstance(trim, int | float) and trim > 0:
-        limit = border = float(trim)
+        limit, overhang = float(trim), np.inf
     else:
         raise ValueError(f"trim must be 'auto', None or a positive number of radii, not {trim!r}")
-    return TreeSettings(surface, int(samples), int(refine), limit, border)
+    return TreeSettings(surface, int(samples), int(refine), limit, overhang)
 
 
 def _check_scale(scale: float) -> float:

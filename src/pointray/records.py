@@ -35,6 +35,7 @@ SLAB_LO, SLAB_HI = 9, 10
 STEP = 11  # distance of the samples along a ray
 RADIUS = 12  # mean support radius of the splats over the voxel
 LEAST = 13  # their least support radius
+BORDERED = 14  # 1 where one of them lies on an open border
 
 # A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.
 WIDTH = 8
@@ -52,7 +53,7 @@ PAPER, IMLS, APSS, DISC = 0, 1, 2, 3
 SURFACES = ("paper", "imls", "apss", "disc")
 REFINE = 7  # secant steps after the bracket
 TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
-TRIM_BORDER = 9  # the same where the splats lie on an open border
+OVERHANG = 9  # how far a hit may lie out of an open border, in local radii; inf: no limit
 
 
 class Tree(NamedTuple):
@@ -67,7 +68,8 @@ class Tree(NamedTuple):
     refs : (groups * 16,) int32, their numbers; 0 in an empty slot
     blocks : (blocks * 28,) float32
     order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
-    borders : (blocks * 4,) uint8, 1 for a splat on an open border; or length 0: none is
+    borders : (blocks * 4 * 3,) int8, for a splat on an open border the direction out of the surface (unit, in 127ths),
+        else zero; or length 0: none is
     colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; or length 0: the points have none
     """
 
@@ -84,7 +86,7 @@ class Tree(NamedTuple):
     colors: Array
 
 
-_F32, _I32, _U8 = np.float32(0), np.int32(0), np.uint8(0)
+_F32, _I32, _I8 = np.float32(0), np.int32(0), np.int8(0)
 ROW = 2 * len(Tree._fields)  # a model in the table: the address and the length of each array
 
 
@@ -108,7 +110,7 @@ def tree_at(table, model):  # type: ignore[no-untyped-def]
         array_at(table[i + 12], table[i + 13], _I32),
         array_at(table[i + 14], table[i + 15], _F32),
         array_at(table[i + 16], table[i + 17], _I32),
-        array_at(table[i + 18], table[i + 19], _U8),
+        array_at(table[i + 18], table[i + 19], _I8),
         array_at(table[i + 20], table[i + 21], _I32),
     )
 

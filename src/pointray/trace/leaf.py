@@ -1,13 +1,14 @@
 """The intersection of a ray with the surface inside of one voxel (paper, part III).
 
 Samples lie on a lattice along the ray, t = k * step, and where the ray enters and leaves the voxel: f there is the
-same from both sides. The slab and the tight box only choose which part of this sequence is looked at; so neither they
-nor the size of the voxels decide what is found. Four samples are evaluated at once.
+same from both sides but for rounding, so that voxels overlap by OVERLAP. The slab and the tight box only choose which
+part of this sequence is looked at; so neither they nor the size of the voxels decide what is found. Four samples are
+evaluated at once.
 
 Three things can be between two neighbouring samples that both have support:
 - a sign change: a crossing;
-- the same sign, but f falls towards zero at the first and rises at the second: a grazing ray that may cross twice.
-  Four more samples around the lowest place decide;
+- the same sign, but a lowest |f| between them, as the slopes tell: a grazing ray, or one through a crevice, that may
+  cross twice; or support that begins or ends close to the surface. Four more samples decide;
 - else nothing.
 
 Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Ray.side` tells.
@@ -21,12 +22,14 @@ import numpy as np
 
 from ..jit import inline
 from ..records import (
+    BORDERED,
     CELL,
     COUNT_NEAR,
     DISC,
     GROUP,
     LEAF,
     LEAST,
+    OVERHANG,
     RADIUS,
     REFINE,
     SLAB,
@@ -35,23 +38,25 @@ from ..records import (
     STEP,
     SURFACE,
     TRIM,
-    TRIM_BORDER,
     Hit,
 )
 from ..simd import bits, lane, load16, lowest, pack, quarters, shift_quarter, spread16, vabs, vmax, vmin
 from .disc import search_discs
-from .surface import HALF, NAN, ONE, TWO, ZERO, border_share, local_radius, normal, offset, sums, value
+from .surface import HALF, NAN, ONE, TWO, ZERO, local_radius, normal, offset, overhang, sums, value
 
 START, START_UNREFINED = np.float32(0.01), np.float32(0.05)  # radii; the latter where refine is 0
-BORDER_SHARE = np.float32(0.15)  # of the weight: from here on a hit counts as one on a border
+BORDER_SHARE = np.float32(0.4)  # of the weight: from here on a hit counts as one on a border
 GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
+OVERLAP = np.float32(1e-3)  # radii: without it one in two million rays slips through between two voxels
 INF = np.float32(np.inf)
 FIRST_LANES = 0x1111  # the first lane of each quarter
 # Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
 # interpolation is exact to a thousandth of the radius, and two farther out for where the estimate is off.
-NEAR_ESTIMATE, FAR_ESTIMATE = np.float32(0.02), np.float32(0.12)
+CLOSE = np.float32(0.02), np.float32(0.12)
+EVEN = np.float32(0.1), np.float32(0.3)  # about the middle of the bracket: where there is no estimate
+CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into without an estimate
 
 
 @inline
@@ -116,8 +121,10 @@ def crossing(a, b):  # type: ignore[no-untyped-def]
 
 
 @inline
-def secant(tree, scratch, frame, bracket, around):  # type: ignore[no-untyped-def]
+def secant(tree, scratch, frame, bracket, around, spread):  # type: ignore[no-untyped-def]
     """Four samples in a bracket (t, f, t, f), about `around` of its length: the first of the five parts that crosses.
+
+    spread : how far from there the inner and the outer two lie, in lengths of the bracket.
 
     Returns that part as a bracket, or one whose end is inf if none crosses.
     """
@@ -125,10 +132,10 @@ def secant(tree, scratch, frame, bracket, around):  # type: ignore[no-untyped-de
     span = tb - ta
     middle = min(max(around, ZERO), ONE)
     t = quarters(
-        ta + span * max(middle - FAR_ESTIMATE, ZERO),
-        ta + span * max(middle - NEAR_ESTIMATE, ZERO),
-        ta + span * min(middle + NEAR_ESTIMATE, ONE),
-        ta + span * min(middle + FAR_ESTIMATE, ONE),
+        ta + span * max(middle - spread[1], ZERO),
+        ta + span * max(middle - spread[0], ZERO),
+        ta + span * min(middle + spread[0], ONE),
+        ta + span * min(middle + spread[1], ONE),
     )
     f, _ = evaluate(tree, scratch, frame, t)
     f = f + scratch.lift[0]
@@ -159,12 +166,12 @@ def refine(tree, scratch, frame, bracket):  # type: ignore[no-untyped-def]
     k = 0
     while k < steps:
         span = bracket[2] - bracket[0]
-        bracket = secant(tree, scratch, frame, bracket, root(bracket))
+        bracket = secant(tree, scratch, frame, bracket, root(bracket), CLOSE)
         if bracket[2] == INF:
             return INF
         k += 1
-        if k == steps and bracket[2] - bracket[0] > np.float32(3.0) * NEAR_ESTIMATE * span:
-            bracket = secant(tree, scratch, frame, bracket, root(bracket))
+        if k == steps and bracket[2] - bracket[0] > np.float32(3.0) * CLOSE[0] * span:
+            bracket = secant(tree, scratch, frame, bracket, root(bracket), CLOSE)
     if bracket[2] == INF:
         return INF
     share = root(bracket)
@@ -187,11 +194,13 @@ def accept(tree, scratch, frame, leaf, t):  # type: ignore[no-untyped-def]
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = tree.leaves[leaf * LEAF + LEAST]
-    if away > tree.head[TRIM_BORDER] * least or gap > jump * least:
+    if away > tree.head[TRIM] * least or gap > jump * least:
         radius = local_radius(tree, scratch, x, y, z)
         if away > tree.head[TRIM] * radius or gap > jump * radius:
             return miss
-        if away > tree.head[TRIM_BORDER] * radius and border_share(tree, scratch, x, y, z) > BORDER_SHARE:
+    if tree.leaves[leaf * LEAF + BORDERED] != ZERO:
+        share, out = overhang(tree, scratch, x, y, z)
+        if share > BORDER_SHARE and out > tree.head[OVERHANG] * local_radius(tree, scratch, x, y, z):
             return miss
     nx, ny, nz = normal(surface, means)
     return Hit(t, nx, ny, nz, leaf)
@@ -203,8 +212,11 @@ def look_into(tree, scratch, frame, pair, crosses):  # type: ignore[no-untyped-d
     ta, fa, ga, tb, fb, gb = pair
     bracket = (ta, fa, tb, fb)
     if not crosses:
-        # The slopes' zero, by linear interpolation: the lowest place of a parabola.
-        bracket = secant(tree, scratch, frame, bracket, ga / (ga - gb))
+        if (fa * ga < ZERO) & (fb * gb > ZERO):
+            # The slopes' zero, by linear interpolation: the lowest place of a parabola.
+            bracket = secant(tree, scratch, frame, bracket, ga / (ga - gb), CLOSE)
+        else:
+            bracket = secant(tree, scratch, frame, bracket, HALF, EVEN)
         if bracket[2] == INF:
             return INF
     return refine(tree, scratch, frame, bracket)
@@ -218,6 +230,8 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
     miss = Hit(INF, ZERO, ZERO, ZERO, -1)
     if not (low <= high):
         return miss
+    overlap = OVERLAP * tree.leaves[leaf * LEAF + RADIUS]
+    enter, leave = max(enter - overlap, ray.t_min), min(leave + overlap, ray.t_max)
     starts = enter <= ray.t_min  # the ray's origin is in this voxel: the start rule needs f there
     if starts:
         low = enter
@@ -235,6 +249,7 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
     if int(tree.head[SURFACE]) == DISC:
         return search_discs(tree, leaf, scratch, frame, enter, leave)
     margin = GRAZING * tree.leaves[leaf * LEAF + RADIUS]
+    low_enough = CREVICE * tree.leaves[leaf * LEAF + RADIUS]
 
     t_before = f_before = slope_before = spread16(NAN)
     k = first
@@ -251,12 +266,21 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
 
         t_a, f_a, slope_a = shift_quarter(t_before, t), shift_quarter(f_before, f), shift_quarter(slope_before, slope)
         change = crossing(f_a, f)
-        # Towards zero at the first and away from it at the second: rare, so that the rest is done only then.
-        sinks = (f_a * slope_a < ZERO) & (f * slope > ZERO) & (f_a * f > ZERO)
+        # A lowest place between them: rare, so that the rest is done only then. One slope tells where |f| changes by
+        # less than 3/4 of what it foresees.
+        falls, rises = f_a * slope_a < ZERO, f * slope > ZERO
+        gain, part = vabs(f) - vabs(f_a), np.float32(0.75) * (t - t_a)
+        early, late = falls & (gain > vabs(slope_a) * (ZERO - part)), rises & (gain < vabs(slope) * part)
+        # And where support begins or ends between them, close to the surface.
+        begins, ends = rises & (vabs(f) < vabs(slope) * (t - t_a)), falls & (vabs(f_a) < vabs(slope_a) * (t - t_a))
+        rim = (begins ^ (begins & (f_a * f_a >= ZERO))) | (ends ^ (ends & (f * f >= ZERO)))
+        sinks = ((f_a * f > ZERO) & ((falls & rises) | early | late)) | rim
         if bits(sinks) & FIRST_LANES != 0:
             # Both tangents meet below the margin: the lowest place is above theirs where f is convex.
             meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
-            sinks = sinks & ((meet * f < ZERO) | (vabs(meet) < spread16(margin)))
+            graze = falls & rises & ((meet * f < ZERO) | (vabs(meet) < spread16(margin)))
+            crevice = (falls ^ rises) & (vmin(vabs(f), vabs(f_a)) < spread16(low_enough))
+            sinks = sinks & (graze | crevice | rim)
         changes = bits(change) & FIRST_LANES
         events = changes | (bits(sinks) & FIRST_LANES)
         while events != 0:

@@ -128,20 +128,31 @@ def local_radius(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def border_share(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
-    """Share of the weight at a point that belongs to splats on an open border."""
-    if tree.borders.size == 0:
-        return ZERO
-    total, share = np.float32(1e-30), ZERO
+def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
+    """Share of the weight at a point that belongs to splats on an open border, and how far it lies out of them.
+
+    The distance is the weighted mean of (x - p).b over those splats, b the direction out of the surface.
+    """
+    total, share, out = np.float32(1e-30), np.float32(1e-30), ZERO
     for k in range(scratch.counts[COUNT_NEAR]):
-        weights = weights_of_block(tree, scratch.near[k], x, y, z)
+        block = np.int64(scratch.near[k])
+        weights = weights_of_block(tree, block, x, y, z)
         left = bits(weights > ZERO) & 15
         while left != 0:
             j = lowest(left)
             left &= left - 1
-            total += lane(weights, j)
-            share += lane(weights, j) * np.float32(tree.borders[np.int64(scratch.near[k]) * 4 + j])
-    return share / total
+            w, at = lane(weights, j), 3 * (block * 4 + j)
+            total += w
+            bx, by, bz = tree.borders[at], tree.borders[at + 1], tree.borders[at + 2]
+            if bx != 0 or by != 0 or bz != 0:
+                slot = block * BLOCK + j
+                share += w
+                out += w * (
+                    (x - tree.blocks[slot + PX]) * np.float32(bx)
+                    + (y - tree.blocks[slot + PY]) * np.float32(by)
+                    + (z - tree.blocks[slot + PZ]) * np.float32(bz)
+                )
+    return share / total, out / (np.float32(127.0) * share)
 
 
 @inline

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import run
-from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, REFINE, SURFACE, SURFACES, TRIM, TRIM_BORDER, WIDTH, Tree
+from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
 from .blocks import make_blocks, sort_splats
 from .cells import FULL, STOPPED, Cells, build_cells
 from .leaves import fill_groups, fill_leaves
@@ -26,7 +26,7 @@ class Splats(NamedTuple):
     radii : (n,) float32, the support's radius, in the unit of the positions
     rows : (n,) int32, the caller's row of each
     colors : (n, 3) uint8, sRGB, or None
-    borders : (n,) uint8, 1 on an open border, or None: there is none
+    borders : (n, 3) float32, the direction out of the surface on an open border, else zero; or None: there is none
     """
 
     positions: NDArray[np.float32]
@@ -34,7 +34,7 @@ class Splats(NamedTuple):
     radii: NDArray[np.float32]
     rows: NDArray[np.int32]
     colors: NDArray[np.uint8] | None
-    borders: NDArray[np.uint8] | None = None
+    borders: NDArray[np.float32] | None = None
 
 
 class TreeSettings(NamedTuple):
@@ -43,7 +43,8 @@ class TreeSettings(NamedTuple):
     surface : 'paper', 'imls', 'apss' or 'disc'
     samples : samples in the length of a support's diameter, the paper's N
     refine : secant steps after the bracket
-    trim, trim_border : largest |x - P(x)| of a hit in local radii, inf for no limit; on an open border
+    trim : largest |x - P(x)| of a hit in local radii, inf for no limit
+    overhang : how far a hit may lie out of an open border, in local radii, inf for no limit
     leaf_width : a voxel's longest edge in mean radii
     cut : False leaves slabs unlimited and boxes as large as their voxels, to test the others against
     """
@@ -52,7 +53,7 @@ class TreeSettings(NamedTuple):
     samples: int = 4
     refine: int = 1
     trim: float = float("inf")
-    trim_border: float = float("inf")
+    overhang: float = float("inf")
     leaf_width: float = LEAF_WIDTH
     cut: bool = True
 
@@ -102,7 +103,8 @@ def build_tree(
     low = len(splats.radii) // 50
     reference = float(np.partition(splats.radii, low)[low])
     chosen = (surface, settings.samples, reference, int(settings.cut))
-    run(fill_leaves, -(-len(nodes) // 64), cells, blocks, chosen, (nodes, leaves, tight), threads=threads)
+    borders = _borders(order, splats.borders, len(bounds))
+    run(fill_leaves, -(-len(nodes) // 64), cells, blocks, borders, chosen, (nodes, leaves, tight), threads=threads)
     full = tight[:, 0] <= tight[:, 3]
     say(0.9)
 
@@ -127,7 +129,7 @@ def build_tree(
     head[BOUNDS : BOUNDS + 3] = (splats.positions - reach).min(axis=0)
     head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + reach).max(axis=0)
     head[SURFACE], head[REFINE], head[TRIM] = surface, settings.refine, settings.trim
-    head[TRIM_BORDER] = settings.trim_border
+    head[OVERHANG] = settings.overhang
     say(1.0)
     return Tree(
         head,
@@ -139,7 +141,7 @@ def build_tree(
         refs,
         blocks,
         _rows(order, splats.rows, len(bounds)),
-        _borders(order, splats.borders, len(bounds)),
+        borders,
         _colors(order, splats.colors, len(bounds)),
     )
 
@@ -151,13 +153,13 @@ def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDAr
     return out
 
 
-def _borders(order: NDArray[np.int32], borders: NDArray[np.uint8] | None, slots: int) -> NDArray[np.uint8]:
-    """Whether each slot lies on a border; nothing where none does."""
+def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slots: int) -> NDArray[np.int8]:
+    """The way out of the border at each slot, in 127ths; nothing where no splat lies on one."""
     if borders is None or not borders.any():
-        return np.zeros(0, np.uint8)
-    out = np.zeros(slots, np.uint8)
-    out[: len(order)] = borders[order]
-    return out
+        return np.zeros(0, np.int8)
+    out = np.zeros((slots, 3), np.int8)
+    out[: len(order)] = np.rint(127 * borders[order])
+    return out.reshape(-1)
 
 
 def _colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: int) -> NDArray[np.int32]:

@@ -56,7 +56,7 @@ def _check_lengths(tree: Tree) -> list[str]:
         wrong.append("boxes and children are of different lengths")
     if tree.spans.size != 2 * leaves or tree.spheres.size != groups * GROUP or tree.order.size != 4 * blocks:
         wrong.append("spans, spheres or order are of the wrong length")
-    if tree.colors.size not in (0, tree.order.size) or tree.borders.size not in (0, tree.order.size):
+    if tree.colors.size not in (0, tree.order.size) or tree.borders.size not in (0, 3 * tree.order.size):
         wrong.append("colors or borders is of the wrong length")
     if tree.refs.size and not 0 <= tree.refs.min() <= tree.refs.max() < blocks:
         wrong.append("a reference is no block")

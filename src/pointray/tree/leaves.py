@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from ..jit import inline, kernel, take
-from ..records import APSS, BLOCK, CELL, GROUP, LEAF, LEAST, NX, PX, RADIUS, SLAB, SLAB_HI, SLAB_LO, STEP
+from ..records import APSS, BLOCK, BORDERED, CELL, GROUP, LEAF, LEAST, NX, PX, RADIUS, SLAB, SLAB_HI, SLAB_LO, STEP
 from .blocks import PER_BLOCK
 from .cells import overlap
 
@@ -119,10 +119,24 @@ def _cut_by_slab(slab, box):  # type: ignore[no-untyped-def]
         box[3 + c] = min(box[3 + c], max(a, b))
 
 
+@inline
+def _is_bordered(borders, refs, span):  # type: ignore[no-untyped-def]
+    """Whether one of the blocks of a voxel has a splat on an open border."""
+    if borders.size == 0:
+        return False
+    for s in range(span[0], span[1]):
+        at = np.int64(refs[s]) * 3 * PER_BLOCK
+        for c in range(3 * PER_BLOCK):
+            if borders[at + c] != 0:
+                return True
+    return False
+
+
 @kernel
-def fill_leaves(work, cells, blocks, settings, out):  # type: ignore[no-untyped-def]
+def fill_leaves(work, cells, blocks, borders, settings, out):  # type: ignore[no-untyped-def]
     """Fill each leaf's record and tight box. A box that comes out inverted says that the leaf is empty.
 
+    borders : as in `Tree`
     settings : surface, samples in a support's diameter, reference radius, whether to cut (0: unlimited slabs and boxes)
     out : numbers of the leaf nodes (leaves,), records (leaves * 16,), boxes (leaves, 6) float64
     """
@@ -156,6 +170,7 @@ def fill_leaves(work, cells, blocks, settings, out):  # type: ignore[no-untyped-
                 2.0 * reference / samples * 2.0 ** math.floor(math.log2(max(least, 1e-30) / reference) + LEEWAY)
             )
             record[RADIUS], record[LEAST] = mean, least
+            record[BORDERED] = 1.0 if _is_bordered(borders, refs, spans[nodes[leaf]]) else 0.0
             if cut == 0:
                 continue
             slab = _slab(members, APSS_REACH if surface == APSS else 1.0)

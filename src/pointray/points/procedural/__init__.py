@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...jit import kernel, run, take
 from .clay import COLUMNS
+from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid
 from .paint import color
 from .scatter import scatter
@@ -79,22 +80,6 @@ def mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     return mesh_solid(solid(name), low, high, _MESH_CELL[name])
 
 
-@kernel
-def _settle_all(work, solid, points):  # type: ignore[no-untyped-def]
-    """Every point moved onto the surface."""
-    t = take(work)
-    while t >= 0:
-        for i in range(t * _TILE, min((t + 1) * _TILE, points.shape[0])):
-            x, y, z = settle(solid, points[i, 0], points[i, 1], points[i, 2], 4)
-            points[i, 0], points[i, 1], points[i, 2] = x, y, z
-        t = take(work)
-
-
-def _area(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-
-
 @cache
 def area(name: str) -> float:
     """Area of a model's surface, to about a thousandth.
@@ -104,15 +89,11 @@ def area(name: str) -> float:
     """
     _check_name(name)
     vertices, faces = mesh(name)
-    coarse = _area(vertices, faces)
-    pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
-    keys, inverse = np.unique(pairs[:, 0] * len(vertices) + pairs[:, 1], return_inverse=True)
-    middles = 0.5 * (vertices[keys // len(vertices)] + vertices[keys % len(vertices)])
-    run(_settle_all, -(-len(middles) // _TILE), solid(name), middles)
-    m = inverse.reshape(-1, 3) + len(vertices)
-    a, b, c = faces.T
-    halves = [[a, m[:, 0], m[:, 2]], [b, m[:, 1], m[:, 0]], [c, m[:, 2], m[:, 1]], list(m.T)]
-    fine = sum(_area(np.concatenate([vertices, middles]), np.column_stack(part)) for part in halves)
+    coarse = float(areas(vertices[faces]).sum())
+    ends, sides = edges_of(faces, len(vertices))
+    middles = settled(solid(name), 0.5 * (vertices[ends[:, 0]] + vertices[ends[:, 1]]))
+    four = quarter(faces, sides + len(vertices))
+    fine = float(areas(np.concatenate([vertices, middles])[four]).sum())
     return (4 * fine - coarse) / 3
 
 
@@ -152,7 +133,7 @@ def sample(name: str, n: int, seed: int = 0) -> tuple[NDArray[np.float32], NDArr
     if not 1 <= n <= MOST:
         raise ValueError(f"n must be between 1 and {MOST}, not {n}")
     vertices, faces = mesh(name)
-    positions = scatter(vertices[faces], n, seed)
+    positions = scatter(refine_creases(solid(name), vertices, faces, n), n, seed)
     normals, colors = np.empty_like(positions), np.empty(positions.shape, np.uint8)
     run(_finish, -(-n // _TILE), solid(name), positions, normals, colors)
     return positions, normals, colors

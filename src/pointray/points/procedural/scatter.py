@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import inline, kernel, run, take
+from .creases import areas as triangle_areas
 
 FIRST_DISTANCE = 0.79  # in units of sqrt(A / n)
 FIRST_ROUNDS, LATER_ROUNDS = 16, 6  # darts per d^2 of the surface
@@ -216,9 +217,7 @@ def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float
     -------
     (n, 3) float32
     """
-    edges = corners[:, 1:] - corners[:, :1]
-    areas = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    bricks, areas = _lay_bricks(corners, areas, n)
+    bricks, areas = _lay_bricks(corners, triangle_areas(corners), n)
     colors = (bricks.places & 1) @ np.array([4, 2, 1])
     distance = FIRST_DISTANCE * float(np.sqrt(areas.sum() / n))
     rounds, attempt = FIRST_ROUNDS, 0

@@ -1,0 +1,91 @@
+"""Finer triangles where the surface bends sharply, so that darts find the bottom of every crease."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import kernel, run, take
+from .solids import Solid, settle
+
+BEND = np.cos(np.radians(20.0))  # between a face and the mean of the faces at its corner
+SAG = 0.2  # how far the surface may be from the middle of an edge, in units of the spacing
+LEVELS = 5
+_TILE = 1024
+
+
+@kernel
+def settle_all(work, solid, points):  # type: ignore[no-untyped-def]
+    """Every point moved onto the surface."""
+    t = take(work)
+    while t >= 0:
+        for i in range(t * _TILE, min((t + 1) * _TILE, points.shape[0])):
+            x, y, z = settle(solid, points[i, 0], points[i, 1], points[i, 2], 2)
+            points[i, 0], points[i, 1], points[i, 2] = x, y, z
+        t = take(work)
+
+
+def settled(solid: Solid, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points (n, 3), in place, moved onto the surface."""
+    run(settle_all, -(-len(points) // _TILE), solid, points)
+    return points
+
+
+def _bent(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Faces at a corner where faces of different directions meet, (t,) bool."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    means = np.stack([np.bincount(faces.ravel(), np.repeat(normals[:, k], 3), len(vertices)) for k in range(3)], axis=1)
+    means = means / np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1e-300)
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    least = np.ones(len(vertices))
+    for k in range(3):
+        np.minimum.at(least, faces[:, k], (normals * means[faces[:, k]]).sum(axis=1))
+    return np.asarray((least < BEND)[faces].any(axis=1))
+
+
+def areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Areas of triangles (t, 3, 3)."""
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.asarray(0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
+
+
+def refine_creases(
+    solid: Solid, vertices: NDArray[np.float64], faces: NDArray[np.int32], n: int
+) -> NDArray[np.float64]:
+    """The triangles of a mesh near the surface, cut into four as often as n points can tell, where the surface bends.
+
+    Returns
+    -------
+    (t, 3, 3) float64
+        Corners on the surface.
+    """
+    spacing = float(np.sqrt(areas(vertices[faces]).sum() / n))
+    bent = _bent(vertices, faces)
+    done, rest = [faces[~bent]], faces[bent]
+    for _ in range(LEVELS):
+        ends, sides = edges_of(rest, len(vertices))
+        middles = 0.5 * (vertices[ends[:, 0]] + vertices[ends[:, 1]])
+        found = settled(solid, middles.copy())
+        long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > spacing
+        off = np.linalg.norm(found - middles, axis=1) > SAG * spacing
+        cut = (long & off)[sides].any(axis=1)
+        done.append(rest[~cut])
+        rest = quarter(rest[cut], sides[cut] + len(vertices))
+        vertices = np.concatenate([vertices, found])
+    return np.asarray(vertices[np.concatenate([*done, rest])])
+
+
+def edges_of(faces: NDArray[np.int32], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The different edges of faces over `count` vertices, (e, 2), and which three each face has, (t, 3)."""
+    pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
+    keys, sides = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)
+    return np.stack([keys // count, keys % count], axis=1), sides.reshape(-1, 3)
+
+
+def quarter(faces: NDArray[np.int32], middles: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Each face cut into four at the middles of its sides, (t, 3) vertex numbers."""
+    (a, b, c), (ab, bc, ca) = faces.T, middles.T
+    return np.concatenate([np.stack(f, axis=1) for f in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]).astype(
+        np.int32
+    )
