@@ -34,7 +34,7 @@ SLAB = 6  # 6..8: unit normal m of the slab; all surface in the voxel has SLAB_L
 SLAB_LO, SLAB_HI = 9, 10
 STEP = 11  # distance of the samples along a ray
 RADIUS = 12  # mean support radius of the splats over the voxel
-LEAST = 13  # their least support radius
+LEAST = 13  # least support radius over the voxel and around it, see `tree/cells.py`
 BORDERED = 14  # 1 where one of them lies on an open border
 
 # A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.

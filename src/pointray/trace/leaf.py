@@ -248,8 +248,9 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
     frame = (middle, center, ray)
     if int(tree.head[SURFACE]) == DISC:
         return search_discs(tree, leaf, scratch, frame, enter, leave)
-    margin = GRAZING * tree.leaves[leaf * LEAF + RADIUS]
-    low_enough = CREVICE * tree.leaves[leaf * LEAF + RADIUS]
+    # Of the least radius, which does not depend on the size of the voxels.
+    margin = GRAZING * tree.leaves[leaf * LEAF + LEAST]
+    low_enough = CREVICE * tree.leaves[leaf * LEAF + LEAST]
 
     t_before = f_before = slope_before = spread16(NAN)
     k = first
@@ -260,7 +261,7 @@ def search_leaf(tree, leaf, ray, scratch, near, far):  # type: ignore[no-untyped
         if starts:
             starts = False
             share = START if tree.head[REFINE] > ZERO else START_UNREFINED
-            reach = share * tree.leaves[leaf * LEAF + RADIUS]
+            reach = share * tree.leaves[leaf * LEAF + LEAST]
             scratch.lift[0] = reach if abs(lane(f, 0)) < reach else ZERO
         f = f + scratch.lift[0]
 

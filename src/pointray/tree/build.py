@@ -68,12 +68,13 @@ def _cells(blocks: NDArray[np.float32], width: float, threads: int | None) -> Ce
             np.empty((nodes, 6), np.float32),
             np.zeros((nodes, 2), np.int64),
             np.empty(refs, np.int32),
+            np.empty(nodes, np.float32),
         )
         built = run(build_cells, 1, blocks, float(width), cells, threads=threads)[0]
         if built == STOPPED:
             raise KeyboardInterrupt
         if built != FULL:
-            return Cells(cells.children[:built], cells.boxes[:built], cells.spans[:built], cells.refs)
+            return Cells(*(array[:built] for array in cells[:3]), cells.refs, cells.least[:built])
         nodes, refs = 2 * nodes, 2 * refs
 
 

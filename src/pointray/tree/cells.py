@@ -12,6 +12,7 @@ from .blocks import PER_BLOCK
 
 FEW = 3  # a voxel that so few blocks reach is not cut further
 DEEPEST = 60
+STEP_WIDTH = 12.0  # mean radii: where a voxel's ancestor is no wider, it decides the step of the samples in it
 FULL = -2  # what build_cells returns when the arrays are too small
 STOPPED = -1
 
@@ -23,12 +24,14 @@ class Cells(NamedTuple):
     boxes : (nodes, 6) float32, the voxel, shrunk to what the supports in it reach
     spans : (nodes, 2) int64, a leaf's part of refs
     refs : (references,) int32, numbers of blocks
+    least : (nodes,) float32, least support radius over the voxel of STEP_WIDTH around: the same for voxels of any size
     """
 
     children: Array
     boxes: Array
     spans: Array
     refs: Array
+    least: Array
 
 
 @inline
@@ -46,10 +49,10 @@ def overlap(blocks, slot, cell):  # type: ignore[no-untyped-def]
 def _gather(blocks, sources, cell, refs, start):  # type: ignore[no-untyped-def]
     """Write the blocks of `sources` that reach the cell to refs[start:]; shrink the cell to their supports.
 
-    Returns the end and the mean radius of the splats over the cell. A cell that nothing reaches comes out inverted.
+    Returns the end, the mean and the least radius of the splats over the cell. A cell that nothing reaches comes out inverted.
     """
     end = start
-    total, count = 0.0, 0
+    total, count, shortest = 0.0, 0, np.float32(np.inf)
     least = (np.float32(np.inf), np.float32(np.inf), np.float32(np.inf))
     greatest = (np.float32(-np.inf), np.float32(-np.inf), np.float32(-np.inf))
     for s in range(sources[0], sources[1]):
@@ -62,6 +65,7 @@ def _gather(blocks, sources, cell, refs, start):  # type: ignore[no-untyped-def]
                 reached = True
                 r = np.sqrt(r2)
                 total += r
+                shortest = min(shortest, r)
                 count += 1
                 x, y, z = blocks[slot], blocks[slot + 4], blocks[slot + 8]
                 least = (min(least[0], x - r), min(least[1], y - r), min(least[2], z - r))
@@ -72,7 +76,7 @@ def _gather(blocks, sources, cell, refs, start):  # type: ignore[no-untyped-def]
     for c in range(3):
         cell[c] = max(cell[c], least[c])
         cell[3 + c] = min(cell[3 + c], greatest[c])
-    return end, total / max(count, 1)
+    return end, total / max(count, 1), shortest
 
 
 @kernel
@@ -82,14 +86,15 @@ def build_cells(work, blocks, width, out):  # type: ignore[no-untyped-def]
     Voxels are first shrunk to the supports they contain: what no support reaches is never looked at again.
     Returns the number of nodes, FULL or STOPPED.
     """
-    children, boxes, spans, refs = out
+    children, boxes, spans, refs, least = out
     count = blocks.size // BLOCK
     if count > refs.size:
         return FULL
     for b in range(count):
         refs[b] = b
     boxes[0, :3], boxes[0, 3:] = np.float32(-1e14), np.float32(1e14)
-    _, mean = _gather(blocks, (0, count), boxes[0], refs, 0)
+    _, mean, shortest = _gather(blocks, (0, count), boxes[0], refs, 0)
+    least[0] = -shortest  # negative until it is decided
     top = 1
     pending = np.empty((2 * DEEPEST + 2, 4), np.int64)  # node, span of its refs in the work area, depth
     means = np.empty(2 * DEEPEST + 2, np.float64)
@@ -109,8 +114,12 @@ def build_cells(work, blocks, width, out):  # type: ignore[no-untyped-def]
             if cell[3 + c] - cell[c] > cell[3 + axis] - cell[axis]:
                 axis = c
         edge = cell[3 + axis] - cell[axis]
+        decided = least[node] > 0.0 or edge <= STEP_WIDTH * mean
+        if decided:
+            least[node] = abs(least[node])
         if edge <= width * mean or end - begin <= FEW or depth >= DEEPEST:
             children[node] = -1
+            least[node] = abs(least[node])
             if floor - (end - begin) < end:
                 return FULL
             floor -= end - begin
@@ -126,7 +135,8 @@ def build_cells(work, blocks, width, out):  # type: ignore[no-untyped-def]
             children[node, side] = child
             boxes[child] = cell
             boxes[child, axis if side == 1 else 3 + axis] = cut
-            stop, mean = _gather(blocks, (begin, end), boxes[child], refs, start)
+            stop, mean, shortest = _gather(blocks, (begin, end), boxes[child], refs, start)
+            least[child] = least[node] if decided else -shortest
             pending[waiting] = (child, start, stop, depth + 1)
             means[waiting] = mean
             waiting += 1

@@ -158,10 +158,9 @@ def fill_leaves(work, cells, blocks, borders, settings, out):  # type: ignore[no
             record[:] = 0.0
             record[CELL : CELL + 6] = cell
             record[SLAB + 2], record[SLAB_LO], record[SLAB_HI] = 1.0, -np.inf, np.inf
-            mean, least = 0.0, np.inf
+            mean, least = 0.0, cells.least[nodes[leaf]]
             for row in members:
                 mean += row[6] / len(members)
-                least = min(least, row[6])
             if len(members) == 0:
                 box[0], box[3] = np.inf, -np.inf
                 continue
