@@ -13,7 +13,7 @@ from .jit import inline, keep, kernel, run, take
 from .records import COUNT_LEAVES, COUNT_NODES, World, lend_scratch, lend_world, new_scratch
 from .scene import Scene
 from .shade.direct import direct_light
-from .trace.world import closest_in
+from .trace.world import closest_in, described
 from .vec import add, dot, scale, triple, unit
 
 INTEGRATORS = ("phong", "normal", "depth", "color", "cost")
@@ -84,13 +84,14 @@ def look(world, ray, forward, how, scratch):  # type: ignore[no-untyped-def]
         return (nodes, leaves, (nodes + leaves) / 64.0), 1.0
     if hit.instance < 0:
         return (0.0, 0.0, 0.0), 0.0
-    if how[0] == PHONG:
-        return direct_light(world, hit, ray, how[1] != 0, scratch), 1.0
     if how[0] == NORMAL:
         return add(scale(hit.normal, 0.5), (0.5, 0.5, 0.5)), 1.0
     if how[0] == DEPTH:
         depth = hit.t * dot(ray[1], forward)
         return (depth, depth, depth), 1.0
+    hit = described(world, hit, scratch)
+    if how[0] == PHONG:
+        return direct_light(world, hit, ray, how[1] != 0, scratch), 1.0
     return hit.color, 1.0
 
 

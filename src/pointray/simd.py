@@ -327,10 +327,11 @@ def _compress(typingctx, mask, source, index, target, at):  # type: ignore[no-un
         mask, source, index, target, at = args
         vector = Vector("int", 16)
         values = builder.load(_pointer(context, builder, sig.args[1], source, index, vector), align=4)
-        data = context.make_array(sig.args[3])(context, builder, target).data
-        kind = ir.FunctionType(ir.VoidType(), [vector.llvm, _I32.as_pointer(), mask.type])
-        store = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.compressstore.v16i32")
-        builder.call(store, [values, builder.gep(data, [at]), mask])
+        kind = ir.FunctionType(vector.llvm, [vector.llvm, mask.type, vector.llvm])
+        compress = cgutils.get_or_insert_function(builder.module, kind, "llvm.experimental.vector.compress.v16i32")
+        packed = builder.call(compress, [values, mask, ir.Constant(vector.llvm, ir.Undefined)])
+        # All 16 lanes are stored: a compressing store is slow on some processors.
+        builder.store(packed, _pointer(context, builder, sig.args[3], target, at, vector), align=4)
         word = builder.bitcast(mask, ir.IntType(16))
         return builder.zext(builder.ctpop(word), ir.IntType(64))
 
@@ -339,7 +340,10 @@ def _compress(typingctx, mask, source, index, target, at):  # type: ignore[no-un
 
 @inline
 def pack(mask, source, index, target, at):  # type: ignore[no-untyped-def]
-    """Append source[index + lane] of each set lane of a 16-lane mask to target[at:], int32; returns how many."""
+    """Append source[index + lane] of each set lane of a 16-lane mask to target[at:], int32; returns how many.
+
+    Whatever lies in the 16 places from target[at] on may be overwritten.
+    """
     if CHECK:
         _check(source, index, 16)
         _check(target, at, 16)

@@ -21,8 +21,7 @@ from ..simd import lane
 from ..vec import add, scale, triple
 from .leaf import gather_near
 from .surface import weights_of_block
-from .traverse import make_ray
-from .world import closest_in, occluded_in
+from .world import closest_in, described, occluded_in
 
 TILE = 1024  # rays that a thread takes at a time
 
@@ -38,7 +37,8 @@ def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, t.size)):
             o, d = triple(origins, 3 * i), triple(directions, 3 * i)
-            hit = closest_in(world, (o, d, limits[2 * i], limits[2 * i + 1]), 1.0, scratch)
+            ray = (o, d, limits[2 * i], limits[2 * i + 1])
+            hit = described(world, closest_in(world, ray, 1.0, scratch), scratch)
             t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
             x = add(o, scale(d, hit.t)) if hit.instance >= 0 else (np.nan, np.nan, np.nan)
             for c in range(3):
@@ -76,14 +76,13 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
     tree = tree_at(world.table, model)
-    f32, zero = np.float32, np.float32(0.0)
-    ray = make_ray((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.0, 1.0)
+    f32, zero, one = np.float32, np.float32(0.0), np.float32(1.0)
     tile = take(work)
     while tile >= 0:
         for h in range(tile * TILE, min((tile + 1) * TILE, hits.size)):
             i = hits[h]
             x = (f32(local[3 * i]), f32(local[3 * i + 1]), f32(local[3 * i + 2]))
-            gather_near(tree, leaf[i], scratch, x, ray, zero)
+            gather_near(tree, leaf[i], scratch, x, (one, zero, zero), zero)
             total = 0.0
             for c in range(width):
                 out[h * width + c] = 0.0

@@ -13,6 +13,7 @@ import numpy as np
 from ..jit import inline
 from ..records import (
     BOUNDS,
+    COUNT_OWNER,
     INSTANCE,
     KIND,
     MODEL,
@@ -29,9 +30,11 @@ from ..records import (
     tree_at,
 )
 from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple, unit
-from .surface import blend
+from .leaf import gather_near
+from .surface import ONE, ZERO, blend
 from .traverse import closest, make_ray
 
+WHITE = (1.0, 1.0, 1.0)
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
 
@@ -119,7 +122,10 @@ def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
 
 @inline
 def closest_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
-    """The nearest hit of a ray (o, d, t_min, t_max) with everything in the scene; a degenerate ray misses."""
+    """The nearest hit of a ray (o, d, t_min, t_max) with everything in the scene; a degenerate ray misses.
+
+    On a model its colour and slot are left to `described`.
+    """
     best = no_hit()
     o, d, t_min, t_max = ray
     if not is_ray(o, d, t_min, t_max):
@@ -129,13 +135,11 @@ def closest_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
         if world.instances[at + KIND] == MODEL:
             t, hit, tree, local = _model_hit(world, at, (o, d, t_min, t_max), side, scratch)
             if hit.leaf >= 0 and t <= t_max:
-                f32 = np.float32
-                red, green, blue, slot = blend(tree, scratch, world.tone, f32(local[0]), f32(local[1]), f32(local[2]))
                 normal = transform_transposed(
                     world.instances, at + TO_MODEL, (np.float64(hit.nx), np.float64(hit.ny), np.float64(hit.nz))
                 )
-                color = (np.float64(red), np.float64(green), np.float64(blue))
-                best = WorldHit(t, unit(normal), color, i, slot, hit.leaf, local)
+                best = WorldHit(t, unit(normal), WHITE, i, -1, hit.leaf, local)
+                scratch.counts[COUNT_OWNER] = i
                 t_max = t
         else:
             t = _plane_hit(world, at, (o, d, t_min, t_max), side)
@@ -144,6 +148,20 @@ def closest_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
                 best = WorldHit(t, normal, plane_color(world, at, add(o, scale(d, t))), i, -1, -1, (0.0, 0.0, 0.0))
                 t_max = t
     return best
+
+
+@inline
+def described(world, hit, scratch):  # type: ignore[no-untyped-def]
+    """The hit with its colour and the slot of most weight."""
+    if hit.leaf < 0:
+        return hit
+    tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
+    x = (np.float32(hit.local[0]), np.float32(hit.local[1]), np.float32(hit.local[2]))
+    if scratch.counts[COUNT_OWNER] != hit.instance:  # the near blocks of another ray or model are listed
+        gather_near(tree, hit.leaf, scratch, x, (ONE, ZERO, ZERO), ZERO)
+    red, green, blue, slot = blend(tree, scratch, world.tone, x[0], x[1], x[2])
+    color = (np.float64(red), np.float64(green), np.float64(blue))
+    return WorldHit(hit.t, hit.normal, color, hit.instance, slot, hit.leaf, hit.local)
 
 
 @inline

@@ -74,7 +74,8 @@ def _cells(blocks: NDArray[np.float32], width: float, threads: int | None) -> Ce
         if built == STOPPED:
             raise KeyboardInterrupt
         if built != FULL:
-            return Cells(*(array[:built] for array in cells[:3]), cells.refs, cells.least[:built])
+            children, boxes, spans, found, least = cells
+            return Cells(children[:built], boxes[:built], spans[:built], found, least[:built])
         nodes, refs = 2 * nodes, 2 * refs
 
 

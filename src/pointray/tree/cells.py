@@ -49,7 +49,7 @@ def overlap(blocks, slot, cell):  # type: ignore[no-untyped-def]
 def _gather(blocks, sources, cell, refs, start):  # type: ignore[no-untyped-def]
     """Write the blocks of `sources` that reach the cell to refs[start:]; shrink the cell to their supports.
 
-    Returns the end, the mean and the least radius of the splats over the cell. A cell that nothing reaches comes out inverted.
+    Returns the end, the mean and the least radius of these splats. A cell that nothing reaches comes out inverted.
     """
     end = start
     total, count, shortest = 0.0, 0, np.float32(np.inf)
