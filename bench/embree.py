@@ -19,11 +19,12 @@ import numpy as np
 import pointray as pr
 from embree_discs import ABSENT, Discs, available, tile_order
 from pointray.jit import keep, kernel, run, take
-from pointray.records import World, lend_scratch, lend_world, new_scratch
-from pointray.trace.world import closest_in
+from pointray.records import World, lend_world
+from pointray.scratch import LANES, lend_scratch, new_scratch
+from pointray.trace.world import aim, tile_hit, trace_tile
 from pointray.vec import triple
 
-TILE = 1024
+BATCH = 1024
 
 
 @kernel
@@ -31,12 +32,17 @@ def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
     """Closest hit of each ray, t only: what Embree is asked for."""
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
-    tile = take(work)
-    while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, t.size)):
-            ray = (triple(origins, 3 * i), triple(directions, 3 * i), 0.0, np.inf)
-            t[i] = closest_in(world, ray, 1.0, scratch).t
-        tile = take(work)
+    block = take(work)
+    while block >= 0:
+        end = min((block + 1) * BATCH, t.size)
+        for first in range(block * BATCH, end, LANES):
+            for k in range(LANES):
+                i = min(first + k, end - 1)
+                aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), 0.0, np.inf))
+            trace_tile(world, 1.0, scratch)
+            for i in range(first, min(first + LANES, end)):
+                t[i] = tile_hit(scratch, i - first).t
+        block = take(work)
     keep(memory)
     return 0
 
@@ -53,7 +59,7 @@ class Ours:
     def closest(self, origins: np.ndarray, directions: np.ndarray, threads: int) -> np.ndarray:
         """t of each ray (float64 rays, flat)."""
         t = np.empty(origins.size // 3)
-        run(depths, -(-t.size // TILE), self.world, origins, directions, t, threads=threads)
+        run(depths, -(-t.size // BATCH), self.world, origins, directions, t, threads=threads)
         return t
 
 

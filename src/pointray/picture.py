@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 
 from .camera import Camera
 from .jit import inline, keep, kernel, run, take
-from .records import COUNT_LEAVES, COUNT_NODES, World, lend_scratch, lend_world, new_scratch
+from .records import World, lend_world
 from .scene import Scene
+from .scratch import COUNT_LEAVES, COUNT_NODES, DIRECTION, LANES, ORIGIN, lend_scratch, new_scratch
 from .shade.direct import direct_light
-from .trace.world import closest_in, described
-from .vec import add, dot, scale, triple, unit
+from .trace.world import aim, described, tile_hit, trace_tile
+from .vec import add, dot, row, scale, triple, unit
 
 INTEGRATORS = ("phong", "normal", "depth", "color", "cost")
 PHONG, NORMAL, DEPTH, COLOR, COST = range(5)
-TILE = 16  # pixels a side
+BLOCK = 16  # pixels a side of what a thread takes at a time: 16 tiles of 4 x 4
 MOST_SAMPLES = 65536
 
 
@@ -75,13 +76,8 @@ def place_in_pixel(x, y, sample, seed, spp):  # type: ignore[no-untyped-def]
 
 
 @inline
-def look(world, ray, forward, how, scratch):  # type: ignore[no-untyped-def]
-    """Colour and alpha that a camera ray (o, d) brings back. how : integrator, shadows."""
-    scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
-    hit = closest_in(world, (ray[0], ray[1], 0.0, np.inf), 1.0, scratch)
-    if how[0] == COST:
-        nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
-        return (nodes, leaves, (nodes + leaves) / 64.0), 1.0
+def look(world, hit, ray, forward, how, scratch):  # type: ignore[no-untyped-def]
+    """Colour and alpha of what a camera ray (o, d) has hit. how : integrator, shadows."""
     if hit.instance < 0:
         return (0.0, 0.0, 0.0), 0.0
     if how[0] == NORMAL:
@@ -95,32 +91,72 @@ def look(world, ray, forward, how, scratch):  # type: ignore[no-untyped-def]
     return hit.color, 1.0
 
 
+@inline
+def cost(world, rays, scratch):  # type: ignore[no-untyped-def]
+    """Nodes and leaves that one ray (o, d) visits when it is traced alone, as a colour."""
+    scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
+    for k in range(LANES):
+        aim(scratch, k, (rays[0], rays[1], 0.0, np.inf))
+    trace_tile(world, 1.0, scratch)
+    nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
+    return nodes, leaves, (nodes + leaves) / 64.0
+
+
+@inline
+def camera_ray(camera, size, place):  # type: ignore[no-untyped-def]
+    """(o, d) through a place in the image, in pixels from its upper left."""
+    u, v = 2.0 * place[0] / size[0] - 1.0, 1.0 - 2.0 * place[1] / size[1]
+    eye, forward, right, up = camera
+    return eye, unit(add(forward, add(scale(right, u), scale(up, v))))
+
+
 @kernel
 def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
-    """Render tiles of an image (h, w, 4). how : integrator, shadows, spp, seed, background (4 with alpha)."""
+    """Render blocks of an image (h, w, 4). how : integrator, shadows, spp, seed, background (4 with alpha)."""
     height, width = image.shape[:2]
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
     integrator, shadows, spp, seed, background = how
-    eye, forward, right, up = triple(camera, 0), triple(camera, 3), triple(camera, 6), triple(camera, 9)
-    across = (width + TILE - 1) // TILE
-    tile = take(work)
-    while tile >= 0:
-        top, left = tile // across * TILE, tile % across * TILE
-        for y in range(top, min(top + TILE, height)):
-            for x in range(left, min(left + TILE, width)):
-                total, cover = (0.0, 0.0, 0.0), 0.0
-                for sample in range(spp):
+    camera = (triple(camera, 0), triple(camera, 3), triple(camera, 6), triple(camera, 9))
+    across = (width + BLOCK - 1) // BLOCK
+    total = np.empty((LANES, 4), np.float64)
+    block = take(work)
+    while block >= 0:
+        top, left = block // across * BLOCK, block % across * BLOCK
+        for tile in range(BLOCK * BLOCK // LANES):
+            first_y, first_x = top + tile // 4 * 4, left + tile % 4 * 4
+            if first_y >= height or first_x >= width:
+                continue
+            total[:] = 0.0
+            for sample in range(spp):
+                # A tile at the image's edge repeats its last pixels.
+                for i in range(LANES):
+                    x, y = min(first_x + i % 4, width - 1), min(first_y + i // 4, height - 1)
                     px, py = place_in_pixel(x, y, sample, seed, spp)
-                    u, v = 2.0 * (x + px) / width - 1.0, 1.0 - 2.0 * (y + py) / height
-                    direction = unit(add(forward, add(scale(right, u), scale(up, v))))
-                    color, alpha = look(world, (eye, direction), forward, (integrator, shadows), scratch)
-                    total, cover = add(total, color), cover + alpha
-                for c in range(3):
-                    image[y, x, c] = (total[c] + (spp - cover) * background[c]) / spp
-                image[y, x, 3] = (cover + (spp - cover) * background[3]) / spp
-        tile = take(work)
+                    o, d = camera_ray(camera, (width, height), (x + px, y + py))
+                    aim(scratch, i, (o, d, 0.0, np.inf))
+                if integrator != COST:
+                    trace_tile(world, 1.0, scratch)
+                for i in range(LANES):
+                    ray = (row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i))
+                    if integrator == COST:
+                        color, alpha = cost(world, ray, scratch), 1.0
+                    else:
+                        hit = tile_hit(scratch, i)
+                        color, alpha = look(world, hit, ray, camera[1], (integrator, shadows), scratch)
+                    for c in range(3):
+                        total[i, c] += color[c]
+                    total[i, 3] += alpha
+            for i in range(LANES):
+                x, y = first_x + i % 4, first_y + i // 4
+                if x < width and y < height:
+                    uncovered = spp - total[i, 3]
+                    for c in range(3):
+                        image[y, x, c] = (total[i, c] + uncovered * background[c]) / spp
+                    image[y, x, 3] = (total[i, 3] + uncovered * background[3]) / spp
+        block = take(work)
     keep(memory)
+    keep(total)
     return 0
 
 
@@ -154,7 +190,7 @@ def render(
     background = (0.0, 0.0, 0.0, 0.0) if color is None else (*map(float, color), 1.0)
     integrator = INTEGRATORS.index(settings.integrator)
     how = (integrator, int(settings.shadows), settings.spp, settings.seed, background)
-    tiles = -(-width // TILE) * -(-height // TILE)
+    blocks = -(-width // BLOCK) * -(-height // BLOCK)
     args = (world, camera.basis.reshape(-1), how, image)
-    run(_frame, tiles, *args, threads=settings.threads, progress=progress)
+    run(_frame, blocks, *args, threads=settings.threads, progress=progress)
     return image

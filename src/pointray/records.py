@@ -115,49 +115,6 @@ def tree_at(table, model):  # type: ignore[no-untyped-def]
     )
 
 
-class Scratch(NamedTuple):
-    """One thread's working memory.
-
-    stack : (256,) int32, children still to visit; stack_near : (256,) float32, where the ray enters them
-    near : (n,) int32, blocks near the ray in the current leaf; counts : (8,) int64, see COUNT_*
-    lift : (1,) float32, the start rule's state, see `trace/leaf.py`
-    means : (160,) float32, the weighted means at the four samples of the last secant step, 16 lanes each
-    """
-
-    stack: Array
-    stack_near: Array
-    near: Array
-    counts: Array
-    lift: Array
-    means: Array
-
-
-COUNT_NEAR, COUNT_NODES, COUNT_LEAVES = 0, 1, 2
-COUNT_PART = 3  # the sample of the last secant step behind the crossing, 1..3; 0: not between two of them
-COUNT_OWNER = 4  # the instance at whose nearest hit the blocks are listed, -1: they are another place's
-
-
-@inline
-def new_scratch(longest):  # type: ignore[no-untyped-def]
-    """Working memory for models whose longest leaf knows `longest` blocks."""
-    return Scratch(
-        np.empty(256, np.int32),
-        np.empty(256, np.float32),
-        np.empty(longest + 16, np.int32),
-        np.zeros(8, np.int64),
-        np.zeros(1, np.float32),
-        np.zeros(160, np.float32),
-    )
-
-
-@inline
-def lend_scratch(s):  # type: ignore[no-untyped-def]
-    """The working memory without references to it (see `jit.borrow`): the kernel must `keep` the original."""
-    return Scratch(
-        borrow(s.stack), borrow(s.stack_near), borrow(s.near), borrow(s.counts), borrow(s.lift), borrow(s.means)
-    )
-
-
 class Ray(NamedTuple):
     """A ray in model space: origin, unit direction, the inverse of each component, the interval, the side it starts on.
 

@@ -368,6 +368,25 @@ def lane(typingctx, vector, index):  # type: ignore[no-untyped-def]
     return scalar(vector, types.int64), codegen
 
 
+def _reducer(name: str, doc: str) -> Any:
+    def reduce(typingctx, vector):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            kind = ir.FunctionType(ir.FloatType(), [vector.llvm])
+            function = cgutils.get_or_insert_function(
+                builder.module, kind, f"llvm.vector.reduce.{name}.v{vector.lanes}f32"
+            )
+            return builder.call(function, args, fastmath=("nnan", "nsz"))
+
+        return types.float32(vector), codegen
+
+    reduce.__doc__ = doc
+    return intrinsic(reduce)
+
+
+least = _reducer("fmin", "The least lane; none may be NaN.")
+greatest = _reducer("fmax", "The greatest lane; none may be NaN.")
+
+
 @intrinsic
 def sum_quarters(typingctx, vector):  # type: ignore[no-untyped-def]
     """The sum of each quarter, in all four of its lanes: two shuffles and two additions."""

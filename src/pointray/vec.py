@@ -57,20 +57,28 @@ def triple(array, i):  # type: ignore[no-untyped-def]
 
 
 @inline
-def transform(matrix, i, a):  # type: ignore[no-untyped-def]
-    """The 3x3 part of a row-major 3x4 matrix at matrix[i:] times a vector."""
-    return (
-        matrix[i] * a[0] + matrix[i + 1] * a[1] + matrix[i + 2] * a[2],
-        matrix[i + 4] * a[0] + matrix[i + 5] * a[1] + matrix[i + 6] * a[2],
-        matrix[i + 8] * a[0] + matrix[i + 9] * a[1] + matrix[i + 10] * a[2],
-    )
+def row(rows, i):  # type: ignore[no-untyped-def]
+    """Three numbers of lane i in three neighbouring rows of 16."""
+    return rows[i], rows[i + 16], rows[i + 32]
 
 
 @inline
-def transform_transposed(matrix, i, a):  # type: ignore[no-untyped-def]
-    """The transposed 3x3 part of a row-major 3x4 matrix at matrix[i:] times a vector: normals."""
+def put(rows, i, a):  # type: ignore[no-untyped-def]
+    """Write three numbers to lane i of three neighbouring rows of 16."""
+    rows[i], rows[i + 16], rows[i + 32] = a
+
+
+@inline
+def transform(matrix, a):  # type: ignore[no-untyped-def]
+    """A vector by the 3x3 part of a matrix in rows."""
+    return dot(matrix[0], a), dot(matrix[1], a), dot(matrix[2], a)
+
+
+@inline
+def transform_transposed(matrix, a):  # type: ignore[no-untyped-def]
+    """A vector by the transposed 3x3 part of a matrix in rows: normals."""
     return (
-        matrix[i] * a[0] + matrix[i + 4] * a[1] + matrix[i + 8] * a[2],
-        matrix[i + 1] * a[0] + matrix[i + 5] * a[1] + matrix[i + 9] * a[2],
-        matrix[i + 2] * a[0] + matrix[i + 6] * a[1] + matrix[i + 10] * a[2],
+        matrix[0][0] * a[0] + matrix[1][0] * a[1] + matrix[2][0] * a[2],
+        matrix[0][1] * a[0] + matrix[1][1] * a[1] + matrix[2][1] * a[2],
+        matrix[0][2] * a[0] + matrix[1][2] * a[1] + matrix[2][2] * a[2],
     )

@@ -6,24 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, keep, kernel, run, take
-from ..records import (
-    COUNT_NEAR,
-    INSTANCE,
-    MODEL_ROW,
-    Array,
-    World,
-    lend_scratch,
-    lend_world,
-    new_scratch,
-    tree_at,
-)
+from ..records import INSTANCE, MODEL_ROW, Array, World, lend_world, tree_at
+from ..scratch import COUNT_NEAR, LANES, lend_scratch, new_scratch
 from ..simd import lane
 from ..vec import add, scale, triple
-from .leaf import gather_near
+from .near import gather_near
 from .surface import weights_of_block
-from .world import closest_in, described, occluded_in
+from .world import aim, described, occluded_in, tile_hit, trace_tile
 
-TILE = 1024  # rays that a thread takes at a time
+BATCH = 1024  # rays that a thread takes at a time
 
 
 @kernel
@@ -33,22 +24,28 @@ def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
-    tile = take(work)
-    while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, t.size)):
-            o, d = triple(origins, 3 * i), triple(directions, 3 * i)
-            ray = (o, d, limits[2 * i], limits[2 * i + 1])
-            hit = described(world, closest_in(world, ray, 1.0, scratch), scratch)
-            t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
-            x = add(o, scale(d, hit.t)) if hit.instance >= 0 else (np.nan, np.nan, np.nan)
-            for c in range(3):
-                position[3 * i + c], normal[3 * i + c], color[3 * i + c] = x[c], hit.normal[c], hit.color[c]
-                local[3 * i + c] = hit.local[c]
-            point[i] = -1
-            if hit.slot >= 0:
-                tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
-                point[i] = tree.order[hit.slot]
-        tile = take(work)
+    block = take(work)
+    while block >= 0:
+        end = min((block + 1) * BATCH, t.size)
+        for first in range(block * BATCH, end, LANES):
+            for k in range(LANES):
+                i = min(first + k, end - 1)
+                aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
+            trace_tile(world, 1.0, scratch)
+            for i in range(first, min(first + LANES, end)):
+                hit = described(world, tile_hit(scratch, i - first), scratch)
+                t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
+                x = (np.nan, np.nan, np.nan)
+                if hit.instance >= 0:
+                    x = add(triple(origins, 3 * i), scale(triple(directions, 3 * i), hit.t))
+                for c in range(3):
+                    position[3 * i + c], normal[3 * i + c], color[3 * i + c] = x[c], hit.normal[c], hit.color[c]
+                    local[3 * i + c] = hit.local[c]
+                point[i] = -1
+                if hit.slot >= 0:
+                    tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
+                    point[i] = tree.order[hit.slot]
+        block = take(work)
     keep(memory)
     return 0
 
@@ -59,12 +56,12 @@ def _occluded(work, world, origins, directions, limits, out):  # type: ignore[no
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
-    tile = take(work)
-    while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, out.size)):
+    block = take(work)
+    while block >= 0:
+        for i in range(block * BATCH, min((block + 1) * BATCH, out.size)):
             ray = (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1])
             out[i] = occluded_in(world, ray, 1.0, scratch)
-        tile = take(work)
+        block = take(work)
     keep(memory)
     return 0
 
@@ -77,9 +74,9 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
     scratch, world = lend_scratch(memory), lend_world(world)
     tree = tree_at(world.table, model)
     f32, zero, one = np.float32, np.float32(0.0), np.float32(1.0)
-    tile = take(work)
-    while tile >= 0:
-        for h in range(tile * TILE, min((tile + 1) * TILE, hits.size)):
+    block = take(work)
+    while block >= 0:
+        for h in range(block * BATCH, min((block + 1) * BATCH, hits.size)):
             i = hits[h]
             x = (f32(local[3 * i]), f32(local[3 * i + 1]), f32(local[3 * i + 2]))
             gather_near(tree, leaf[i], scratch, x, (one, zero, zero), zero)
@@ -97,7 +94,7 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
                             out[h * width + c] += w * values[np.int64(row) * width + c]
             for c in range(width):
                 out[h * width + c] /= total
-        tile = take(work)
+        block = take(work)
     keep(memory)
     return 0
 
@@ -122,7 +119,7 @@ def closest_hits(world: World, origins: Array, directions: Array, limits: Array)
         "local": np.empty((n, 3)),
     }
     flat = tuple(array.reshape(-1) for array in out.values())
-    run(_closest, -(-n // TILE), world, origins.reshape(-1), directions.reshape(-1), limits.reshape(-1), flat)
+    run(_closest, -(-n // BATCH), world, origins.reshape(-1), directions.reshape(-1), limits.reshape(-1), flat)
     return out
 
 
@@ -130,7 +127,13 @@ def occlusions(world: World, origins: Array, directions: Array, limits: Array) -
     """Whether each of n rays meets anything, (n,) bool; parameters as for `closest_hits`."""
     out = np.zeros(len(origins), np.uint8)
     run(
-        _occluded, -(-len(origins) // TILE), world, origins.reshape(-1), directions.reshape(-1), limits.reshape(-1), out
+        _occluded,
+        -(-len(origins) // BATCH),
+        world,
+        origins.reshape(-1),
+        directions.reshape(-1),
+        limits.reshape(-1),
+        out,
     )
     return out.view(np.bool_)
 
@@ -141,5 +144,5 @@ def blend_attribute(world: World, hits: dict[str, Array], rows: Array, model: in
     places = (rows, model, hits["leaf"], hits["local"].reshape(-1))
     width = values.size // len(values)
     args = (world, places, np.ascontiguousarray(values).reshape(-1), width, out.reshape(-1))
-    run(_blend_attribute, -(-len(rows) // TILE), *args)
+    run(_blend_attribute, -(-len(rows) // BATCH), *args)
     return out

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import BLOCK, COUNT_NEAR, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit
+from ..records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit
+from ..scratch import COUNT_NEAR
 from ..simd import bits, lane, lowest, repeat4
 
 ONE, INF = np.float32(1.0), np.float32(np.inf)

@@ -19,7 +19,8 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import BLOCK, COUNT_NEAR, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
+from ..records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
+from ..scratch import COUNT_NEAR
 from ..simd import bits, lane, lowest, repeat4, select, spread16, sum_quarters, vmax
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline
-from ..records import COUNT_LEAVES, COUNT_NODES, NODE, WIDTH, Hit, Ray
+from ..jit import inline, routine
+from ..records import CELL, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
+from ..scratch import COUNT_LEAVES, COUNT_NODES
 from ..simd import bits, lane, load8, lowest, spread8, vmax, vmin
-from .leaf import INF, search_leaf
-from .surface import ZERO
+from .leaf import search_leaf
+from .root import INF
+from .surface import ONE, ZERO
 
 TINY = np.float32(1e-20)
+FLAT = np.float32(1e-6)  # the least rise that a slab test divides by
 
 
 @inline
@@ -20,39 +23,82 @@ def steady(d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def closest(tree, ray, scratch):  # type: ignore[no-untyped-def]
-    """The first hit of a ray with the model. Counts nodes and leaves; leaves the near blocks of the hit in scratch."""
+def make_ray(o, d, length, side):  # type: ignore[no-untyped-def]
+    """A ray in model space of the given length, from float64 origin and unit direction."""
+    f32, one = np.float32, np.float32(1.0)
+    x, y, z = steady(f32(d[0])), steady(f32(d[1])), steady(f32(d[2]))
+    return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, one / x, one / y, one / z, ZERO, f32(length), f32(side))
+
+
+@inline
+def near_planes(ix, iy, iz):  # type: ignore[no-untyped-def]
+    """Rows of the planes of each axis that a ray of these signs enters first: an empty box then comes out empty."""
+    return (0 if ix > ZERO else 3), (1 if iy > ZERO else 4), (2 if iz > ZERO else 5)
+
+
+@inline
+def far_planes(near):  # type: ignore[no-untyped-def]
+    """Rows of the planes through which it leaves."""
+    return 3 - near[0], 5 - near[1], 7 - near[2]
+
+
+@inline
+def _voxel_interval(tree, leaf, ray, rows):  # type: ignore[no-untyped-def]
+    """Where the ray enters and leaves the leaf's voxel, within its own interval."""
+    near, far = rows
+    at, leaves = leaf * LEAF + CELL, tree.leaves
+    enter = max(
+        max((leaves[at + near[0]] - ray.ox) * ray.ix, (leaves[at + near[1]] - ray.oy) * ray.iy),
+        max((leaves[at + near[2]] - ray.oz) * ray.iz, ray.t_min),
+    )
+    leave = min(
+        min((leaves[at + far[0]] - ray.ox) * ray.ix, (leaves[at + far[1]] - ray.oy) * ray.iy),
+        min((leaves[at + far[2]] - ray.oz) * ray.iz, ray.t_max),
+    )
+    return enter, leave
+
+
+@inline
+def _slab_interval(tree, leaf, ray, interval):  # type: ignore[no-untyped-def]
+    """The part of an interval inside of the leaf's slab; empty where enter > leave."""
+    at = leaf * LEAF
+    mx, my, mz = tree.leaves[at + SLAB], tree.leaves[at + SLAB + 1], tree.leaves[at + SLAB + 2]
+    height = mx * ray.ox + my * ray.oy + mz * ray.oz
+    rise = mx * ray.dx + my * ray.dy + mz * ray.dz
+    rise = ONE / (FLAT if abs(rise) < FLAT else rise)
+    a, b = (tree.leaves[at + SLAB_LO] - height) * rise, (tree.leaves[at + SLAB_HI] - height) * rise
+    return max(interval[0], min(a, b)), min(interval[1], max(a, b))
+
+
+@routine
+def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
+    """The first hit of a ray with a model. Counts nodes and leaves; leaves the near blocks of the hit in scratch."""
+    tree = tree_at(table, model)
     scratch.lift[0] = ZERO
     ix, iy, iz = ray.ix, ray.iy, ray.iz
-    # Rows of the near and far planes of each axis, by the ray's sign: an empty box then always comes out empty.
-    nx, ny, nz = (0 if ix > 0 else 3 * WIDTH), (0 if iy > 0 else 3 * WIDTH), (0 if iz > 0 else 3 * WIDTH)
-    fx, fy, fz = 3 * WIDTH - nx, 3 * WIDTH - ny, 3 * WIDTH - nz
+    rows = near_planes(ix, iy, iz)
+    rows = rows, far_planes(rows)
+    nx, ny, nz = rows[0][0] * WIDTH, rows[0][1] * WIDTH, rows[0][2] * WIDTH
+    fx, fy, fz = rows[1][0] * WIDTH, rows[1][1] * WIDTH, rows[1][2] * WIDTH
     stack, stack_near = scratch.stack, scratch.stack_near
     node, top = 0, 0
     while True:
         scratch.counts[COUNT_NODES] += 1
         at = np.int64(node) * NODE
         near = vmax(
-            vmax((load8(tree.boxes, at + nx) - ray.ox) * ix, (load8(tree.boxes, at + WIDTH + ny) - ray.oy) * iy),
-            vmax((load8(tree.boxes, at + 2 * WIDTH + nz) - ray.oz) * iz, spread8(ray.t_min)),
+            vmax((load8(tree.boxes, at + nx) - ray.ox) * ix, (load8(tree.boxes, at + ny) - ray.oy) * iy),
+            vmax((load8(tree.boxes, at + nz) - ray.oz) * iz, spread8(ray.t_min)),
         )
         far = vmin(
-            vmin((load8(tree.boxes, at + fx) - ray.ox) * ix, (load8(tree.boxes, at + WIDTH + fy) - ray.oy) * iy),
-            vmin((load8(tree.boxes, at + 2 * WIDTH + fz) - ray.oz) * iz, spread8(ray.t_max)),
+            vmin((load8(tree.boxes, at + fx) - ray.ox) * ix, (load8(tree.boxes, at + fy) - ray.oy) * iy),
+            vmin((load8(tree.boxes, at + fz) - ray.oz) * iz, spread8(ray.t_max)),
         )
         left = bits(near <= far)
         bottom = top
         while left != 0:
             k = lowest(left)
             left &= left - 1
-            # Insert by distance: the nearest comes out first.
-            enters = lane(near, k)
-            j = top
-            while j > bottom and stack_near[j - 1] < enters:
-                stack[j], stack_near[j] = stack[j - 1], stack_near[j - 1]
-                j -= 1
-            stack[j], stack_near[j] = tree.children[node * WIDTH + k], enters
-            top += 1
+            top = insert(stack, stack_near, bottom, top, tree.children[node * WIDTH + k], lane(near, k))
         while True:
             if top == 0:
                 return Hit(INF, ZERO, ZERO, ZERO, -1)
@@ -61,14 +107,21 @@ def closest(tree, ray, scratch):  # type: ignore[no-untyped-def]
             if node >= 0:
                 break
             scratch.counts[COUNT_LEAVES] += 1
-            hit = search_leaf(tree, ~node, ray, scratch, stack_near[top], INF)
-            if hit.leaf >= 0:
-                return hit
+            leaf = ~node
+            enter, leave = _voxel_interval(tree, leaf, ray, rows)
+            low, high = _slab_interval(tree, leaf, ray, (max(stack_near[top], enter), leave))
+            if low <= high:
+                hit = search_leaf(tree, leaf, ray, scratch, (enter, leave, low, high))
+                if hit.leaf >= 0:
+                    return hit
 
 
 @inline
-def make_ray(o, d, length, side):  # type: ignore[no-untyped-def]
-    """A ray in model space of the given length, from float64 origin and unit direction."""
-    f32, one = np.float32, np.float32(1.0)
-    x, y, z = steady(f32(d[0])), steady(f32(d[1])), steady(f32(d[2]))
-    return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, one / x, one / y, one / z, ZERO, f32(length), f32(side))
+def insert(stack, stack_near, bottom, top, what, near):  # type: ignore[no-untyped-def]
+    """Put a child on the stack, above bottom, so that the nearest comes out first; returns the new top."""
+    j = top
+    while j > bottom and stack_near[j - 1] < near:
+        stack[j], stack_near[j] = stack[j - 1], stack_near[j - 1]
+        j -= 1
+    stack[j], stack_near[j] = what, near
+    return top + 1

@@ -13,7 +13,6 @@ import numpy as np
 from ..jit import inline
 from ..records import (
     BOUNDS,
-    COUNT_OWNER,
     INSTANCE,
     KIND,
     MODEL,
@@ -25,65 +24,86 @@ from ..records import (
     PLANE_U,
     PLANE_V,
     TO_MODEL,
-    Hit,
     WorldHit,
     tree_at,
 )
-from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple, unit
-from .leaf import gather_near
+from ..scratch import (
+    COLOR,
+    DIRECTION,
+    DX,
+    FOUND,
+    INSTANCE_OF,
+    IX,
+    LANES,
+    LEAF_OF,
+    LENGTH,
+    LOCAL,
+    LOW,
+    NEAREST,
+    NORMAL,
+    NX,
+    ORIGIN,
+    OX,
+    SPEED,
+    START,
+    T_MIN,
+)
+from ..vec import add, dot, length, put, row, scale, sub, transform, transform_transposed, triple, unit
+from .near import gather_near
 from .surface import ONE, ZERO, blend
+from .tile import ALL, closest_of_tile, coherent, tile_ray
 from .traverse import closest, make_ray
 
-WHITE = (1.0, 1.0, 1.0)
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
 
 @inline
-def no_hit():  # type: ignore[no-untyped-def]
-    """What a ray that misses finds."""
-    zero = (0.0, 0.0, 0.0)
-    return WorldHit(np.inf, zero, zero, -1, np.int64(-1), np.int64(-1), zero)
+def model_bounds(head):  # type: ignore[no-untyped-def]
+    """A model's bounds (lo x y z, hi x y z) in float64, padded against rounding."""
+    lows, highs = triple(head, BOUNDS), triple(head, BOUNDS + 3)
+    lows = np.float64(lows[0]), np.float64(lows[1]), np.float64(lows[2])
+    highs = np.float64(highs[0]), np.float64(highs[1]), np.float64(highs[2])
+    x, y, z = abs(lows[0]) + abs(highs[0]), abs(lows[1]) + abs(highs[1]), abs(lows[2]) + abs(highs[2])
+    pad = 1e-6 * x, 1e-6 * y, 1e-6 * z
+    return sub(lows, pad), add(highs, pad)
 
 
 @inline
-def no_model_hit():  # type: ignore[no-untyped-def]
-    """What a ray that misses a model finds in it."""
-    zero = np.float32(0.0)
-    return Hit(np.float32(np.inf), zero, zero, zero, -1)
-
-
-@inline
-def _clip(head, o, d, t_min, t_max):  # type: ignore[no-untyped-def]
-    """The part of a ray inside of a model's bounds, padded against rounding; empty where low > high."""
+def _clip(bounds, o, d, t_min, t_max):  # type: ignore[no-untyped-def]
+    """The part of a ray inside of a model's bounds; empty where low > high."""
     low, high = t_min, t_max
     for c in range(3):
-        a, b = np.float64(head[BOUNDS + c]), np.float64(head[BOUNDS + 3 + c])
-        pad = 1e-6 * (abs(a) + abs(b))
         inverse = 1.0 / (d[c] if abs(d[c]) > 1e-300 else 1e-300)
-        near, far = (a - pad - o[c]) * inverse, (b + pad - o[c]) * inverse
+        near, far = (bounds[0][c] - o[c]) * inverse, (bounds[1][c] - o[c]) * inverse
         low, high = max(low, min(near, far)), min(high, max(near, far))
     return low, high
 
 
 @inline
-def _model_hit(world, at, ray, side, scratch):  # type: ignore[no-untyped-def]
-    """(t, hit, tree, start) of a ray (o, d, t_min, t_max) with one model, t in lengths of d; the hit in model space."""
-    tree = tree_at(world.table, np.int64(world.instances[at + MODEL_ROW]))
-    o = transform(world.instances, at + TO_MODEL, ray[0])
-    o = (
-        o[0] + world.instances[at + TO_MODEL + 3],
-        o[1] + world.instances[at + TO_MODEL + 7],
-        o[2] + world.instances[at + TO_MODEL + 11],
+def matrix_at(world, at):  # type: ignore[no-untyped-def]
+    """An instance's transform from the world to its model: three rows of four."""
+    m, k = world.instances, at + TO_MODEL
+    return (
+        (m[k], m[k + 1], m[k + 2], m[k + 3]),
+        (m[k + 4], m[k + 5], m[k + 6], m[k + 7]),
+        (m[k + 8], m[k + 9], m[k + 10], m[k + 11]),
     )
-    d = transform(world.instances, at + TO_MODEL, ray[1])
+
+
+@inline
+def into_model(matrix, bounds, ray):  # type: ignore[no-untyped-def]
+    """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
+
+    Returns (start, unit direction, low, high, speed): low and high along the unit direction, low > high for a ray
+    that misses the bounds; speed is how much longer the direction was.
+    """
+    d = transform(matrix, ray[1])
     speed = length(d)
     d = scale(d, 1.0 / speed)
-    low, high = _clip(tree.head, o, d, ray[2] * speed, ray[3] * speed)
-    if not low <= high:
-        return np.inf, no_model_hit(), tree, o
-    start = add(o, scale(d, low))
-    hit = closest(tree, make_ray(start, d, high - low, side), scratch)
-    return (low + np.float64(hit.t)) / speed, hit, tree, add(start, scale(d, np.float64(hit.t)))
+    o = transform(matrix, ray[0])
+    o = o[0] + matrix[0][3], o[1] + matrix[1][3], o[2] + matrix[2][3]
+    low, high = _clip(bounds, o, d, ray[2] * speed, ray[3] * speed)
+    return add(o, scale(d, low)), d, low, high, speed
 
 
 @inline
@@ -121,33 +141,115 @@ def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
 
 
 @inline
-def closest_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
-    """The nearest hit of a ray (o, d, t_min, t_max) with everything in the scene; a degenerate ray misses.
+def _tile_into_model(world, at, head, scratch):  # type: ignore[no-untyped-def]
+    """Put the tile's rays into the space of one model; returns the last of them that meets its bounds, or -1."""
+    matrix, bounds = matrix_at(world, at), model_bounds(head)
+    wide, rows = scratch.world, scratch.model
+    last = -1
+    for i in range(LANES):
+        ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
+        start, d, low, high, speed = into_model(matrix, bounds, ray)
+        put(wide, START + i, start)
+        wide[LOW + i], wide[SPEED + i] = low, speed
+        scratch.numbers[FOUND + i] = -1
+        if low <= high:
+            ray = make_ray(start, d, high - low, 1.0)
+            put(rows, OX + i, (ray.ox, ray.oy, ray.oz))
+            put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
+            put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
+            rows[LENGTH + i] = ray.t_max
+            last = i
+        else:
+            rows[LENGTH + i] = -ONE
+    if last >= 0:
+        # Rays that miss the bounds stand where another one does, so that they do not widen the tile.
+        for i in range(LANES):
+            if rows[LENGTH + i] < ZERO:
+                for k in range(9):
+                    rows[k * LANES + i] = rows[k * LANES + last]
+    return last
 
-    On a model its colour and slot are left to `described`.
-    """
-    best = no_hit()
+
+@inline
+def _tile_through_model(world, at, side, scratch):  # type: ignore[no-untyped-def]
+    """Nearest hits of the tile's rays with one model, where they are nearer than what was found before."""
+    model = np.int64(world.instances[at + MODEL_ROW])
+    tree = tree_at(world.table, model)
+    if _tile_into_model(world, at, tree.head, scratch) < 0:
+        return
+    wide, rows, numbers = scratch.world, scratch.model, scratch.numbers
+    side = np.float32(side)
+    alone = ALL
+    if coherent(tree.head, rows):
+        alone = closest_of_tile(world.table, model, side, scratch)
+    matrix = matrix_at(world, at)
+    for i in range(LANES):
+        if (alone >> i) & 1 != 0 and rows[LENGTH + i] >= ZERO:
+            hit = closest(world.table, model, tile_ray(rows, i, side), scratch)
+            numbers[FOUND + i] = hit.leaf
+            rows[LENGTH + i] = hit.t
+            put(rows, NX + i, (hit.nx, hit.ny, hit.nz))
+        if numbers[FOUND + i] >= 0:
+            s = np.float64(rows[LENGTH + i])
+            t = (wide[LOW + i] + s) / wide[SPEED + i]
+            if t <= wide[NEAREST + i]:
+                wide[NEAREST + i] = t
+                n = row(rows, NX + i)
+                n = np.float64(n[0]), np.float64(n[1]), np.float64(n[2])
+                put(wide, NORMAL + i, unit(transform_transposed(matrix, n)))
+                d = unit(transform(matrix, row(wide, DIRECTION + i)))
+                put(wide, LOCAL + i, add(row(wide, START + i), scale(d, s)))
+                numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, numbers[FOUND + i]
+
+
+@inline
+def _tile_on_plane(world, at, side, scratch):  # type: ignore[no-untyped-def]
+    """Nearest hits of the tile's rays with a plane."""
+    wide, numbers = scratch.world, scratch.numbers
+    for i in range(LANES):
+        o, d = row(wide, ORIGIN + i), row(wide, DIRECTION + i)
+        t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), side)
+        if t < np.inf:
+            wide[NEAREST + i] = t
+            put(wide, NORMAL + i, triple(world.instances, at + PLANE_NORMAL))
+            put(wide, COLOR + i, plane_color(world, at, add(o, scale(d, t))))
+            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, -1
+
+
+@inline
+def aim(scratch, i, ray):  # type: ignore[no-untyped-def]
+    """Ray i of the tile becomes (o, d, t_min, t_max); a degenerate one misses everything."""
+    wide = scratch.world
     o, d, t_min, t_max = ray
     if not is_ray(o, d, t_min, t_max):
-        return best
-    for i in range(world.instances.size // INSTANCE):
-        at = i * INSTANCE
+        o, d, t_min, t_max = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.0, -1.0
+    put(wide, ORIGIN + i, o)
+    put(wide, DIRECTION + i, d)
+    wide[T_MIN + i], wide[NEAREST + i] = t_min, t_max
+    scratch.numbers[INSTANCE_OF + i] = -1
+
+
+@inline
+def trace_tile(world, side, scratch):  # type: ignore[no-untyped-def]
+    """The nearest hits of the tile's 16 rays with everything in the scene, for `tile_hit`."""
+    for k in range(world.instances.size // INSTANCE):
+        at = k * INSTANCE
         if world.instances[at + KIND] == MODEL:
-            t, hit, tree, local = _model_hit(world, at, (o, d, t_min, t_max), side, scratch)
-            if hit.leaf >= 0 and t <= t_max:
-                normal = transform_transposed(
-                    world.instances, at + TO_MODEL, (np.float64(hit.nx), np.float64(hit.ny), np.float64(hit.nz))
-                )
-                best = WorldHit(t, unit(normal), WHITE, i, -1, hit.leaf, local)
-                scratch.counts[COUNT_OWNER] = i
-                t_max = t
+            _tile_through_model(world, at, side, scratch)
         else:
-            t = _plane_hit(world, at, (o, d, t_min, t_max), side)
-            if t < np.inf:
-                normal = triple(world.instances, at + PLANE_NORMAL)
-                best = WorldHit(t, normal, plane_color(world, at, add(o, scale(d, t))), i, -1, -1, (0.0, 0.0, 0.0))
-                t_max = t
-    return best
+            _tile_on_plane(world, at, side, scratch)
+
+
+@inline
+def tile_hit(scratch, i):  # type: ignore[no-untyped-def]
+    """The nearest hit of ray i of the tile. On a model its colour and slot are left to `described`."""
+    wide, instance, zero = scratch.world, scratch.numbers[INSTANCE_OF + i], (0.0, 0.0, 0.0)
+    if instance < 0:
+        return WorldHit(np.inf, zero, zero, -1, np.int64(-1), np.int64(-1), zero)
+    leaf = scratch.numbers[LEAF_OF + i]
+    color = row(wide, COLOR + i)
+    local = row(wide, LOCAL + i)
+    return WorldHit(wide[NEAREST + i], row(wide, NORMAL + i), color, instance, np.int64(-1), leaf, local)
 
 
 @inline
@@ -157,11 +259,21 @@ def described(world, hit, scratch):  # type: ignore[no-untyped-def]
         return hit
     tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
     x = (np.float32(hit.local[0]), np.float32(hit.local[1]), np.float32(hit.local[2]))
-    if scratch.counts[COUNT_OWNER] != hit.instance:  # the near blocks of another ray or model are listed
-        gather_near(tree, hit.leaf, scratch, x, (ONE, ZERO, ZERO), ZERO)
+    gather_near(tree, hit.leaf, scratch, x, (ONE, ZERO, ZERO), ZERO)
     red, green, blue, slot = blend(tree, scratch, world.tone, x[0], x[1], x[2])
     color = (np.float64(red), np.float64(green), np.float64(blue))
     return WorldHit(hit.t, hit.normal, color, hit.instance, slot, hit.leaf, hit.local)
+
+
+@inline
+def _model_occludes(world, at, ray, side, scratch):  # type: ignore[no-untyped-def]
+    """Whether one model is in the way of a ray (o, d, t_min, t_max)."""
+    model = np.int64(world.instances[at + MODEL_ROW])
+    bounds = model_bounds(tree_at(world.table, model).head)
+    start, d, low, high, _ = into_model(matrix_at(world, at), bounds, ray)
+    if not low <= high:
+        return False
+    return closest(world.table, model, make_ray(start, d, high - low, side), scratch).leaf >= 0
 
 
 @inline
@@ -173,7 +285,7 @@ def occluded_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
     for i in range(world.instances.size // INSTANCE):
         at = i * INSTANCE
         if world.instances[at + KIND] == MODEL:
-            if _model_hit(world, at, ray, side, scratch)[1].leaf >= 0:
+            if _model_occludes(world, at, ray, side, scratch):
                 return True
         elif _plane_hit(world, at, ray, side) < np.inf:
             return True

@@ -1,0 +1,220 @@
+"""Sixteen coherent rays through the tree together (paper, part IV): one walk for all, then each ray in the leaves.
+
+Nodes are tested with interval arithmetic: the least and greatest origin and inverse direction of the rays give a bound
+of where any of them enters and leaves a box. A leaf's box, voxel and slab are tested for all sixteen at once, and
+only rays that go through all three search it. Hits are those of `traverse.closest`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline, routine
+from ..records import CELL, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
+from ..scratch import (
+    COUNT_LEAVES,
+    COUNT_NODES,
+    DX,
+    DY,
+    DZ,
+    ENTER,
+    FIRST,
+    FOUND,
+    IX,
+    IY,
+    IZ,
+    LANES,
+    LAST,
+    LEAVE,
+    LENGTH,
+    NX,
+    NY,
+    NZ,
+    OX,
+    OY,
+    OZ,
+)
+from ..simd import (
+    bits,
+    greatest,
+    lane,
+    least,
+    load8,
+    load16,
+    lowest,
+    select,
+    spread8,
+    spread16,
+    store,
+    vabs,
+    vmax,
+    vmin,
+)
+from .leaf import search_leaf
+from .surface import ONE, ZERO
+from .traverse import FLAT, far_planes, insert, near_planes
+
+ALL = 0xFFFF
+WIDEST = np.float32(0.1)  # by how much components of the directions may differ
+SCATTERED = np.float32(0.02)  # and those of the origins, in edges of the bounds
+
+
+@inline
+def range_of(rows, at):  # type: ignore[no-untyped-def]
+    """Least and greatest number of a row."""
+    numbers = load16(rows, at)
+    return least(numbers), greatest(numbers)
+
+
+@inline
+def coherent(head, rows):  # type: ignore[no-untyped-def]
+    """Whether the rays are worth a walk together: all components of the directions have one sign, and are alike."""
+    for c in range(3):
+        low, high = range_of(rows, DX + c * LANES)
+        if low * high <= ZERO or high - low > WIDEST:
+            return False
+        low, high = range_of(rows, OX + c * LANES)
+        if high - low > SCATTERED * (head[3 + c] - head[c]):
+            return False
+    return True
+
+
+@inline
+def bounds_of_planes(rows, at, inverse):  # type: ignore[no-untyped-def]
+    """(origin for near planes, origin for far planes, least inverse, greatest inverse) of one axis."""
+    low, high = range_of(rows, at)
+    slow, fast = range_of(rows, inverse)
+    return (high, low, slow, fast) if slow > ZERO else (low, high, slow, fast)
+
+
+@inline
+def tile_ray(rows, i, side):  # type: ignore[no-untyped-def]
+    """Ray i of the tile."""
+    return Ray(
+        rows[OX + i],
+        rows[OY + i],
+        rows[OZ + i],
+        rows[DX + i],
+        rows[DY + i],
+        rows[DZ + i],
+        rows[IX + i],
+        rows[IY + i],
+        rows[IZ + i],
+        ZERO,
+        rows[LENGTH + i],
+        side,
+    )
+
+
+@inline
+def _leaf_intervals(tree, leaf, box, planes, rows):  # type: ignore[no-untyped-def]
+    """Write where each ray is in the leaf's voxel and where the surface can be on it; returns who passes."""
+    near, far = planes
+    ox, oy, oz = load16(rows, OX), load16(rows, OY), load16(rows, OZ)
+    ix, iy, iz = load16(rows, IX), load16(rows, IY), load16(rows, IZ)
+    at, leaves, boxes = leaf * LEAF, tree.leaves, tree.boxes
+    length = load16(rows, LENGTH)
+    enter = vmax(
+        vmax((leaves[at + CELL + near[0]] - ox) * ix, (leaves[at + CELL + near[1]] - oy) * iy),
+        vmax((leaves[at + CELL + near[2]] - oz) * iz, spread16(ZERO)),
+    )
+    leave = vmin(
+        vmin((leaves[at + CELL + far[0]] - ox) * ix, (leaves[at + CELL + far[1]] - oy) * iy),
+        vmin((leaves[at + CELL + far[2]] - oz) * iz, length),
+    )
+    first = vmax(
+        vmax((boxes[box + near[0] * WIDTH] - ox) * ix, (boxes[box + near[1] * WIDTH] - oy) * iy),
+        vmax((boxes[box + near[2] * WIDTH] - oz) * iz, enter),
+    )
+    inside = first <= vmin(
+        vmin((boxes[box + far[0] * WIDTH] - ox) * ix, (boxes[box + far[1] * WIDTH] - oy) * iy),
+        vmin((boxes[box + far[2] * WIDTH] - oz) * iz, leave),
+    )
+    mx, my, mz = leaves[at + SLAB], leaves[at + SLAB + 1], leaves[at + SLAB + 2]
+    height = mx * ox + my * oy + mz * oz
+    rise = mx * load16(rows, DX) + my * load16(rows, DY) + mz * load16(rows, DZ)
+    rise = ONE / select(vabs(rise) < spread16(FLAT), spread16(FLAT), rise)
+    a, b = (leaves[at + SLAB_LO] - height) * rise, (leaves[at + SLAB_HI] - height) * rise
+    first, last = vmax(first, vmin(a, b)), vmin(leave, vmax(a, b))
+    store(rows, ENTER, enter)
+    store(rows, LEAVE, leave)
+    store(rows, FIRST, first)
+    store(rows, LAST, last)
+    return bits(inside & (first <= last))
+
+
+@inline
+def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
+    """Search a leaf for each of the rays that pass; returns those that the start rule lifted."""
+    rows = scratch.model
+    lifted = 0
+    while passing != 0:
+        i = lowest(passing)
+        passing &= passing - 1
+        scratch.lift[0] = ZERO
+        interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
+        hit = search_leaf(tree, leaf, tile_ray(rows, i, side), scratch, interval)
+        if scratch.lift[0] != ZERO:
+            lifted |= 1 << i
+        if hit.leaf >= 0:
+            rows[LENGTH + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
+            scratch.numbers[FOUND + i] = leaf
+    return lifted
+
+
+@routine
+def closest_of_tile(table, model, side, scratch):  # type: ignore[no-untyped-def]
+    """First hits of the tile's rays with a model: LENGTH, NX.. and FOUND of those that hit.
+
+    Returns the rays (as bits) that the start rule lifted: what it did depends on the order of the leaves, so that the
+    caller traces these alone.
+    """
+    tree = tree_at(table, model)
+    rows = scratch.model
+    x = bounds_of_planes(rows, OX, IX)
+    y = bounds_of_planes(rows, OY, IY)
+    z = bounds_of_planes(rows, OZ, IZ)
+    near_rows = near_planes(x[2], y[2], z[2])
+    planes = near_rows, far_planes(near_rows)
+    px, py, pz = planes[0][0] * WIDTH, planes[0][1] * WIDTH, planes[0][2] * WIDTH
+    qx, qy, qz = planes[1][0] * WIDTH, planes[1][1] * WIDTH, planes[1][2] * WIDTH
+    stack, stack_near = scratch.stack, scratch.stack_near
+    farthest = greatest(load16(rows, LENGTH))
+    node, top, lifted = 0, 0, 0
+    while True:
+        scratch.counts[COUNT_NODES] += 1
+        at = np.int64(node) * NODE
+        ax, bx = load8(tree.boxes, at + px) - x[0], load8(tree.boxes, at + qx) - x[1]
+        ay, by = load8(tree.boxes, at + py) - y[0], load8(tree.boxes, at + qy) - y[1]
+        az, bz = load8(tree.boxes, at + pz) - z[0], load8(tree.boxes, at + qz) - z[1]
+        near = vmax(
+            vmax(vmin(ax * x[2], ax * x[3]), vmin(ay * y[2], ay * y[3])),
+            vmax(vmin(az * z[2], az * z[3]), spread8(ZERO)),
+        )
+        far = vmin(
+            vmin(vmax(bx * x[2], bx * x[3]), vmax(by * y[2], by * y[3])),
+            vmin(vmax(bz * z[2], bz * z[3]), spread8(farthest)),
+        )
+        left = bits(near <= far)
+        bottom = top
+        while left != 0:
+            k = lowest(left)
+            left &= left - 1
+            top = insert(stack, stack_near, bottom, top, np.int32(node * WIDTH + k), lane(near, k))
+        while True:
+            if top == 0:
+                return lifted
+            top -= 1
+            if stack_near[top] > farthest:
+                continue
+            slot = np.int64(stack[top])
+            node = tree.children[slot]
+            if node >= 0:
+                break
+            scratch.counts[COUNT_LEAVES] += 1
+            leaf = ~node
+            box = slot // WIDTH * NODE + slot % WIDTH
+            passing = _leaf_intervals(tree, leaf, box, planes, rows)
+            if passing != 0:
+                lifted |= _search(tree, leaf, passing, side, scratch)
+                farthest = greatest(load16(rows, LENGTH))
