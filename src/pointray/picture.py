@@ -12,10 +12,10 @@ from .camera import Camera
 from .jit import inline, keep, kernel, run, take
 from .records import World, lend_world
 from .scene import Scene
-from .scratch import COUNT_LEAVES, COUNT_NODES, DIRECTION, LANES, ORIGIN, lend_scratch, new_scratch
+from .scratch import COUNT_LEAVES, COUNT_NODES, LANES, lend_scratch, new_scratch
 from .shade.direct import direct_light
 from .trace.world import aim, described, tile_hit, trace_tile
-from .vec import add, dot, row, scale, triple, unit
+from .vec import add, dot, scale, triple, unit
 
 INTEGRATORS = ("phong", "normal", "depth", "color", "cost")
 PHONG, NORMAL, DEPTH, COLOR, COST = range(5)
@@ -92,22 +92,48 @@ def look(world, hit, ray, forward, how, scratch):  # type: ignore[no-untyped-def
 
 
 @inline
-def cost(world, rays, scratch):  # type: ignore[no-untyped-def]
-    """Nodes and leaves that one ray (o, d) visits when it is traced alone, as a colour."""
+def cost(world, ray, scratch):  # type: ignore[no-untyped-def]
+    """Nodes and leaves that a ray (o, d) visits when it is traced alone, as a colour."""
     scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
     for k in range(LANES):
-        aim(scratch, k, (rays[0], rays[1], 0.0, np.inf))
+        aim(scratch, k, (ray[0], ray[1], 0.0, np.inf))
     trace_tile(world, 1.0, scratch)
     nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
     return nodes, leaves, (nodes + leaves) / 64.0
 
 
 @inline
-def camera_ray(camera, size, place):  # type: ignore[no-untyped-def]
-    """(o, d) through a place in the image, in pixels from its upper left."""
-    u, v = 2.0 * place[0] / size[0] - 1.0, 1.0 - 2.0 * place[1] / size[1]
+def camera_ray(camera, size, pixel, sample, how):  # type: ignore[no-untyped-def]
+    """(o, d) of a sample of a pixel (x, y). size : width, height of the image; how : seed, samples a pixel."""
+    x, y = pixel
+    px, py = place_in_pixel(x, y, sample, how[0], how[1])
+    u, v = 2.0 * (x + px) / size[0] - 1.0, 1.0 - 2.0 * (y + py) / size[1]
     eye, forward, right, up = camera
     return eye, unit(add(forward, add(scale(right, u), scale(up, v))))
+
+
+@inline
+def _trace_pixels(world, camera, image, corner, sample, how, scratch):  # type: ignore[no-untyped-def]
+    """Trace one sample of 4 x 4 pixels; those beyond the image's edge repeat its last ones."""
+    height, width = image.shape[:2]
+    for i in range(LANES):
+        pixel = min(corner[0] + i % 4, width - 1), min(corner[1] + i // 4, height - 1)
+        o, d = camera_ray(camera, (width, height), pixel, sample, how)
+        aim(scratch, i, (o, d, 0.0, np.inf))
+    trace_tile(world, 1.0, scratch)
+
+
+@inline
+def _finish(total, corner, spp, background, image):  # type: ignore[no-untyped-def]
+    """Write the means of 4 x 4 pixels, over the background."""
+    height, width = image.shape[:2]
+    for i in range(LANES):
+        x, y = corner[0] + i % 4, corner[1] + i // 4
+        if x < width and y < height:
+            uncovered = spp - total[i, 3]
+            for c in range(3):
+                image[y, x, c] = (total[i, c] + uncovered * background[c]) / spp
+            image[y, x, 3] = (total[i, 3] + uncovered * background[3]) / spp
 
 
 @kernel
@@ -124,21 +150,16 @@ def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
     while block >= 0:
         top, left = block // across * BLOCK, block % across * BLOCK
         for tile in range(BLOCK * BLOCK // LANES):
-            first_y, first_x = top + tile // 4 * 4, left + tile % 4 * 4
-            if first_y >= height or first_x >= width:
+            corner = left + tile % 4 * 4, top + tile // 4 * 4
+            if corner[0] >= width or corner[1] >= height:
                 continue
             total[:] = 0.0
             for sample in range(spp):
-                # A tile at the image's edge repeats its last pixels.
-                for i in range(LANES):
-                    x, y = min(first_x + i % 4, width - 1), min(first_y + i // 4, height - 1)
-                    px, py = place_in_pixel(x, y, sample, seed, spp)
-                    o, d = camera_ray(camera, (width, height), (x + px, y + py))
-                    aim(scratch, i, (o, d, 0.0, np.inf))
                 if integrator != COST:
-                    trace_tile(world, 1.0, scratch)
+                    _trace_pixels(world, camera, image, corner, sample, (seed, spp), scratch)
                 for i in range(LANES):
-                    ray = (row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i))
+                    pixel = corner[0] + i % 4, corner[1] + i // 4
+                    ray = camera_ray(camera, (width, height), pixel, sample, (seed, spp))
                     if integrator == COST:
                         color, alpha = cost(world, ray, scratch), 1.0
                     else:
@@ -147,13 +168,7 @@ def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
                     for c in range(3):
                         total[i, c] += color[c]
                     total[i, 3] += alpha
-            for i in range(LANES):
-                x, y = first_x + i % 4, first_y + i // 4
-                if x < width and y < height:
-                    uncovered = spp - total[i, 3]
-                    for c in range(3):
-                        image[y, x, c] = (total[i, c] + uncovered * background[c]) / spp
-                    image[y, x, 3] = (total[i, 3] + uncovered * background[3]) / spp
+            _finish(total, corner, spp, background, image)
         block = take(work)
     keep(memory)
     keep(total)

@@ -14,9 +14,10 @@ LANES = 16
 DIRECTION, ORIGIN = 0, 3 * LANES  # world, float64, 3 rows each: the ray as asked for
 T_MIN, NEAREST = 6 * LANES, 7 * LANES  # where it begins; the nearest hit so far, at first where it ends
 NORMAL, COLOR, LOCAL = 8 * LANES, 11 * LANES, 14 * LANES  # of that hit, 3 rows each
-SPEED, LOW = 17 * LANES, 18 * LANES  # length of the direction in the current model; where it enters the bounds there
-START = 19 * LANES  # the place of that
-WORLD_ROWS = 22
+# The ray in the current model: where it begins and its unit direction, 3 rows each; the length that the direction had
+# before; where it enters and leaves the bounds.
+START, HEADING, SPEED, LOW, HIGH = 17 * LANES, 20 * LANES, 23 * LANES, 24 * LANES, 25 * LANES
+WORLD_ROWS = 26
 INSTANCE_OF, LEAF_OF = 0, LANES  # int64: of the nearest hit, -1 for none
 FOUND = 2 * LANES  # leaf of the hit in the current model, -1 for none
 NUMBER_ROWS = 3

@@ -7,7 +7,7 @@ import numpy as np
 from ..jit import inline
 from ..records import REFINE, SURFACE
 from ..scratch import COUNT_PART
-from ..simd import bits, lane, load16, lowest, quarters, shift_quarter, spread16, store
+from ..simd import bits, lane, lowest, quarters, shift_quarter, spread16, store
 from .surface import HALF, ONE, ZERO, sums, value
 
 INF = np.float32(np.inf)
@@ -52,13 +52,12 @@ def store_means(memory, means):  # type: ignore[no-untyped-def]
 
 @inline
 def _between(memory, at, share):  # type: ignore[no-untyped-def]
-    before = load16(memory, at - 4)
-    return before + (load16(memory, at) - before) * share
+    return spread16(memory[at - 4] + (memory[at] - memory[at - 4]) * share)
 
 
 @inline
 def means_between(memory, part, share):  # type: ignore[no-untyped-def]
-    """The means between samples part - 1 and part, in the first lane: they are so close that a line will do."""
+    """The means between samples part - 1 and part: they are so close that a line will do."""
     at = 4 * part
     return (
         _between(memory, at, share),

@@ -55,8 +55,8 @@ from .surface import ONE, ZERO
 from .traverse import FLAT, far_planes, insert, near_planes
 
 ALL = 0xFFFF
-WIDEST = np.float32(0.1)  # by how much components of the directions may differ
-SCATTERED = np.float32(0.02)  # and those of the origins, in edges of the bounds
+WIDEST = np.float32(0.2)  # by how much components of the directions may differ
+SCATTERED = np.float32(0.1)  # and those of the origins, in edges of the bounds
 
 
 @inline

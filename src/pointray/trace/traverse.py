@@ -19,7 +19,9 @@ FLAT = np.float32(1e-6)  # the least rise that a slab test divides by
 @inline
 def steady(d):  # type: ignore[no-untyped-def]
     """A direction's component, kept away from zero so that no slab test divides by it."""
-    return (TINY if d >= ZERO else -TINY) if abs(d) < TINY else d
+    size = abs(d)
+    size = TINY if size < TINY else size
+    return -size if d < ZERO else size
 
 
 @inline

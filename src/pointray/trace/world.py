@@ -32,6 +32,8 @@ from ..scratch import (
     DIRECTION,
     DX,
     FOUND,
+    HEADING,
+    HIGH,
     INSTANCE_OF,
     IX,
     LANES,
@@ -69,14 +71,12 @@ def model_bounds(head):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _clip(bounds, o, d, t_min, t_max):  # type: ignore[no-untyped-def]
-    """The part of a ray inside of a model's bounds; empty where low > high."""
-    low, high = t_min, t_max
-    for c in range(3):
-        inverse = 1.0 / (d[c] if abs(d[c]) > 1e-300 else 1e-300)
-        near, far = (bounds[0][c] - o[c]) * inverse, (bounds[1][c] - o[c]) * inverse
-        low, high = max(low, min(near, far)), min(high, max(near, far))
-    return low, high
+def _clip(span, edges, o, d):  # type: ignore[no-untyped-def]
+    """The part of a span of a ray between two planes across an axis, where o and d are its components."""
+    inverse = 1.0 / (d if abs(d) > 1e-300 else 1e-300)
+    a, b = (edges[0] - o) * inverse, (edges[1] - o) * inverse
+    near, far = (a if a < b else b), (b if a < b else a)
+    return (near if near > span[0] else span[0]), (far if far < span[1] else span[1])
 
 
 @inline
@@ -95,15 +95,19 @@ def into_model(matrix, bounds, ray):  # type: ignore[no-untyped-def]
     """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
 
     Returns (start, unit direction, low, high, speed): low and high along the unit direction, low > high for a ray
-    that misses the bounds; speed is how much longer the direction was.
+    that misses the bounds; speed is how much longer the direction was. No branches: 16 rays of a tile go through it
+    as vectors.
     """
     d = transform(matrix, ray[1])
     speed = length(d)
     d = scale(d, 1.0 / speed)
     o = transform(matrix, ray[0])
     o = o[0] + matrix[0][3], o[1] + matrix[1][3], o[2] + matrix[2][3]
-    low, high = _clip(bounds, o, d, ray[2] * speed, ray[3] * speed)
-    return add(o, scale(d, low)), d, low, high, speed
+    span = (ray[2] * speed, ray[3] * speed)
+    span = _clip(span, (bounds[0][0], bounds[1][0]), o[0], d[0])
+    span = _clip(span, (bounds[0][1], bounds[1][1]), o[1], d[1])
+    span = _clip(span, (bounds[0][2], bounds[1][2]), o[2], d[2])
+    return add(o, scale(d, span[0])), d, span[0], span[1], speed
 
 
 @inline
@@ -137,7 +141,7 @@ def plane_color(world, at, x):  # type: ignore[no-untyped-def]
 def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
     """Whether a ray can hit anything: finite, a direction that is not zero, an interval that is not empty."""
     square = dot(d, d)
-    return square > 0.0 and square < np.inf and dot(o, o) < np.inf and t_min <= t_max
+    return (square > 0.0) & (square < np.inf) & (dot(o, o) < np.inf) & (t_min <= t_max)
 
 
 @inline
@@ -145,26 +149,26 @@ def _tile_into_model(world, at, head, scratch):  # type: ignore[no-untyped-def]
     """Put the tile's rays into the space of one model; returns the last of them that meets its bounds, or -1."""
     matrix, bounds = matrix_at(world, at), model_bounds(head)
     wide, rows = scratch.world, scratch.model
-    last = -1
     for i in range(LANES):
         ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
         start, d, low, high, speed = into_model(matrix, bounds, ray)
         put(wide, START + i, start)
-        wide[LOW + i], wide[SPEED + i] = low, speed
+        put(wide, HEADING + i, d)
+        wide[LOW + i], wide[HIGH + i], wide[SPEED + i] = low, high, speed
+    last = -1
+    for i in range(LANES):
+        low, high = wide[LOW + i], wide[HIGH + i]
+        ray = make_ray(row(wide, START + i), row(wide, HEADING + i), high - low, 1.0)
+        put(rows, OX + i, (ray.ox, ray.oy, ray.oz))
+        put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
+        put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
+        rows[LENGTH + i] = ray.t_max if low <= high else -ONE
         scratch.numbers[FOUND + i] = -1
-        if low <= high:
-            ray = make_ray(start, d, high - low, 1.0)
-            put(rows, OX + i, (ray.ox, ray.oy, ray.oz))
-            put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
-            put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
-            rows[LENGTH + i] = ray.t_max
-            last = i
-        else:
-            rows[LENGTH + i] = -ONE
+        last = i if low <= high else last
     if last >= 0:
         # Rays that miss the bounds stand where another one does, so that they do not widen the tile.
         for i in range(LANES):
-            if rows[LENGTH + i] < ZERO:
+            if not rows[LENGTH + i] >= ZERO:
                 for k in range(9):
                     rows[k * LANES + i] = rows[k * LANES + last]
     return last
@@ -197,8 +201,7 @@ def _tile_through_model(world, at, side, scratch):  # type: ignore[no-untyped-de
                 n = row(rows, NX + i)
                 n = np.float64(n[0]), np.float64(n[1]), np.float64(n[2])
                 put(wide, NORMAL + i, unit(transform_transposed(matrix, n)))
-                d = unit(transform(matrix, row(wide, DIRECTION + i)))
-                put(wide, LOCAL + i, add(row(wide, START + i), scale(d, s)))
+                put(wide, LOCAL + i, add(row(wide, START + i), scale(row(wide, HEADING + i), s)))
                 numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, numbers[FOUND + i]
 
 
@@ -221,11 +224,10 @@ def aim(scratch, i, ray):  # type: ignore[no-untyped-def]
     """Ray i of the tile becomes (o, d, t_min, t_max); a degenerate one misses everything."""
     wide = scratch.world
     o, d, t_min, t_max = ray
-    if not is_ray(o, d, t_min, t_max):
-        o, d, t_min, t_max = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.0, -1.0
-    put(wide, ORIGIN + i, o)
-    put(wide, DIRECTION + i, d)
-    wide[T_MIN + i], wide[NEAREST + i] = t_min, t_max
+    good = is_ray(o, d, t_min, t_max)
+    put(wide, ORIGIN + i, (o[0] if good else 0.0, o[1] if good else 0.0, o[2] if good else 0.0))
+    put(wide, DIRECTION + i, (d[0] if good else 1.0, d[1] if good else 0.0, d[2] if good else 0.0))
+    wide[T_MIN + i], wide[NEAREST + i] = (t_min if good else 0.0), (t_max if good else -1.0)
     scratch.numbers[INSTANCE_OF + i] = -1
 
 
