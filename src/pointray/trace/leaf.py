@@ -1,9 +1,8 @@
 """The intersection of a ray with the surface inside of one voxel (paper, part III).
 
-Samples lie on a lattice along the ray, t = k * step, and where the ray enters and leaves the voxel: f there is the
-same from both sides but for rounding, so that voxels overlap by OVERLAP. The slab and the tight box only choose which
-part of this sequence is looked at; so neither they nor the size of the voxels decide what is found. Four samples are
-evaluated at once.
+Samples lie on a lattice along the ray, t = k * step, from the last one before the voxel to the first one behind it.
+The voxel, the slab and the tight box only choose which part of this sequence is looked at; so neither they nor the
+size of the voxels decide what is found. Four samples are evaluated at once.
 
 Three things can be between two neighbouring samples that both have support:
 - a sign change: a crossing;
@@ -21,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import BORDERED, DISC, LEAF, LEAST, OVERHANG, RADIUS, REFINE, STEP, SURFACE, TRIM, Hit
+from ..records import BORDERED, DISC, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM, Hit
 from ..scratch import COUNT_NEAR, COUNT_PART
 from ..simd import bits, lane, lowest, quarters, shift_quarter, spread16, vabs, vmax, vmin
 from .disc import search_discs
@@ -34,7 +33,6 @@ BORDER_SHARE = np.float32(0.4)  # of the weight: from here on a hit counts as on
 GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
-OVERLAP = np.float32(1e-3)  # radii: without it one in two million rays slips through between two voxels
 CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into without an estimate
 
 
@@ -77,16 +75,14 @@ def search_leaf(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped-
     """
     enter, leave, low, high = interval
     miss = Hit(INF, ZERO, ZERO, ZERO, -1)
-    overlap = OVERLAP * tree.leaves[leaf * LEAF + RADIUS]
-    enter, leave = max(enter - overlap, ray.t_min), min(leave + overlap, ray.t_max)
-    starts = enter <= ray.t_min  # the ray's origin is in this voxel: the start rule needs f there
-    if starts:
-        low = enter
+    if enter <= ray.t_min:  # the ray's origin is in this voxel: the start rule needs f there
+        low = ray.t_min
     step = tree.leaves[leaf * LEAF + STEP]
-    # One step more on both sides: a bracket may reach out of the slab.
+    # The lattice's next samples on both sides, out of the slab and out of the voxel: see `tree/cells.py`.
     # t is never negative here: truncation is the floor (a call to floor would spill every vector register).
     first, last = np.float32(np.int32(low / step)), np.float32(np.int32(high / step) + 1)
-    t_low, t_high = max(first * step, enter), min(last * step, leave)
+    t_low, t_high = max(first * step, ray.t_min), min(last * step, ray.t_max)
+    starts = t_low == ray.t_min
     center = HALF * (t_low + t_high)
     middle = (ray.ox + center * ray.dx, ray.oy + center * ray.dy, ray.oz + center * ray.dz)
     gather_near(tree, leaf, scratch, middle, (ray.dx, ray.dy, ray.dz), HALF * (t_high - t_low))

@@ -12,7 +12,7 @@ from ..jit import run
 from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
 from .blocks import make_blocks, sort_splats
 from .cells import FULL, STOPPED, Cells, build_cells
-from .leaves import fill_groups, fill_leaves
+from .leaves import fill_groups, fill_leaves, longest_step
 from .wide import collapse, enclose
 
 LEAF_WIDTH = 6.0  # a voxel's longest edge in mean support radii
@@ -58,10 +58,11 @@ class TreeSettings(NamedTuple):
     cut: bool = True
 
 
-def _cells(blocks: NDArray[np.float32], width: float, threads: int | None) -> Cells:
+def _cells(blocks: NDArray[np.float32], settings: TreeSettings, threads: int | None) -> Cells:
     """The binary kd-tree; the arrays grow until they hold it."""
     count = len(blocks) // 28
-    nodes, refs = count // 2 + 64, 6 * count + 4096
+    nodes, refs = count // 2 + 64, 8 * count + 4096
+    step = longest_step(settings.samples)
     while True:
         cells = Cells(
             np.empty((nodes, 2), np.int32),
@@ -70,7 +71,7 @@ def _cells(blocks: NDArray[np.float32], width: float, threads: int | None) -> Ce
             np.empty(refs, np.int32),
             np.empty(nodes, np.float32),
         )
-        built = run(build_cells, 1, blocks, float(width), cells, threads=threads)[0]
+        built = run(build_cells, 1, blocks, float(settings.leaf_width), step, cells, threads=threads)[0]
         if built == STOPPED:
             raise KeyboardInterrupt
         if built != FULL:
@@ -95,7 +96,7 @@ def build_tree(
     say(0.3)
     blocks, bounds = make_blocks(splats.positions, splats.normals, splats.radii, order, threads)
     say(0.4)
-    cells = _cells(blocks, settings.leaf_width, threads)
+    cells = _cells(blocks, settings, threads)
     say(0.7)
 
     nodes = np.flatnonzero(cells.children[:, 0] < 0).astype(np.int32)

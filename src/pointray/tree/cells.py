@@ -1,4 +1,8 @@
-"""The kd-tree: space is cut into voxels, each of which knows every splat whose support overlaps it (part III)."""
+"""The kd-tree: space is cut into voxels, each of which knows every splat whose support overlaps it (part III).
+
+A voxel also knows the splats within one step of a ray's samples around it. So a ray's samples are the same whatever
+the voxels: those next to a voxel's border are evaluated in full from both sides of it.
+"""
 
 from __future__ import annotations
 
@@ -46,13 +50,16 @@ def overlap(blocks, slot, cell):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _gather(blocks, sources, cell, refs, start):  # type: ignore[no-untyped-def]
-    """Write the blocks of `sources` that reach the cell to refs[start:]; shrink the cell to their supports.
+def _gather(blocks, sources, cell, around, refs, start):  # type: ignore[no-untyped-def]
+    """Write the blocks of `sources` that reach the cell, or its surroundings, to refs[start:].
 
-    Returns the end, the mean and the least radius of these splats. A cell that nothing reaches comes out inverted.
+    around : by how much the cell is grown for this test
+    Shrinks the cell to their supports; a cell that nothing reaches comes out inverted. Returns the end, and the mean,
+    the least and the greatest radius of these splats.
     """
     end = start
-    total, count, shortest = 0.0, 0, np.float32(np.inf)
+    total, count, shortest, longest = 0.0, 0, np.float32(np.inf), np.float32(0.0)
+    grown = (cell[0] - around, cell[1] - around, cell[2] - around, cell[3] + around, cell[4] + around, cell[5] + around)
     least = (np.float32(np.inf), np.float32(np.inf), np.float32(np.inf))
     greatest = (np.float32(-np.inf), np.float32(-np.inf), np.float32(-np.inf))
     for s in range(sources[0], sources[1]):
@@ -60,12 +67,12 @@ def _gather(blocks, sources, cell, refs, start):  # type: ignore[no-untyped-def]
         reached = False
         for k in range(PER_BLOCK):
             slot = b * BLOCK + k
-            r2, distance = overlap(blocks, slot, cell)
+            r2, distance = overlap(blocks, slot, grown)
             if distance <= r2 and blocks[slot] < np.float32(1e14):
                 reached = True
                 r = np.sqrt(r2)
                 total += r
-                shortest = min(shortest, r)
+                shortest, longest = min(shortest, r), max(longest, r)
                 count += 1
                 x, y, z = blocks[slot], blocks[slot + 4], blocks[slot + 8]
                 least = (min(least[0], x - r), min(least[1], y - r), min(least[2], z - r))
@@ -76,12 +83,14 @@ def _gather(blocks, sources, cell, refs, start):  # type: ignore[no-untyped-def]
     for c in range(3):
         cell[c] = max(cell[c], least[c])
         cell[3 + c] = min(cell[3 + c], greatest[c])
-    return end, total / max(count, 1), shortest
+    return end, total / max(count, 1), shortest, np.float64(longest)
 
 
 @kernel
-def build_cells(work, blocks, width, out):  # type: ignore[no-untyped-def]
+def build_cells(work, blocks, width, step, out):  # type: ignore[no-untyped-def]
     """Cut the voxels in the middle of their longest edge until none is wider than `width` mean radii.
+
+    step : longest step of the samples, in radii
 
     Voxels are first shrunk to the supports they contain: what no support reaches is never looked at again.
     Returns the number of nodes, FULL or STOPPED.
@@ -93,19 +102,19 @@ def build_cells(work, blocks, width, out):  # type: ignore[no-untyped-def]
     for b in range(count):
         refs[b] = b
     boxes[0, :3], boxes[0, 3:] = np.float32(-1e14), np.float32(1e14)
-    _, mean, shortest = _gather(blocks, (0, count), boxes[0], refs, 0)
+    _, mean, shortest, longest = _gather(blocks, (0, count), boxes[0], np.float32(0.0), refs, 0)
     least[0] = -shortest  # negative until it is decided
     top = 1
     pending = np.empty((2 * DEEPEST + 2, 4), np.int64)  # node, span of its refs in the work area, depth
-    means = np.empty(2 * DEEPEST + 2, np.float64)
-    pending[0], means[0] = (0, 0, count, 0), mean
+    radii = np.empty((2 * DEEPEST + 2, 2), np.float64)  # mean and greatest
+    pending[0], radii[0] = (0, 0, count, 0), (mean, longest)
     waiting = 1
     # Finished leaves grow from the end of refs downwards; the work area is a stack from its start upwards.
     floor = refs.size
     while waiting > 0:
         waiting -= 1
         node, begin, end, depth = pending[waiting]
-        mean = means[waiting]
+        mean, longest = radii[waiting]
         if cancelled(work):
             return STOPPED
         cell = boxes[node]
@@ -130,15 +139,17 @@ def build_cells(work, blocks, width, out):  # type: ignore[no-untyped-def]
             return FULL
         cut = np.float32(0.5) * (cell[axis] + cell[3 + axis])
         start = end
+        # Before the step is decided, the greatest radius bounds it.
+        around = np.float32(step * (least[node] if decided else longest))
         for side in range(2):
             child = top + side
             children[node, side] = child
             boxes[child] = cell
             boxes[child, axis if side == 1 else 3 + axis] = cut
-            stop, mean, shortest = _gather(blocks, (begin, end), boxes[child], refs, start)
+            stop, mean, shortest, longest = _gather(blocks, (begin, end), boxes[child], around, refs, start)
             least[child] = least[node] if decided else -shortest
             pending[waiting] = (child, start, stop, depth + 1)
-            means[waiting] = mean
+            radii[waiting] = mean, longest
             waiting += 1
             start = stop
         top += 2

@@ -28,6 +28,11 @@ LEEWAY = 0.1  # a step may be 2**0.1 times the asked length, so that nearly equa
 PAD = 1e-3  # slabs and boxes are padded by this share of the mean radius, against rounding
 
 
+def longest_step(samples: int) -> float:
+    """The longest step of the samples, in radii of the least support around; samples : in a support's diameter."""
+    return float(2.0**LEEWAY * 2.0 / samples)
+
+
 @inline
 def _members(blocks, refs, span, cell, out):  # type: ignore[no-untyped-def]
     """Rows x, y, z, nx, ny, nz, r of the splats whose support overlaps the cell; returns their number."""
