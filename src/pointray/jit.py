@@ -186,22 +186,33 @@ def compilations() -> int:
     return sum(sum(k.stats.cache_misses.values()) for k in KERNELS.values()) if cache_folder() else _Listener.count
 
 
+def compile_seconds() -> float:
+    """How long this process has compiled kernels."""
+    return _Listener.seconds
+
+
 class _Listener(event.Listener):  # type: ignore[misc]
-    """Counts compilations and says once that the first one takes a moment."""
+    """Counts and times compilations, and says once that the first one takes a moment."""
 
     count = 0
+    seconds = 0.0
     notice: Callable[[], None] | None = None
+    since: dict[Any, float] = {}  # noqa: RUF012
 
     def on_start(self, event: Any) -> None:
-        if event.data["dispatcher"] not in KERNELS.values():
+        kernel = event.data["dispatcher"]
+        if kernel not in KERNELS.values():
             return
         _Listener.count += 1
+        _Listener.since[kernel] = time.perf_counter()
         if _Listener.notice is not None:
             notice, _Listener.notice = _Listener.notice, None
             notice()
 
     def on_end(self, event: Any) -> None:
-        pass
+        start = _Listener.since.pop(event.data["dispatcher"], None)
+        if start is not None:
+            _Listener.seconds += time.perf_counter() - start
 
 
 event.register("numba:compile", _Listener())

@@ -154,7 +154,6 @@ MATERIAL = 2  # which material
 TO_MODEL = 4  # 4..15: world to model space, row-major 3x4
 PLANE_POINT, PLANE_NORMAL, PLANE_COLOR = 4, 7, 10  # of a plane: 3 each
 PLANE_CHECKER = 13  # edge of a checker's square, 0: plain
-PLANE_CATCHER = 14  # 1: seen only where a shadow falls on it
 PLANE_U, PLANE_V = 16, 19  # the checker's axes, 3 each
 
 # A light: 8 float64.

@@ -64,7 +64,7 @@ class Hits:
 
     Attributes
     ----------
-    t : (...) float64
+    t : (...) float32
         In lengths of the ray's direction; inf for a miss.
     position : (..., 3) float64
         World; NaN for a miss.
@@ -80,7 +80,7 @@ class Hits:
         Those asked for, blended; NaN for a miss and where the model has no such attribute.
     """
 
-    t: NDArray[np.float64]
+    t: NDArray[np.float32]
     position: NDArray[np.float64]
     normal: NDArray[np.float32]
     color: NDArray[np.float32]

@@ -109,7 +109,7 @@ def closest_hits(world: World, origins: Array, directions: Array, limits: Array)
     """
     n = len(origins)
     out: dict[str, Array] = {
-        "t": np.empty(n),
+        "t": np.empty(n, np.float32),
         "position": np.empty((n, 3)),
         "normal": np.empty((n, 3), np.float32),
         "color": np.empty((n, 3), np.float32),
