@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .data import Points
+from .neighbors import neighbors
 from .points import normals as point_normals
 from .records import SURFACES, Tree
-from .splats.borders import find_borders
+from .splats.borders import NEIGHBORS, find_borders
 from .splats.radii import check_radii, choose_radii
+from .splats.trim import UNEVEN_TRIM, choose_trim
 from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
-TRIM, OVERHANG = 0.95, 0.2  # trim="auto": |x - P(x)|, and how far out of an open border; see ARCHITECTURE.md
+OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii; see ARCHITECTURE.md
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 STAGES = ("normals", "radii", "tree")
 
@@ -38,8 +40,9 @@ class Model:
     refine : int
         Secant steps after the bracket; 0 is the paper.
     trim : "auto", float or None
-        A hit counts only where |x - P(x)| is at most this many local radii: it removes phantom surface. "auto": 0.95,
-        and no farther than 0.2 out of the splats on an open border, so that no skirt grows. None: the paper.
+        A hit counts only where |x - P(x)| is at most this many local radii: it removes phantom surface. "auto": 0.6
+        where the points are spread evenly, else 0.95, and no farther than 0.2 out of the splats on an open border, so
+        that no skirt grows. None: the paper.
     radius_scale : float
         All radii times this.
     progress : callable, optional
@@ -83,7 +86,10 @@ class Model:
         borders = None
         if self.settings.overhang < np.inf:
             say("borders", 0.0)
-            borders = find_borders(cloud.positions, normals)
+            if len(cloud) > NEIGHBORS:
+                distances, near = neighbors(cloud.positions, NEIGHBORS + 1)
+                borders = find_borders(cloud.positions, normals, near)
+                self.settings = self.settings._replace(trim=choose_trim(distances[:, 1], chosen))
         splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders)
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = cloud.bounds
@@ -127,7 +133,7 @@ def _check_settings(surface: str, samples: int, refine: int, trim: str | float |
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
             raise ValueError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
     if trim == "auto":
-        limit, overhang = (np.inf, np.inf) if surface == "disc" else (TRIM, OVERHANG)
+        limit, overhang = (np.inf, np.inf) if surface == "disc" else (UNEVEN_TRIM, OVERHANG)
     elif trim is None:
         limit = overhang = np.inf
     elif isinstance(trim, int | float) and trim > 0:

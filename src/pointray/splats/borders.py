@@ -9,12 +9,12 @@ where it lies above.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, kernel, run, take
-from ..neighbors import neighbors
 
 NEIGHBORS = 20  # of so many evenly random directions, one in 250 sets leaves a gap of GAP
 GAP = math.radians(130)  # a straight border leaves 180 degrees
@@ -84,22 +84,23 @@ def _find_gaps(work, positions, normals, near, out):  # type: ignore[no-untyped-
     return 0
 
 
-def find_borders(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
+def find_borders(
+    positions: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.integer[Any]]
+) -> NDArray[np.float32]:
     """The direction out of the surface for each point on an open border, else zero.
 
     Parameters
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
+    near : (n, NEIGHBORS + 1) int
+        Rows of each point's neighbours, itself first.
 
     Returns
     -------
     (n, 3) float32, unit or zero
     """
     out = np.zeros((len(positions), 3), np.float32)
-    if len(positions) <= NEIGHBORS:
-        return out
-    _, near = neighbors(positions, NEIGHBORS + 1)
     run(_find_gaps, -(-len(out) // TILE), positions, normals, np.ascontiguousarray(near), out)
     # Alone, a gap is chance.
     found = np.abs(out).sum(axis=1) > 0

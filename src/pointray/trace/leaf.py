@@ -25,7 +25,7 @@ from ..scratch import COUNT_NEAR, COUNT_PART
 from ..simd import bits, lane, lowest, quarters, shift_quarter, spread16, vabs, vmax, vmin
 from .disc import search_discs
 from .near import gather_near
-from .root import FIRST_LANES, INF, crossing, evaluate, look_into, means_at, means_between
+from .root import FIRST_LANES, INF, crossing, evaluate, least_weight, look_into, means_at, means_between
 from .surface import HALF, NAN, ONE, TWO, ZERO, local_radius, normal, offset, overhang, value
 
 START, START_UNREFINED = np.float32(0.01), np.float32(0.05)  # radii; the latter where refine is 0
@@ -33,6 +33,7 @@ BORDER_SHARE = np.float32(0.4)  # of the weight: from here on a hit counts as on
 GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
+FAINT = np.float32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
 CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into without an estimate
 
 
@@ -40,18 +41,19 @@ CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into withou
 def accept(tree, scratch, frame, leaf, at):  # type: ignore[no-untyped-def]
     """The hit at t, or a miss: f jumps from sign to sign, or the splats' middle is farther than the trim allows."""
     middle, center, ray = frame
-    t, share = at
+    t, share, rise = at
     s = t - center
     x, y, z = s * ray.dx + middle[0], s * ray.dy + middle[1], s * ray.dz + middle[2]
-    # Evaluated afresh at every hit: 15% of the time of all.
+    # Evaluated afresh at every hit: 15% of the time of all. But no line joins samples where supports begin and end.
     part = scratch.counts[COUNT_PART]
-    means = means_between(scratch.means, part, share) if part > 0 else means_at(tree, scratch, frame, spread16(t))
+    joined = part > 0 and least_weight(scratch.means, part) > FAINT
+    means = means_between(scratch.means, part, share) if joined else means_at(tree, scratch, frame, spread16(t))
     miss = Hit(INF, ZERO, ZERO, ZERO, -1)
     if not lane(means[8], 0) > ZERO:
         return miss
     surface = int(tree.head[SURFACE])
     f, _ = value(surface, means)
-    away, gap = offset(means), abs(lane(f, 0)) - scratch.lift[0]
+    away, gap = offset(means), rise if joined else abs(lane(f, 0)) - scratch.lift[0]
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = tree.leaves[leaf * LEAF + LEAST]

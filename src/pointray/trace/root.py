@@ -73,6 +73,12 @@ def means_between(memory, part, share):  # type: ignore[no-untyped-def]
 
 
 @inline
+def least_weight(memory, part):  # type: ignore[no-untyped-def]
+    """The lesser weight of samples part - 1 and part."""
+    return min(memory[128 + 4 * (part - 1)], memory[128 + 4 * part])
+
+
+@inline
 def crossing(a, b):  # type: ignore[no-untyped-def]
     """Whether the sign changes between two values that both exist (zero counts as positive)."""
     return ((a < ZERO) & (b >= ZERO)) | ((a >= ZERO) & (b < ZERO))
@@ -120,8 +126,9 @@ def root(bracket):  # type: ignore[no-untyped-def]
 
 @inline
 def refine(tree, scratch, frame, bracket):  # type: ignore[no-untyped-def]
-    """t of the crossing in a bracket, after the model's number of secant steps, and where it is in the last part.
+    """(t, share, jump) of the crossing in a bracket, after the model's number of secant steps.
 
+    share : where it is in the last part; jump : half of what f changes by from end to end of that.
     Where the last step's estimate was off (the crossing is not between its two close samples), one more follows.
     """
     steps = int(tree.head[REFINE])
@@ -131,10 +138,10 @@ def refine(tree, scratch, frame, bracket):  # type: ignore[no-untyped-def]
         span = bracket[2] - bracket[0]
         bracket = secant(tree, scratch, frame, bracket, root(bracket), CLOSE)
         if bracket[2] == INF:
-            return INF, ZERO
+            return INF, ZERO, ZERO
         k += 1
     share = root(bracket)
-    return bracket[0] + (bracket[2] - bracket[0]) * share, share
+    return bracket[0] + (bracket[2] - bracket[0]) * share, share, HALF * abs(bracket[3] - bracket[1])
 
 
 @inline
@@ -149,5 +156,5 @@ def look_into(tree, scratch, frame, pair, crosses):  # type: ignore[no-untyped-d
         else:
             bracket = secant(tree, scratch, frame, bracket, HALF, EVEN)
         if bracket[2] == INF:
-            return INF, ZERO
+            return INF, ZERO, ZERO
     return refine(tree, scratch, frame, bracket)
