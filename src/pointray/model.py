@@ -88,7 +88,7 @@ class Model:
             say("borders", 0.0)
             if len(cloud) > NEIGHBORS:
                 distances, near = neighbors(cloud.positions, NEIGHBORS + 1)
-                borders = find_borders(cloud.positions, normals, near)
+                borders = find_borders(cloud.positions, normals, chosen, near, distances[:, -1])
                 self.settings = self.settings._replace(trim=choose_trim(distances[:, 1], chosen))
         splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders)
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))

@@ -19,6 +19,7 @@ from ..jit import borrow, inline, kernel, run, take
 NEIGHBORS = 20  # of so many evenly random directions, one in 250 sets leaves a gap of GAP
 GAP = math.radians(130)  # a straight border leaves 180 degrees
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
+AHEAD = math.cos(math.radians(60))  # how near the direction out of a border a splat must lie to close it
 COMPANY = 2  # a border is a curve: at least so many of a splat's neighbours lie on it too
 TILE = 2048
 
@@ -84,8 +85,35 @@ def _find_gaps(work, positions, normals, near, out):  # type: ignore[no-untyped-
     return 0
 
 
+@kernel
+def _close_steps(work, positions, radii, near, reach, out):  # type: ignore[no-untyped-def]
+    """Where dense points end and sparse ones go on, no border: a splat ahead, too far to be a neighbour, overlaps.
+
+    The sparse splat has dense ones among its own neighbours, so every splat looks at those.
+    """
+    positions, radii, near, reach, out = borrow(positions), borrow(radii), borrow(near), borrow(reach), borrow(out)
+    tile = take(work)
+    while tile >= 0:
+        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+            for j in near[i]:
+                ahead = square = 0.0
+                for c in range(3):
+                    d = np.float64(positions[i, c]) - np.float64(positions[j, c])
+                    ahead += d * out[j, c]
+                    square += d * d
+                distance = math.sqrt(square)
+                if ahead > AHEAD * distance and distance > reach[j] and distance < radii[i] + radii[j]:
+                    out[j, 0] = out[j, 1] = out[j, 2] = 0.0
+        tile = take(work)
+    return 0
+
+
 def find_borders(
-    positions: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.integer[Any]]
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    radii: NDArray[np.float32],
+    near: NDArray[np.integer[Any]],
+    reach: NDArray[np.floating[Any]],
 ) -> NDArray[np.float32]:
     """The direction out of the surface for each point on an open border, else zero.
 
@@ -93,15 +121,20 @@ def find_borders(
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
+    radii : (n,) float32
     near : (n, NEIGHBORS + 1) int
         Rows of each point's neighbours, itself first.
+    reach : (n,) float
+        Distance to the last of them.
 
     Returns
     -------
     (n, 3) float32, unit or zero
     """
     out = np.zeros((len(positions), 3), np.float32)
-    run(_find_gaps, -(-len(out) // TILE), positions, normals, np.ascontiguousarray(near), out)
+    near, tiles = np.ascontiguousarray(near), -(-len(out) // TILE)
+    run(_find_gaps, tiles, positions, normals, near, out)
+    run(_close_steps, tiles, positions, radii, near, np.ascontiguousarray(reach), out)
     # Alone, a gap is chance.
     found = np.abs(out).sum(axis=1) > 0
     rows = np.flatnonzero(found)
