@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+import pointray as pr
 from conftest import shared_model, sphere_points
 from pointray.points import read
 from pointray.splats import check_radii, choose_radii
@@ -120,3 +121,17 @@ def test_given_radii_are_taken():
 def test_what_is_no_radius(radii, words):
     with pytest.raises(ValueError, match=words):
         check_radii(radii, 3)
+
+
+@pytest.mark.parametrize("size", [1e-30, 1e30])
+def test_radii_beyond_float32_are_refused(size):
+    with pytest.raises(ValueError, match="radii reach from"):
+        pr.Model(pr.procedural("sphere", 1000), np.full(1000, size))
+
+
+def test_a_crowd_at_one_place_is_thinned():
+    points = pr.procedural("sphere", 2000)
+    x = np.concatenate([np.repeat(points.positions[:1], 200_000, axis=0), points.positions])
+    with pytest.warns(UserWarning, match="199,985 points lie where 16 others do"):
+        model = pr.Model(pr.Points(x, x))
+    assert (model.tree.order >= 0).sum() == 2015

@@ -180,3 +180,43 @@ def test_refine_and_samples_are_honoured():
         x = scene.intersect(origins, directions).position
         errors[refine] = np.nanmean(np.abs(np.linalg.norm(x, axis=-1) - 1))
     assert errors[1] < errors[0]
+
+
+@pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
+def test_rays_in_a_tile_hit_what_they_hit_alone(surface):
+    """Neighbouring rays go through the tree together; in random order each goes alone."""
+    scene, model = scene_of("statue", surface=surface)
+    scene.add(model, transform=np.diag([-0.5, 0.5, 0.5, 1]) + np.eye(4, k=3))
+    scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
+    origins, directions = (a.reshape(-1, 3) for a in pr.Camera.frame(model.bounds, size=(203, 101)).rays())
+    together = scene.intersect(origins, directions)
+    order = RNG.permutation(len(origins))
+    alone = scene.intersect(origins[order], directions[order])
+    assert (together.instance[order] != alone.instance).mean() < 1e-4
+    same = (together.instance[order] == alone.instance) & np.isfinite(alone.t)
+    assert set(alone.instance) == {-1, 0, 1, 2}
+    assert np.abs(together.t[order][same] - alone.t[same]).max() < 1e-3 * np.median(model.radii)
+    assert (together.point[order] == alone.point)[same].mean() > 0.999
+
+
+def test_trim_follows_the_evenness_and_leaves_no_phantoms():
+    even = pr.procedural("statue", 32_000)
+    model = pr.Model(even)
+    random = unit(RNG.normal(size=(32_000, 3)))
+    assert model.settings.trim < 0.7 < pr.Model(pr.Points(random, random)).settings.trim
+    scene = pr.Scene()
+    scene.add(model)
+    x = scene.intersect(*pr.Camera.frame(model.bounds, (0.45, -1, 0.35), size=(300, 300)).rays()).position
+    away = np.abs(pr.procedural_distance("statue", x[np.isfinite(x[..., 0])]))
+    assert (away > 0.35 * np.median(model.radii)).mean() < 3e-4
+
+
+def test_a_step_of_density_is_no_border():
+    """A square whose one half has a 16th of the other's points: no ray falls through between."""
+    dense = np.stack(np.meshgrid(np.arange(-1, 0, 0.005), np.arange(-1, 1, 0.005)), -1).reshape(-1, 2)
+    sparse = np.stack(np.meshgrid(np.arange(0.01, 1, 0.02), np.arange(-1, 1, 0.02)), -1).reshape(-1, 2)
+    x = np.concatenate([dense, sparse])
+    x = np.column_stack([x + RNG.uniform(-0.001, 0.001, x.shape), 0 * x[:, 0]])
+    scene, _ = scene_of(pr.Points(x, np.tile([0, 0, 1.0], (len(x), 1))))
+    at = np.column_stack([RNG.uniform(-0.2, 0.2, 50_000), RNG.uniform(-0.9, 0.9, 50_000), np.ones(50_000)])
+    assert np.isfinite(scene.intersect(at, [0, 0, -1.0]).t).all()

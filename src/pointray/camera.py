@@ -192,7 +192,7 @@ def _check_vector(value: Any, name: str) -> Vector:
 
 
 def _check_fov(fov: float) -> float:
-    if not 0 < fov < 180:  # false for NaN
+    if not isinstance(fov, int | float | np.number) or not 0 < fov < 180:  # false for NaN
         raise ValueError(f"fov must lie between 0 and 180 degrees, not {fov}")
     return float(fov)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FARTHEST = 1e15  # a coordinate beyond it is a 'no return' marker of some scanner: its square is of no use in float32
+FARTHEST = 1e12  # a coordinate beyond it is a 'no return' marker of some scanner: its square is of no use in float32
 SAMPLE = 20_000  # rows that stand for all when the spacing is estimated
 
 
@@ -103,7 +103,7 @@ class Points:
         for name, value in fields.items():
             object.__setattr__(self, name, value)
         if not self.finite.any():
-            raise ValueError(f"positions: none of the {n:,} rows is finite")
+            raise ValueError(f"positions: none of the {n:,} rows is finite and below {FARTHEST:g}")
 
     @property
     def world(self) -> NDArray[np.float64]:

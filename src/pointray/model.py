@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .data import Points
-from .neighbors import neighbors
+from .data import FARTHEST, Points
+from .neighbors import distinct, neighbors
 from .points import normals as point_normals
 from .records import SURFACES, Tree
 from .splats.borders import NEIGHBORS, find_borders
@@ -19,6 +20,8 @@ from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii; see ARCHITECTURE.md
+SMALLEST, LARGEST = 1e-12, 1e12  # of a radius
+CROWD = 16  # splats at one place
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 STAGES = ("normals", "radii", "tree")
 
@@ -75,7 +78,10 @@ class Model:
         used = np.flatnonzero(self.points.finite).astype(np.int32)
         lost = len(self.points) - len(used)
         if lost:
-            warnings.warn(f"{lost:,} of {len(self.points):,} points have no finite position: left out", stacklevel=2)
+            warnings.warn(
+                f"{lost:,} of {len(self.points):,} points have no finite position below {FARTHEST:g}: left out",
+                stacklevel=2,
+            )
         cloud = self.points.select(used) if lost else self.points
         say("normals", 0.0)
         normals = _unit_normals(cloud)
@@ -83,14 +89,16 @@ class Model:
         chosen = (choose_radii(cloud.positions) if given is None else given[used]) * np.float32(scale)
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
         self.radii[used] = chosen
+        _check_size(chosen)
+        say("borders", 0.0)
+        rows, places = distinct(cloud.positions)
         borders = None
-        if self.settings.overhang < np.inf:
-            say("borders", 0.0)
-            if len(cloud) > NEIGHBORS:
-                distances, near = neighbors(cloud.positions, NEIGHBORS + 1)
-                borders = find_borders(cloud.positions, normals, chosen, near, distances[:, -1])
-                self.settings = self.settings._replace(trim=choose_trim(distances[:, 1], chosen))
+        if self.settings.overhang < np.inf and len(rows) > NEIGHBORS:
+            borders, limit = _survey(cloud.positions[rows], normals[rows], chosen[rows])
+            self.settings, borders = self.settings._replace(trim=limit), borders[places]
         splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders)
+        if np.bincount(places).max() > CROWD:
+            splats = _thinned(splats, places)
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = cloud.bounds
 
@@ -121,6 +129,34 @@ def _unit_normals(points: Points) -> NDArray[np.float32]:
         warnings.warn(message, stacklevel=3)
     assert mended.normals is not None
     return mended.normals
+
+
+def _survey(
+    positions: NDArray[np.float32], normals: NDArray[np.float32], radii: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], float]:
+    """The open borders, see `find_borders`, and the trim, from each place's neighbours; all places differ."""
+    distances, near = neighbors(positions, NEIGHBORS + 1)
+    borders = find_borders(positions, normals, radii, near, distances[:, -1])
+    return borders, choose_trim(distances[:, 1], radii)
+
+
+def _thinned(splats: Splats, places: NDArray[np.int64]) -> Splats:
+    """At most CROWD splats a place: every ray past a crowd would have to look at all of it."""
+    order = np.argsort(places, kind="stable")
+    start = np.searchsorted(places[order], places[order])
+    kept = np.sort(order[np.arange(len(order)) - start < CROWD])
+    lost = len(places) - len(kept)
+    warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=3)
+    arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[kept]) for array in splats]
+    return Splats(*arrays)
+
+
+def _check_size(radii: NDArray[np.float32]) -> None:
+    """Squares and their inverses must keep to float32."""
+    if radii.min() < SMALLEST or radii.max() > LARGEST:
+        raise ValueError(
+            f"radii reach from {radii.min():.3g} to {radii.max():.3g}: they must be from {SMALLEST:g} to {LARGEST:g}"
+        )
 
 
 def _check_settings(surface: str, samples: int, refine: int, trim: str | float | None) -> TreeSettings:

@@ -52,6 +52,8 @@ class Settings:
             raise ValueError(f"unknown integrator {self.integrator!r}: one of {', '.join(INTEGRATORS)}")
         if not isinstance(self.spp, int) or not 1 <= self.spp <= MOST_SAMPLES:
             raise ValueError(f"spp must be a whole number from 1 to {MOST_SAMPLES}, not {self.spp!r}")
+        if self.threads is not None and (not isinstance(self.threads, int) or self.threads < 1):
+            raise ValueError(f"threads must be a whole number from 1, or None, not {self.threads!r}")
         if not isinstance(self.seed, int) or not 0 <= self.seed < 2**31:
             raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, not {self.seed!r}")
 

@@ -33,8 +33,12 @@ def describe(points: Points) -> dict[str, Any]:
     missing = []
     if points.normals is None:
         missing.append("normals: they will be estimated")
-    elif not np.any(points.normals):
-        missing.append("normals: all zero, they will be estimated")
+    else:
+        lengths = np.linalg.norm(points.normals, axis=1)
+        lost = int((~((lengths > 0) & np.isfinite(lengths))).sum())
+        if lost:
+            which = "all" if lost == len(points) else f"{lost:,} of {len(points):,}"
+            missing.append(f"{which} normals: zero or not finite, they will be estimated")
     if points.colors is None:
         missing.append("colors: the surface will be white")
     if facts["not_finite"]:
@@ -45,6 +49,7 @@ def describe(points: Points) -> dict[str, Any]:
 
 def _spacing(positions: np.ndarray[Any, Any]) -> float:
     """Median distance to the nearest neighbour in another place."""
+    positions = positions[distinct(positions)[0]]
     if len(positions) < 2:
         return 0.0
     step = -(-len(positions) // SAMPLE)
@@ -74,5 +79,5 @@ def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, list):
-        return ", ".join(f"{v:.8g}" if isinstance(v, float) else str(v) for v in value) or "none"
+        return ", ".join(f"{v:.12g}" if isinstance(v, float) else str(v) for v in value) or "none"
     return str(value)

@@ -311,7 +311,10 @@ def _corners(instance: _Instance) -> NDArray[np.float64]:
 def _check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
     if transform is None:
         return np.eye(4)
-    matrix = np.array(transform, np.float64)
+    try:
+        matrix = np.array(transform, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError("transform must be a (4, 4) array of numbers") from None
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise ValueError(f"transform must be a (4, 4) array of finite numbers; its shape is {matrix.shape}")
     if not np.allclose(matrix[3], [0, 0, 0, 1]):

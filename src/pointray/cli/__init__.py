@@ -66,7 +66,7 @@ def main() -> None:
     except KeyboardInterrupt:  # a second one
         status = INTERRUPTED
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # whoever read them has gone
+        with suppress(OSError, ValueError, AttributeError):  # closed, or whoever read them has gone
             stream.flush()
     # A thread may still be inside of the compiler, which nothing interrupts: do not wait for it.
     os._exit(status)

@@ -19,7 +19,7 @@ class Progress:
         from rich.progress import BarColumn, TextColumn
         from rich.progress import Progress as Bars
 
-        from ..jit import on_first_compilation
+        from ..jit import cache_folder, on_first_compilation
 
         console = Console(stderr=True)
         columns = TextColumn("{task.description}"), BarColumn()
@@ -27,6 +27,8 @@ class Progress:
         self._task = self._bars.add_task("", total=1.0)
         self._bars.start()
         word = "compiling kernels for this processor: once, some 30 seconds"
+        if cache_folder() is None:
+            word = "compiling kernels, some 30 seconds: each time, the cache folder (POINTRAY_CACHE) cannot be written"
         on_first_compilation(lambda: console.print(word, style="dim"))
         return self
 
