@@ -18,10 +18,10 @@ __version__ = "0.1.0"
 _HOME = {
     "Camera": "camera",
     "Diffuse": "shade.materials",
-    "Hits": "scene",
+    "Hits": "rays",
     "Model": "model",
     "Phong": "shade.materials",
-    "Plane": "scene",
+    "Plane": "instances",
     "PointLight": "shade.lights",
     "Points": "data",
     "Scene": "scene",
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .camera import Camera as Camera
     from .data import Points as Points
     from .image import write_image as write_image
+    from .instances import Plane as Plane
     from .model import Model as Model
     from .picture import Settings as Settings
     from .picture import render as render
@@ -50,8 +51,7 @@ if TYPE_CHECKING:
     from .points import procedural_distance as procedural_distance
     from .points import read as read
     from .points import write as write
-    from .scene import Hits as Hits
-    from .scene import Plane as Plane
+    from .rays import Hits as Hits
     from .scene import Scene as Scene
     from .shade.lights import PointLight as PointLight
     from .shade.lights import SunLight as SunLight

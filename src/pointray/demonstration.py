@@ -10,11 +10,12 @@ from typing import Any
 
 from .camera import Camera
 from .image import write_image
+from .instances import Plane
 from .jit import compilations, compile_seconds, thread_count
 from .model import Model
 from .picture import Settings, render
 from .points import procedural
-from .scene import Plane, Scene
+from .scene import Scene
 from .shade.lights import SunLight
 from .shade.materials import Phong
 

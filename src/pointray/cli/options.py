@@ -92,7 +92,7 @@ class View:
 
 def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:
     """A plane under a box."""
-    from ..scene import Plane
+    from ..instances import Plane
 
     return Plane([low if u >= 0 else high for u, low, high in zip(up, *bounds, strict=True)], up)
 

@@ -1,0 +1,69 @@
+"""Rays as callers give them, and hits as they get them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What rays of the shape (...) met first.
+
+    Attributes
+    ----------
+    t : (...) float32
+        In lengths of the ray's direction; inf for a miss.
+    position : (..., 3) float64
+        World; NaN for a miss.
+    normal : (..., 3) float32
+        Unit, where the points' normals point: never turned to the ray; 0 for a miss.
+    color : (..., 3) float32
+        Linear, blended with the surface's weights; 0 for a miss, 1 for points without colours.
+    point : (...) int64
+        Row, in the caller's points, of the splat of most weight; -1 for a miss and for a plane.
+    instance : (...) int32
+        What `Scene.add` returned; -1 for a miss.
+    attributes : dict of str to (...) or (..., k) float32
+        Those asked for, blended; NaN for a miss and where the model has no such attribute.
+    """
+
+    t: NDArray[np.float32]
+    position: NDArray[np.float64]
+    normal: NDArray[np.float32]
+    color: NDArray[np.float32]
+    point: NDArray[np.int64]
+    instance: NDArray[np.int32]
+    attributes: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+
+
+def check_rays(
+    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
+) -> tuple[tuple[int, ...], tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+    """The leading shape, and rays as (n, 3), (n, 3), (n, 2) float64, C-contiguous and writable."""
+    arrays = [_real(a, name) for a, name in ((origins, "origins"), (directions, "directions"))]
+    limits = [_real(a, name) for a, name in ((t_min, "t_min"), (t_max, "t_max"))]
+    for array, name in zip(arrays, ("origins", "directions"), strict=True):
+        if array.ndim == 0 or array.shape[-1] != 3:
+            raise ValueError(f"{name} must have the shape (..., 3), not {array.shape}")
+    leading = [arrays[0].shape[:-1], arrays[1].shape[:-1], limits[0].shape, limits[1].shape]
+    try:
+        shape = np.broadcast_shapes(*leading)
+    except ValueError:
+        raise ValueError(f"origins, directions, t_min and t_max do not broadcast: leading shapes {leading}") from None
+    o, d = (np.array(np.broadcast_to(a, (*shape, 3)), np.float64, order="C").reshape(-1, 3) for a in arrays)
+    pair = np.stack([np.broadcast_to(a, shape).reshape(-1) for a in limits], axis=1).astype(np.float64)
+    return shape, (o, d, np.ascontiguousarray(pair))
+
+
+def _real(value: ArrayLike, name: str) -> NDArray[Any]:
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} is no regular array of numbers") from None
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must hold real numbers, not {array.dtype}")
+    return array
