@@ -199,6 +199,43 @@ def test_rays_in_a_tile_hit_what_they_hit_alone(surface):
     assert (together.point[order] == alone.point)[same].mean() > 0.999
 
 
+@pytest.mark.parametrize("name", ["sphere", "statue"])
+def test_rays_from_hits_do_not_depend_on_their_tile(name):
+    """Shadow rays, and rays that go on from a hit, start on the surface: the order of the batch changes nothing."""
+    scene, model = scene_of(name)
+    origins, directions = (a.reshape(-1, 3) for a in pr.Camera.frame(model.bounds, size=(121, 83)).rays())
+    hits = scene.intersect(origins, directions)
+    hit = np.isfinite(hits.t)
+    order = RNG.permutation(hit.sum())
+    radius = np.median(model.radii)
+    for o, d, t_min in (
+        (hits.position[hit], np.broadcast_to(-unit([0.5, -0.7, 0.6]), (hit.sum(), 3)), 0.0),
+        (hits.position[hit], directions[hit], 0.0),
+        (origins[hit], directions[hit], np.float64(hits.t[hit]) - 0.005 * radius),
+        (origins[hit], directions[hit], np.float64(hits.t[hit]) + radius),
+    ):
+        low = np.broadcast_to(t_min, len(o))
+        t, other = scene.intersect(o, d, low).t, scene.intersect(o[order], d[order], low[order]).t
+        assert np.array_equal(np.isfinite(t)[order], np.isfinite(other))
+        assert np.array_equal(np.isfinite(t), scene.occluded(o, d, low))
+        both = np.isfinite(other)
+        assert np.abs(t[order][both] - other[both]).max() < 1e-3 * radius
+
+
+def test_rays_that_are_none_and_points_that_are_astray():
+    scene = pr.Scene()
+    scene.add(pr.Plane((0, 0, 0), (-1, 0, 0)))
+    assert not np.isfinite(scene.intersect([5, 5, 5], [[np.nan, 0, 1], [0, 0, 0]]).t).any()
+    assert not np.isfinite(scene.intersect([5, 0, 0], [-1, 0, 0], 2, 1).t)
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.procedural("sphere", 1000)), transform=np.diag([1e3, 1e3, 1e3, 1]))
+    assert not scene.occluded([0, 0, -1e4], [0, 0, 1e-161], t_max=1e165)
+    x = np.column_stack([np.stack(np.meshgrid(*[np.arange(-20, 21) * 1e-3] * 2), -1).reshape(-1, 2), np.zeros(41**2)])
+    x = np.concatenate([x, np.full((1, 3), 1e6)])
+    scene, _ = scene_of(pr.Points(x, np.tile([0, 0, 1.0], (len(x), 1))), radii=np.full(len(x), 2e-3))
+    scene.intersect(np.array([0.6, 0.7, 0.9]) * 1e6, [-0.6, -0.7, -0.9])  # too far to be told apart, but it ends
+
+
 def test_trim_follows_the_evenness_and_leaves_no_phantoms():
     even = pr.procedural("statue", 32_000)
     model = pr.Model(even)

@@ -23,10 +23,11 @@ FOUND = 2 * LANES  # leaf of the hit in the current model, -1 for none
 NUMBER_ROWS = 3
 # float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * LANES for k in range(9))
-LENGTH = 9 * LANES  # where the ray ends: at its nearest hit in this model, below 0 for a ray that misses its bounds
+LENGTH = 9 * LANES  # where its nearest hit in this model is, at first where it ends; below 0 where it misses the bounds
 NX, NY, NZ = 10 * LANES, 11 * LANES, 12 * LANES  # unit normal of that hit
 ENTER, LEAVE, FIRST, LAST = 13 * LANES, 14 * LANES, 15 * LANES, 16 * LANES
-MODEL_ROWS = 17
+END = 17 * LANES  # where it ends, whatever it hits: what is found in one leaf must not depend on what was in another
+MODEL_ROWS = 18
 
 COUNT_NEAR = 0  # blocks listed near the current ray
 COUNT_NODES, COUNT_LEAVES = 1, 2  # visited

@@ -33,6 +33,7 @@ BORDER_SHARE = np.float32(0.4)  # of the weight: from here on a hit counts as on
 GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
+MOST_STEPS = np.float32(2.0**22)  # from where a ray enters the model's bounds
 FAINT = np.float32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
 CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into without an estimate
 
@@ -80,6 +81,8 @@ def search_leaf(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped-
     if enter <= ray.t_min:  # the ray's origin is in this voxel: the start rule needs f there
         low = ray.t_min
     step = tree.leaves[leaf * LEAF + STEP]
+    if not high < MOST_STEPS * step:  # float32 does not tell the samples apart any more
+        return miss
     # The lattice's next samples on both sides, out of the slab and out of the voxel: see `tree/cells.py`.
     # t is never negative here: truncation is the floor (a call to floor would spill every vector register).
     first, last = np.float32(np.int32(low / step)), np.float32(np.int32(high / step) + 1)

@@ -17,6 +17,7 @@ from ..scratch import (
     DX,
     DY,
     DZ,
+    END,
     ENTER,
     FIRST,
     FOUND,
@@ -101,7 +102,7 @@ def tile_ray(rows, i, side):  # type: ignore[no-untyped-def]
         rows[IY + i],
         rows[IZ + i],
         ZERO,
-        rows[LENGTH + i],
+        rows[END + i],
         side,
     )
 
@@ -156,7 +157,7 @@ def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
         hit = search_leaf(tree, leaf, tile_ray(rows, i, side), scratch, interval)
         if scratch.lift[0] != ZERO:
             lifted |= 1 << i
-        if hit.leaf >= 0:
+        if hit.leaf >= 0 and hit.t < rows[LENGTH + i]:
             rows[LENGTH + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
             scratch.numbers[FOUND + i] = leaf
     return lifted

@@ -31,6 +31,7 @@ from ..scratch import (
     COLOR,
     DIRECTION,
     DX,
+    END,
     FOUND,
     HEADING,
     HIGH,
@@ -107,7 +108,8 @@ def into_model(matrix, bounds, ray):  # type: ignore[no-untyped-def]
     span = _clip(span, (bounds[0][0], bounds[1][0]), o[0], d[0])
     span = _clip(span, (bounds[0][1], bounds[1][1]), o[1], d[1])
     span = _clip(span, (bounds[0][2], bounds[1][2]), o[2], d[2])
-    return add(o, scale(d, span[0])), d, span[0], span[1], speed
+    end = span[1] if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has squeezed the direction away
+    return add(o, scale(d, span[0])), d, span[0], end, speed
 
 
 @inline
@@ -118,7 +120,7 @@ def _plane_hit(world, at, ray, side):  # type: ignore[no-untyped-def]
     start = add(o, scale(d, t_min))
     height, rise = dot(normal, sub(start, point)), dot(normal, d)
     if abs(height) <= ON_PLANE * (length(start) + length(point)):
-        return t_min if rise * side < 0.0 else np.inf
+        return t_min if rise * side < 0.0 and t_min <= t_max else np.inf
     t = t_min - height / rise
     return t if t >= t_min and t <= t_max else np.inf
 
@@ -162,7 +164,7 @@ def _tile_into_model(world, at, head, scratch):  # type: ignore[no-untyped-def]
         put(rows, OX + i, (ray.ox, ray.oy, ray.oz))
         put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
         put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
-        rows[LENGTH + i] = ray.t_max if low <= high else -ONE
+        rows[LENGTH + i] = rows[END + i] = ray.t_max if low <= high else -ONE
         scratch.numbers[FOUND + i] = -1
         last = i if low <= high else last
     if last >= 0:
