@@ -15,6 +15,7 @@ FIRST_LANES = 0x1111  # the first lane of each quarter
 # Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
 # interpolation is exact to a thousandth of the radius, and two farther out for where the estimate is off.
 CLOSE = np.float32(0.02), np.float32(0.12)
+MORE = 3  # secant steps after an estimate that was off
 EVEN = np.float32(0.1), np.float32(0.3)  # about the middle of the bracket: where there is no estimate
 
 
@@ -129,12 +130,15 @@ def refine(tree, scratch, frame, bracket):  # type: ignore[no-untyped-def]
     """(t, share, jump) of the crossing in a bracket, after the model's number of secant steps.
 
     share : where it is in the last part; jump : half of what f changes by from end to end of that.
-    Where the last step's estimate was off (the crossing is not between its two close samples), one more follows.
+    Where the last step's estimate was off (the crossing is not between its two close samples), up to MORE follow. With
+    one, in trees that differ, up to 17 of 1.4 million rays at a scan ended more than 2% of the radius apart; with three
+    none on ten of twelve scans, 7 on the noisiest.
     """
     steps = int(tree.head[REFINE])
     scratch.counts[COUNT_PART] = 0
     k, span = 0, bracket[2] - bracket[0]
-    while k < steps or (k == steps and bracket[2] - bracket[0] > np.float32(3.0) * CLOSE[0] * span and steps > 0):
+    most = steps + MORE if steps > 0 else 0
+    while k < steps or (k < most and bracket[2] - bracket[0] > np.float32(3.0) * CLOSE[0] * span):
         span = bracket[2] - bracket[0]
         bracket = secant(tree, scratch, frame, bracket, root(bracket), CLOSE)
         if bracket[2] == INF:
