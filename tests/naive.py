@@ -42,7 +42,7 @@ def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
             continue
         w = (1.0 - square / (s[6] * s[6])) ** 2
         w_sum += w
-        r_sum += w / (s[6] * s[6])
+        r_sum += w * s[6] * s[6]
         if (s[7:] != 0.0).any():
             b_sum += w
             out -= w * (d * s[7:]).sum()
@@ -58,7 +58,7 @@ def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
     if kind == 2:
         u4 = 0.5 * (qn - plane) / max(qq - center, 0.25 * qq, 1e-300)
         f = -plane - u4 * (qq - 2.0 * center)
-    return f, math.sqrt(center), math.sqrt(w_sum / r_sum), b_sum / w_sum, out / max(b_sum, 1e-300)
+    return f, math.sqrt(center), math.sqrt(r_sum / w_sum), b_sum / w_sum, out / max(b_sum, 1e-300)
 
 
 @inline

@@ -4,18 +4,32 @@ from scipy.spatial import cKDTree
 
 import pointray as pr
 from conftest import shared_model, sphere_points
+from pointray.neighbors import distinct, neighbors
 from pointray.points import read
 from pointray.splats import check_radii, choose_radii
+from pointray.splats.radii import NEIGHBORS, OVERLAP
+from pointray.splats.voronoi import Hood, measure_cells
 
 N = 10_000
 SPHERE = sphere_points(N)
 PLACES = sphere_points(50_000, seed=9)  # of its surface
+UP = np.array([[0, 0, 1]], np.float32)
+RNG = np.random.default_rng(3)
 
 
-def overlap(positions, radii, places=PLACES):
-    """How many splats reach each of the places."""
+def survey(positions, normals=None):
+    """Radii and borders of points that all differ; normals: those of a sphere."""
+    positions = np.asarray(positions, np.float32)
+    normals = positions / np.linalg.norm(positions, axis=1, keepdims=True) if normals is None else normals
+    normals = np.ascontiguousarray(np.broadcast_to(normals, positions.shape), np.float32)
+    return choose_radii(positions, normals, *neighbors(positions, NEIGHBORS + 1))
+
+
+def covers(positions, radii, places):
+    """Of the splats that reach each place: how many there are, and the least share of a radius between."""
     distances, rows = cKDTree(positions).query(places, k=60)
-    return (distances < radii[rows]).sum(axis=1)
+    share = distances / radii[rows]
+    return (share < 1).sum(axis=1), share.min(axis=1)
 
 
 def even_sphere(n):
@@ -26,37 +40,122 @@ def even_sphere(n):
     )
 
 
-@pytest.mark.parametrize(("positions", "holes"), [(SPHERE, 1e-4), (even_sphere(N), 0)])
-def test_the_surface_is_covered_about_eight_times(positions, holes):
-    count = overlap(positions, choose_radii(positions))
-    assert 7.5 < count.mean() < 9
-    assert (count == 0).mean() <= holes
+def square(n, seed=0):
+    """Random points of the unit square."""
+    x = np.random.default_rng(seed).uniform(size=(n, 3)).astype(np.float32)
+    return x * np.float32([1, 1, 0])
+
+
+# ---------------------------------------------------------------------------------------------------------- cells
+
+
+def test_cells_are_those_of_a_brute_force_search():
+    """In the plane: a cell's farthest vertex is the centre of an empty circle through the point and two others."""
+    x = square(60)
+    hood = Hood(np.arange(60), *neighbors(x, 60))
+    reach, _ = measure_cells(x, np.repeat(UP, 60, axis=0), hood)
+    flat = x[:, :2].astype(np.float64)
+    one, other = np.triu_indices(60, 1)
+    for i in range(0, 60, 7):
+        a, b = flat[one] - flat[i], flat[other] - flat[i]
+        cross = 2 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        aa, bb = (a * a).sum(1), (b * b).sum(1)
+        with np.errstate(all="ignore"):
+            centers = np.stack([b[:, 1] * aa - a[:, 1] * bb, a[:, 0] * bb - b[:, 0] * aa], 1) / cross[:, None]
+        radius = np.linalg.norm(centers, axis=1)
+        side = np.linalg.norm(flat - flat[i], axis=1).max()
+        usable = np.isfinite(radius) & (np.abs(centers).max(axis=1) < side)  # inside of the first square
+        empty = [
+            np.linalg.norm(flat - flat[i] - c, axis=1).min() > r - 1e-9 for c, r in zip(centers, radius, strict=True)
+        ]
+        assert (
+            reach[i] == pytest.approx(radius[usable & empty].max(), rel=1e-3) or reach[i] > radius[usable & empty].max()
+        )
+
+
+@pytest.mark.parametrize("angle", [60, 90, 120, -60, -120])
+def test_a_fold_is_unfolded(angle):
+    """Two planes that meet at an angle have the cells of one plane."""
+    x = square(4000) * np.float32([2, 1, 0]) - np.float32([1, 0, 0])
+    flat, _ = survey(x, UP)
+    turn = np.radians(angle)
+    bent, normals = x.copy(), np.repeat(UP, len(x), axis=0)
+    right = x[:, 0] > 0
+    bent[right] = np.column_stack([x[right, 0] * np.cos(turn), x[right, 1], -x[right, 0] * np.sin(turn)])
+    normals[right] = [np.sin(turn), 0, np.cos(turn)]
+    radii, borders = survey(bent, normals)
+    inner = (np.abs(x[:, 0]) < 0.8) & (np.abs(x[:, 1] - 0.5) < 0.4)
+    assert not borders[inner].any()
+    assert (np.abs(radii / flat - 1)[inner] < 0.05).mean() > 0.98
+
+
+# ---------------------------------------------------------------------------------------------------------- radii
+
+
+@pytest.mark.parametrize(("positions", "most"), [(SPHERE, 7.8), (even_sphere(N), 4.0)])
+def test_radii_cover_the_surface_and_little_more(positions, most):
+    radii, borders = survey(positions)
+    count, nearest = covers(positions, radii, PLACES)
+    assert most - 1 < count.mean() < most
+    assert nearest.max() < 1.01 / OVERLAP
+    assert not borders.any()
 
 
 def test_radii_follow_scale_and_order():
-    radii = choose_radii(SPHERE)
-    np.testing.assert_allclose(choose_radii(SPHERE * np.float32(1000)), 1000 * radii, rtol=1e-3)
-    np.testing.assert_allclose(choose_radii(SPHERE[::-1].copy())[::-1], radii, rtol=1e-5)
+    radii, _ = survey(SPHERE)
+    np.testing.assert_allclose(survey(SPHERE * np.float32(1000))[0], 1000 * radii, rtol=1e-3)
+    np.testing.assert_allclose(survey(SPHERE[::-1].copy())[0][::-1], radii, rtol=1e-5)
     assert radii.dtype == np.float32
 
 
-def test_radii_follow_the_density():
-    near, far = SPHERE, SPHERE[:1000] * np.float32(3) + np.float32(20)
-    radii = choose_radii(np.vstack([near, far]))
-    expected = 3 * np.sqrt(N / 1000)
-    assert np.median(radii[N:]) / np.median(radii[:N]) == pytest.approx(expected, rel=0.1)
+def test_a_hundredfold_density_is_covered_everywhere():
+    """A square whose density falls a hundredfold from one end to the other, and one that falls by a step."""
+    x = square(60_000)
+    for keep in (100.0 ** -x[:, 0], np.where(x[:, 0] < 0.3, 1, 0.01)):
+        points = x[RNG.uniform(size=len(x)) < keep]
+        radii, _ = survey(points, UP)
+        at = square(100_000, seed=5)
+        at = at[(np.abs(at[:, :2] - 0.5) < 0.42).all(axis=1)]
+        count, nearest = covers(points, radii, at)
+        assert nearest.max() < 1.05 / OVERLAP
+        assert count.mean() < 9
 
 
-def test_duplicates_count_once():
-    radii = choose_radii(np.repeat(SPHERE, 20, axis=0))
-    np.testing.assert_allclose(radii, np.repeat(choose_radii(SPHERE), 20), rtol=1e-6)
+def test_lines_of_a_scan_reach_each_other():
+    x = np.stack(np.meshgrid(np.arange(0, 1, 0.001), np.arange(0, 1, 0.015), [0]), -1).reshape(-1, 3)
+    x += RNG.uniform(-2e-4, 2e-4, x.shape) * [1, 1, 0]
+    radii, borders = survey(x, UP)
+    inner = (np.abs(x[:, :2] - 0.5) < 0.4).all(axis=1)
+    assert not borders[inner].any()
+    assert covers(x.astype(np.float32), radii, 0.8 * square(50_000) + np.float32([0.1, 0.1, 0]))[1].max() < 1 / OVERLAP
+
+
+@pytest.mark.parametrize("gap", [1.0, 0.25])
+def test_two_sheets_have_the_radii_of_one(gap):
+    x = square(5000)
+    h = np.sqrt(1 / 5000)
+    below = square(5000, seed=1) - np.float32([0, 0, gap * h])
+    radii, borders = survey(np.concatenate([x, below]), np.repeat(np.concatenate([UP, -UP]), 5000, axis=0))
+    alone, ends = survey(x, UP)
+    inner = (np.abs(x[:, :2] - 0.5) < 0.4).all(axis=1)
+    assert (np.abs(radii[:5000] / alone - 1)[inner] < 1e-4).mean() > 0.99
+    assert not borders[:5000][inner].any() and not ends[inner].any()
+
+
+def test_borders_end_in_small_radii_that_know_the_way_out():
+    x = square(20_000)
+    radii, borders = survey(x, UP)
+    edge = (x[:, 0] < 0.002) & (np.abs(x[:, 1] - 0.5) < 0.4)
+    assert np.quantile(radii[edge], 0.9) < 2.5 * np.median(radii)
+    found = edge & borders.any(axis=1)
+    assert found.sum() > 0.7 * edge.sum()
+    assert (borders[found, 0] < -0.7).mean() > 0.9
 
 
 def test_a_clump_counts_once():
     clump = SPHERE[:1] + np.random.default_rng(0).normal(size=(500, 3)).astype(np.float32) * 1e-6
-    positions = np.vstack([SPHERE, clump])
-    radii = choose_radii(positions)
-    usual = choose_radii(SPHERE)
+    radii, _ = survey(np.vstack([SPHERE, clump]))
+    usual, _ = survey(SPHERE)
     assert radii.min() > 0.5 * usual.min()
     assert (np.median(radii[N:]) / usual[0]) == pytest.approx(1, rel=0.3)
 
@@ -64,33 +163,48 @@ def test_a_clump_counts_once():
 @pytest.mark.parametrize("count", [1, 5, 20])
 def test_stray_points_stay_small(count):
     stray = np.float32(1000) + 50 * sphere_points(count, seed=4)
-    radii = choose_radii(np.vstack([SPHERE, stray]))
-    assert radii[N:].max() < 20 * np.median(radii)
-    np.testing.assert_allclose(radii[:N], choose_radii(SPHERE), rtol=0.01)
+    radii, _ = survey(np.vstack([SPHERE, stray]))
+    assert radii[N:].max() < 30 * np.median(radii)
+    np.testing.assert_allclose(radii[:N], survey(SPHERE)[0], rtol=0.01)
+
+
+def test_a_stray_point_above_the_surface_stays_small():
+    radii, _ = survey(np.vstack([SPHERE, 1.3 * SPHERE[:1]]))
+    assert radii[N] < 3 * np.median(radii)
 
 
 def test_one_stray_point_of_few_stays_small():
-    radii = choose_radii(np.vstack([sphere_points(50), [[1000, 0, 0]]]).astype(np.float32))
+    radii, _ = survey(np.vstack([sphere_points(50), [[1000, 0, 0]]]))
     assert radii[50] < 5 * np.median(radii)
 
 
 def test_few_points_reach_each_other():
-    np.testing.assert_allclose(choose_radii(np.array([[0, 0, 0], [0, 3, 4]], np.float32)), 5)
-    assert (choose_radii(SPHERE[:5]) > 0.3).all()
+    np.testing.assert_allclose(survey([[0, 0, 0], [0, 3, 4]], UP)[0], 5 / 2 * OVERLAP)
+    assert (survey(SPHERE[:5])[0] > 0.3).all()
+    line = np.outer(np.arange(30), [1, 0, 0])
+    np.testing.assert_allclose(survey(line, UP)[0], 0.5 * OVERLAP, rtol=1e-4)
 
 
-@pytest.mark.parametrize(("positions", "words"), [(SPHERE[:1], "one point"), (np.ones((9, 3), np.float32), "9 points")])
-def test_points_at_one_place_need_radii(positions, words):
-    with pytest.raises(ValueError, match=f"{words}.*give radii"):
-        choose_radii(positions)
+def test_points_at_one_place_need_radii():
+    for count in (1, 9):
+        x = np.ones((count, 3))
+        with pytest.raises(ValueError, match="one place.*give radii"):
+            pr.Model(pr.Points(x, 0 * x + [0, 0, 1]))
 
 
-@pytest.mark.parametrize("name", ["points/tls_pumpA_rgb.ply", "points/sfm_garden_rgb_nonormals.ply"])
+def test_duplicates_count_once():
+    points = pr.procedural("sphere", 2000)
+    twice = pr.Points(np.repeat(points.positions, 3, axis=0), np.repeat(points.normals, 3, axis=0))
+    np.testing.assert_allclose(pr.Model(twice).radii, np.repeat(pr.Model(points).radii, 3), rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["points/tls_pumpA_rgb.ply", "points/rgbd_kinect_chair_rgb.ply"])
 def test_radii_of_real_scans_are_sane(name):
-    positions = read(shared_model(name)).positions
-    radii = choose_radii(positions)
+    points = read(shared_model(name))
+    rows = distinct(points.positions)[0]
+    radii, _ = survey(points.positions[rows], points.normals[rows])
     assert (radii > 0).all()
-    assert radii.max() < 30 * np.median(radii)
+    assert radii.max() < 100 * np.median(radii)
 
 
 # --------------------------------------------------------------------------------------------------------- given

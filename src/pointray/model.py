@@ -13,12 +13,13 @@ from .data import FARTHEST, Points
 from .neighbors import distinct, neighbors
 from .points import normals as point_normals
 from .records import SURFACES, Tree
-from .splats.borders import NEIGHBORS, find_borders
-from .splats.radii import check_radii, choose_radii
-from .splats.trim import UNEVEN_TRIM, choose_trim
+from .splats.radii import NEIGHBORS, check_radii, choose_radii
 from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
+TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii; see ARCHITECTURE.md
+# Where over a thousandth of the radii are smaller than TIGHT times those that cover, surface lies in gaps.
+LOOSE_TRIM, TIGHT, TIGHT_SHARE = 0.95, 0.9, 1e-3
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii; see ARCHITECTURE.md
 SMALLEST, LARGEST = 1e-12, 1e12  # of a radius
 CROWD = 16  # splats at one place
@@ -44,8 +45,8 @@ class Model:
         Secant steps after the bracket; 0 is the paper.
     trim : "auto", float or None
         A hit counts only where |x - P(x)| is at most this many local radii: it removes phantom surface. "auto": 0.6
-        where the points are spread evenly, else 0.95, and no farther than 0.2 out of the splats on an open border, so
-        that no skirt grows. None: the paper.
+        (0.95 where the radii are smaller than covers the surface), and no farther than 0.2 out of the splats on an
+        open border, so that no skirt grows. None: the paper.
     radius_scale : float
         All radii times this.
     progress : callable, optional
@@ -86,16 +87,19 @@ class Model:
         say("normals", 0.0)
         normals = _unit_normals(cloud)
         say("radii", 0.0)
-        chosen = (choose_radii(cloud.positions) if given is None else given[used]) * np.float32(scale)
+        rows, places = distinct(cloud.positions)
+        sites = cloud.positions[rows], normals[rows]
+        chosen = np.empty(0, np.float32) if given is None else given[used] * np.float32(scale)
+        borders = None
+        if given is None or (trim == "auto" and surface != "disc" and len(rows) > NEIGHBORS):
+            small, ends = choose_radii(*sites, *neighbors(sites[0], NEIGHBORS + 1))
+            chosen = small[places] * np.float32(scale) if given is None else chosen
+            if self.settings.overhang < np.inf and len(rows) > NEIGHBORS:
+                tight = (chosen[rows] < TIGHT * small).mean() > TIGHT_SHARE
+                self.settings, borders = self.settings._replace(trim=LOOSE_TRIM if tight else TRIM), ends[places]
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
         self.radii[used] = chosen
         _check_size(chosen)
-        say("borders", 0.0)
-        rows, places = distinct(cloud.positions)
-        borders = None
-        if self.settings.overhang < np.inf and len(rows) > NEIGHBORS:
-            borders, limit = _survey(cloud.positions[rows], normals[rows], chosen[rows])
-            self.settings, borders = self.settings._replace(trim=limit), borders[places]
         splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders)
         if np.bincount(places).max() > CROWD:
             splats = _thinned(splats, places)
@@ -131,15 +135,6 @@ def _unit_normals(points: Points) -> NDArray[np.float32]:
     return mended.normals
 
 
-def _survey(
-    positions: NDArray[np.float32], normals: NDArray[np.float32], radii: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], float]:
-    """The open borders, see `find_borders`, and the trim, from each place's neighbours; all places differ."""
-    distances, near = neighbors(positions, NEIGHBORS + 1)
-    borders = find_borders(positions, normals, radii, near, distances[:, -1])
-    return borders, choose_trim(distances[:, 1], radii)
-
-
 def _thinned(splats: Splats, places: NDArray[np.int64]) -> Splats:
     """At most CROWD splats a place: every ray past a crowd would have to look at all of it."""
     order = np.argsort(places, kind="stable")
@@ -169,7 +164,7 @@ def _check_settings(surface: str, samples: int, refine: int, trim: str | float |
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
             raise ValueError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
     if trim == "auto":
-        limit, overhang = (np.inf, np.inf) if surface == "disc" else (UNEVEN_TRIM, OVERHANG)
+        limit, overhang = (np.inf, np.inf) if surface == "disc" else (TRIM, OVERHANG)
     elif trim is None:
         limit = overhang = np.inf
     elif isinstance(trim, int | float) and trim > 0:

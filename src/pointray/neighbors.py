@@ -21,44 +21,52 @@ Rows = NDArray[np.int64]
 _CHUNK = 1 << 17  # queries at a time: SciPy answers in float64 and int64, four times what is kept
 
 
-def neighbors(positions: Floats, k: int, queries: Floats | None = None) -> tuple[Floats, NDArray[np.int32]]:
-    """The k nearest positions of each query, nearest first.
+class NeighborTree:
+    """Positions that can be asked for neighbours, more than once.
 
     Parameters
     ----------
     positions : (n, 3) float32
         Finite.
-    k : int
-        If there are fewer positions, all are given.
-    queries : (m, 3) float32, optional
-        None: the positions themselves; each is then among its own neighbours (first, but for duplicates).
-
-    Returns
-    -------
-    distances : (m, min(k, n)) float32
-    indices : (m, min(k, n)) int32
     """
-    order = morton_order(positions)
-    tree = _tree(positions[order])
-    asked = order if queries is None else morton_order(queries)
-    distances, indices = _query(tree, (positions if queries is None else queries)[asked], min(k, len(positions)))
-    back = np.empty_like(asked)
-    back[asked] = np.arange(len(asked))
-    return distances[back], order.astype(np.int32)[indices[back]]
+
+    def __init__(self, positions: Floats) -> None:
+        self._positions = positions
+        self._order = morton_order(positions)
+        # Half the time to build, no slower to ask.
+        self._tree: Any = cKDTree(positions[self._order], balanced_tree=False, compact_nodes=False)
+
+    def query(self, k: int, queries: Floats | None = None) -> tuple[Floats, NDArray[np.int32]]:
+        """The k nearest positions of each query, nearest first.
+
+        Parameters
+        ----------
+        k : int
+            If there are fewer positions, all are given.
+        queries : (m, 3) float32, optional
+            None: the positions themselves; each is then among its own neighbours (first, but for duplicates).
+
+        Returns
+        -------
+        distances : (m, min(k, n)) float32
+        indices : (m, min(k, n)) int32
+        """
+        asked = self._order if queries is None else morton_order(queries)
+        path = (self._positions if queries is None else queries)[asked]
+        k = min(k, len(self._positions))
+        distances, indices = np.empty((len(path), k), np.float32), np.empty((len(path), k), np.int32)
+        workers, order = thread_count(), self._order.astype(np.int32)
+        for start in range(0, len(path), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            rows = asked[part]
+            distances[rows], near = self._tree.query(path[part], k=np.arange(1, k + 1), workers=workers)
+            indices[rows] = order[near]
+        return distances, indices
 
 
-def _tree(positions: Floats) -> Any:
-    return cKDTree(positions, balanced_tree=False, compact_nodes=False)  # half the time to build, no slower to ask
-
-
-def _query(tree: Any, queries: Floats, k: int) -> tuple[Floats, NDArray[np.int32]]:
-    distances = np.empty((len(queries), k), np.float32)
-    indices = np.empty((len(queries), k), np.int32)
-    workers = thread_count()
-    for start in range(0, len(queries), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        distances[part], indices[part] = tree.query(queries[part], k=np.arange(1, k + 1), workers=workers)
-    return distances, indices
+def neighbors(positions: Floats, k: int, queries: Floats | None = None) -> tuple[Floats, NDArray[np.int32]]:
+    """The k nearest positions of each query, see `NeighborTree.query`."""
+    return NeighborTree(positions).query(k, queries)
 
 
 def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:

@@ -82,3 +82,12 @@ def transform_transposed(matrix, a):  # type: ignore[no-untyped-def]
         matrix[0][1] * a[0] + matrix[1][1] * a[1] + matrix[2][1] * a[2],
         matrix[0][2] * a[0] + matrix[1][2] * a[1] + matrix[2][2] * a[2],
     )
+
+
+@inline
+def tangents(n):  # type: ignore[no-untyped-def]
+    """Two unit vectors across a unit vector and each other (Duff et al. 2017)."""
+    sign = 1.0 if n[2] >= 0.0 else -1.0
+    a = -1.0 / (sign + n[2])
+    b = n[0] * n[1] * a
+    return (1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]), (b, sign + n[1] * n[1] * a, -n[1])

@@ -15,22 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, kernel, run, take
+from ..vec import tangents
 
-NEIGHBORS = 20  # of so many evenly random directions, one in 250 sets leaves a gap of GAP
-GAP = math.radians(130)  # a straight border leaves 180 degrees
+GAP = math.radians(115)  # a straight border leaves 180 degrees; of 20 random directions, one set in 250 leaves this
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
-AHEAD = math.cos(math.radians(60))  # how near the direction out of a border a splat must lie to close it
 COMPANY = 2  # a border is a curve: at least so many of a splat's neighbours lie on it too
 TILE = 2048
-
-
-@inline
-def _axes(n):  # type: ignore[no-untyped-def]
-    """Two axes of the tangent plane (Duff et al. 2017)."""
-    sign = 1.0 if n[2] >= 0.0 else -1.0
-    a = -1.0 / (sign + n[2])
-    b = n[0] * n[1] * a
-    return (1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]), (b, sign + n[1] * n[1] * a, -n[1])
 
 
 @inline
@@ -67,7 +57,7 @@ def _find_gaps(work, positions, normals, near, out):  # type: ignore[no-untyped-
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             n = (np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2]))
-            axes = _axes(n)
+            axes = tangents(n)
             count = _closed_angles(positions, normals, i, near[i], axes, angles)
             found = np.sort(angles[:count])
             gap, middle = 2.0 * math.pi, 0.0
@@ -85,58 +75,30 @@ def _find_gaps(work, positions, normals, near, out):  # type: ignore[no-untyped-
     return 0
 
 
-@kernel
-def _close_steps(work, positions, radii, near, reach, out):  # type: ignore[no-untyped-def]
-    """Where dense points end and sparse ones go on, no border: a splat ahead, too far to be a neighbour, overlaps.
-
-    The sparse splat has dense ones among its own neighbours, so every splat looks at those.
-    """
-    positions, radii, near, reach, out = borrow(positions), borrow(radii), borrow(near), borrow(reach), borrow(out)
-    tile = take(work)
-    while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
-            for j in near[i]:
-                ahead = square = 0.0
-                for c in range(3):
-                    d = np.float64(positions[i, c]) - np.float64(positions[j, c])
-                    ahead += d * out[j, c]
-                    square += d * d
-                distance = math.sqrt(square)
-                if ahead > AHEAD * distance and distance > reach[j] and distance < radii[i] + radii[j]:
-                    out[j, 0] = out[j, 1] = out[j, 2] = 0.0
-        tile = take(work)
-    return 0
-
-
-def find_borders(
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    radii: NDArray[np.float32],
-    near: NDArray[np.integer[Any]],
-    reach: NDArray[np.floating[Any]],
+def find_gaps(
+    positions: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.integer[Any]]
 ) -> NDArray[np.float32]:
-    """The direction out of the surface for each point on an open border, else zero.
+    """The direction out of the surface for each point on what may be an open border, else zero.
 
     Parameters
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
-    radii : (n,) float32
-    near : (n, NEIGHBORS + 1) int
+    near : (n, k) int
         Rows of each point's neighbours, itself first.
-    reach : (n,) float
-        Distance to the last of them.
 
     Returns
     -------
     (n, 3) float32, unit or zero
     """
     out = np.zeros((len(positions), 3), np.float32)
-    near, tiles = np.ascontiguousarray(near), -(-len(out) // TILE)
-    run(_find_gaps, tiles, positions, normals, near, out)
-    run(_close_steps, tiles, positions, radii, near, np.ascontiguousarray(reach), out)
-    # Alone, a gap is chance.
-    found = np.abs(out).sum(axis=1) > 0
-    rows = np.flatnonzero(found)
-    out[rows[found[near[rows, 1:]].sum(axis=1) < COMPANY]] = 0
+    near = np.ascontiguousarray(near)
+    run(_find_gaps, -(-len(out) // TILE), positions, normals, near, out)
     return out
+
+
+def drop_lone(borders: NDArray[np.float32], near: NDArray[np.integer[Any]]) -> None:
+    """Set those to zero that have too few others among their neighbours, in place: alone, a gap is chance."""
+    found: NDArray[np.bool_] = np.any(borders, axis=1)
+    rows = np.flatnonzero(found)
+    borders[rows[found[near[rows, 1:]].sum(axis=1) < COMPANY]] = 0

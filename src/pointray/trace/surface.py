@@ -119,13 +119,13 @@ def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
 
 @inline
 def local_radius(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
-    """Support radius at a point: 1 / r^2 averaged with the surface's weights."""
-    weight = inverse = spread16(ZERO)
+    """Support radius at a point: r^2 averaged with the surface's weights (1 / r^2 trims where radii differ much)."""
+    weight = square = spread16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
         w = weights_of_block(tree, scratch.near[k], x, y, z)
         weight = weight + w
-        inverse = inverse + w * repeat4(tree.blocks, np.int64(scratch.near[k]) * BLOCK + INV_R2)
-    return math.sqrt(lane(sum_quarters(weight), 0) / lane(sum_quarters(inverse), 0))
+        square = square + w / repeat4(tree.blocks, np.int64(scratch.near[k]) * BLOCK + INV_R2)
+    return math.sqrt(lane(sum_quarters(square), 0) / lane(sum_quarters(weight), 0))
 
 
 @inline

@@ -1,0 +1,225 @@
+"""How far a splat must reach: to the farthest vertex of its Voronoi cell in its tangent plane (paper, part II).
+
+A neighbour lies in the tangent plane where it is seen, but as far away as it is in space, so that noise brings nothing
+closer; one past a fold is unfolded. What faces the other way is another sheet and bounds no cell. The cell is cut out
+of a square; a vertex on a side of the square is none, for there the surface ends.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import borrow, inline, kernel, run, take
+from ..vec import dot, sub, tangents, triple
+
+FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
+OTHER_SHEET = math.cos(math.radians(145))  # and as two sheets
+# Gaps up to VOID times as wide as usual are closed: the widest of a million random points are 2.7 times. On what may be
+# an open border, those up to BORDER times, unless one of the points around lies straight ahead.
+VOID, BORDER = 3.0, 1.3
+AHEAD = math.cos(math.radians(60))
+CORNERS = 64  # of a polygon; more neighbours than that never bound a cell
+TILE = 2048
+
+
+@inline
+def _unfolded(positions, normals, i, j, axes):  # type: ignore[no-untyped-def]
+    """Point j in the tangent plane of point i; (0, 0) for one on another sheet.
+
+    Past a fold, two planes at an angle: along the crease as it lies, across it the way over both planes, which is
+    (p_j - p_i).(n_j - n_i) / sin(angle), in the direction that n_j leans.
+    """
+    at = triple(positions, 3 * j)
+    d = sub((np.float64(at[0]), np.float64(at[1]), np.float64(at[2])), triple(positions, 3 * i))
+    n, m = triple(normals, 3 * i), triple(normals, 3 * j)
+    cosine = dot(n, m)
+    flat_u, flat_v = dot(d, axes[0]), dot(d, axes[1])
+    if cosine > FOLD:
+        flat = flat_u * flat_u + flat_v * flat_v
+        stretch = math.sqrt(dot(d, d) / flat) if flat > 0.0 else 0.0
+        return flat_u * stretch, flat_v * stretch
+    if cosine < OTHER_SHEET:
+        return 0.0, 0.0
+    sine = math.sqrt(1.0 - cosine * cosine)
+    u, v = dot(m, axes[0]) / sine, dot(m, axes[1]) / sine
+    across = (dot(d, m) - dot(d, n)) / sine
+    along = flat_v * u - flat_u * v
+    return across * u - along * v, across * v + along * u
+
+
+@inline
+def _cut(corners, spare, count, a, b, j):  # type: ignore[no-untyped-def]
+    """Keep the part of a polygon that lies closer to the origin than to (a, b), the place of point j.
+
+    corners, spare : rows x, y, and the point whose bisector the side is that begins there, -1 on the square; the
+    result is in `spare`.
+    """
+    limit = 0.5 * (a * a + b * b)
+    edge = 1e-9 * limit  # a point that comes twice cuts once
+    kept = 0
+    before = a * corners[count - 1, 0] + b * corners[count - 1, 1] - limit
+    for k in range(count):
+        here = a * corners[k, 0] + b * corners[k, 1] - limit
+        if (here > edge) != (before > edge) and kept < CORNERS:
+            last = k - 1 if k > 0 else count - 1
+            share = before / (before - here)
+            spare[kept, 0] = corners[last, 0] + share * (corners[k, 0] - corners[last, 0])
+            spare[kept, 1] = corners[last, 1] + share * (corners[k, 1] - corners[last, 1])
+            spare[kept, 2] = j if here > edge else corners[last, 2]
+            kept += 1
+        if here <= edge and kept < CORNERS:
+            for c in range(3):
+                spare[kept, c] = corners[k, c]
+            kept += 1
+        before = here
+    return kept
+
+
+@inline
+def _cell(positions, normals, i, axes, hood, polygons):  # type: ignore[no-untyped-def]
+    """Corners of point i's cell, a spare array, their number, and the square of the distance to the farthest."""
+    distances, near = hood
+    corners, spare = polygons
+    side = np.float64(distances[len(near) - 1])
+    for k in range(4):
+        corners[k, 0] = side if k == 0 or k == 3 else -side
+        corners[k, 1] = side if k < 2 else -side
+        corners[k, 2] = -1.0
+    count, square = 4, 2.0 * side * side
+    for k in range(1, len(near)):
+        if np.float64(distances[k]) ** 2 > 4.0 * square:
+            break
+        a, b = _unfolded(positions, normals, i, np.int64(near[k]), axes)
+        if a != 0.0 or b != 0.0:
+            count = _cut(corners, spare, count, a, b, near[k])
+            corners, spare = spare, corners
+            square = 0.0
+            for c in range(count):
+                square = max(square, corners[c, 0] ** 2 + corners[c, 1] ** 2)
+    return corners, count, square
+
+
+@inline
+def _mirror(corners, k, after):  # type: ignore[no-untyped-def]
+    """The point whose bisector the side from corner k is: the origin, mirrored; and the side's closest point to it."""
+    x, y = corners[k, 0], corners[k, 1]
+    dx, dy = corners[after, 0] - x, corners[after, 1] - y
+    t = -(x * dx + y * dy) / max(dx * dx + dy * dy, 1e-300)
+    near = min(max(t, 0.0), 1.0)
+    return (2.0 * (x + t * dx), 2.0 * (y + t * dy)), math.sqrt((x + near * dx) ** 2 + (y + near * dy) ** 2)
+
+
+@inline
+def _reach(corners, count, own, usual, ahead):  # type: ignore[no-untyped-def]
+    """Distance to the farthest vertex that counts, and whether the surface goes on ahead of a gap.
+
+    own : how far cells usually reach around the point; ahead : direction of the gap, or zero. A side without a vertex
+    that counts has one point, the one closest to the origin.
+    """
+    within, beyond, closed, facing = 0.0, 0.0, True, False
+    for k in range(count):
+        last, after = (k - 1 if k > 0 else count - 1), (k + 1 if k + 1 < count else 0)
+        x, y = corners[k, 0], corners[k, 1]
+        distance, at, here = math.sqrt(x * x + y * y), own, 0.0
+        one, other = np.int64(corners[last, 2]), np.int64(corners[k, 2])
+        if other >= 0:
+            b, here = _mirror(corners, k, after)
+            beyond = max(beyond, min(here, VOID * own))
+            within = max(within, min(here, BORDER * own))
+        outward = x * ahead[0] + y * ahead[1] > 0.0
+        if one >= 0 and other >= 0:
+            if len(usual) > 0:
+                at = max(at, np.float64(usual[one]), np.float64(usual[other]))
+            if distance <= VOID * at:
+                beyond = max(beyond, distance)
+                lead = b[0] * ahead[0] + b[1] * ahead[1]
+                facing = facing or (outward and lead > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1]))
+            if distance <= BORDER * at or not outward:
+                within = max(within, min(distance, VOID * at))
+            else:
+                closed = False
+        elif outward:
+            closed = False
+    on_border = (ahead[0] != 0.0 or ahead[1] != 0.0) and not closed and not facing
+    return within if on_border else beyond, not on_border
+
+
+@kernel
+def _measure(work, positions, normals, rows, hood, gaps, usual, out):  # type: ignore[no-untyped-def]
+    """Measure the cell of each row; gaps and usual : empty, or as in `measure_cells`."""
+    positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
+    distances, near, gaps, usual = borrow(hood[0]), borrow(hood[1]), borrow(gaps), borrow(usual)
+    reach, closed = borrow(out[0]), borrow(out[1])
+    polygons = np.empty((CORNERS, 3)), np.empty((CORNERS, 3))
+    tile = take(work)
+    while tile >= 0:
+        for at in range(tile * TILE, min((tile + 1) * TILE, len(reach))):
+            i = np.int64(rows[at])
+            n = triple(normals, 3 * i)
+            axes = tangents((np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
+            hood_here = distances[at], near[at]
+            corners, count, square = _cell(positions, normals, i, axes, hood_here, polygons)
+            own, ahead = np.inf, (0.0, 0.0)
+            if len(usual) > 0:
+                gap = triple(gaps, 3 * i)
+                ahead = dot(gap, axes[0]), dot(gap, axes[1])
+                own = np.float64(usual[i])
+            reach[at], closed[at] = _reach(corners, count, own, usual, ahead)
+            if len(usual) == 0:
+                closed[at] = 4.0 * square <= np.float64(distances[at, near.shape[1] - 1]) ** 2
+        tile = take(work)
+    return 0
+
+
+class Hood(NamedTuple):
+    """Neighbours of some points.
+
+    rows : (m,) int64, the points; distances : (m, k) float32, near : (m, k) int32, nearest first, themselves first
+    """
+
+    rows: NDArray[np.int64]
+    distances: NDArray[np.float32]
+    near: NDArray[np.int32]
+
+
+def measure_cells(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    hood: Hood,
+    gaps: NDArray[np.float32] | None = None,
+    usual: NDArray[np.float32] | None = None,
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """The farthest vertex of each point's Voronoi cell.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        All different.
+    normals : (n, 3) float32, unit
+    hood : Hood
+        The points that are asked about, and their neighbours.
+    gaps : (n, 3) float32, optional
+        The direction out of the surface for points on what may be a border, else zero.
+    usual : (n,) float32, optional
+        How far cells usually reach around each point. None: every vertex counts; else those that are no farther than
+        VOID (ahead of a gap, BORDER) times that, here or at one of the two points that share the vertex: there the
+        surface goes on, more sparsely.
+
+    Returns
+    -------
+    reach : (m,) float32
+        0 where no neighbour bounds the cell.
+    closed : (m,) bool
+        Without `usual`, whether more neighbours could not change the cell; else whether the surface goes on ahead.
+    """
+    reach, closed = np.empty(len(hood.rows), np.float32), np.empty(len(hood.rows), np.bool_)
+    none = np.empty(0, np.float32)
+    flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
+    tables = np.ascontiguousarray(hood.distances), np.ascontiguousarray(hood.near)
+    known = (none, none) if usual is None or gaps is None else (gaps.reshape(-1), usual)
+    run(_measure, -(-len(reach) // TILE), *flat, hood.rows, tables, *known, (reach, closed))
+    return reach, closed
