@@ -56,7 +56,7 @@ def cases(options: argparse.Namespace) -> Iterator[Case]:
     for shape in options.shapes:
         for sampling in ("vertices",) if shape in MESHES else ("even", "random"):
             for n in (0,) if shape in MESHES else options.points:
-                for noise in options.noise:
+                for noise in options.noise if options.full or n in (0, options.points[-1]) else options.noise[:1]:
                     some = settings
                     if noise == 0 and n in (0, 100_000) and SURFACE in options.surfaces:
                         some = (*settings, Setting(SURFACE, radii=WIDE))
