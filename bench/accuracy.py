@@ -126,7 +126,7 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
         surfaces, noise, rays = SURFACES, (0.0, 0.1, 0.5), 1_000_000
         points = (10_000, 30_000, 100_000, 300_000, 1_000_000)
     if options.choice:
-        points, rays = (50_000,), 100_000
+        points, rays = (20_000,), 40_000
     for name, value in (
         ("shapes", shapes),
         ("surfaces", surfaces),

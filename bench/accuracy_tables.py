@@ -47,10 +47,10 @@ def line(r: Row) -> str:
 
 def verdict_table(found: list[Verdict]) -> Table:
     """Every demand with its figure."""
-    table = Table("demand", "seen", "", box=None, header_style="bold", padding=(0, 2, 0, 0))
+    table = Table("", "demand", "seen", box=None, header_style="bold", padding=(0, 2, 0, 0))
     words = {True: "[green]met[/]", False: "[red]NOT met[/]", None: "[dim]not measured[/]"}
     for verdict in found:
-        table.add_row(verdict.demand, verdict.seen, words[verdict.met])
+        table.add_row(words[verdict.met], verdict.demand, verdict.seen)
     return table
 
 

@@ -162,10 +162,10 @@ def trace(scene: pr.Scene, cloud: Cloud, rays: Iterator[tuple[Floats, Floats]], 
     return errors
 
 
-def overlap(cloud: Cloud, radii: NDArray[np.float32]) -> float:
-    """Splats whose support holds a random place of the exact surface, mean over `PLACES` of them."""
-    places = cKDTree(cloud.truth.places(PLACES, seed=99))
-    return float(places.query_ball_point(cloud.points.positions, radii, return_length=True).sum() / PLACES)
+def overlap(places: Floats, model: pr.Model) -> float:
+    """Splats whose support holds a place of the exact surface, mean over all places."""
+    held = cKDTree(places).query_ball_point(model.points.positions, model.radii, return_length=True)
+    return float(held.sum() / len(places))
 
 
 def references(model: pr.Model) -> float:
@@ -198,6 +198,7 @@ def measure(
     """
     models = [model_of(cloud, setting) for setting in settings]
     scenes = [scene_of(model) for model in models]
+    places = cloud.truth.places(PLACES, seed=99)
     ms = frame_times(scenes, cloud.points.bounds)
     flat = [t for t, setting in zip(ms, settings, strict=True) if setting.surface == "disc" and setting.radii == AUTO]
     rows = []
@@ -205,7 +206,7 @@ def measure(
         found = trace(scene, cloud, lines(cloud.points.bounds, rays, seed), say)
         row = Row(cloud.truth.name, cloud.sampling, len(cloud.points), cloud.noise, model.surface, *_how(setting))
         _fill(row, found)
-        row.overlap, row.references = overlap(cloud, model.radii), references(model)
+        row.overlap, row.references = overlap(places, model), references(model)
         row.ms, row.cost = time_of, time_of / flat[0] if flat else np.nan
         rows.append(row)
     return rows
