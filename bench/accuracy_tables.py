@@ -40,7 +40,7 @@ def line(r: Row) -> str:
     """A row as one line under `HEAD`."""
     return (
         f"{r.shape:8}{r.sampling:>9}{r.n:>10,}{r.noise:>6g} {r.surface:>7} {r.samples:>2}{r.refine:>5} {r.radii:>8}"
-        f"{r.rays:>12,}{r.holes:>7,}{r.missed:>7,}{r.phantoms:>9,}{r.depth_rms:>10.5f}{r.depth_p99:>9.4f}"
+        f"{r.rays:>12,}{r.holes:>7,}{r.missed:>7,}{r.phantoms:>9,}{r.depth_rms:>10.3g}{r.depth_p99:>9.4f}"
         f"{r.normal_mean:>8.3f}{r.normal_p99:>7.2f}{r.overlap:>8.2f}{r.references:>6.2f}{r.ms:>7.1f}{r.cost:>6.2f}"
     )
 
@@ -119,7 +119,7 @@ def plot(path: Path, rows: list[Row]) -> bool:
     if not shapes:
         return True
     figure, axes = pyplot.subplots(
-        2, len(shapes), figsize=(1 + 2.7 * len(shapes), 6), sharex="col", sharey="row", squeeze=False
+        2, len(shapes), figsize=(1 + 2.7 * len(shapes), 6), sharex=True, sharey="row", squeeze=False
     )
     for column, shape in enumerate(shapes):
         some = [r for r in rows if r.shape == shape or (shape == "meshes" and r.shape in MESHES)]
@@ -147,11 +147,12 @@ def _curves(axis: Any, rows: list[Row], attribute: str) -> None:
             axis.plot([r.n for r in some], values, style, color=color, markersize=4, markerfacecolor=hollow)
             for r in some if sampling == "vertices" and surface == SURFACE else []:
                 axis.annotate(
-                    r.shape, (r.n, getattr(r, attribute)), (0, -12), textcoords="offset points", ha="center", fontsize=8
+                    r.shape, (r.n, getattr(r, attribute)), (0, 6), textcoords="offset points", ha="center", fontsize=8
                 )
     axis.set_xscale("log")
     axis.set_yscale("log")
-    axis.margins(x=0.15)
+    axis.xaxis.set_minor_formatter("")
+    axis.margins(x=0.12, y=0.12)
     axis.grid(True, which="major", color="#e4e4e4", linewidth=0.6)
     axis.spines[["top", "right"]].set_visible(False)
 

@@ -37,7 +37,7 @@ def verdicts(rows: Rows, surface: str) -> list[Verdict]:
 def _holes(ours: Rows, plain: Rows) -> list[Verdict]:
     solid = [r for r in plain if r.shape in SOLID]
     found: list[Verdict] = []
-    for attribute, what in (("missed", "miss"), ("holes", "miss or hit the far wall from inside")):
+    for attribute, what in (("missed", "miss"), ("holes", "miss or reach the far wall")):
         rays, lost = sum(r.rays for r in solid), sum(getattr(r, attribute) for r in solid)
         demand = f"no ray through sphere, torus, statue (no noise) may {what}"
         worst = _worst(solid, lambda r, a=attribute: getattr(r, a) / r.rays)
@@ -74,7 +74,7 @@ def _errors(
         error = lambda r, a=attribute: getattr(r, a)  # noqa: E731
         found.append(_limit(f"{where}: {name} within {limit} {unit}", some, error, limit))
         beside = [r for r in some if (r.shape, r.rays) in discs]
-        gain = lambda r, e=error: e(discs[r.shape, r.rays]) / e(r)  # noqa: E731
+        gain = lambda r, e=error: e(discs[r.shape, r.rays]) / max(e(r), 1e-12)  # noqa: E731
         found.append(_least(f"{where}: {name} {factor:g} times better than discs", beside, gain, factor))
     return found
 
@@ -82,8 +82,8 @@ def _errors(
 def _supports(rows: Rows, plain: Rows) -> list[Verdict]:
     wide = {_cloud(r): r for r in rows if r.radii == WIDE}
     pairs = [r for r in plain if _cloud(r) in wide]
-    fewer = "references a point: at most half of those with 1.25 x the distance to the 8th neighbour"
-    faster = "frame rate: at least 1.1 times that with 1.25 x the distance to the 8th neighbour"
+    fewer = "references a point: at most half of those with 1.25 x the 8th neighbour's distance"
+    faster = "frame rate: at least 1.1 times that with 1.25 x the 8th neighbour's distance"
     return [
         _limit("splats over a surface point, mean: at most 8", plain, lambda r: r.overlap, 8),
         _limit(fewer, pairs, lambda r: r.references / wide[_cloud(r)].references, 0.5),

@@ -82,7 +82,7 @@ def test_depth_of_a_ray_in_a_solid(name):
     origins, directions = next(lines(bounds, 120, 4))
     ends = np.where(np.arange(120) % 2, np.inf, np.linalg.norm(bounds[1] - bounds[0]) / 2)
     found = shape.depth(origins, directions, ends, h)
-    t = np.minimum(np.arange(0, 6, 0.004), ends[:, None])
+    t = np.minimum(np.arange(0, 6, 0.008), ends[:, None])
     exact = -pr.procedural_distance(name, origins[:, None] + t[..., None] * directions[:, None]).min(axis=1)
     assert (exact > h).sum() > 10
     clear = np.abs(exact / h - 0.5) > 0.25
