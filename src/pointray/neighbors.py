@@ -7,6 +7,7 @@ What counts more is the order: along a Morton curve both are four times as fast 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,17 @@ def neighbors(positions: Floats, k: int, queries: Floats | None = None) -> tuple
     back = np.empty_like(asked)
     back[asked] = np.arange(len(asked))
     return distances[back], order.astype(np.int32)[indices[back]]
+
+
+def neighbor_chunks(positions: Floats, k: int) -> Iterator[tuple[slice, NDArray[np.int32]]]:
+    """The k nearest of each position, a part of the rows at a time: (rows, (m, min(k, n)) int32), nearest first.
+
+    For tables too large to be held at once. Along a Morton curve only (see `morton_order`) is this fast.
+    """
+    tree = _tree(positions)
+    for start in range(0, len(positions), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        yield part, _query(tree, positions[part], min(k, len(positions)))[1]
 
 
 def _tree(positions: Floats) -> Any:
