@@ -32,7 +32,7 @@ TILE = 1024
 
 @routine
 def _least_direction(a, v):  # type: ignore[no-untyped-def]
-    """The eigenvector of the symmetric matrix a with the least eigenvalue, by Jacobi's rotations; a becomes diagonal."""
+    """The eigenvector of a symmetric matrix with the least eigenvalue, by Jacobi's rotations; a becomes diagonal."""
     for i in range(3):
         for j in range(3):
             v[i, j] = 1.0 if i == j else 0.0

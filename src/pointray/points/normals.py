@@ -14,7 +14,7 @@ from .orientation import NEAR, agreement_share, looks_inward, orient
 
 MENDING = 8  # good normals that stand in for a missing one
 UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before it is mentioned
-DISAGREE = 0.05  # share of neighbours that look to opposite sides, of normals without signs: real scans have up to 0.006
+DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are set anew: real scans have up to 0.006
 
 Floats = NDArray[np.float32]
 

@@ -12,6 +12,7 @@ clearest vote with, round after round, and the votes of what has joined are adde
 from __future__ import annotations
 
 import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +25,7 @@ Signs = NDArray[np.int8]
 NEAR = 11  # neighbours that signs pass to, the point itself first: with 7 the dragon falls into 28 groups
 PART = 4096  # points
 LEVELS = 256  # of confidence, inside of a part
-SURE = 0.95  # confidence above which two points of a part join without a vote: 2.2 to 18% of Lucy flipped at 0.5, 0.5% so
+SURE = 0.95  # confidence from which points of a part join without a vote: of Lucy 0.5% flipped, 1.8 to 22% at 0.5
 DIRECTIONS = 64  # in which the outermost points of a group are looked at
 RIM = 0.01  # share of the points that are outermost in a direction: single ones are trees, wires and strays
 UPWARD = 0.5  # how much more what looks up counts: terrain has no outside
@@ -62,7 +63,7 @@ def _climb(parent, sign, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def _join_parts(work, positions, normals, near, parent, sign):  # type: ignore[no-untyped-def]
-    """Trees of sure edges in each part, surest first; parent[i] becomes the root of i's piece, sign[i] the sign to it."""
+    """Trees of each part's sure edges, surest first; parent[i]: the root of i's piece, sign[i]: the sign to it."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     parent, sign = borrow(parent), borrow(sign)
     n, k = near.shape
@@ -127,7 +128,13 @@ def _count_votes(work, near, piece, counts):  # type: ignore[no-untyped-def]
 @kernel
 def _cast_votes(work, positions, normals, near, piece, sign, starts, pairs, votes):  # type: ignore[no-untyped-def]
     """Those edges as pairs of pieces, lower one first, with their signed confidence."""
-    positions, normals, near, piece, sign = borrow(positions), borrow(normals), borrow(near), borrow(piece), borrow(sign)
+    positions, normals, near, piece, sign = (
+        borrow(positions),
+        borrow(normals),
+        borrow(near),
+        borrow(piece),
+        borrow(sign),
+    )
     tile = take(work)
     while tile >= 0:
         t = starts[tile]
