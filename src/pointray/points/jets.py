@@ -20,8 +20,8 @@ from ..neighbors import neighbor_chunks, neighbors
 Floats = NDArray[np.float32]
 
 SIZES = (10, 16, 32)  # neighbourhoods to choose from; the point itself is one of them
-CLEAN = 0.01  # noise in spacings below which 16 are enough: on exact points 32 are chosen nowhere to advantage
-DETAIL = 0.15  # weight of squared residuals beyond the noise: 1 takes noise for detail, 0 smooths creases
+CLEAN = 0.01  # noise in spacings below which 16 are enough
+DETAIL = 0.15  # weight of squared residuals beyond the noise: 1 takes noise for detail
 WIDTH = 1.0  # weights fall to 1/e at the rim
 NOISE_SAMPLE, NOISE_SIZE = 5000, 12
 QUANTILE, AT_QUANTILE = 0.25, 0.75  # of residuals of pure noise, a quarter is below 0.75 of the mean
