@@ -5,8 +5,10 @@ from scipy.spatial import cKDTree
 from conftest import shared_model, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, morton_order, neighbors
-from pointray.points import estimate_normals, read
-from pointray.points.normals import _propagate, mend_normals
+from pointray.points import estimate_normals, procedural, read
+from pointray.points.jets import estimate_noise, fit_normals
+from pointray.points.normals import mend_normals
+from pointray.points.orientation import agree, agreement_share, looks_inward
 
 RNG = np.random.default_rng(3)
 SPHERE = sphere_points(3000)
@@ -95,10 +97,111 @@ def test_each_part_is_turned_by_itself():
 
 
 def test_signs_are_set_right_wherever_they_start():
-    near = neighbors(SPHERE, 16)[1]
+    path = SPHERE[morton_order(SPHERE)]
+    near = neighbors(path, 11)[1]
     for start in (np.ones(3000), -np.ones(3000), RNG.choice([-1, 1], 3000)):
-        start = start.astype(np.float32)
-        np.testing.assert_array_equal(_propagate(SPHERE, SPHERE * start[:, None], near), start)
+        signs, groups = agree(path, path * start[:, None].astype(np.float32), near)
+        assert (groups == 0).all()
+        assert abs((signs * start).sum()) == 3000
+
+
+def torus(n, rng):
+    """Random points of the torus of `procedural`, and their normals."""
+    u, v = rng.uniform(0, 2 * np.pi, (2, 3 * n))
+    kept = rng.uniform(0, 1.4, 3 * n) < 1 + 0.4 * np.cos(v)
+    u, v = u[kept][:n], v[kept][:n]
+    normals = np.stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)], axis=1)
+    return np.stack([np.cos(u), np.sin(u), 0 * u], axis=1) + 0.4 * normals, normals
+
+
+@pytest.mark.parametrize(("noise", "rms"), [(0, 0.05), (0.1, 1.6), (0.5, 9.0)])
+def test_quadrics_follow_a_random_torus(noise, rms):
+    """Measured 0.02, 1.2 and 6.7 degrees with 50,000 points; planes through 16 gave 0.7, 2.3 and 13."""
+    rng = np.random.default_rng(8)
+    positions, normals = torus(20_000, rng)
+    spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
+    noisy = Points(positions + noise * spacing * rng.normal(size=positions.shape))
+    angle = degrees(estimate_normals(noisy).normals, normals)
+    assert np.sqrt((angle**2).mean()) < rms
+
+
+@pytest.mark.parametrize("name", ["sphere", "torus", "lattice"])
+def test_normals_of_exact_models(name):
+    points = procedural(name, 30_000)
+    angle = degrees(estimate_normals(points).normals, points.normals)
+    assert np.sqrt((angle**2).mean()) < (4 if name == "lattice" else 0.05)
+    assert angle.max() < 60
+
+
+def cube(n, rng):
+    faces = rng.integers(0, 6, n)
+    normals = np.zeros((n, 3))
+    normals[np.arange(n), faces // 2] = faces % 2 * 2 - 1
+    return np.where(normals != 0, normals, rng.uniform(-1, 1, (n, 3))), normals
+
+
+def test_sharp_edges_stay_sharp():
+    """Measured: 2.7% of the points of a cube off by over 20 degrees; planes through 16 gave 3.8%."""
+    positions, normals = cube(20_000, np.random.default_rng(2))
+    angle = degrees(estimate_normals(Points(positions)).normals, normals)
+    assert np.median(angle) < 0.01
+    assert (angle > 20).mean() < 0.06  # 20,000 points have 1.6 times the edges of 50,000
+    assert (angle > 90).mean() < 0.002
+
+
+def test_noise_is_measured_in_spacings():
+    rng = np.random.default_rng(1)
+    positions, _ = torus(20_000, rng)
+    spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
+    levels = [estimate_noise(np.float32(positions + s * spacing * rng.normal(size=positions.shape))) for s in (0, 0.1)]
+    assert levels[0] < 0.005
+    assert 0.1 < levels[1] < 0.2  # the spacing of k neighbours is 0.56 of h
+
+
+def test_a_given_number_of_neighbors_is_used():
+    path = SPHERE[morton_order(SPHERE)]
+    for k in (3, 9, 20):
+        normals, near = fit_normals(path, k, 5)
+        assert near.shape == (3000, 5)
+        assert np.median(degrees(normals * np.sign((normals * path).sum(1))[:, None], path)) < (5 if k == 3 else 0.2)
+
+
+def test_a_thin_closed_shell_has_two_sides():
+    """Two sheets three spacings apart, joined by a rim."""
+    x, y = np.meshgrid(np.arange(100.0), np.arange(100.0))
+    z = np.full(x.size, 1.5)
+    top, bottom = np.stack([x.ravel(), y.ravel(), z], 1), np.stack([x.ravel(), y.ravel(), -z], 1)
+    rim = [np.stack([a, b, np.full(100, c)], 1) for c in (-0.5, 0.5) for a, b in _square(100)]
+    positions = np.vstack([top, bottom, *rim])
+    jitter = np.random.default_rng(0).uniform(-0.2, 0.2, (len(positions), 3)) * [1, 1, 0.02]
+    normals = estimate_normals(Points(positions + jitter)).normals
+    assert (normals[:10_000, 2] > 0).mean() > 0.999
+    assert (normals[10_000:20_000, 2] < 0).mean() > 0.999
+
+
+def _square(n):
+    along, low, high = np.arange(float(n)), np.full(n, -0.5), np.full(n, n - 0.5)
+    return (along, low), (along, high), (low, along), (high, along)
+
+
+@pytest.mark.parametrize("n", [500, 20_000])
+def test_open_ground_looks_up(n):
+    x, y = np.random.default_rng(n).uniform(-5, 5, (2, n))
+    ground = np.stack([x, y, 0.8 * np.sin(x) * np.cos(1.3 * y) - 0.05 * (x * x + y * y)], axis=1)
+    for sign in (1, -1):
+        assert (estimate_normals(Points(ground * [1, 1, sign])).normals[:, 2] > 0).all()
+
+
+def test_far_clusters_are_oriented_each():
+    positions = np.vstack([SPHERE, SPHERE + [1e6, 0, 0]])
+    normals = estimate_normals(Points(positions)).normals
+    assert degrees(normals[:3000], SPHERE).max() < 1
+    assert (degrees(normals[3000:], SPHERE) < 90).mean() > 0.95  # float32 keeps a sixteenth of a unit there
+
+
+def test_a_plane_has_its_normal():
+    positions = np.column_stack([RNG.uniform(0, 1, (5000, 2)), np.zeros(5000)])
+    np.testing.assert_allclose(estimate_normals(Points(positions)).normals, [[0, 0, 1]] * 5000, atol=1e-5)
 
 
 def test_normals_turn_to_the_viewpoint():
@@ -139,18 +242,26 @@ def test_what_cannot_be_estimated(positions, others, words):
 
 
 @pytest.mark.parametrize(
-    ("name", "viewpoint", "agree"),
+    ("name", "viewpoint", "flipped"),
     [
-        ("points/stanford_bunny.ply", None, 0.999),
-        ("points/nefertiti_50k.ply", None, 0.99),
-        ("points/tls_pumpA_rgb.ply", (0, 0, 0), 0.999),
+        ("stanford_bunny", None, 0.001),
+        ("stanford_dragon", None, 0.007),  # sheets closer than half a spacing, see ARCHITECTURE.md
+        ("stanford_lucy_50k", None, 0.01),
+        ("nefertiti_50k", None, 0.001),
+        ("tls_pumpA_rgb", (0, 0, 0), 0.02),  # fitted, and at right angles to the ray where we differ
     ],
 )
-def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, agree):
-    points = read(shared_model(name))
+def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, flipped):
+    points = read(shared_model(f"points/{name}.ply"))
     angle = degrees(estimate_normals(points, viewpoint=viewpoint).normals, points.normals)
-    assert (angle < 90).mean() > agree
-    assert np.median(angle) < 3
+    assert (angle > 90).mean() < flipped
+    assert np.median(angle) < 6
+
+
+@pytest.mark.parametrize("name", ["autzen_stadium_crop_rgb", "outcrop_qcompass_rgb"])
+def test_real_ground_looks_up(name):
+    points = read(shared_model(f"points/{name}.ply"))
+    assert (np.sum(estimate_normals(points).normals * points.normals, axis=1) > 0).mean() > 0.95
 
 
 # ---------------------------------------------------------------------------------------------------------- mend
@@ -158,7 +269,7 @@ def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, agree):
 
 def test_good_normals_are_only_normalised():
     points, message = mend_normals(Points(SPHERE, SPHERE * 10.0 ** RNG.uniform(-30, 30, (3000, 1))))
-    assert message is None
+    assert "unit length" in message
     np.testing.assert_allclose(points.normals, SPHERE, atol=1e-6)
 
 
@@ -194,3 +305,46 @@ def test_rows_without_position_need_no_normal():
     points, message = mend_normals(Points(positions, normals))
     assert message is None
     assert points.normals[4].tolist() == [0, 0, 0]
+
+
+def test_flipped_normals_are_noticed_and_used():
+    points, message = mend_normals(Points(SPHERE, -SPHERE))
+    assert "look inwards" in message and "-points.normals" in message and "\n" not in message
+    np.testing.assert_allclose(points.normals, -SPHERE, atol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_normals_without_signs_are_oriented(share):
+    normals = np.where(RNG.random((3000, 1)) < share, -SPHERE, SPHERE)
+    points, message = mend_normals(Points(np.vstack([SPHERE, SPHERE[:9]]), np.vstack([normals, -normals[:9]])))
+    assert "opposite sides" in message
+    np.testing.assert_allclose(points.normals, np.vstack([SPHERE, SPHERE[:9]]), atol=1e-6)
+
+
+def test_a_few_odd_lengths_are_mentioned():
+    normals = SPHERE.copy()
+    normals[:7] *= 3
+    points, message = mend_normals(Points(SPHERE, normals))
+    assert message.startswith("7 of 3,000 normals are not of unit length")
+    np.testing.assert_allclose(points.normals, SPHERE, atol=1e-6)
+    assert mend_normals(Points(SPHERE, 5 * SPHERE))[1] is None
+
+
+SCANS = ["stanford_bunny", "stanford_bunny_rangescans", "stanford_dragon", "stanford_dragon_stand_rangescans"]
+CLOSED = [*SCANS, "stanford_lucy_50k", "nefertiti_50k"]
+OPEN = ["potree_lion_takanawa_rgb", "outcrop_qcompass_rgb", "autzen_stadium_crop_rgb", "rgbd_kinect_chair_rgb"]
+
+
+@pytest.mark.parametrize("name", [*CLOSED, *OPEN, "tls_pumpA_rgb"])
+def test_good_normals_of_scans_cause_no_words_and_flipped_ones_do(name):
+    points = read(shared_model(f"points/{name}.ply"))
+    assert agreement_share(points.positions, points.normals) < 0.01
+    assert not looks_inward(points.positions, points.normals)
+    assert looks_inward(points.positions, -points.normals) == (name in CLOSED)
+
+
+@pytest.mark.parametrize("name", ["statue", "sphere", "torus", "lattice"])
+def test_exact_normals_cause_no_words(name):
+    points = procedural(name, 20_000)
+    assert mend_normals(points)[1] is None
+    assert "look inwards" in mend_normals(points.with_normals(-points.normals))[1]

@@ -7,6 +7,7 @@ What counts more is the order: along a Morton curve both are four times as fast 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,17 @@ class NeighborTree:
 def neighbors(positions: Floats, k: int, queries: Floats | None = None) -> tuple[Floats, NDArray[np.int32]]:
     """The k nearest positions of each query, see `NeighborTree.query`."""
     return NeighborTree(positions).query(k, queries)
+
+
+def neighbor_chunks(positions: Floats, k: int) -> Iterator[tuple[slice, NDArray[np.int32]]]:
+    """The k nearest of each position, a part of the rows at a time: (rows, (m, min(k, n)) int32), nearest first.
+
+    For tables too large to be held at once. Along a Morton curve only (see `morton_order`) is this fast.
+    """
+    tree = NeighborTree(positions)
+    for start in range(0, len(positions), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        yield part, tree.query(k, positions[part])[1]
 
 
 def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:

@@ -1,4 +1,4 @@
-"""Normals: estimated where a cloud has none, mended where some are missing."""
+"""Normals: estimated where a cloud has none, mended where some are missing or disagree."""
 
 from __future__ import annotations
 
@@ -6,33 +6,31 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from ..data import Points
-from ..neighbors import distinct, neighbors
+from ..neighbors import distinct, morton_order, neighbor_chunks, neighbors
+from .jets import fit_normals
+from .orientation import NEAR, agreement_share, looks_inward, orient
 
-NEIGHBORS = 16  # points that a plane is fitted to
 MENDING = 8  # good normals that stand in for a missing one
-PROPAGATION = 8  # of the neighbours, how many a sign may pass to
+UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before it is mentioned
+DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are set anew: real scans have up to 0.006
 
 Floats = NDArray[np.float32]
-_near = neighbors  # `neighbors` is also the name of a public parameter
-
-_CHUNK = 1 << 15
 
 
 def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: ArrayLike | None = None) -> Points:
-    """Normals of planes fitted to the nearest neighbours, turned to agree with each other.
+    """Normals of quadrics fitted to the nearest neighbours, turned to agree with each other.
 
     Parameters
     ----------
     points : Points
     neighbors : int, optional
-        How many points a plane is fitted to, the point itself included. None: 16.
+        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10, 16 or 32, by
+        the point's noise and detail.
     viewpoint : (3,) array_like, optional
         World position of the scanner: every normal is turned towards it. None: the signs pass from point to point
-        along a minimum spanning tree, from the highest point of each connected part, whose normal is turned up.
+        and from part to part; what is connected is turned outward, or up where that says nothing.
 
     Returns
     -------
@@ -46,24 +44,32 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
 
     References
     ----------
-    Hoppe, DeRose, Duchamp, McDonald, Stuetzle: Surface Reconstruction from Unorganized Points (1992), section 3.
+    Cazals, Pouget: Estimating differential quantities using polynomial fitting of osculating jets (2003).
+    Mitra, Nguyen: Estimating surface normals in noisy point cloud data (2003).
+    Koenig, Gumhold: Consistent propagation of normal orientations in point clouds (2009).
     """
-    k = NEIGHBORS if neighbors is None else neighbors
-    if k < 3:
+    if neighbors is not None and neighbors < 3:
         raise ValueError(f"a plane needs at least 3 neighbors, not {neighbors}")
     eye = None if viewpoint is None else _check_viewpoint(viewpoint) - points.origin
-    finite = np.flatnonzero(points.finite)
-    rows, places = distinct(points.positions[finite])
-    if len(rows) < 3:
-        raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(rows)} different places")
-    positions = points.positions[finite][rows]
-    _, near = _near(positions, k)
-    unit = _fit_planes(positions, near)
-    sign = _propagate(positions, unit, near) if eye is None else np.sum(unit * (eye - positions), axis=1)
+    path, places = _path(points)
+    if len(path) < 3:
+        raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
+    unit, near = fit_normals(path, neighbors, NEAR if eye is None else 1)
+    sign = orient(path, unit, near) if eye is None else np.einsum("ij,ij->i", unit, eye.astype(np.float32) - path)
     unit[sign < 0] *= -1
     normals = np.zeros_like(points.positions)
-    normals[finite] = unit[places]
+    normals[points.finite] = unit[places]
     return points.with_normals(normals)
+
+
+def _path(points: Points) -> tuple[Floats, NDArray[np.int64]]:
+    """The different places of the finite rows along a Morton curve, and for each of these rows its place."""
+    positions = points.positions[points.finite]
+    rows, places = distinct(positions)
+    order = morton_order(positions[rows])
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return positions[rows[order]], rank[places]
 
 
 def mend_normals(points: Points) -> tuple[Points, str | None]:
@@ -77,22 +83,64 @@ def mend_normals(points: Points) -> tuple[Points, str | None]:
     -------
     points : Points
         A missing normal (zero, NaN or infinite) is the mean of the good ones nearest to it; if none is good, all are
-        estimated. Rows that are not finite have the normal 0.
+        estimated. Where neighbours look to opposite sides all over, the directions are kept and the signs set anew.
+        Normals that look inwards as a whole are kept. Rows that are not finite have the normal 0.
     message : str or None
-        None: all normals were good.
+        One line; None: all normals were good.
     """
     finite = points.finite
     if points.normals is None:
         return estimate_normals(points), "the points have no normals: estimated from their neighbours"
-    unit, good = _normalise(points.normals)
-    lost = finite & ~good
-    if not (finite & good).any():
+    unit, length = _normalise(points.normals)
+    good = length > 0
+    sound = finite & good
+    if not sound.any():
         return estimate_normals(points), "all normals are zero or not finite: estimated from the points' neighbours"
-    unit[~(finite & good)] = 0
+    unit[~sound] = 0
+    said = []
+    lost = finite & ~good
     if lost.any():
-        unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(finite & good), lost)
-    message = f"{lost.sum():,} of {len(points):,} normals are zero or not finite: taken from their neighbours"
-    return points.with_normals(unit), message if lost.any() else None
+        said.append(f"{lost.sum():,} of {len(points):,} normals are zero or not finite: taken from their neighbours")
+        unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(sound), lost)
+    odd = _odd_lengths(length[sound])
+    if odd:
+        said.append(f"{odd:,} of {len(points):,} normals are not of unit length: made so")
+    share = agreement_share(points.positions[sound], unit[sound])
+    if share > DISAGREE:
+        said.append(
+            f"{100 * share:.0f}% of neighbouring normals look to opposite sides: directions kept, signs set anew "
+            "(pass viewpoint= to estimate_normals where it is known)"
+        )
+        unit = _reorient(points, unit)
+    elif looks_inward(points.positions[sound], unit[sound]):
+        said.append(
+            "the normals look inwards: used as they are; unless this is a room seen from inside, turn them with "
+            "points.with_normals(-points.normals)"
+        )
+    return points.with_normals(unit), "; ".join(said) or None
+
+
+def _odd_lengths(length: NDArray[np.float64]) -> int:
+    """How many lengths are not 1 within UNIT; 0 if all are scaled alike."""
+    usual = np.median(length)
+    if np.abs(length - usual).max() <= UNIT * usual:
+        return 0
+    return int((np.abs(length - 1) > UNIT).sum())
+
+
+def _reorient(points: Points, unit: Floats) -> Floats:
+    """The same directions with signs of their own; rows at one place look to the same side."""
+    path, places = _path(points)
+    finite = np.flatnonzero(points.finite)
+    first = np.empty(len(path), np.int64)
+    first[places[::-1]] = finite[::-1]
+    directions = unit[first]
+    near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])
+    directions *= orient(path, directions, near)[:, None]
+    out = unit.copy()
+    against = np.einsum("ij,ij->i", unit[finite], directions[places]) < 0
+    out[finite[against]] *= -1
+    return out
 
 
 def _check_viewpoint(viewpoint: ArrayLike) -> NDArray[np.float64]:
@@ -102,74 +150,18 @@ def _check_viewpoint(viewpoint: ArrayLike) -> NDArray[np.float64]:
     return eye
 
 
-def _normalise(normals: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Unit vectors, and which of them mean something."""
+def _normalise(normals: Floats) -> tuple[Floats, NDArray[np.float64]]:
+    """Unit vectors, and their lengths before; 0 where a vector means nothing."""
     wide = normals.astype(np.float64)  # no square of a float32 is too large or too small
     length = np.sqrt(np.einsum("ij,ij->i", wide, wide))
     good = np.isfinite(length) & (length > 0)
-    return (wide / np.where(good, length, 1)[:, None]).astype(np.float32), good
+    return (wide / np.where(good, length, 1)[:, None]).astype(np.float32), np.where(good, length, 0)
 
 
 def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: NDArray[np.bool_]) -> Floats:
     good = good[distinct(positions[good])[0]]  # a thousand points at one place make the search crawl
     _, near = neighbors(positions[good], MENDING, positions[lost])
     nearest = unit[good][near]
-    mean, sound = _normalise(nearest.mean(axis=1))
-    mean[~sound] = nearest[~sound, 0]  # they cancel out
+    mean, length = _normalise(nearest.mean(axis=1))
+    mean[length == 0] = nearest[length == 0, 0]  # they cancel out
     return mean
-
-
-def _fit_planes(positions: Floats, near: NDArray[np.int32]) -> Floats:
-    """The direction of least spread of each row's neighbours, (n, 3): unit, of either sign."""
-    unit = np.empty_like(positions)
-    for start in range(0, len(near), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        offsets = positions[near[part]] - positions[part, None]  # first to the point: large coordinates cancel
-        offsets -= offsets.mean(axis=1, keepdims=True)
-        spread = np.matmul(offsets.transpose(0, 2, 1), offsets).astype(np.float64)
-        unit[part] = np.linalg.eigh(spread)[1][:, :, 0]
-    return unit
-
-
-def _propagate(positions: Floats, unit: Floats, near: NDArray[np.int32]) -> NDArray[np.float32]:
-    """(n,) float32: 1, or -1 where the normal has to be turned so that neighbours agree and the tops point up."""
-    n = len(positions)
-    tree = _spanning_tree(unit, near[:, 1 : PROPAGATION + 1])
-    seeds, sign = _highest(positions, unit, connected_components(tree, directed=False)[1])
-    # One more node, tied to the seed of each part, makes one tree of all of them.
-    root = coo_array((np.ones(len(seeds)), (np.full(len(seeds), n), seeds)), shape=(n + 1, n + 1))
-    tree.resize((n + 1, n + 1))
-    _, parent = breadth_first_order(tree + root, n, directed=False)
-    parent[n] = n
-    turn = np.ones(n + 1, np.float32)
-    inner = parent[:n] < n
-    turn[:n][inner] = np.where(np.einsum("ij,ij->i", unit[inner], unit[parent[:n][inner]]) < 0, -1, 1)
-    turn[seeds] = sign
-    # The sign of a point is the product along its way to the root: each pass doubles the part that is done.
-    while (parent < n).any():
-        turn *= turn[parent]
-        parent = parent[parent]
-    return turn[:n]
-
-
-def _spanning_tree(unit: Floats, near: NDArray[np.int32]) -> Any:
-    """The tree over the neighbours whose normals differ least."""
-    n, k = near.shape
-    one, other = np.repeat(np.arange(n, dtype=np.int32), k), near.ravel()
-    differ = 1 - np.abs(np.einsum("ij,ij->i", unit[one], unit[other]))
-    weight = np.maximum(differ, 0) + np.float32(1e-6)  # 0 would be no edge
-    graph = coo_array((weight, (one, other)), shape=(n, n)).tocsr()
-    return minimum_spanning_tree(graph)  # takes an edge that is there both ways for one
-
-
-def _highest(positions: Floats, unit: Floats, part: NDArray[np.int32]) -> tuple[NDArray[Any], NDArray[np.float32]]:
-    """The highest point of each part, and the sign that turns its normal up (or out, where it lies level)."""
-    order = np.argsort(positions[:, 2], kind="stable")
-    seeds = np.empty(part.max() + 1, np.int64)
-    seeds[part[order]] = order  # the last one stays
-    count = np.bincount(part)
-    middle = np.stack([np.bincount(part, weights=column) / count for column in positions.T], axis=1)
-    out = positions[seeds] - middle
-    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-30)
-    up = np.sum(unit[seeds] * (np.array([0, 0, 1]) + 0.5 * out), axis=1)
-    return seeds, np.where(up < 0, -1, 1).astype(np.float32)

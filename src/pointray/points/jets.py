@@ -1,0 +1,281 @@
+"""Directions of normals: a quadric fitted to each point's neighbours, as many of them as the noise asks for.
+
+A quadric over the tangent plane (a jet of order 2; Cazals and Pouget 2003) follows the curvature that tilts a plane, so
+that more neighbours cost no accuracy on smooth surfaces. How many are taken is decided per point from two errors
+(after Mitra and Nguyen 2003): noise, which shrinks with their number, and the surface's detail, seen as residuals
+beyond the noise. The noise is estimated once, as a share of the spacing, from the residuals of small fits where they
+are lowest: there is no detail there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import borrow, inline, kernel, routine, run, take
+from ..neighbors import neighbor_chunks, neighbors
+
+Floats = NDArray[np.float32]
+
+SIZES = (10, 16, 32)  # neighbourhoods to choose from; the point itself is one of them
+CLEAN = 0.01  # noise in spacings below which 16 are enough
+DETAIL = 0.15  # weight of squared residuals beyond the noise: 1 takes noise for detail
+WIDTH = 1.0  # weights fall to 1/e at the rim
+NOISE_SAMPLE, NOISE_SIZE = 5000, 12
+QUANTILE, AT_QUANTILE = 0.25, 0.75  # of residuals of pure noise, a quarter is below 0.75 of the mean
+TERMS = 6  # of a quadric over two variables
+JET_LEAST = 8  # points: of fewer, a plane
+TILE = 1024
+
+
+@routine
+def _least_direction(a, v):  # type: ignore[no-untyped-def]
+    """The eigenvector of a symmetric matrix with the least eigenvalue, by Jacobi's rotations; a becomes diagonal."""
+    for i in range(3):
+        for j in range(3):
+            v[i, j] = 1.0 if i == j else 0.0
+    for turn in range(24):
+        p = 0 if turn % 3 < 2 else 1
+        q = 1 if turn % 3 == 0 else 2
+        size = a[0, 0] + a[1, 1] + a[2, 2]
+        if a[0, 1] ** 2 + a[0, 2] ** 2 + a[1, 2] ** 2 <= 1e-26 * size * size:
+            break
+        if a[p, q] == 0.0:
+            continue
+        half = (a[q, q] - a[p, p]) / (2.0 * a[p, q])
+        t = (1.0 if half >= 0.0 else -1.0) / (abs(half) + math.sqrt(half * half + 1.0))
+        c = 1.0 / math.sqrt(t * t + 1.0)
+        s = t * c
+        for k in range(3):
+            a[k, p], a[k, q] = c * a[k, p] - s * a[k, q], s * a[k, p] + c * a[k, q]
+        for k in range(3):
+            a[p, k], a[q, k] = c * a[p, k] - s * a[q, k], s * a[p, k] + c * a[q, k]
+            v[k, p], v[k, q] = c * v[k, p] - s * v[k, q], s * v[k, p] + c * v[k, q]
+    b = 1 if a[1, 1] < a[0, 0] else 0
+    if a[2, 2] < a[b, b]:
+        b = 2
+    return v[0, b], v[1, b], v[2, b]
+
+
+@routine
+def _plane(d, w, k, a, v):  # type: ignore[no-untyped-def]
+    """Normal of the plane through k weighted points."""
+    total = x = y = z = 0.0
+    for j in range(k):
+        total += w[j]
+        x += w[j] * d[j, 0]
+        y += w[j] * d[j, 1]
+        z += w[j] * d[j, 2]
+    x, y, z = x / total, y / total, z / total
+    xx = xy = xz = yy = yz = zz = 0.0
+    for j in range(k):
+        p, q, r = d[j, 0] - x, d[j, 1] - y, d[j, 2] - z
+        xx += w[j] * p * p
+        xy += w[j] * p * q
+        xz += w[j] * p * r
+        yy += w[j] * q * q
+        yz += w[j] * q * r
+        zz += w[j] * r * r
+    a[0, 0], a[1, 1], a[2, 2] = xx, yy, zz
+    a[0, 1] = a[1, 0] = xy
+    a[0, 2] = a[2, 0] = xz
+    a[1, 2] = a[2, 1] = yz
+    return _least_direction(a, v)
+
+
+@inline
+def _axes(n):  # type: ignore[no-untyped-def]
+    """Two axes of the tangent plane (Duff et al. 2017)."""
+    sign = 1.0 if n[2] >= 0.0 else -1.0
+    a = -1.0 / (sign + n[2])
+    b = n[0] * n[1] * a
+    return (1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]), (b, sign + n[1] * n[1] * a, -n[1])
+
+
+@routine
+def _solve(terms, w, k, m, x):  # type: ignore[no-untyped-def]
+    """Least squares by Cholesky: x the coefficients, m the factor below its diagonal; returns the sum of weights."""
+    total = 0.0
+    for a in range(TERMS):
+        x[a] = 0.0
+        for b in range(a + 1):
+            m[a, b] = 0.0
+    for j in range(k):
+        total += w[j]
+        for a in range(TERMS):
+            g = w[j] * terms[j, a]
+            x[a] += g * terms[j, TERMS]
+            for b in range(a + 1):
+                m[a, b] += g * terms[j, b]
+    for a in range(TERMS):
+        for b in range(a + 1):
+            s = m[a, b] + (1e-4 * total if a == b and a > 2 else 0.0)  # points on a line still have an answer
+            for c in range(b):
+                s -= m[a, c] * m[b, c]
+            m[a, b] = math.sqrt(max(s, 1e-9 * total)) if a == b else s / m[b, b]
+        for c in range(a):
+            x[a] -= m[a, c] * x[c]
+        x[a] /= m[a, a]
+    for a in range(TERMS - 1, -1, -1):
+        for c in range(a + 1, TERMS):
+            x[a] -= m[c, a] * x[c]
+        x[a] /= m[a, a]
+    return total
+
+
+@inline
+def _residual(terms, x, j):  # type: ignore[no-untyped-def]
+    r = terms[j, TERMS]
+    for a in range(TERMS):
+        r -= x[a] * terms[j, a]
+    return r
+
+
+@inline
+def _variance(m):  # type: ignore[no-untyped-def]
+    """What unit noise at unit weights does to the slope: the two entries of the inverse normal matrix."""
+    total = 0.0
+    y = (0.0, 0.0, 0.0, 0.0, 0.0)
+    for t in range(1, 3):
+        y0 = 1.0 / m[t, t]
+        y1 = -m[2, 1] * y0 / m[2, 2] if t == 1 else 0.0
+        y2 = -(m[3, t] * y0 + m[3, 2] * y1) / m[3, 3]
+        y3 = -(m[4, t] * y0 + m[4, 2] * y1 + m[4, 3] * y2) / m[4, 4]
+        y4 = -(m[5, t] * y0 + m[5, 2] * y1 + m[5, 3] * y2 + m[5, 4] * y3) / m[5, 5]
+        y = (y0, y1, y2, y3, y4)
+        for c in range(5):
+            total += y[c] * y[c]
+    return total
+
+
+@routine
+def _jet(d, k, memory):  # type: ignore[no-untyped-def]
+    """Normal, residual (in d's unit) and the slope's variance for unit residuals, of the quadric through k points.
+
+    A first fit with weights by distance, a second one in which points far off the first count less.
+    """
+    w, near, terms, x, m, a, v = memory
+    reach = math.sqrt(d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
+    for j in range(k):
+        near[j] = math.exp(-WIDTH * (d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2) / (reach * reach))
+        w[j] = near[j]
+    n = _plane(d, w, k, a, v)
+    if k < JET_LEAST:
+        return n, 0.0, 1.0
+    one, two = _axes(n)
+    for j in range(k):
+        p = (d[j, 0] * one[0] + d[j, 1] * one[1] + d[j, 2] * one[2]) / reach
+        q = (d[j, 0] * two[0] + d[j, 1] * two[1] + d[j, 2] * two[2]) / reach
+        terms[j, 0], terms[j, 1], terms[j, 2] = 1.0, p, q
+        terms[j, 3], terms[j, 4], terms[j, 5] = p * p, p * q, q * q
+        terms[j, TERMS] = (d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]) / reach
+    total = _solve(terms, w, k, m, x)
+    square = 0.0
+    for j in range(k):
+        square += w[j] * _residual(terms, x, j) ** 2
+    square = 4.0 * square / total + 1e-12
+    for j in range(k):
+        w[j] = near[j] / (1.0 + _residual(terms, x, j) ** 2 / square) ** 2
+    total = _solve(terms, w, k, m, x)
+    square = squares = 0.0
+    for j in range(k):
+        square += w[j] * _residual(terms, x, j) ** 2
+        squares += w[j] * w[j]
+    effective = total * total / squares
+    square *= effective / (total * max(effective - TERMS, 1.0))
+    g0 = n[0] - x[1] * one[0] - x[2] * two[0]
+    g1 = n[1] - x[1] * one[1] - x[2] * two[1]
+    g2 = n[2] - x[1] * one[2] - x[2] * two[2]
+    length = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
+    variance = _variance(m) * squares / total / (reach * reach)
+    return (g0 / length, g1 / length, g2 / length), reach * math.sqrt(square), variance
+
+
+@kernel
+def _fit(work, positions, rows, near, sizes, noise, out, residuals):  # type: ignore[no-untyped-def]
+    """out[i]: the normal at positions[rows[i]] of the size with the least error; residuals in spacings."""
+    positions, near, out, most = borrow(positions), borrow(near), borrow(out), near.shape[1]
+    d = np.empty((most, 3))
+    memory = (
+        np.empty(most),
+        np.empty(most),
+        np.empty((most, TERMS + 1)),
+        np.empty(TERMS),
+        np.zeros((TERMS, TERMS)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+    )
+    tile = take(work)
+    while tile >= 0:
+        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+            for j in range(most):
+                for c in range(3):
+                    d[j, c] = np.float64(positions[near[i, j], c]) - np.float64(positions[rows[i], c])
+            spacing = math.sqrt((d[most - 1, 0] ** 2 + d[most - 1, 1] ** 2 + d[most - 1, 2] ** 2) / most)
+            least = np.inf
+            for k in sizes:
+                n, residual, variance = _jet(d, k, memory)
+                excess = (residual / spacing) ** 2 - noise * noise
+                error = variance * (noise * spacing) ** 2 + DETAIL * max(excess, 0.0)
+                if error < least:
+                    least = error
+                    out[i, 0], out[i, 1], out[i, 2] = n
+                    residuals[i] = residual / spacing
+        tile = take(work)
+    return 0
+
+
+def _fit_rows(
+    positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], sizes: list[int], noise: float
+) -> tuple[Floats, Floats]:
+    out, residuals = np.empty((len(rows), 3), np.float32), np.empty(len(rows), np.float32)
+    run(_fit, -(-len(rows) // TILE), positions, rows, near, np.array(sizes), noise, out, residuals)
+    return out, residuals
+
+
+def estimate_noise(positions: Floats) -> float:
+    """How far points lie off their surface, in spacings (distance to the k-th neighbour over the root of k).
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        All different.
+    """
+    if len(positions) <= NOISE_SIZE:
+        return 0.0
+    rows = np.random.default_rng(0).permutation(len(positions))[:NOISE_SAMPLE]
+    _, near = neighbors(positions, 16, positions[rows])
+    _, residuals = _fit_rows(positions, rows, near, [NOISE_SIZE], 0.0)
+    return float(np.quantile(residuals, QUANTILE)) / AT_QUANTILE
+
+
+def fit_normals(positions: Floats, neighbors: int | None, kept: int) -> tuple[Floats, NDArray[np.int32]]:
+    """Unit normals of either sign, and the nearest neighbours that signs may pass to.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        All different, along a Morton curve.
+    neighbors : int or None
+        None: of `SIZES`, what suits the point.
+    kept : int
+        Neighbours to give back, the point itself first.
+
+    Returns
+    -------
+    normals : (n, 3) float32
+    near : (n, min(kept, n)) int32
+    """
+    n = len(positions)
+    noise = estimate_noise(positions) if neighbors is None else 0.0
+    sizes = [k for k in SIZES if k <= 16 or noise > CLEAN] if neighbors is None else [neighbors]
+    sizes = sorted({min(k, n) for k in sizes})
+    normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)
+    for part, found in neighbor_chunks(positions, max(sizes[-1], kept)):
+        rows = np.arange(part.start, part.start + len(found))
+        table = np.ascontiguousarray(found[:, : sizes[-1]])
+        normals[part], _ = _fit_rows(positions, rows, table, sizes, noise)
+        near[part] = found[:, : near.shape[1]]
+    return normals, near
