@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ..jit import borrow, inline, kernel, run, take
 from .heap import pop, push
 
-AWAY = 0.5  # cosine of the angle to the splat's normal at which a point's normal turns away
+AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many
+SMALL = 0.25  # error bounds: so wide a splat may always be, it cannot leave the bound
 MOST = 1 << 16  # points in a splat
 TILE = 256
 FIRST_ROUND, GROWTH = 200, 1.1  # a pool is grown in rounds, first a 200th of the seeds, then each 1.1 times as many
@@ -89,7 +90,7 @@ def _grow_one(cloud, seed, bounds, stamp, queue, out):  # type: ignore[no-untype
     met, mark = stamp
     (px, py, pz), (nx, ny, nz) = at(cloud.positions, seed), at(cloud.normals, seed)
     widest, spread = bounds[0] * bounds[0], 2.0 * bounds[1]
-    low = high = 0.0
+    small, low, high = (SMALL * bounds[1]) ** 2, 0.0, 0.0
     size = push(keys, rows, 0, np.float32(0.0), seed)
     met[seed] = mark
     count, last = 0, np.float32(0.0)
@@ -100,7 +101,7 @@ def _grow_one(cloud, seed, bounds, stamp, queue, out):  # type: ignore[no-untype
         a, b, c = at(cloud.normals, j)
         height = (x - px) * nx + (y - py) * ny + (z - pz) * nz
         low, high = min(low, height), max(high, height)
-        if high - low > spread or a * nx + b * ny + c * nz < AWAY:
+        if square > small and (high - low > spread or a * nx + b * ny + c * nz < AWAY):
             break
         last = square
         if cloud.border[seed] or not cloud.border[j]:  # a border is covered from the border only

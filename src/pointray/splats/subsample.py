@@ -15,9 +15,6 @@ from .borders import NEIGHBORS, find_borders
 from .cover import relax
 from .grow import Cloud, Floats, Splats, join
 from .subset import (
-    CANDIDATES,
-    SHRINK,
-    WIDEST,
     Progress,
     Subset,
     errors,
@@ -37,8 +34,12 @@ LEEWAY = 2.0  # error bound of the discs in tolerances: the blended surface foll
 MENDS = 4  # rounds of mending, at most
 ENOUGH = 1e-4  # share of points beyond the tolerance at which mending ends
 RELAXED = 0.9  # splats that the relaxation leaves, for each that was chosen
-RESERVE = 0.03  # of a wanted count: kept for mending
+COUNT_MENDS = 6  # the same for a count, of which each mending takes half of what is left
+RESERVE = 0.06  # of a wanted count: kept for mending
 ATTEMPTS = 8  # to meet a count
+MET = 0.96, 1.03  # chosen splats, once relaxed, for each that is wanted
+SAMPLE = 50_000  # points at which sizes are measured to guess the bound for a count
+DENSITY = 0.5  # splats chosen for each square of a size: 0.45 to 0.6
 FINEST = 1e-7  # of the diagonal: the least error bound that is tried for a count
 
 
@@ -166,17 +167,18 @@ def _as_many(cloud: Cloud, count: int, diagonal: float, say: Progress) -> Subset
         return fit(cloud, _single(cloud, np.arange(count), cloud.reach), diagonal * FINEST)
     splats, sizes, error = _meet(cloud, count, diagonal, say)
     say("fit", 0.0)
-    subset = fit(cloud, splats, error)
-    for k in range(MENDS):
-        spare = count - len(subset.splats.seeds)
-        if spare < 2:
+    subset, share = fit(cloud, splats, error), 0.5
+    for k in range(COUNT_MENDS):
+        number = int(share * (count - len(subset.splats.seeds)))
+        if number < 1:
             break
         ratio = worst(subset, error)
-        limit = np.partition(ratio, -(spare // 2))[-(spare // 2)] if spare // 2 < len(ratio) else ratio.min()
+        limit = np.partition(ratio, -number)[-number] if number < len(ratio) else ratio.min()
         splats, smaller = mend(cloud, subset, sizes, error, ratio / max(limit, 1e-12))
         if len(splats.seeds) > count:
-            break
-        say("fit", (k + 1) / (MENDS + 1))
+            share /= 4
+            continue
+        say("fit", (k + 1) / (COUNT_MENDS + 1))
         subset, sizes = fit(cloud, splats, error), smaller
     spare = count - len(subset.splats.seeds)
     return fit(cloud, join([subset.splats, _more(cloud, subset, spare)]), error) if spare else subset
@@ -187,23 +189,36 @@ def _meet(cloud: Cloud, count: int, diagonal: float, say: Progress) -> tuple[Spl
     goal = max(int((1 - RESERVE) * count), 1)
     say("sizes", 0.0)
     error = _guess(cloud, goal, diagonal)
-    sizes = measure(cloud, error)
+    low, high = FINEST * diagonal, diagonal  # too many splats, too few
     for k in range(ATTEMPTS):
         say("selection", k / ATTEMPTS)
+        sizes = measure(cloud, error)
         pool, rows = select_greedily(cloud, sizes, error)
         ratio = len(rows) * RELAXED / goal
-        if 0.97 < ratio < 1.01 or (ratio < 1 and len(rows) <= count and k == ATTEMPTS - 1):
+        if MET[0] < ratio < MET[1] or (error == FINEST * diagonal and len(rows) <= count):
             rows = relax(pool, cloud, rows, goal, 12, say)
-            if len(rows) <= count:
-                return pool.pick(rows), sizes, error
-            ratio = len(rows) / goal
-        error *= ratio
-        sizes = measure(cloud, error)
+        if len(rows) <= count and (ratio > MET[0] or error == FINEST * diagonal or k == ATTEMPTS - 1):
+            return pool.pick(rows), sizes, error
+        low, high = (max(low, error), high) if ratio > 1 else (low, min(high, error))
+        # The number falls with a power of the bound between -1/2 and -1 where the surface is smooth, else slower.
+        error *= ratio**1.4
+        if not low < error < high:
+            error = float(np.sqrt(low * high)) if low > FINEST * diagonal or k < ATTEMPTS // 2 else low
     raise ValueError(f"count is {count:,}: too few to cover the surface, it takes some {len(rows):,}")
 
 
 def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
-    return 0.0
+    """The error bound for a number of splats, from how large they can be at some of the points."""
+    n = len(cloud.positions)
+    some = np.zeros(n, np.bool_)
+    some[:: max(n // SAMPLE, 1)] = True
+    low, high = np.log(FINEST * diagonal), np.log(diagonal)
+    while high - low > 0.1:
+        middle = 0.5 * (low + high)
+        sizes = measure(cloud, float(np.exp(middle)), 1, some)
+        number = DENSITY * RELAXED * float(np.sum(cloud.area / np.float64(sizes) ** 2))
+        low, high = (middle, high) if number > goal else (low, middle)
+    return float(np.exp(0.5 * (low + high)))
 
 
 def _single(cloud: Cloud, rows: NDArray[Any], widths: Floats) -> Splats:

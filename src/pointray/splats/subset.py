@@ -42,11 +42,13 @@ class Subset(NamedTuple):
     bare: NDArray[np.bool_]  # (n,)
 
 
-def measure(cloud: Cloud, error: float, times: int = SCOUTS) -> Floats:
+def measure(
+    cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.bool_] | None = None
+) -> Floats:
     """How large splats may be at each point (n,): as they grow within the error bound, and graded."""
     low, high = cloud.positions.min(axis=0), cloud.positions.max(axis=0)
     widest = np.full(len(cloud.positions), WIDEST * np.linalg.norm(np.float64(high) - low), np.float32)
-    pool, reached = grow_pool(cloud, widest, error, times)
+    pool, reached = grow_pool(cloud, widest, error, times, wanted)
     sizes = widest
     sizes[pool.seeds] = reached
     return grade_sizes(cloud, sizes)
