@@ -21,7 +21,6 @@ AROUND = 8  # neighbours that tell the spacing
 FAR = 12.0  # spacings: how far a group must lie from the rest
 FEW = 1e-3  # share of the places that a group of outliers may have
 GROUP = 30  # or so many places, where that is less than a tenth of them
-LINKS = 30  # of a group's places, nearest neighbours that are looked at
 
 
 class Flaws(NamedTuple):
@@ -79,7 +78,6 @@ def _far(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
     if n <= 2 * AROUND:  # too few to say what is usual
         return far
     distances, near = neighbors(positions, AROUND + 1)
-    spacing = distances[:, 1].astype(np.float64)
     usual = float(np.median(distances[:, AROUND]))
     # Who is nearer than FAR spacings, by the greater of the two spacings around and the usual one, belongs together.
     local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), usual)
@@ -97,6 +95,5 @@ def _far(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
     gaps, nearest = neighbors(positions[rest], 1, positions[suspects])
     gap = np.full(len(sizes), np.inf)
     np.minimum.at(gap, part[suspects], gaps[:, 0] / local[rest[nearest[:, 0]]])
-    del spacing
     far[suspects] = (gap > FAR)[part[suspects]]
     return far

@@ -91,7 +91,10 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 @routine
 def _take_away(splats, over, s, cover, seen, crowd, bare):  # type: ignore[no-untyped-def]
-    """Take away splat s and up to CROWD - 1 that share points with it; returns how many, and how many points are bare."""
+    """Take away splat s and up to CROWD - 1 that share points with it.
+
+    Returns how many splats are gone, and how many points are bare.
+    """
     times, on = cover
     met, mark = seen
     crowd[0], number = s, 1

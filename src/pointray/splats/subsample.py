@@ -36,6 +36,7 @@ ENOUGH = 1e-4  # share of points beyond the tolerance at which mending ends
 RELAXED = 0.9  # splats that the relaxation leaves, for each that was chosen
 COUNT_MENDS = 6  # the same for a count, of which each mending takes half of what is left
 RESERVE = 0.06  # of a wanted count: kept for mending
+MOST_PASSES = 12  # of the relaxation, for a count
 ATTEMPTS = 8  # to meet a count
 MET = 0.96, 1.03  # chosen splats, once relaxed, for each that is wanted
 SAMPLE = 50_000  # points at which sizes are measured to guess the bound for a count
@@ -128,7 +129,7 @@ def describe_cloud(points: Points) -> Cloud:
     reach = distances[:, k]
     reach = np.minimum(reach, np.float32(STRAY) * np.median(reach[near[:, 1 : k + 1]], axis=1))
     reach = np.minimum(reach, np.float32(STRAY * np.quantile(reach, 0.99)))
-    border = np.zeros(len(positions), np.bool_)
+    border: NDArray[Any] = np.zeros(len(positions), np.bool_)
     if len(positions) > NEIGHBORS:
         border = find_borders(positions, normals, reach, near, distances[:, -1]).any(axis=1)
     area = (np.pi / k * np.float64(reach) ** 2).astype(np.float32)
@@ -196,7 +197,7 @@ def _meet(cloud: Cloud, count: int, diagonal: float, say: Progress) -> tuple[Spl
         pool, rows = select_greedily(cloud, sizes, error)
         ratio = len(rows) * RELAXED / goal
         if MET[0] < ratio < MET[1] or (error == FINEST * diagonal and len(rows) <= count):
-            rows = relax(pool, cloud, rows, goal, 12, say)
+            rows = relax(pool, cloud, rows, goal, MOST_PASSES, say).astype(np.int32)
         if len(rows) <= count and (ratio > MET[0] or error == FINEST * diagonal or k == ATTEMPTS - 1):
             return pool.pick(rows), sizes, error
         low, high = (max(low, error), high) if ratio > 1 else (low, min(high, error))

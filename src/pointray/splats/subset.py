@@ -8,7 +8,7 @@ fine detail spoils it; and centres are shifted to the middle of the heights over
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +42,7 @@ class Subset(NamedTuple):
     bare: NDArray[np.bool_]  # (n,)
 
 
-def measure(
-    cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.bool_] | None = None
-) -> Floats:
+def measure(cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.bool_] | None = None) -> Floats:
     """How large splats may be at each point (n,): as they grow within the error bound, and graded."""
     low, high = cloud.positions.min(axis=0), cloud.positions.max(axis=0)
     widest = np.full(len(cloud.positions), WIDEST * np.linalg.norm(np.float64(high) - low), np.float32)
@@ -103,7 +101,7 @@ def _heights(cloud: Cloud, surface: tuple[Floats, Floats, Floats], error: float)
     return np.clip(distances, -2 * error, 2 * error)
 
 
-def _tilted(first: Floats, normals: Floats, slope: Floats) -> Floats:
+def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) -> Floats:
     """Unit normals less the part of the slope in their planes; where that goes too far, they stay."""
     slope = slope - np.einsum("ij,ij->i", slope, normals)[:, None] * normals
     new = normals - slope
@@ -111,7 +109,7 @@ def _tilted(first: Floats, normals: Floats, slope: Floats) -> Floats:
     return np.where(np.einsum("ij,ij->i", new, first)[:, None] > STEEPEST, new, normals).astype(np.float32)
 
 
-def _shifted(seeds: Floats, positions: Floats, widths: Floats) -> Floats:
+def _shifted(seeds: Floats, positions: NDArray[np.floating[Any]], widths: Floats) -> Floats:
     """The positions, at most half a width from the seeds."""
     offsets = positions - seeds
     length = np.linalg.norm(offsets, axis=1)
