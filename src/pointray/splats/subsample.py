@@ -31,7 +31,8 @@ RANK = 8  # the neighbour that a radius reaches to where nothing can be left out
 STRAY = 4.0  # and at most this many times the usual one around it
 SHARE = 0.999  # of the points that must lie within the tolerance
 LEEWAY = 2.0  # error bound of the discs in tolerances: the blended surface follows curves, which the discs do not
-MENDS = 4  # rounds of mending, at most
+MENDS = 5  # rounds of mending, at most
+MARGIN = 0.9  # share of the tolerance at which splats are mended: rays find a little more than is foreseen
 ENOUGH = 1e-4  # share of points beyond the tolerance at which mending ends
 RELAXED = 0.9  # splats that the relaxation leaves, for each that was chosen
 COUNT_MENDS = 6  # the same for a count, of which each mending takes half of what is left
@@ -131,7 +132,7 @@ def describe_cloud(points: Points) -> Cloud:
     reach = np.minimum(reach, np.float32(STRAY * np.quantile(reach, 0.99)))
     border: NDArray[Any] = np.zeros(len(positions), np.bool_)
     if len(positions) > NEIGHBORS:
-        border = find_borders(positions, normals, reach, near, distances[:, -1]).any(axis=1)
+        border |= find_borders(positions, normals, reach, near, distances[:, -1]).any(axis=1)
     area = (np.pi / k * np.float64(reach) ** 2).astype(np.float32)
     around = np.ascontiguousarray(near[:, 1 : AROUND + 1])
     return Cloud(np.ascontiguousarray(positions), np.ascontiguousarray(normals), around, area, reach, border)
@@ -147,9 +148,9 @@ def _within(cloud: Cloud, tolerance: float, say: Progress) -> Subset:
     say("fit", 0.0)
     subset = fit(cloud, splats, tolerance)
     for k in range(MENDS):
-        if (errors(subset, tolerance) > 1).mean() <= ENOUGH:
+        if (errors(subset, MARGIN * tolerance) > 1).mean() <= ENOUGH:
             break
-        splats, sizes = mend(cloud, subset, sizes, error, worst(subset, tolerance))
+        splats, sizes = mend(cloud, subset, sizes, error, worst(subset, MARGIN * tolerance))
         say("fit", (k + 1) / (MENDS + 1))
         subset = fit(cloud, splats, tolerance)
     share = float((errors(subset, tolerance) <= 1).mean())
