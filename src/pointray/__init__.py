@@ -27,11 +27,14 @@ _HOME = {
     "Scene": "scene",
     "Settings": "picture",
     "SunLight": "shade.lights",
+    "clean": "points.cleaning",
     "estimate_normals": "points",
+    "find_flaws": "points.cleaning",
     "procedural": "points",
     "procedural_distance": "points",
     "read": "points",
     "render": "picture",
+    "subsample": "splats.subsample",
     "write": "points",
     "write_image": "image",
 }
@@ -51,12 +54,15 @@ if TYPE_CHECKING:
     from .points import procedural_distance as procedural_distance
     from .points import read as read
     from .points import write as write
+    from .points.cleaning import clean as clean
+    from .points.cleaning import find_flaws as find_flaws
     from .rays import Hits as Hits
     from .scene import Scene as Scene
     from .shade.lights import PointLight as PointLight
     from .shade.lights import SunLight as SunLight
     from .shade.materials import Diffuse as Diffuse
     from .shade.materials import Phong as Phong
+    from .splats.subsample import subsample as subsample
 
 
 def __getattr__(name: str) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 
 from .data import Points
 from .neighbors import distinct, neighbors
+from .points.cleaning import find_flaws
 
 SAMPLE = 200_000  # rows whose spacing is measured
 
@@ -16,7 +17,7 @@ SAMPLE = 200_000  # rows whose spacing is measured
 def describe(points: Points) -> dict[str, Any]:
     """What is in a cloud, and what pointray does about what is missing."""
     low, high = points.bounds
-    finite = points.positions[points.finite]
+    finite, flaws = points.positions[points.finite], find_flaws(points)
     facts: dict[str, Any] = {
         "points": len(points),
         "low": [float(x) for x in low],
@@ -28,7 +29,8 @@ def describe(points: Points) -> dict[str, Any]:
         "colors": points.colors is not None,
         "attributes": sorted(points.attributes),
         "not_finite": len(points) - len(finite),
-        "duplicates": len(finite) - len(distinct(finite)[0]),
+        "duplicates": int(flaws.duplicates.sum()),
+        "outliers": int(flaws.outliers.sum()),
     }
     missing = []
     if points.normals is None:

@@ -92,10 +92,51 @@ def _load(file: Path, options: dict[str, Any], progress: Progress) -> Any:
 
     progress.show("reading", 0.0)
     points = in_background(lambda: pr.read(file))
+    radii = _radii_in(points)
     try:
-        return in_background(lambda: pr.Model(points, **options, progress=progress.show))
+        return in_background(lambda: pr.Model(points, radii, **options, progress=progress.show))
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
+
+
+def _radii_in(points: Any) -> Any:
+    """The support radii that `prepare` has written with the points, if each has one."""
+    radii = points.attributes.get("radius")
+    if radii is None or radii.ndim != 1 or not ((radii > 0) & (radii < float("inf"))).all():
+        return None
+    return radii
+
+
+@app.command()
+def prepare(
+    file: Annotated[Path, typer.Argument(help="A scan: .ply.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply.")],
+    tolerance: Annotated[
+        str | None,
+        typer.Option(help="Leave out what the surface can spare: it stays within 0.5 (units), or 0.05% (diagonal)."),
+    ] = None,
+    count: Annotated[int | None, typer.Option(help="Leave so many points.")] = None,
+    drop_duplicates: Annotated[bool, typer.Option("--drop-duplicates", help="Of equal positions keep one.")] = False,
+    drop_outliers: Annotated[bool, typer.Option("--drop-outliers", help="Drop what lies far from the rest.")] = False,
+    estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="Replaces those there are.")] = False,
+    viewpoint: Annotated[str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it.")] = None,
+    threads: ThreadsOption = None,
+) -> None:
+    """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
+    from .prepare import prepare as work
+
+    if viewpoint is not None and not estimate_normals:
+        raise ValueError("--viewpoint is for --estimate-normals, which is not given")
+    use_threads(threads)
+    wishes = {
+        "tolerance": tolerance,
+        "count": count,
+        "drop_duplicates": drop_duplicates,
+        "drop_outliers": drop_outliers,
+        "estimate_normals": estimate_normals,
+        "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
+    }
+    print(work(file, output, wishes))
 
 
 @app.command()

@@ -1,0 +1,89 @@
+"""pointray prepare: a scan made smaller, cleaner, or given normals."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .waiting import Progress, in_background, writing
+
+
+def tolerance_of(text: str) -> tuple[float, bool]:
+    """`0.5`, or `0.05%` of the diagonal: the number, and whether it is a share."""
+    share = text.endswith("%")
+    try:
+        value = float(text.removesuffix("%"))
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise ValueError(f"--tolerance must be a positive number like 0.5, or like 0.05% of the diagonal, not {text!r}")
+    return (value / 100 if share else value), share
+
+
+def check_output(output: Path) -> None:
+    """Raise what would keep the result from being written, before the work is done."""
+    from ..points.files import check_writable
+
+    if output.suffix.lower() != ".ply":
+        raise ValueError(f"{output}: cannot write {output.suffix or 'a file without extension'}; can write .ply")
+    check_writable(output)
+
+
+def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
+    """Do what is wished for and write the result; returns a line that says what was done."""
+    from ..points.files import check_readable
+
+    tolerance = None if wishes["tolerance"] is None else tolerance_of(wishes["tolerance"])
+    if tolerance is not None and wishes["count"] is not None:
+        raise ValueError("give either --tolerance or --count, not both")
+    if wishes["count"] is not None and wishes["count"] < 1:
+        raise ValueError(f"--count must be 1 or more, not {wishes['count']}")
+    check_output(output)
+    check_readable(file)
+    import pointray as pr
+
+    with Progress() as progress:
+        progress.show("reading", 0.0)
+        points = in_background(lambda: pr.read(file))
+        try:
+            points, done = in_background(lambda: _prepared(points, tolerance, wishes, progress.show))
+        except ValueError as error:
+            raise ValueError(f"{file}: {error}") from error
+    with writing(output):
+        pr.write(output, points)
+    return f"{output}: {len(points):,} points; {', '.join(done) or 'nothing was to be done'}"
+
+
+def _prepared(points: Any, tolerance: tuple[float, bool] | None, wishes: dict[str, Any], show: Any) -> tuple[Any, Any]:
+    import pointray as pr
+
+    from ..points.cleaning import find_flaws
+
+    done = []
+    if wishes["drop_duplicates"] or wishes["drop_outliers"]:
+        show("cleaning", 0.0)
+        flaws = find_flaws(points)
+        drop = np.zeros(len(points), np.bool_)
+        for name, rows in zip(("duplicates", "outliers"), flaws, strict=True):
+            if wishes[f"drop_{name}"]:
+                drop |= rows
+                done.append(f"{int(rows.sum()):,} {name} dropped")
+        points = points.select(~drop)
+    if wishes["estimate_normals"]:
+        show("normals", 0.0)
+        points = pr.estimate_normals(points, viewpoint=wishes["viewpoint"])
+        done.append("normals estimated")
+    if tolerance is not None or wishes["count"] is not None:
+        before = len(points)
+        limit = None
+        if tolerance is not None:
+            limit = tolerance[0] * (float(np.linalg.norm(np.subtract(*points.bounds))) if tolerance[1] else 1.0)
+        points, radii = pr.subsample(points, limit, wishes["count"], progress=show)
+        points = pr.Points.about(
+            points.origin, points.positions, points.normals, points.colors, {**points.attributes, "radius": radii}
+        )
+        done.append(f"of {before:,}" + (f", within {limit:.4g}" if limit else ""))
+    return points, done

@@ -1,0 +1,99 @@
+"""Cleaning: exact duplicates and far outliers, found, reported, dropped.
+
+An outlier belongs to a group, single or small, that lies far from everything else: farther than FAR times the usual
+spacing around the nearest of the rest and of the whole cloud, and than the group is wide. Sparse parts of an uneven
+scan stay: their points are near each other for their own spacing, and many.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..data import Points
+from ..neighbors import distinct, neighbors
+
+AROUND = 8  # neighbours that tell the spacing
+FAR = 12.0  # spacings: how far a group must lie from the rest
+FEW = 1e-3  # share of the places that a group of outliers may have
+GROUP = 30  # or so many places, where that is less than a tenth of them
+
+
+class Flaws(NamedTuple):
+    """What is wrong with which rows of a cloud."""
+
+    duplicates: NDArray[np.bool_]  # (n,), a row before has the same position, bit for bit
+    outliers: NDArray[np.bool_]  # (n,), far from everything else
+
+
+def find_flaws(points: Points) -> Flaws:
+    """Duplicates and far outliers; rows that are not finite are neither.
+
+    Parameters
+    ----------
+    points : Points
+
+    Returns
+    -------
+    Flaws
+        `duplicates` and `outliers`, (n,) bool each.
+    """
+    finite = np.flatnonzero(points.finite)
+    rows, places = distinct(points.positions[finite])
+    duplicates = np.zeros(len(points), np.bool_)
+    duplicates[finite] = True
+    duplicates[finite[rows]] = False
+    outliers = np.zeros(len(points), np.bool_)
+    outliers[finite] = _far(points.positions[finite][rows])[places]
+    return Flaws(duplicates, outliers)
+
+
+def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Points:
+    """The points without exact duplicates (the first of each place stays) and without far outliers.
+
+    Parameters
+    ----------
+    points : Points
+    duplicates, outliers : bool
+        What to drop. `find_flaws` tells which rows these are.
+
+    Returns
+    -------
+    Points
+        The other rows in their order; rows that are not finite stay.
+    """
+    flaws = find_flaws(points)
+    drop = (flaws.duplicates & duplicates) | (flaws.outliers & outliers)
+    return points.select(~drop) if drop.any() else points
+
+
+def _far(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which places, all different, are outliers."""
+    n = len(positions)
+    far = np.zeros(n, np.bool_)
+    if n <= 2 * AROUND:  # too few to say what is usual
+        return far
+    distances, near = neighbors(positions, AROUND + 1)
+    usual = float(np.median(distances[:, AROUND]))
+    # Who is nearer than FAR spacings, by the greater of the two spacings around and the usual one, belongs together.
+    local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), usual)
+    most = min(max(FEW * n, GROUP), 0.1 * n)
+    link = distances[:, 1:] < FAR * local[near[:, 1:]]
+    one, other = np.repeat(np.arange(n), AROUND).reshape(n, -1)[link], near[:, 1:][link]
+    part = connected_components(coo_array((np.ones(len(one), np.int8), (one, other)), shape=(n, n)), directed=False)[1]
+    sizes = np.bincount(part)
+    suspects = np.flatnonzero(sizes[part] <= most)
+    if len(suspects) in (0, n):
+        return far
+    rest = np.flatnonzero(sizes[part] > most)
+    if len(rest) == 0:
+        return far
+    gaps, nearest = neighbors(positions[rest], 1, positions[suspects])
+    gap = np.full(len(sizes), np.inf)
+    np.minimum.at(gap, part[suspects], gaps[:, 0] / local[rest[nearest[:, 0]]])
+    far[suspects] = (gap > FAR)[part[suspects]]
+    return far

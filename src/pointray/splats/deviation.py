@@ -1,0 +1,182 @@
+"""How far points lie from the blended surface of some splats: what a subset loses.
+
+The surface is `apss`, the default of a model, with the formulas of `pointray.trace.surface`; here at the points of a
+cloud, one at a time, where rays ask four samples at once and know their voxel. A test traces both.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import borrow, inline, kernel, routine, run, take
+from ..neighbors import morton_order
+from ..vec import dot, length
+from .grow import Floats, at
+
+WIDE = 8  # boxes in a box
+BLOCK = 32  # neighbouring points that look for splats together
+TILE = 64  # blocks
+HOLLOW = 0.55  # |x - P(x)| in local radii from where on a point counts as uncovered: the trim of a model is 0.6
+
+
+class Boxes(NamedTuple):
+    """Boxes around the supports of 8 splats that lie side by side, around 8 such boxes, and so on up to one."""
+
+    low: Floats  # (m, 3), finest level first
+    high: Floats
+    heads: NDArray[np.int64]  # where each level begins, and the end
+
+
+def _box(low: Floats, high: Floats) -> Boxes:
+    lows, highs, heads = [], [], [0]
+    while True:
+        first = np.arange(0, len(low), WIDE)
+        low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
+        lows.append(low)
+        highs.append(high)
+        heads.append(heads[-1] + len(low))
+        if len(low) == 1:
+            return Boxes(np.concatenate(lows), np.concatenate(highs), np.array(heads))
+
+
+@inline
+def _apart(low, high, i, box):  # type: ignore[no-untyped-def]
+    """Whether row i of the boxes and a box do not meet."""
+    (ax, ay, az), (bx, by, bz) = at(low, i), at(high, i)
+    return (ax > box[3]) | (ay > box[4]) | (az > box[5]) | (bx < box[0]) | (by < box[1]) | (bz < box[2])
+
+
+@routine
+def _find(splats, boxes, box, stack, found):  # type: ignore[no-untyped-def]
+    """List the splats whose support meets a box (low x y z, high x y z); returns their number."""
+    centers, radii = splats[0], splats[2]
+    count, size = 0, 1
+    stack[0, 0], stack[0, 1] = 0, len(boxes.heads) - 2
+    while size > 0:
+        size -= 1
+        node, level = stack[size, 0], stack[size, 1]
+        if _apart(boxes.low, boxes.high, boxes.heads[level] + node, box):
+            continue
+        if level > 0:
+            for m in range(node * WIDE, min(node * WIDE + WIDE, boxes.heads[level] - boxes.heads[level - 1])):
+                stack[size, 0], stack[size, 1] = m, level - 1
+                size += 1
+            continue
+        for j in range(node * WIDE, min(node * WIDE + WIDE, len(radii))):
+            square = 0.0
+            for c in range(3):
+                gap = max(max(box[c] - centers[j, c], centers[j, c] - box[c + 3]), np.float32(0.0))
+                square += gap * gap
+            if square < radii[j] * radii[j]:
+                found[count] = j
+                count += 1
+    return count
+
+
+@routine
+def _evaluate(splats, near, x):  # type: ignore[no-untyped-def]
+    """f, its gradient, and |x - P| in local radii; inf where nothing reaches."""
+    centers, normals, radii = splats
+    total = inverse = qn = qq = 0.0
+    qx = qy = qz = nx = ny = nz = 0.0
+    for j in near:
+        (px, py, pz), (a, b, c) = at(centers, j), at(normals, j)
+        px, py, pz = px - x[0], py - x[1], pz - x[2]
+        square, inv = px * px + py * py + pz * pz, 1.0 / (np.float64(radii[j]) * radii[j])
+        w = max(1.0 - square * inv, 0.0)
+        w *= w
+        total, inverse, qq = total + w, inverse + w * inv, qq + w * square
+        qx, qy, qz = qx + w * px, qy + w * py, qz + w * pz
+        nx, ny, nz = nx + w * a, ny + w * b, nz + w * c
+        qn += w * (px * a + py * b + pz * c)
+    if total <= 0.0:
+        return np.inf, (0.0, 0.0, 0.0), np.inf
+    s = 1.0 / total
+    qx, qy, qz, nx, ny, nz, qn, qq = qx * s, qy * s, qz * s, nx * s, ny * s, nz * s, qn * s, qq * s
+    plane, center = qx * nx + qy * ny + qz * nz, qx * qx + qy * qy + qz * qz
+    u4 = 0.5 * (qn - plane) / max(qq - center, 0.25 * qq, 1e-300)
+    gradient = nx - 2.0 * u4 * qx, ny - 2.0 * u4 * qy, nz - 2.0 * u4 * qz
+    return u4 * (2.0 * center - qq) - plane, gradient, math.sqrt(center * inverse * s)
+
+
+@routine
+def _deviation(splats, near, x, n, close):  # type: ignore[no-untyped-def]
+    """Signed distance of x from the surface, positive outside, and |x - P| in local radii.
+
+    f over the length of its gradient; where that is more than `close`, the place along the normal n where f is zero,
+    after two secant steps: at sharp edges the first is off by factors. Where the surface is turned over, or there is
+    no such place, |x - P| is inf.
+    """
+    f, g, hollow = _evaluate(splats, near, x)
+    steep = length(g)
+    if not f < np.inf or dot(g, n) <= 0.0:
+        return np.inf, np.inf
+    away = f / steep
+    if abs(away) <= close:
+        return away, hollow
+    last, f_last = 0.0, f
+    for _ in range(2):
+        f_new, g, hollow = _evaluate(splats, near, (x[0] - away * n[0], x[1] - away * n[1], x[2] - away * n[2]))
+        if not f_new < np.inf or f_new == f_last:
+            return np.inf, np.inf
+        step = -f_new * (away - last) / (f_new - f_last)
+        last, f_last, away = away, f_new, away + step
+    if abs(away - last) > 0.5 * max(abs(last), close):
+        return np.inf, np.inf
+    return away, hollow
+
+
+@kernel
+def _survey(work, positions, normals, splats, boxes, close, out, hollow):  # type: ignore[no-untyped-def]
+    """Fill in `out` and `hollow` for every point, a block of neighbouring points at a time."""
+    positions, normals, out, hollow = borrow(positions), borrow(normals), borrow(out), borrow(hollow)
+    lent = borrow(splats[0]), borrow(splats[1]), borrow(splats[2])
+    tree = Boxes(borrow(boxes.low), borrow(boxes.high), borrow(boxes.heads))
+    found, stack = np.empty(len(lent[2]), np.int32), np.empty((16 * WIDE, 2), np.int64)
+    tile = take(work)
+    while tile >= 0:
+        for first in range(tile * TILE * BLOCK, min((tile + 1) * TILE * BLOCK, len(out)), BLOCK):
+            last = min(first + BLOCK, len(out))
+            x, y, z = positions[first:last, 0], positions[first:last, 1], positions[first:last, 2]
+            pad = 4.0 * close if close < np.inf else 0.0
+            box = (x.min() - pad, y.min() - pad, z.min() - pad, x.max() + pad, y.max() + pad, z.max() + pad)
+            count = _find(lent, tree, box, stack, found)
+            for i in range(first, last):
+                out[i], hollow[i] = _deviation(lent, found[:count], at(positions, i), at(normals, i), close)
+        tile = take(work)
+    return 0
+
+
+def deviations(
+    positions: Floats, normals: Floats, splats: tuple[Floats, Floats, Floats], close: float = np.inf
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """How far points lie from the surface of splats, and which of them it does not cover.
+
+    Parameters
+    ----------
+    positions, normals : (n, 3) float32
+        Neighbours side by side.
+    splats : (m, 3), (m, 3) and (m,) float32
+        Positions, normals and support radii.
+    close : float
+        Distances up to this are taken from f and its gradient, which is quick; larger ones along the normal.
+
+    Returns
+    -------
+    distances : (n,) float32
+        Positive outside (where the normals point); 0 where nothing covers.
+    bare : (n,) bool
+        No support reaches the point, or only rims do, or the surface there is turned over.
+    """
+    order = morton_order(splats[0])
+    sorted_splats = tuple(np.ascontiguousarray(array[order]) for array in splats)
+    reach = sorted_splats[2][:, None]
+    boxes = _box(sorted_splats[0] - reach, sorted_splats[0] + reach)
+    out, hollow = np.empty(len(positions), np.float32), np.empty(len(positions), np.float32)
+    run(_survey, -(-len(out) // (TILE * BLOCK)), positions, normals, sorted_splats, boxes, float(close), out, hollow)
+    bare: NDArray[Any] = ~(hollow <= HOLLOW)
+    return np.where(bare, np.float32(0), out), bare

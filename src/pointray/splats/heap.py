@@ -1,0 +1,39 @@
+"""A heap in two arrays, least key first: what is nearest, or covers most, comes next."""
+
+from __future__ import annotations
+
+from ..jit import routine
+
+
+@routine
+def push(keys, rows, size, key, row):  # type: ignore[no-untyped-def]
+    """Add a row with its key; returns the new size."""
+    i = size
+    while i > 0:
+        up = (i - 1) >> 1
+        if keys[up] <= key:
+            break
+        keys[i], rows[i] = keys[up], rows[up]
+        i = up
+    keys[i], rows[i] = key, row
+    return size + 1
+
+
+@routine
+def pop(keys, rows, size):  # type: ignore[no-untyped-def]
+    """Remove the first, which the caller has read; returns the new size."""
+    size -= 1
+    key, row = keys[size], rows[size]
+    i = 0
+    while True:
+        down = 2 * i + 1
+        if down >= size:
+            break
+        if down + 1 < size and keys[down + 1] < keys[down]:
+            down += 1
+        if keys[down] >= key:
+            break
+        keys[i], rows[i] = keys[down], rows[down]
+        i = down
+    keys[i], rows[i] = key, row
+    return size

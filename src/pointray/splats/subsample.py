@@ -1,0 +1,260 @@
+"""A smaller cloud for the same surface (Wu and Kobbelt 2004): under an error bound, or of a given size."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import Points
+from ..neighbors import distinct, morton_order, neighbors
+from ..points.normals import mend_normals
+from .cover import relax
+from .grow import Cloud, Floats, Splats, join
+from .radii import NEIGHBORS, choose_radii
+from .subset import (
+    Progress,
+    Subset,
+    errors,
+    fit,
+    measure,
+    mend,
+    select,
+    select_greedily,
+    worst,
+)
+
+AROUND = 12  # neighbours that a splat grows to
+RANK = 8  # the neighbour that a radius reaches to where nothing can be left out
+STRAY = 4.0  # and at most this many times the usual one around it
+SHARE = 0.999  # of the points that must lie within the tolerance
+LEEWAY = 2.0  # error bound of the discs in tolerances: the blended surface follows curves, which the discs do not
+MENDS = 5  # rounds of mending, at most
+MARGIN = 0.9  # share of the tolerance at which splats are mended: rays find a little more than is foreseen
+ENOUGH = 1e-4  # share of points beyond the tolerance at which mending ends
+RELAXED = 0.9  # splats that the relaxation leaves, for each that was chosen
+COUNT_MENDS = 6  # the same for a count, of which each mending takes half of what is left
+RESERVE = 0.06  # of a wanted count: kept for mending
+MOST_PASSES = 12  # of the relaxation, for a count
+ATTEMPTS = 8  # to meet a count
+MET = 0.96, 1.03  # chosen splats, once relaxed, for each that is wanted
+SAMPLE = 50_000  # points at which sizes are measured to guess the bound for a count
+DENSITY = 0.5  # splats chosen for each square of a size: 0.45 to 0.6
+FINEST = 1e-7  # of the diagonal: the least error bound that is tried for a count
+
+
+def subsample(
+    points: Points, tolerance: float | None = None, count: int | None = None, *, progress: Progress | None = None
+) -> tuple[Points, NDArray[np.float32]]:
+    """Fewer points, and their support radii, for the same surface.
+
+    Splats are grown under an error bound, chosen by newly covered area, relaxed until fewer do, and fitted to the
+    points that they cover. Flat parts get few and large ones, fine detail keeps its points.
+
+    Parameters
+    ----------
+    points : Points
+        Missing normals are estimated. Rows that are not finite are left out, duplicates count once.
+    tolerance : float, optional
+        The distance, in the points' unit, within which 99.9% of the points have the surface of
+        `pr.Model(*pr.subsample(...))`. A warning says so where they have not: of points that are noisier than the
+        tolerance even all together have no such surface.
+    count : int, optional
+        How many points are wanted, exactly; the error is as small as can be. Either this or the tolerance is given.
+    progress : callable, optional
+        Called with the stage's name and the share done.
+
+    Returns
+    -------
+    points : Points
+        In no order. Positions lie amid the points that each stands for, colours and attributes are their means.
+    radii : (m,) float32
+        Supports, for `pr.Model(points, radii)`.
+
+    Raises
+    ------
+    ValueError
+        If not one of tolerance and count is given, the tolerance is not between 0 and the cloud's diagonal, there are
+        fewer places than `count`, or more are needed to cover the surface at all, or all points are at one place.
+
+    References
+    ----------
+    Wu, Kobbelt: Optimized Sub-Sampling of Point Sets for Surface Splatting (Eurographics 2004).
+    """
+    _check_wishes(tolerance, count)
+    say = progress or (lambda stage, share: None)
+    say("normals", 0.0)
+    finite = np.flatnonzero(points.finite)
+    mended, message = mend_normals(points.select(finite) if len(finite) < len(points) else points)
+    if message:
+        warnings.warn(message, stacklevel=2)
+    rows = morton_order(mended.positions)
+    rows = rows[distinct(mended.positions[rows])[0]]
+    if len(rows) < 2:
+        raise ValueError(f"all {len(points):,} points are at one place: nothing says how large a splat is")
+    mended = mended.select(rows)
+    say("neighbors", 0.0)
+    cloud = describe_cloud(mended)
+    if count is not None and count > len(rows):
+        raise ValueError(f"count is {count:,}, but the points take {len(rows):,} different places only")
+    diagonal = float(np.linalg.norm(np.subtract(*mended.bounds)))
+    if tolerance is not None:
+        if tolerance > diagonal:
+            raise ValueError(f"tolerance is {tolerance:g}, more than the cloud is large (its diagonal is {diagonal:g})")
+        subset = _within(cloud, float(tolerance), say)
+    else:
+        assert count is not None
+        subset = _as_many(cloud, int(count), diagonal, say)
+    return _averaged(mended, subset), subset.radii
+
+
+def _check_wishes(tolerance: Any, count: Any) -> None:
+    if (tolerance is None) == (count is None):
+        raise ValueError("give either tolerance or count" + ("" if count is None else ", not both"))
+    if tolerance is not None:
+        number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
+        if not number or not 0 < tolerance < np.inf:
+            raise ValueError(f"tolerance must be a positive number in the points' unit, not {tolerance!r}")
+    elif isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+        raise ValueError(f"count must be a whole number, 1 or more, not {count!r}")
+
+
+def describe_cloud(points: Points) -> Cloud:
+    """Neighbours, areas and borders of points in different places, along a Morton curve, with unit normals."""
+    positions, normals = points.positions, points.normals
+    assert normals is not None
+    distances, near = neighbors(positions, NEIGHBORS + 1)
+    k = min(RANK, near.shape[1] - 1)
+    reach = distances[:, k]
+    reach = np.minimum(reach, np.float32(STRAY) * np.median(reach[near[:, 1 : k + 1]], axis=1))
+    reach = np.minimum(reach, np.float32(STRAY * np.quantile(reach, 0.99)))
+    border: NDArray[Any] = np.any(choose_radii(positions, normals, distances, near)[1], axis=1)
+    area = (np.pi / k * np.float64(reach) ** 2).astype(np.float32)
+    around = np.ascontiguousarray(near[:, 1 : AROUND + 1])
+    return Cloud(np.ascontiguousarray(positions), np.ascontiguousarray(normals), around, area, reach, border)
+
+
+def _within(cloud: Cloud, tolerance: float, say: Progress) -> Subset:
+    """Splats whose surface is within the tolerance of the points."""
+    error = LEEWAY * tolerance
+    say("sizes", 0.0)
+    sizes = measure(cloud, error)
+    say("selection", 0.0)
+    splats = select(cloud, sizes, error, say)
+    say("fit", 0.0)
+    subset = fit(cloud, splats, tolerance)
+    for k in range(MENDS):
+        if (errors(subset, MARGIN * tolerance) > 1).mean() <= ENOUGH:
+            break
+        splats, sizes = mend(cloud, subset, sizes, error, worst(subset, MARGIN * tolerance))
+        say("fit", (k + 1) / (MENDS + 1))
+        subset = fit(cloud, splats, tolerance)
+    share = float((errors(subset, tolerance) <= 1).mean())
+    if share < SHARE:
+        warnings.warn(
+            f"{share:.1%} of the points lie within {tolerance:g} of the surface, not {SHARE:.1%}: they are noisier, or "
+            "the surface is sharper, than so many points can show",
+            stacklevel=3,
+        )
+    return subset
+
+
+def _as_many(cloud: Cloud, count: int, diagonal: float, say: Progress) -> Subset:
+    """The given number of splats."""
+    if count == len(cloud.positions):
+        return fit(cloud, _single(cloud, np.arange(count), cloud.reach), diagonal * FINEST)
+    splats, sizes, error = _meet(cloud, count, diagonal, say)
+    say("fit", 0.0)
+    subset, share = fit(cloud, splats, error), 0.5
+    for k in range(COUNT_MENDS):
+        number = int(share * (count - len(subset.splats.seeds)))
+        if number < 1:
+            break
+        ratio = worst(subset, error)
+        limit = np.partition(ratio, -number)[-number] if number < len(ratio) else ratio.min()
+        splats, smaller = mend(cloud, subset, sizes, error, ratio / max(limit, 1e-12))
+        if len(splats.seeds) > count:
+            share /= 4
+            continue
+        say("fit", (k + 1) / (COUNT_MENDS + 1))
+        subset, sizes = fit(cloud, splats, error), smaller
+    spare = count - len(subset.splats.seeds)
+    return fit(cloud, join([subset.splats, _more(cloud, subset, spare)]), error) if spare else subset
+
+
+def _meet(cloud: Cloud, count: int, diagonal: float, say: Progress) -> tuple[Splats, Floats, float]:
+    """Splats, at most `count` and not many fewer, their sizes, and their error bound."""
+    goal = max(int((1 - RESERVE) * count), 1)
+    say("sizes", 0.0)
+    error = _guess(cloud, goal, diagonal)
+    low, high = FINEST * diagonal, diagonal  # too many splats, too few
+    for k in range(ATTEMPTS):
+        say("selection", k / ATTEMPTS)
+        sizes = measure(cloud, error)
+        pool, rows = select_greedily(cloud, sizes, error)
+        ratio = len(rows) * RELAXED / goal
+        if MET[0] < ratio < MET[1] or (error == FINEST * diagonal and len(rows) <= count):
+            rows = relax(pool, cloud, rows, goal, MOST_PASSES, say).astype(np.int32)
+        if len(rows) <= count and (ratio > MET[0] or error == FINEST * diagonal or k == ATTEMPTS - 1):
+            return pool.pick(rows), sizes, error
+        low, high = (max(low, error), high) if ratio > 1 else (low, min(high, error))
+        # The number falls with a power of the bound between -1/2 and -1 where the surface is smooth, else slower.
+        error *= ratio**1.4
+        if not low < error < high:
+            error = float(np.sqrt(low * high)) if low > FINEST * diagonal or k < ATTEMPTS // 2 else low
+    raise ValueError(f"count is {count:,}: too few to cover the surface, it takes some {len(rows):,}")
+
+
+def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
+    """The error bound for a number of splats, from how large they can be at some of the points."""
+    n = len(cloud.positions)
+    some = np.zeros(n, np.bool_)
+    some[:: max(n // SAMPLE, 1)] = True
+    low, high = np.log(FINEST * diagonal), np.log(diagonal)
+    while high - low > 0.1:
+        middle = 0.5 * (low + high)
+        sizes = measure(cloud, float(np.exp(middle)), 1, some)
+        number = DENSITY * RELAXED * float(np.sum(cloud.area / np.float64(sizes) ** 2))
+        low, high = (middle, high) if number > goal else (low, middle)
+    return float(np.exp(0.5 * (low + high)))
+
+
+def _single(cloud: Cloud, rows: NDArray[Any], widths: Floats) -> Splats:
+    """Splats that cover one point each."""
+    rows = rows.astype(np.int32)
+    return Splats(rows, np.arange(len(rows) + 1), rows, widths.astype(np.float32))
+
+
+def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
+    """So many splats more, at the points that are farthest from the surface, first one for each splat."""
+    splats = subset.splats
+    free = np.ones(len(cloud.positions), np.bool_)
+    free[splats.seeds] = False
+    owner = np.empty(len(free), np.int64)
+    owner[splats.members] = splats.owners
+    order = np.argsort(-errors(subset, 1.0), kind="stable")
+    order = order[free[order]]
+    first = np.zeros(len(order), np.bool_)
+    first[np.unique(owner[order], return_index=True)[1]] = True
+    rows = np.concatenate([order[first], order[~first]])[:number]
+    return _single(cloud, rows, splats.widths[owner[rows]])
+
+
+def _averaged(points: Points, subset: Subset) -> Points:
+    """The splats as points, with the means of what the points that they cover hold."""
+    splats, at = subset.splats, subset.splats.starts[:-1]
+
+    def mean(values: Floats) -> Floats:
+        rows = values[splats.members].astype(np.float64)
+        known = np.isfinite(rows)
+        number = np.add.reduceat(known, at, axis=0, dtype=np.float64)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.add.reduceat(np.where(known, rows, 0), at, axis=0) / number, np.float32)
+
+    colors = None
+    if points.colors is not None:  # the mean of squares: nearly that of light, as sRGB is nearly a square root
+        colors = np.rint(np.sqrt(mean(points.colors.astype(np.float32) ** 2))).astype(np.uint8)
+    attributes = {name: mean(values) for name, values in points.attributes.items()}
+    return Points.about(points.origin, subset.positions, subset.normals, colors, attributes)

@@ -1,0 +1,302 @@
+"""Subsampling: the traced subset against the cloud, and hostile clouds."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from conftest import shared_model, sphere_points
+from pointray.neighbors import distinct, morton_order
+from pointray.splats.cover import choose, relax
+from pointray.splats.deviation import deviations
+from pointray.splats.grow import grow
+from pointray.splats.subsample import describe_cloud
+from pointray.splats.subset import measure, select_greedily
+
+
+def diagonal(points):
+    return float(np.linalg.norm(np.subtract(*points.bounds)))
+
+
+def traced(points, subset, radii, reaches):
+    """How far the traced surface is from each point along its normal, inf where no ray finds it."""
+    scene = pr.Scene()
+    scene.add(pr.Model(subset, radii))
+    x, n = points.world, points.normals / np.linalg.norm(points.normals, axis=1, keepdims=True)
+    out = np.full(len(x), np.inf)
+    for reach in reaches:
+        for side in (1, -1):
+            hits = scene.intersect(x + side * reach * n, -side * n, 0, 2 * reach)
+            out = np.minimum(out, np.abs(hits.t - reach))
+    return out
+
+
+def grid_picked(points, count):
+    """One point a cell, the one nearest to the cell's mean, of a grid with about so many cells that hold any."""
+    x = points.positions.astype(np.float64)
+    low, high = diagonal(points) / 1e4, diagonal(points)
+    for _ in range(40):
+        cell = np.sqrt(low * high)
+        _, part = np.unique(np.floor((x - x.min(axis=0)) / cell), axis=0, return_inverse=True)
+        part = part.ravel()
+        number = part.max() + 1
+        if abs(number - count) <= 0.01 * count:
+            break
+        low, high = (cell, high) if number > count else (low, cell)
+    mean = np.stack([np.bincount(part, column) for column in x.T], axis=1) / np.bincount(part)[:, None]
+    order = np.lexsort((((x - mean[part]) ** 2).sum(axis=1), part))
+    return points.select(order[np.searchsorted(part[order], np.arange(number))])
+
+
+@pytest.fixture(scope="module")
+def statue():
+    return pr.procedural("statue", 50_000)
+
+
+def cloud_of(points):
+    rows = morton_order(points.positions)
+    return describe_cloud(points.select(rows[distinct(points.positions[rows])[0]]))
+
+
+# ------------------------------------------------------------------------------------------------- the demands
+
+
+TOLERANCES = [("statue", 50_000, 1e-3), ("torus", 30_000, 2e-4), ("sphere", 20_000, 1e-3)]
+
+
+@pytest.mark.parametrize(("name", "n", "share"), TOLERANCES)
+def test_the_traced_subset_is_within_the_tolerance(name, n, share):
+    points = pr.procedural(name, n)
+    tolerance = share * diagonal(points)
+    subset, radii = pr.subsample(points, tolerance)
+    assert len(subset) < (0.6 if name == "statue" else 0.2) * n
+    away = traced(points, subset, radii, (1.2 * tolerance, 5 * tolerance))
+    assert (away <= tolerance).mean() >= 0.999
+
+
+def test_half_the_error_of_a_grid(statue):
+    grid = grid_picked(statue, 8000)
+    subset, radii = pr.subsample(statue, count=len(grid))
+    assert len(subset) == len(radii) == len(grid)
+    reaches = np.array([2e-4, 1e-3, 5e-3]) * diagonal(statue)
+    ours, theirs = traced(statue, subset, radii, reaches), traced(statue, grid, None, reaches)
+    assert np.isinf(ours).sum() <= 0.2 * np.isinf(theirs).sum()
+    for share in (0.9, 0.99, 0.995):
+        k = int(share * len(statue))
+        assert np.sort(ours)[k] <= 0.5 * np.sort(theirs)[k]
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "share"), [("torus", 30_000, 0.1), ("sphere", 20_000, 0.1), ("statue", 50_000, 0.05)]
+)
+def test_relaxation_saves_a_tenth_and_uncovers_nothing(name, n, share):
+    """Less on the statue here, where many of 50,000 points stand for themselves; of a million a tenth."""
+    points = pr.procedural(name, n)
+    cloud, error = cloud_of(points), 0.001 * diagonal(points)
+    pool, rows = select_greedily(cloud, measure(cloud, error), error)
+    relaxed = relax(pool, cloud, rows)
+    assert len(relaxed) <= (1 - share) * len(rows)
+    for chosen in (rows, relaxed):
+        assert np.bincount(pool.pick(chosen).members, minlength=n).all()
+    assert len(relax(pool, cloud, rows, goal=len(rows) - 50)) == len(rows) - 50
+
+
+# ---------------------------------------------------------------------------------------------------- the pieces
+
+
+def test_splats_stay_within_the_error_bound_and_hold_what_is_near():
+    """Against all distances: what a splat on a smooth surface holds is what lies within its radius."""
+    cloud = cloud_of(pr.procedural("torus", 5000))
+    seeds = np.arange(0, 5000, 50, dtype=np.int32)
+    error = 0.02
+    splats, radii = grow(cloud, seeds, np.full(5000, 9, np.float32), error)
+    assert (splats.seeds == seeds).all()
+    for s, seed in enumerate(seeds):
+        members = splats.members[splats.starts[s] : splats.starts[s + 1]]
+        offsets = cloud.positions[members] - cloud.positions[seed]
+        assert np.ptp(offsets @ cloud.normals[seed]) <= 2 * error + 1e-6
+        distances = np.linalg.norm(cloud.positions - cloud.positions[seed], axis=1)
+        assert set(members) == set(np.flatnonzero(distances <= radii[s] * 1.00001))
+        assert radii[s] > 0.1  # a sphere's cap of height 0.04 and radius 0.4 is 0.17 wide
+
+
+def test_the_greedy_choice_is_the_plain_one():
+    cloud = cloud_of(pr.procedural("sphere", 2000))
+    pool, _ = select_greedily(cloud, np.full(2000, 0.2, np.float32), 0.05)
+    rows = choose(pool, cloud, np.zeros(2000, np.int32))
+    bare = np.ones(2000, bool)
+    for row in rows:
+        gains = np.add.reduceat(np.where(bare, cloud.area, 0)[pool.members], pool.starts[:-1])
+        assert gains[row] == pytest.approx(gains.max(), rel=1e-4)
+        bare[pool.members[pool.starts[row] : pool.starts[row + 1]]] = False
+    assert not bare.any()
+
+
+def test_sizes_differ_slowly_and_thin_plates_stay_apart():
+    side = np.stack(np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60)), axis=-1).reshape(-1, 2)
+    up = np.column_stack([side, np.zeros(3600)])
+    x = np.concatenate([up, up - [0, 0, 0.03]])
+    n = np.repeat([[0, 0, 1.0], [0, 0, -1.0]], 3600, axis=0)
+    points = pr.Points(x, n)
+    subset, radii = pr.subsample(points, 0.005)
+    away = traced(points, subset, radii, (0.006, 0.02))
+    assert (away <= 0.005).mean() >= 0.99  # but for the plates' rims
+    assert set(np.sign(subset.normals[:, 2])) == {-1, 1}
+
+
+def test_distances_are_those_of_the_traced_surface(statue):
+    model = pr.Model(statue)
+    rng = np.random.default_rng(2)
+    rows = rng.permutation(len(statue))[:3000]
+    n = statue.normals[rows]
+    shift = 0.2 * model.radii[rows] * rng.uniform(-1, 1, 3000)
+    places = (statue.positions[rows] + shift[:, None] * n).astype(np.float32)
+    splats = statue.positions, statue.normals, model.radii
+    found, bare = deviations(places, n, splats, 1e-6)
+    away = traced(pr.Points(places, n), statue, model.radii, (np.float64(0.01),))
+    good = ~bare & np.isfinite(away)
+    assert good.mean() > 0.95
+    assert np.quantile(np.abs(np.abs(found) - away)[good], 0.98) < 1e-3 * np.median(model.radii)
+
+
+# ---------------------------------------------------------------------------------------------- what is kept
+
+
+def test_colours_and_attributes_are_means_and_nan_is_left_out():
+    x = sphere_points(5000)
+    heat = x[:, 2].copy()
+    heat[::3] = np.nan
+    lost = np.full(5000, np.nan, np.float32)
+    points = pr.Points(x, x, np.full((5000, 3), 77, np.uint8), {"heat": heat, "lost": lost, "two": x[:, :2]})
+    subset, _ = pr.subsample(points, count=500)
+    assert (subset.colors == 77).all()
+    assert np.isnan(subset.attributes["lost"]).all()
+    known = np.isfinite(subset.attributes["heat"])
+    assert known.mean() > 0.9
+    assert np.abs(subset.attributes["heat"] - subset.positions[:, 2])[known].max() < 0.15
+    assert subset.attributes["two"].shape == (500, 2)
+
+
+def test_the_same_whatever_the_order_of_threads(statue, monkeypatch):
+    results = []
+    for threads in ("1", "2"):
+        monkeypatch.setenv("POINTRAY_THREADS", threads)
+        results.append(pr.subsample(statue, 0.005))
+    assert np.array_equal(results[0][0].positions, results[1][0].positions)
+    assert np.array_equal(results[0][1], results[1][1])
+
+
+def test_large_coordinates_and_other_units():
+    points = pr.procedural("torus", 5000)
+    small, radii = pr.subsample(points, count=400)
+    far = pr.Points(points.world * 100 + [5e6, -4e6, 0], points.normals)
+    large, wide = pr.subsample(far, count=400)
+    assert np.median(wide) == pytest.approx(100 * np.median(radii), rel=0.1)
+    assert np.linalg.norm(large.bounds - (small.bounds * 100 + [5e6, -4e6, 0]), axis=1).max() < 20
+
+
+# --------------------------------------------------------------------------------------------------- bad input
+
+SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
+
+
+@pytest.mark.parametrize(
+    ("wishes", "words"),
+    [
+        ({}, "either tolerance or count"),
+        ({"tolerance": 1, "count": 5}, "not both"),
+        ({"tolerance": -1}, "positive"),
+        ({"tolerance": 0}, "positive"),
+        ({"tolerance": np.nan}, "positive"),
+        ({"tolerance": "a"}, "positive"),
+        ({"tolerance": 100.0}, "diagonal"),
+        ({"count": 0}, "1 or more"),
+        ({"count": 2.5}, "whole number"),
+        ({"count": 2001}, "2,000 different places"),
+    ],
+)
+def test_wishes_that_make_no_sense(wishes, words):
+    with pytest.raises(ValueError, match=words):
+        pr.subsample(SPHERE, **wishes)
+
+
+def test_one_place_only():
+    with pytest.raises(ValueError, match="one place"):
+        pr.subsample(pr.Points(np.ones((9, 3)), np.ones((9, 3))), 0.1)
+
+
+def clouds():
+    rng = np.random.default_rng(5)
+    flat = np.column_stack([rng.random((3000, 2)), np.zeros(3000)])
+    up = np.tile([0, 0, 1.0], (3000, 1))
+    line = np.column_stack([np.linspace(0, 1, 500), np.zeros((500, 2))])
+    ball = sphere_points(1500)
+    nan = np.where(np.arange(3000)[:, None] % 100 == 0, np.nan, flat)
+    return {
+        "plane": pr.Points(flat, up),
+        "line": pr.Points(line, up[:500]),
+        "two clusters": pr.Points(np.concatenate([ball, ball + 1e5]), np.concatenate([ball, ball])),
+        "duplicates": pr.Points(np.repeat(flat[:600], 5, axis=0), up),
+        "nan": pr.Points(nan, up),
+        "few": pr.Points(flat[:5], up[:5]),
+        "two": pr.Points(flat[:2], up[:2]),
+        "noise": pr.Points(rng.random((2000, 3)), rng.normal(size=(2000, 3))),
+        "stray": pr.Points(np.concatenate([ball, [[1e6, 0, 0]]]), np.concatenate([ball, [[1, 0, 0]]])),
+    }
+
+
+@pytest.mark.parametrize("name", clouds())
+@pytest.mark.parametrize("share", [1e-9, 1e-2, 0.9])
+def test_strange_clouds(name, share):
+    points = clouds()[name]
+    size = diagonal(points.select(points.finite))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        subset, radii = pr.subsample(points, share * size)
+    assert 1 <= len(subset) <= len(points) and radii.shape == (len(subset),)
+    assert (radii > 0).all() and np.isfinite(subset.positions).all() and np.isfinite(radii).all()
+    pr.Model(subset, radii)
+
+
+@pytest.mark.parametrize("count", [1, 10, 500, 1990, 2000])
+def test_counts(count):
+    try:
+        subset, radii = pr.subsample(SPHERE, count=count)
+    except ValueError as error:
+        assert count <= 10 and "too few" in str(error)
+        return
+    assert len(subset) == len(radii) == count
+
+
+def test_a_plane_has_no_holes_up_to_its_border():
+    n = 70
+    side = np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2) / n
+    points = pr.Points(np.column_stack([side, np.zeros(n * n)]), np.tile([0, 0, 1.0], (n * n, 1)))
+    subset, radii = pr.subsample(points, 0.002)
+    assert len(subset) < 0.25 * n * n
+    assert np.isfinite(traced(points, subset, radii, (0.002,))).mean() > 0.999
+
+
+@pytest.mark.long
+def test_the_statue_of_the_paper():
+    """A million points: within the tolerance, and 32,000 of them better than a grid's."""
+    points = pr.procedural("statue", 1_000_000)
+    tolerance = 5e-4 * diagonal(points)
+    subset, radii = pr.subsample(points, tolerance)
+    assert len(subset) < 30_000
+    cloud = cloud_of(points)
+    pool, rows = select_greedily(cloud, measure(cloud, 2 * tolerance), 2 * tolerance)
+    assert len(relax(pool, cloud, rows)) <= 0.9 * len(rows)
+    assert (traced(points, subset, radii, (1.2 * tolerance, 5 * tolerance)) <= tolerance).mean() >= 0.999
+    subset, radii = pr.subsample(points, count=32_000)
+    assert len(subset) == 32_000
+
+
+@pytest.mark.parametrize("name", ["stanford_bunny"])
+def test_a_scan(name):
+    points = pr.read(shared_model(f"points/{name}.ply"))
+    tolerance = 1e-3 * diagonal(points)
+    subset, radii = pr.subsample(points, tolerance)
+    assert len(subset) < 0.3 * len(points)
+    assert (traced(points, subset, radii, (1.2 * tolerance, 5 * tolerance)) <= tolerance).mean() >= 0.999
