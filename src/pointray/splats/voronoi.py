@@ -18,10 +18,8 @@ from ..vec import dot, sub, tangents, triple
 
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
 OTHER_SHEET = math.cos(math.radians(145))  # and as two sheets
-# Gaps up to VOID times as wide as usual are closed: the widest of a million random points are 2.7 times. On what may be
-# an open border, those up to BORDER times, unless one of the points around lies straight ahead.
-VOID, BORDER = 3.0, 1.3
-AHEAD = math.cos(math.radians(60))
+BORDER = 1.3  # so many times as wide as usual may a gap be where the surface may end, unless a point lies ahead
+AHEAD = math.cos(math.radians(60))  # within which it does
 CORNERS = 64  # of a polygon; more neighbours than that never bound a cell
 TILE = 2048
 
@@ -114,11 +112,11 @@ def _mirror(corners, k, after):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _reach(corners, count, own, usual, ahead):  # type: ignore[no-untyped-def]
+def _reach(corners, count, own, usual, void, ahead):  # type: ignore[no-untyped-def]
     """Distance to the farthest vertex that counts, and whether the surface goes on ahead of a gap.
 
-    own : how far cells usually reach around the point; ahead : direction of the gap, or zero. A side without a vertex
-    that counts has one point, the one closest to the origin.
+    own : how far cells usually reach around the point; void : in these, the widest gap that is closed; ahead : a gap's
+    direction, or zero. A side without a vertex that counts has one point, the one closest to the origin.
     """
     within, beyond, closed, facing = 0.0, 0.0, True, False
     for k in range(count):
@@ -128,18 +126,18 @@ def _reach(corners, count, own, usual, ahead):  # type: ignore[no-untyped-def]
         one, other = np.int64(corners[last, 2]), np.int64(corners[k, 2])
         if other >= 0:
             b, here = _mirror(corners, k, after)
-            beyond = max(beyond, min(here, VOID * own))
+            beyond = max(beyond, min(here, void * own))
             within = max(within, min(here, BORDER * own))
         outward = x * ahead[0] + y * ahead[1] > 0.0
         if one >= 0 and other >= 0:
             if len(usual) > 0:
                 at = max(at, np.float64(usual[one]), np.float64(usual[other]))
-            if distance <= VOID * at:
+            if distance <= void * at:
                 beyond = max(beyond, distance)
                 lead = b[0] * ahead[0] + b[1] * ahead[1]
                 facing = facing or (outward and lead > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1]))
             if distance <= BORDER * at or not outward:
-                within = max(within, min(distance, VOID * at))
+                within = max(within, min(distance, void * at))
             else:
                 closed = False
         elif outward:
@@ -149,10 +147,10 @@ def _reach(corners, count, own, usual, ahead):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _measure(work, positions, normals, rows, hood, gaps, usual, out):  # type: ignore[no-untyped-def]
-    """Measure the cell of each row; gaps and usual : empty, or as in `measure_cells`."""
+def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[no-untyped-def]
+    """Measure the cell of each row; known : gaps and usual, empty or as in `measure_cells`, and void."""
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
-    distances, near, gaps, usual = borrow(hood[0]), borrow(hood[1]), borrow(gaps), borrow(usual)
+    distances, near, gaps, usual = borrow(hood[0]), borrow(hood[1]), borrow(known[0]), borrow(known[1])
     reach, closed = borrow(out[0]), borrow(out[1])
     polygons = np.empty((CORNERS, 3)), np.empty((CORNERS, 3))
     tile = take(work)
@@ -168,7 +166,7 @@ def _measure(work, positions, normals, rows, hood, gaps, usual, out):  # type: i
                 gap = triple(gaps, 3 * i)
                 ahead = dot(gap, axes[0]), dot(gap, axes[1])
                 own = np.float64(usual[i])
-            reach[at], closed[at] = _reach(corners, count, own, usual, ahead)
+            reach[at], closed[at] = _reach(corners, count, own, usual, known[2], ahead)
             if len(usual) == 0:
                 closed[at] = 4.0 * square <= np.float64(distances[at, near.shape[1] - 1]) ** 2
         tile = take(work)
@@ -192,6 +190,7 @@ def measure_cells(
     hood: Hood,
     gaps: NDArray[np.float32] | None = None,
     usual: NDArray[np.float32] | None = None,
+    void: float = np.inf,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The farthest vertex of each point's Voronoi cell.
 
@@ -206,8 +205,10 @@ def measure_cells(
         The direction out of the surface for points on what may be a border, else zero.
     usual : (n,) float32, optional
         How far cells usually reach around each point. None: every vertex counts; else those that are no farther than
-        VOID (ahead of a gap, BORDER) times that, here or at one of the two points that share the vertex: there the
+        `void` (ahead of a gap, BORDER) times that, here or at one of the two points that share the vertex: there the
         surface goes on, more sparsely.
+    void : float
+        Gaps up to so many times as wide as usual are closed.
 
     Returns
     -------
@@ -220,6 +221,6 @@ def measure_cells(
     none = np.empty(0, np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
     tables = np.ascontiguousarray(hood.distances), np.ascontiguousarray(hood.near)
-    known = (none, none) if usual is None or gaps is None else (gaps.reshape(-1), usual)
-    run(_measure, -(-len(reach) // TILE), *flat, hood.rows, tables, *known, (reach, closed))
+    known = (none, none, void) if usual is None or gaps is None else (gaps.reshape(-1), usual, void)
+    run(_measure, -(-len(reach) // TILE), *flat, hood.rows, tables, known, (reach, closed))
     return reach, closed
