@@ -16,6 +16,7 @@ import numpy as np
 
 import pointray as pr
 from pointray.records import Tree
+from pointray.splats import sheets
 from pointray.tree.build import LEAF_WIDTH, Splats, build_tree
 
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.2, 1.0, -0.3), (0.1, 0.2, 1.0))
@@ -32,12 +33,19 @@ def splats_of(model: pr.Model) -> Splats:
         rows,
         None,
         borders_of(model.tree),
+        sheets_of(model.tree),
     )
 
 
 def borders_of(tree: Tree) -> np.ndarray | None:
     """The way out of the border of each splat, if there is one."""
     return np.float32(tree.borders.reshape(-1, 3)[tree.order >= 0]) / 127 if tree.borders.size else None
+
+
+def sheets_of(tree: Tree) -> np.ndarray | None:
+    """Which side of two sheets each splat is on."""
+    sides = np.sign(tree.facing.reshape(-1, 3) @ sheets.SIDES).astype(np.int8)
+    return np.repeat(sides, 4)[tree.order >= 0] if tree.facing.size else None
 
 
 def rebuilt(model: pr.Model, **changes: object) -> pr.Model:

@@ -30,7 +30,7 @@ class Twin(NamedTuple):
 def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
     """(f, |x - P|, local radius, border splats' share of the weight, distance out of them) at x; NaN without support.
 
-    splats : rows x y z nx ny nz r, and the way out of the border x y z
+    splats : rows x y z nx ny nz r, the way out of the border x y z, and the way its block faces of two sheets x y z
     """
     w_sum, r_sum, b_sum, out, qn, qq = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     q, n = np.zeros(3), np.zeros(3)
@@ -43,9 +43,9 @@ def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
         w = (1.0 - square / (s[6] * s[6])) ** 2
         w_sum += w
         r_sum += w * s[6] * s[6]
-        if (s[7:] != 0.0).any():
+        if (s[7:10] != 0.0).any():
             b_sum += w
-            out -= w * (d * s[7:]).sum()
+            out -= w * (d * s[7:10]).sum()
         q += w * d
         n += w * s[3:6]
         qn += w * (d * s[3:6]).sum()
@@ -80,7 +80,7 @@ def bisect(splats, chosen, count, ray, ends, kind):  # type: ignore[no-untyped-d
 @kernel
 def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-untyped-def]
     """Step along each ray; out : t, radius, doubtful."""
-    kind, trim, overhang, border_share = settings
+    kind, trim, overhang, border_share, way = settings
     t_out, radius_out, doubtful = out
     chosen, near, far = np.empty(len(splats), np.int64), np.empty(len(splats)), np.empty(len(splats))
     i = take(work)
@@ -91,7 +91,8 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
             x, y, z = splats[k, 0] - o[0], splats[k, 1] - o[1], splats[k, 2] - o[2]
             along = x * d[0] + y * d[1] + z * d[2]
             rest = splats[k, 6] ** 2 - (x * x + y * y + z * z - along * along)
-            if rest > 0.0 and along + splats[k, 6] > 0.0:
+            seen = way * (splats[k, 10] * d[0] + splats[k, 11] * d[1] + splats[k, 12] * d[2]) <= 0.0
+            if seen and rest > 0.0 and along + splats[k, 6] > 0.0:
                 chosen[count] = k
                 near[count], far[count] = along - math.sqrt(rest), along + math.sqrt(rest)
                 smallest = min(smallest, splats[k, 6])
@@ -138,7 +139,8 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
                     doubtful[i] = True
                 if share > border_share - 0.02 and out > (overhang - 0.02) * local:
                     doubtful[i] = doubtful[i] or share < border_share + 0.02 or out < (overhang + 0.02) * local
-                if offset <= trim * local and not over and abs(value) <= 0.05 * local:
+                other = way != 0.0 and (f < 0.0) != (way > 0.0)  # of two sheets the one not sought
+                if offset <= trim * local and not over and not other and abs(value) <= 0.05 * local:
                     if at - last_cross < 0.5 * local:
                         doubtful[i] = True
                     t_out[i], radius_out[i], found = at, local, at
@@ -158,14 +160,24 @@ def walk(model, origins, directions):  # type: ignore[no-untyped-def]
     """Twin of the closest hit of world rays (n, 3) with one model at its place; unit directions."""
     tree = model.tree
     used = tree.order >= 0
-    splats = np.zeros((used.sum(), 10))
+    splats = np.zeros((used.sum(), 13))
     splats[:, :7] = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used]
     splats[:, 6] = 1 / np.sqrt(splats[:, 6])
     if tree.borders.size:
-        splats[:, 7:] = tree.borders.reshape(-1, 3)[used] / 127
+        splats[:, 7:10] = tree.borders.reshape(-1, 3)[used] / 127
+    if not tree.facing.size:
+        return _walk_one(model, splats, origins, directions, 0.0)
+    splats[:, 10:] = np.repeat(tree.facing.reshape(-1, 3), 4, axis=0)[used]
+    toward, away = (_walk_one(model, splats, origins, directions, way) for way in (1.0, -1.0))
+    first = (toward.t <= away.t)[:, None]
+    return Twin(*(np.where(first[:, 0], a, b) for a, b in zip(toward, away, strict=True)))
+
+
+def _walk_one(model, splats, origins, directions, way):  # type: ignore[no-untyped-def]
+    """`walk` for the sheets that face the ray (way 1) or face away (-1), or all (0)."""
     n = len(origins)
     twin = Twin(np.empty(n), np.empty(n), np.zeros(n, np.bool_))
     trims = float(model.settings.trim), float(model.settings.overhang)
-    settings = (KINDS[model.surface], *trims, float(BORDER_SHARE))
+    settings = (KINDS[model.surface], *trims, float(BORDER_SHARE), way)
     run(_walk, n, splats, np.ascontiguousarray(origins - model.points.origin), directions, settings, tuple(twin))
     return twin

@@ -257,3 +257,38 @@ def test_a_step_of_density_is_no_border():
     scene, _ = scene_of(pr.Points(x, np.tile([0, 0, 1.0], (len(x), 1))))
     at = np.column_stack([RNG.uniform(-0.2, 0.2, 50_000), RNG.uniform(-0.9, 0.9, 50_000), np.ones(50_000)])
     assert np.isfinite(scene.intersect(at, [0, 0, -1.0]).t).all()
+
+
+@pytest.mark.parametrize("sampling", ["even", "random"])
+@pytest.mark.parametrize("gap", [0.5, 1.0, 2.0, 3.0])
+def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap):
+    """A wall half a spacing thick to three: from both sides, down to 10 degrees above it, and from within."""
+    n = 10_000
+    h = 1 / np.sqrt(n)
+    x = [RNG.uniform(size=(n, 2)), RNG.uniform(size=(n, 2))]
+    if sampling == "even":
+        grid = np.stack(np.meshgrid(np.arange(100), np.arange(100)), -1).reshape(-1, 2) + 0.5
+        x = [(grid + RNG.uniform(-0.25, 0.25, (n, 2))) / 100 for _ in range(2)]
+    top, below = (np.column_stack([xy, np.full(n, z)]) for xy, z in zip(x, (0, -gap * h), strict=True))
+    normals = np.repeat([[0, 0, 1.0], [0, 0, -1.0]], n, axis=0)
+    scene, _ = scene_of(pr.Points(np.concatenate([top, below]), normals, RNG.uniform(size=(2 * n, 3))))
+    for angle in (0, 45, 80):
+        for side in (1, -1):
+            place = np.column_stack(
+                [RNG.uniform(0.25, 0.75, (20_000, 2)), np.full(20_000, 0 if side > 0 else -gap * h)]
+            )
+            turn, lean = RNG.uniform(0, 2 * np.pi, 20_000), np.radians(angle)
+            d = np.column_stack(
+                [np.sin(lean) * np.cos(turn), np.sin(lean) * np.sin(turn), 0 * turn - side * np.cos(lean)]
+            )
+            hits = scene.intersect(place - 0.1 * d, d)
+            wrong = ~(hits.normal[:, 2] * side > 0.9) | (np.abs(hits.position[:, 2] - place[:, 2]) > 0.05 * h)
+            assert wrong.mean() < (2e-3 if angle == 80 else 1e-4)
+            sheet = np.where(hits.point < n, 1, -1)
+            assert (sheet == side)[~wrong].mean() > 0.999
+    if gap >= 1:
+        for side in (1, -1):
+            hits = scene.intersect(
+                np.column_stack([place[:, :2], np.full(20_000, -0.5 * gap * h)]), [0, 0, float(side)]
+            )
+            assert (hits.normal[:, 2] * side > 0.9).mean() > 0.999

@@ -14,6 +14,7 @@ from .neighbors import distinct, neighbors
 from .points import normals as point_normals
 from .records import SURFACES, Tree
 from .splats.radii import NEIGHBORS, check_radii, choose_radii
+from .splats.sheets import find_sheets
 from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
@@ -90,17 +91,21 @@ class Model:
         rows, places = distinct(cloud.positions)
         sites = cloud.positions[rows], normals[rows]
         chosen = np.empty(0, np.float32) if given is None else given[used] * np.float32(scale)
-        borders = None
-        if given is None or (trim == "auto" and surface != "disc" and len(rows) > NEIGHBORS):
-            small, ends = choose_radii(*sites, *neighbors(sites[0], NEIGHBORS + 1))
+        borders, sheets = None, None
+        if given is None or (trim == "auto" and surface != "disc"):
+            hood = neighbors(sites[0], NEIGHBORS + 1)
+            small, ends = choose_radii(*sites, *hood)
             chosen = small[places] * np.float32(scale) if given is None else chosen
             if self.settings.overhang < np.inf and len(rows) > NEIGHBORS:
                 tight = (chosen[rows] < TIGHT * small).mean() > TIGHT_SHARE
                 self.settings, borders = self.settings._replace(trim=LOOSE_TRIM if tight else TRIM), ends[places]
+                if self.surface != "paper":
+                    sides = find_sheets(*sites, chosen[rows], hood[1])
+                    sheets = None if sides is None else sides[places]
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
         self.radii[used] = chosen
         _check_size(chosen)
-        splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders)
+        splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders, sheets)
         if np.bincount(places).max() > CROWD:
             splats = _thinned(splats, places)
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))

@@ -36,6 +36,7 @@ STEP = 11  # distance of the samples along a ray
 RADIUS = 12  # mean support radius of the splats over the voxel
 LEAST = 13  # least support radius over the voxel and around it, see `tree/cells.py`
 BORDERED = 14  # 1 where one of them lies on an open border
+SHEETED = 15  # 1 where one of them belongs to two sheets that face away from each other
 
 # A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.
 WIDTH = 8
@@ -70,6 +71,8 @@ class Tree(NamedTuple):
     order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
     borders : (blocks * 4 * 3,) int8, for a splat on an open border the direction out of the surface (unit, in 127ths),
         else zero; or length 0: none is
+    facing : (blocks * 3,) int8, for a block of splats with another sheet close by the mean normal (unit, in 127ths),
+        else zero; or length 0: there is none
     colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; or length 0: the points have none
     """
 
@@ -83,6 +86,7 @@ class Tree(NamedTuple):
     blocks: Array
     order: Array
     borders: Array
+    facing: Array
     colors: Array
 
 
@@ -111,7 +115,8 @@ def tree_at(table, model):  # type: ignore[no-untyped-def]
         array_at(table[i + 14], table[i + 15], _F32),
         array_at(table[i + 16], table[i + 17], _I32),
         array_at(table[i + 18], table[i + 19], _I8),
-        array_at(table[i + 20], table[i + 21], _I32),
+        array_at(table[i + 20], table[i + 21], _I8),
+        array_at(table[i + 22], table[i + 23], _I32),
     )
 
 

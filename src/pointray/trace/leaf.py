@@ -20,11 +20,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import BORDERED, DISC, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM, Hit
+from ..records import BORDERED, DISC, LEAF, LEAST, OVERHANG, REFINE, SHEETED, STEP, SURFACE, TRIM, Hit
 from ..scratch import COUNT_NEAR, COUNT_PART
 from ..simd import bits, lane, lowest, quarters, shift_quarter, spread16, vabs, vmax, vmin
 from .disc import search_discs
-from .near import gather_near
+from .near import gather_near, keep_sheet
 from .root import FIRST_LANES, INF, crossing, evaluate, least_weight, look_into, means_at, means_between
 from .surface import HALF, NAN, ONE, TWO, ZERO, local_radius, normal, offset, overhang, value
 
@@ -39,8 +39,11 @@ CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into withou
 
 
 @inline
-def accept(tree, scratch, frame, leaf, at):  # type: ignore[no-untyped-def]
-    """The hit at t, or a miss: f jumps from sign to sign, or the splats' middle is farther than the trim allows."""
+def accept(tree, scratch, frame, leaf, at, way):  # type: ignore[no-untyped-def]
+    """The hit at t, or a miss: f jumps from sign to sign, or the splats' middle is farther than the trim allows.
+
+    way : 1, -1 where only a side is sought that faces the ray, or faces away; else 0
+    """
     middle, center, ray = frame
     t, share, rise = at
     s = t - center
@@ -67,6 +70,8 @@ def accept(tree, scratch, frame, leaf, at):  # type: ignore[no-untyped-def]
         if share > BORDER_SHARE and out > tree.head[OVERHANG] * local_radius(tree, scratch, x, y, z):
             return miss
     nx, ny, nz = normal(surface, means)
+    if way * (nx * ray.dx + ny * ray.dy + nz * ray.dz) > ZERO:
+        return miss
     return Hit(t, nx, ny, nz, leaf)
 
 
@@ -74,8 +79,27 @@ def accept(tree, scratch, frame, leaf, at):  # type: ignore[no-untyped-def]
 def search_leaf(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped-def]
     """The first hit in a leaf's voxel.
 
+    Where two sheets are close together their normals cancel, and a step may pass both. So of those the ones that face
+    the ray are searched first and then those that face away, each as if the others were not there.
     interval : where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
     """
+    way, lift = (ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO), scratch.lift[0]
+    hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
+    while True:
+        scratch.lift[0] = lift
+        found = _search(tree, leaf, ray, scratch, interval, way)
+        lifted = max(lifted, scratch.lift[0])
+        if found.t < hit.t:
+            hit = found
+        if not way > ZERO:
+            scratch.lift[0] = lifted
+            return hit
+        way = -ONE
+
+
+@inline
+def _search(tree, leaf, ray, scratch, interval, way):  # type: ignore[no-untyped-def]
+    """The first hit in a leaf's voxel; way : 1, -1 for the sheets that face the ray or face away, 0 for all."""
     enter, leave, low, high = interval
     miss = Hit(INF, ZERO, ZERO, ZERO, -1)
     if enter <= ray.t_min:  # the ray's origin is in this voxel: the start rule needs f there
@@ -91,6 +115,8 @@ def search_leaf(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped-
     center = HALF * (t_low + t_high)
     middle = (ray.ox + center * ray.dx, ray.oy + center * ray.dy, ray.oz + center * ray.dz)
     gather_near(tree, leaf, scratch, middle, (ray.dx, ray.dy, ray.dz), HALF * (t_high - t_low))
+    if way != ZERO:
+        keep_sheet(tree, scratch, (way * ray.dx, way * ray.dy, way * ray.dz))
     if scratch.counts[COUNT_NEAR] == 0:
         return miss
     frame = (middle, center, ray)
@@ -138,7 +164,7 @@ def search_leaf(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped-
             pair = (lane(t_a, i), lane(f_a, i), lane(slope_a, i), lane(t, i), lane(f, i), lane(slope, i))
             at = look_into(tree, scratch, frame, pair, (changes >> i) & 1 != 0)
             if at[0] < INF:
-                hit = accept(tree, scratch, frame, leaf, at)
+                hit = accept(tree, scratch, frame, leaf, at, way)
                 if hit.leaf >= 0:
                     return hit
         if scratch.lift[0] != ZERO and bits(f >= scratch.lift[0]) & FIRST_LANES != 0:

@@ -27,3 +27,17 @@ def gather_near(tree, leaf, scratch, middle, d, half):  # type: ignore[no-untype
         near = square < load16(tree.spheres, at + 48)
         n += pack(near, tree.refs, np.int64(group) * 16, scratch.near, n)
     scratch.counts[COUNT_NEAR] = n
+
+
+@inline
+def keep_sheet(tree, scratch, d):  # type: ignore[no-untyped-def]
+    """Drop the listed blocks of sheets that face along d: of two sheets close together one is seen at a time."""
+    n = 0
+    for k in range(scratch.counts[COUNT_NEAR]):
+        block = scratch.near[k]
+        at = 3 * np.int64(block)
+        along = tree.facing[at] * d[0] + tree.facing[at + 1] * d[1] + tree.facing[at + 2] * d[2]
+        if along <= ZERO:
+            scratch.near[n] = block
+            n += 1
+    scratch.counts[COUNT_NEAR] = n

@@ -15,6 +15,7 @@ from ..records import (
     BOUNDS,
     INSTANCE,
     KIND,
+    LEAF,
     MODEL,
     MODEL_ROW,
     PLANE_CHECKER,
@@ -23,6 +24,7 @@ from ..records import (
     PLANE_POINT,
     PLANE_U,
     PLANE_V,
+    SHEETED,
     TO_MODEL,
     WorldHit,
     tree_at,
@@ -52,7 +54,7 @@ from ..scratch import (
     T_MIN,
 )
 from ..vec import add, dot, length, put, row, scale, sub, transform, transform_transposed, triple, unit
-from .near import gather_near
+from .near import gather_near, keep_sheet
 from .surface import ONE, ZERO, blend
 from .tile import ALL, closest_of_tile, coherent, tile_ray
 from .traverse import closest, make_ray
@@ -264,6 +266,9 @@ def described(world, hit, scratch):  # type: ignore[no-untyped-def]
     tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
     x = (np.float32(hit.local[0]), np.float32(hit.local[1]), np.float32(hit.local[2]))
     gather_near(tree, hit.leaf, scratch, x, (ONE, ZERO, ZERO), ZERO)
+    if tree.leaves[hit.leaf * LEAF + SHEETED] != ZERO:
+        v = transform(matrix_at(world, hit.instance * INSTANCE), hit.normal)
+        keep_sheet(tree, scratch, (-v[0], -v[1], -v[2]))
     red, green, blue, slot = blend(tree, scratch, world.tone, x[0], x[1], x[2])
     color = (np.float64(red), np.float64(green), np.float64(blue))
     return WorldHit(hit.t, hit.normal, color, hit.instance, slot, hit.leaf, hit.local)

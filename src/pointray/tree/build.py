@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..jit import run
 from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
-from .blocks import make_blocks, sort_splats
+from .blocks import PER_BLOCK, make_blocks, sort_splats
 from .cells import FULL, STOPPED, Cells, build_cells
 from .leaves import fill_groups, fill_leaves, longest_step
 from .wide import collapse, enclose
@@ -27,6 +27,7 @@ class Splats(NamedTuple):
     rows : (n,) int32, the caller's row of each
     colors : (n, 3) uint8, sRGB, or None
     borders : (n, 3) float32, the direction out of the surface on an open border, else zero; or None: there is none
+    sheets : (n,) int8, 1 or -1 for the two sides of sheets close together, else 0; or None: there are none
     """
 
     positions: NDArray[np.float32]
@@ -35,6 +36,7 @@ class Splats(NamedTuple):
     rows: NDArray[np.int32]
     colors: NDArray[np.uint8] | None
     borders: NDArray[np.float32] | None = None
+    sheets: NDArray[np.int8] | None = None
 
 
 class TreeSettings(NamedTuple):
@@ -92,7 +94,7 @@ def build_tree(
     conservative test tells where the surface can be; the voxels' tight boxes are gathered into nodes of eight.
     """
     say = progress or (lambda share: None)
-    order = sort_splats(splats.positions, threads)
+    order = _order(splats, threads)
     say(0.3)
     blocks, bounds = make_blocks(splats.positions, splats.normals, splats.radii, order, threads)
     say(0.4)
@@ -107,7 +109,8 @@ def build_tree(
     reference = float(np.partition(splats.radii, low)[low])
     chosen = (surface, settings.samples, reference, int(settings.cut))
     borders = _borders(order, splats.borders, len(bounds))
-    run(fill_leaves, -(-len(nodes) // 64), cells, blocks, borders, chosen, (nodes, leaves, tight), threads=threads)
+    marks = borders, _facing(order, splats, len(bounds))
+    run(fill_leaves, -(-len(nodes) // 64), cells, blocks, marks, chosen, (nodes, leaves, tight), threads=threads)
     full = tight[:, 0] <= tight[:, 3]
     say(0.9)
 
@@ -144,15 +147,40 @@ def build_tree(
         refs,
         blocks,
         _rows(order, splats.rows, len(bounds)),
-        borders,
+        *marks,
         _colors(order, splats.colors, len(bounds)),
     )
+
+
+def _order(splats: Splats, threads: int | None) -> NDArray[np.int32]:
+    """The splat in each slot, -1 for none: neighbours together, and no block with splats of two sheets."""
+    if splats.sheets is None:
+        return sort_splats(splats.positions, threads)
+    parts = []
+    for side in (0, 1, -1):
+        rows = np.flatnonzero(splats.sheets == side).astype(np.int32)
+        if len(rows):
+            order = rows[sort_splats(splats.positions[rows], threads)]
+            parts.append(np.concatenate([order, np.full(-len(order) % PER_BLOCK, -1, np.int32)]))
+    return np.concatenate(parts)
+
+
+def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
+    """The mean normal of each block of a sheet, in 127ths; nothing where there is none."""
+    if splats.sheets is None or not splats.sheets.any():
+        return np.zeros(0, np.int8)
+    used = np.where((order >= 0) & (splats.sheets[order] != 0), order, -1)
+    normals = np.zeros((slots, 3), np.float32)
+    normals[: len(order)] = np.where(used[:, None] >= 0, splats.normals[order], 0)
+    mean = normals.reshape(-1, PER_BLOCK, 3).sum(axis=1)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), np.float32(1e-30))
+    return np.ascontiguousarray(np.rint(127 * mean), np.int8).reshape(-1)
 
 
 def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
     """The caller's row of each slot, -1 where it is empty."""
     out = np.full(slots, -1, np.int32)
-    out[: len(order)] = rows[order]
+    out[: len(order)] = np.where(order >= 0, rows[order], -1)
     return out
 
 

@@ -19,7 +19,23 @@ import math
 import numpy as np
 
 from ..jit import inline, kernel, take
-from ..records import APSS, BLOCK, BORDERED, CELL, GROUP, LEAF, LEAST, NX, PX, RADIUS, SLAB, SLAB_HI, SLAB_LO, STEP
+from ..records import (
+    APSS,
+    BLOCK,
+    BORDERED,
+    CELL,
+    GROUP,
+    LEAF,
+    LEAST,
+    NX,
+    PX,
+    RADIUS,
+    SHEETED,
+    SLAB,
+    SLAB_HI,
+    SLAB_LO,
+    STEP,
+)
 from .blocks import PER_BLOCK
 from .cells import overlap
 
@@ -137,17 +153,30 @@ def _is_bordered(borders, refs, span):  # type: ignore[no-untyped-def]
     return False
 
 
+@inline
+def _is_sheeted(facing, refs, span):  # type: ignore[no-untyped-def]
+    """Whether one of the blocks of a voxel belongs to one of two sheets close together."""
+    if facing.size == 0:
+        return False
+    for s in range(span[0], span[1]):
+        at = np.int64(refs[s]) * 3
+        if facing[at] != 0 or facing[at + 1] != 0 or facing[at + 2] != 0:
+            return True
+    return False
+
+
 @kernel
-def fill_leaves(work, cells, blocks, borders, settings, out):  # type: ignore[no-untyped-def]
+def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-untyped-def]
     """Fill each leaf's record and tight box. A box that comes out inverted says that the leaf is empty.
 
-    borders : as in `Tree`
+    marks : borders and facing, as in `Tree`
     settings : surface, samples in a support's diameter, reference radius, whether to cut (0: unlimited slabs and boxes)
     out : numbers of the leaf nodes (leaves,), records (leaves * 16,), boxes (leaves, 6) float64
     """
     boxes, spans, refs = cells.boxes, cells.spans, cells.refs
     surface, samples, reference, cut = settings
     nodes, records, tight = out
+    borders, facing = marks
     longest = 0
     for node in nodes:
         longest = max(longest, spans[node, 1] - spans[node, 0])
@@ -175,6 +204,7 @@ def fill_leaves(work, cells, blocks, borders, settings, out):  # type: ignore[no
             )
             record[RADIUS], record[LEAST] = mean, least
             record[BORDERED] = 1.0 if _is_bordered(borders, refs, spans[nodes[leaf]]) else 0.0
+            record[SHEETED] = 1.0 if _is_sheeted(facing, refs, spans[nodes[leaf]]) else 0.0
             if cut == 0:
                 continue
             slab = _slab(members, APSS_REACH if surface == APSS else 1.0)

@@ -1,0 +1,63 @@
+"""Which splats belong to sheets so close together that the supports of one reach the other: both sides of a thin wall.
+
+There the normals cancel, so rays see one side at a time (`trace/leaf.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import borrow, kernel, run, take
+from ..vec import dot, sub, triple
+
+OPPOSED = math.cos(math.radians(150))  # cosine of two normals beyond which they are of two sheets
+SIDES = np.array([0.48, 0.60, 0.64], np.float32)  # the two sides of a wall are told apart along this direction
+TILE = 2048
+
+
+@kernel
+def _find(work, positions, normals, radii, near, out):  # type: ignore[no-untyped-def]
+    """out[i]: 1 where a neighbour of splat i faces away from it and one's support reaches the other's sheet."""
+    positions, normals, radii, near, out = borrow(positions), borrow(normals), borrow(radii), borrow(near), borrow(out)
+    tile = take(work)
+    while tile >= 0:
+        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+            at, n = triple(positions, 3 * i), triple(normals, 3 * i)
+            for j in near[i]:
+                if dot(n, triple(normals, 3 * np.int64(j))) < OPPOSED:
+                    d = sub(triple(positions, 3 * np.int64(j)), at)
+                    both, height = radii[i] + radii[j], dot(d, n)
+                    if dot(d, d) < both * both and abs(height) < max(radii[i], radii[j]):
+                        out[i] = out[j] = 1
+        tile = take(work)
+    return 0
+
+
+def find_sheets(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    radii: NDArray[np.float32],
+    near: NDArray[np.integer[Any]],
+) -> NDArray[np.int8] | None:
+    """1 and -1 for splats on the two sides of sheets close together, 0 for all others; None where there are none.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    normals : (n, 3) float32, unit
+    radii : (n,) float32
+    near : (n, k) int
+        Rows of each point's neighbours, itself first.
+
+    Returns
+    -------
+    (n,) int8 or None
+    """
+    found = np.zeros(len(positions), np.int8)
+    flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
+    run(_find, -(-len(found) // TILE), *flat, np.ascontiguousarray(radii), np.ascontiguousarray(near), found)
+    return np.where(normals @ SIDES > 0, found, -found) if found.any() else None
