@@ -25,6 +25,7 @@ DETAIL = 0.15  # weight of squared residuals beyond the noise: 1 takes noise for
 WIDTH = 1.0  # weights fall to 1/e at the rim
 NOISE_SAMPLE, NOISE_SIZE = 5000, 12
 QUANTILE, AT_QUANTILE = 0.25, 0.75  # of residuals of pure noise, a quarter is below 0.75 of the mean
+SLIM = 0.1  # ratio of the plane's variances below which its points are on a line
 TERMS = 6  # of a quadric over two variables
 JET_LEAST = 8  # points: of fewer, a plane
 TILE = 1024
@@ -60,7 +61,7 @@ def _least_direction(a, v):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _plane(d, w, k, a, v):  # type: ignore[no-untyped-def]
+def plane(d, w, k, a, v):  # type: ignore[no-untyped-def]
     """Normal of the plane through k weighted points."""
     total = x = y = z = 0.0
     for j in range(k):
@@ -161,7 +162,7 @@ def _jet(d, k, memory):  # type: ignore[no-untyped-def]
     for j in range(k):
         near[j] = math.exp(-WIDTH * (d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2) / (reach * reach))
         w[j] = near[j]
-    n = _plane(d, w, k, a, v)
+    n = plane(d, w, k, a, v)
     if k < JET_LEAST:
         return n, 0.0, 1.0
     one, two = _axes(n)
@@ -193,9 +194,16 @@ def _jet(d, k, memory):  # type: ignore[no-untyped-def]
     return (g0 / length, g1 / length, g2 / length), reach * math.sqrt(square), variance
 
 
+@inline
+def _slimness(a):  # type: ignore[no-untyped-def]
+    """The second largest number on the diagonal over the largest."""
+    low, high = min(a[0, 0], a[1, 1]), max(a[0, 0], a[1, 1])
+    return max(low, min(high, a[2, 2])) / max(high, a[2, 2], 1e-300)
+
+
 @kernel
 def _fit(work, positions, rows, near, sizes, noise, out, residuals):  # type: ignore[no-untyped-def]
-    """out[i]: the normal at positions[rows[i]] of the size with the least error; residuals in spacings."""
+    """out[i]: the normal at positions[rows[i]] of the size with the least error; residuals: of the smallest size."""
     positions, near, out, most = borrow(positions), borrow(near), borrow(out), near.shape[1]
     d = np.empty((most, 3))
     memory = (
@@ -217,12 +225,15 @@ def _fit(work, positions, rows, near, sizes, noise, out, residuals):  # type: ig
             least = np.inf
             for k in sizes:
                 n, residual, variance = _jet(d, k, memory)
+                if k == sizes[0]:
+                    residuals[i] = residual / spacing
+                if k < sizes[-1] and _slimness(memory[5]) < SLIM:
+                    continue
                 excess = (residual / spacing) ** 2 - noise * noise
                 error = variance * (noise * spacing) ** 2 + DETAIL * max(excess, 0.0)
                 if error < least:
                     least = error
                     out[i, 0], out[i, 1], out[i, 2] = n
-                    residuals[i] = residual / spacing
         tile = take(work)
     return 0
 
@@ -251,8 +262,8 @@ def estimate_noise(positions: Floats) -> float:
     return float(np.quantile(residuals, QUANTILE)) / AT_QUANTILE
 
 
-def fit_normals(positions: Floats, neighbors: int | None, kept: int) -> tuple[Floats, NDArray[np.int32]]:
-    """Unit normals of either sign, and the nearest neighbours that signs may pass to.
+def fit_normals(positions: Floats, neighbors: int | None, kept: int) -> tuple[Floats, NDArray[np.int32], Floats]:
+    """Unit normals of either sign, the nearest neighbours that signs may pass to, and the residuals of the fits.
 
     Parameters
     ----------
@@ -267,15 +278,18 @@ def fit_normals(positions: Floats, neighbors: int | None, kept: int) -> tuple[Fl
     -------
     normals : (n, 3) float32
     near : (n, min(kept, n)) int32
+    residuals : (n,) float32
+        Of the smallest fits, in spacings.
     """
     n = len(positions)
     noise = estimate_noise(positions) if neighbors is None else 0.0
     sizes = [k for k in SIZES if k <= 16 or noise > CLEAN] if neighbors is None else [neighbors]
     sizes = sorted({min(k, n) for k in sizes})
     normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)
+    residuals = np.empty(n, np.float32)
     for part, found in neighbor_chunks(positions, max(sizes[-1], kept)):
         rows = np.arange(part.start, part.start + len(found))
         table = np.ascontiguousarray(found[:, : sizes[-1]])
-        normals[part], _ = _fit_rows(positions, rows, table, sizes, noise)
+        normals[part], residuals[part] = _fit_rows(positions, rows, table, sizes, noise)
         near[part] = found[:, : near.shape[1]]
-    return normals, near
+    return normals, near, residuals
