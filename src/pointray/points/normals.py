@@ -28,10 +28,11 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
     ----------
     points : Points
     neighbors : int, optional
-        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10, 16 or 32, by
-        the point's noise and detail.
+        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, by the
+        point's noise and detail and the distance of scan lines.
     viewpoint : (3,) array_like, optional
-        World position of the scanner: every normal is turned towards it. None: the signs pass from point to point
+        World position of the scanner: every normal goes with a plane through its neighbours that is turned towards
+        it. None: the signs pass from point to point
         and from part to part; what is connected is turned outward, or up where that says nothing.
 
     Returns
@@ -57,11 +58,12 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
     path, places = _path(points)
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
-    unit, near, residuals = fit_normals(path, neighbors, NEAR if eye is None else 1)
-    sign = orient(path, unit, near) if eye is None else np.einsum("ij,ij->i", unit, eye.astype(np.float32) - path)
-    unit[sign < 0] *= -1
     if eye is None:
+        unit, near, residuals = fit_normals(path, neighbors, NEAR)
+        unit *= orient(path, unit, near)[:, None]
         part_sheets(path, unit, near, residuals)
+    else:
+        unit, _, _ = fit_normals(path, neighbors, 1, eye.astype(np.float32))
     normals = np.zeros_like(points.positions)
     normals[points.finite] = unit[places]
     return points.with_normals(normals)
