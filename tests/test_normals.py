@@ -6,9 +6,10 @@ from conftest import shared_model, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, morton_order, neighbors
 from pointray.points import estimate_normals, procedural, read
+from pointray.points.checks import agreement_share, looks_inward
 from pointray.points.jets import estimate_noise, fit_normals
 from pointray.points.normals import mend_normals
-from pointray.points.orientation import agree, agreement_share, looks_inward
+from pointray.points.orientation import agree
 
 RNG = np.random.default_rng(3)
 SPHERE = sphere_points(3000)
@@ -161,7 +162,7 @@ def test_noise_is_measured_in_spacings():
 def test_a_given_number_of_neighbors_is_used():
     path = SPHERE[morton_order(SPHERE)]
     for k in (3, 9, 20):
-        normals, near = fit_normals(path, k, 5)
+        normals, near, _ = fit_normals(path, k, 5)
         assert near.shape == (3000, 5)
         assert np.median(degrees(normals * np.sign((normals * path).sum(1))[:, None], path)) < (5 if k == 3 else 0.2)
 

@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..data import Points
 from ..neighbors import distinct, morton_order, neighbor_chunks, neighbors
+from .checks import agreement_share, looks_inward
 from .jets import fit_normals
-from .orientation import NEAR, agreement_share, looks_inward, orient
+from .orientation import NEAR, orient
+from .sheets import part_sheets
 
 MENDING = 8  # good normals that stand in for a missing one
 UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before it is mentioned
@@ -26,10 +28,11 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
     ----------
     points : Points
     neighbors : int, optional
-        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10, 16 or 32, by
-        the point's noise and detail.
+        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, by the
+        point's noise and detail and the distance of scan lines.
     viewpoint : (3,) array_like, optional
-        World position of the scanner: every normal is turned towards it. None: the signs pass from point to point
+        World position of the scanner: every normal goes with a plane through its neighbours that is turned towards
+        it. None: the signs pass from point to point
         and from part to part; what is connected is turned outward, or up where that says nothing.
 
     Returns
@@ -47,6 +50,7 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
     Cazals, Pouget: Estimating differential quantities using polynomial fitting of osculating jets (2003).
     Mitra, Nguyen: Estimating surface normals in noisy point cloud data (2003).
     Koenig, Gumhold: Consistent propagation of normal orientations in point clouds (2009).
+    Barill, Dickson, Schmidt, Levin, Jacobson: Fast winding numbers for soups and clouds (2018).
     """
     if neighbors is not None and neighbors < 3:
         raise ValueError(f"a plane needs at least 3 neighbors, not {neighbors}")
@@ -54,9 +58,12 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
     path, places = _path(points)
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
-    unit, near = fit_normals(path, neighbors, NEAR if eye is None else 1)
-    sign = orient(path, unit, near) if eye is None else np.einsum("ij,ij->i", unit, eye.astype(np.float32) - path)
-    unit[sign < 0] *= -1
+    if eye is None:
+        unit, near, residuals = fit_normals(path, neighbors, NEAR)
+        unit *= orient(path, unit, near)[:, None]
+        part_sheets(path, unit, near, residuals)
+    else:
+        unit, _, _ = fit_normals(path, neighbors, 1, eye.astype(np.float32))
     normals = np.zeros_like(points.positions)
     normals[points.finite] = unit[places]
     return points.with_normals(normals)
