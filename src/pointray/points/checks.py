@@ -13,21 +13,32 @@ Floats = NDArray[np.float32]
 
 INWARD = 0.95  # share of inward votes of a flipped model: closed scans have 1, a room seen by its scanner 0.81
 DEEP = 0.2  # mean of these votes: closed scans have at least 0.36
+ACROSS = 0.1  # sine at which a point lies out of another's tangent plane
 OPPOSITE = -0.5  # cosine below which two normals look to opposite sides
 RUNS, RUN = 64, 2048  # stretches of the Morton curve that stand for a large cloud
 
 
 @kernel
 def _count_agreement(positions, normals, rows, near):  # type: ignore[no-untyped-def]
-    """Of the edges, how many have normals that look to opposite sides."""
-    against = 0
+    """Of the edges, how many have normals that look to opposite sides; not those between the two sides of a wall.
+
+    From either side of a wall the other lies behind (of a slit, before); without signs it is as often here as there.
+    """
+    level = before = behind = 0
     for t in range(len(rows)):
         for j in near[t]:
-            nm = 0.0
+            nm = height = square = 0.0
             for c in range(3):
+                d = positions[j, c] - positions[rows[t], c]
                 nm += normals[rows[t], c] * normals[j, c]
-            against += nm < OPPOSITE
-    return against
+                height += normals[rows[t], c] * d
+                square += d * d
+            if nm < OPPOSITE:
+                across = height * height > ACROSS * ACROSS * square
+                level += not across
+                before += across and height > 0.0
+                behind += across and height < 0.0
+    return level + 2 * min(before, behind)
 
 
 def agreement_share(positions: Floats, normals: Floats) -> float:

@@ -16,6 +16,7 @@ from ..vec import dot, sub, triple
 
 OPPOSED = math.cos(math.radians(150))  # cosine of two normals beyond which they are of two sheets
 SIDES = np.array([0.48, 0.60, 0.64], np.float32)  # the two sides of a wall are told apart along this direction
+BESIDE = 8  # neighbours
 TILE = 2048
 
 
@@ -60,4 +61,6 @@ def find_sheets(
     found = np.zeros(len(positions), np.int8)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
     run(_find, -(-len(found) // TILE), *flat, np.ascontiguousarray(radii), np.ascontiguousarray(near), found)
+    # And those beside them: a part of a sheet that stays while the rest is left out is seen by itself.
+    found |= found[near[:, : BESIDE + 1]].any(axis=1)
     return np.where(normals @ SIDES > 0, found, -found) if found.any() else None
