@@ -49,13 +49,14 @@ def _closed_angles(positions, normals, i, near, axes, angles):  # type: ignore[n
 
 
 @kernel
-def _find_gaps(work, positions, normals, near, out):  # type: ignore[no-untyped-def]
-    """out[i]: the direction of the middle of the widest gap around splat i, zero where none is wider than GAP."""
+def _find_gaps(work, positions, normals, rows, near, out):  # type: ignore[no-untyped-def]
+    """out: the direction of the middle of the widest gap around each row's splat, zero where none is wider than GAP."""
     positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
     angles = np.empty(2 * near.shape[1])
     tile = take(work)
     while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+        for at in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+            i = rows[at]
             n = (np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2]))
             axes = tangents(n)
             count = _closed_angles(positions, normals, i, near[i], axes, angles)
@@ -70,30 +71,35 @@ def _find_gaps(work, positions, normals, near, out):  # type: ignore[no-untyped-
                     middle = found[k] - 0.5 * gap
             for c in range(3):
                 outward = math.cos(middle) * axes[0][c] + math.sin(middle) * axes[1][c]
-                out[i, c] = outward if gap > GAP else 0.0
+                out[at, c] = outward if gap > GAP else 0.0
         tile = take(work)
     return 0
 
 
 def find_gaps(
-    positions: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.integer[Any]]
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    near: NDArray[np.integer[Any]],
 ) -> NDArray[np.float32]:
-    """The direction out of the surface for each point on what may be an open border, else zero.
+    """The direction out of the surface for points on what may be an open border, else zero.
 
     Parameters
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
+    rows : (m,) int64
+        The points that are asked about.
     near : (n, k) int
         Rows of each point's neighbours, itself first.
 
     Returns
     -------
-    (n, 3) float32, unit or zero
+    (m, 3) float32, unit or zero
     """
-    out = np.zeros((len(positions), 3), np.float32)
+    out = np.zeros((len(rows), 3), np.float32)
     near = np.ascontiguousarray(near)
-    run(_find_gaps, -(-len(out) // TILE), positions, normals, near, out)
+    run(_find_gaps, -(-len(out) // TILE), positions, normals, rows, near, out)
     return out
 
 

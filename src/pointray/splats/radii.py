@@ -21,6 +21,7 @@ Floats = NDArray[np.float32]
 OVERLAP = 1.5
 NEIGHBORS = 20  # they close the cells of even points and nine in ten of random ones
 MORE = 80  # for the cells still open: beside a gap, a step of density, between lines of a scan
+WIDE = 0.5  # distances to the 8th neighbour that a cell reaches at a border; even points' 0.46, random ones' 0.6
 BEYOND = 40  # and for those still open then, from farther ahead and behind
 USUAL = 8  # neighbours whose cells say what is usual
 STRAY = 2.5  # a point may be stray if its 4th neighbour is this many times farther than the cells around it reach
@@ -75,9 +76,13 @@ def choose_radii(
 class _Cells:
     """The points' Voronoi cells, each measured with as many neighbours as close it, or with the most asked for."""
 
-    def __init__(self, sites: tuple[Floats, Floats], hood: Hood, gaps: Floats) -> None:
+    def __init__(self, sites: tuple[Floats, Floats], hood: Hood) -> None:
         self._sites = sites
         self.reach, sure = measure_cells(*sites, hood)
+        # Where the surface may end: cells that are open, or wide. The others, nearly all, need no look.
+        rows = np.flatnonzero(~sure | (self.reach > WIDE * hood.distances[:, min(8, hood.near.shape[1] - 1)]))
+        self.gaps = gaps = np.zeros_like(sites[0])
+        gaps[rows] = find_gaps(*sites, rows, hood.near)
         self._settled = [(hood, sure)]
         if hood.near.shape[1] == len(sites[0]) or sure.all():
             return
@@ -95,13 +100,13 @@ class _Cells:
         self._settled.append((hood, sure))
         return sure
 
-    def measure(self, which: NDArray[np.bool_], gaps: Floats, usual: Floats, void: float) -> NDArray[np.bool_]:
+    def measure(self, which: NDArray[np.bool_], usual: Floats, void: float) -> NDArray[np.bool_]:
         """Measure some cells again, see `measure_cells`; which of them the surface goes on ahead of."""
         closed = np.zeros(len(which), np.bool_)
         for number, (hood, settled) in enumerate(self._settled, 1):
             here = which[hood.rows] & (settled | (number == len(self._settled)))
             part = _part(hood, here)
-            self.reach[part.rows], closed[part.rows] = measure_cells(*self._sites, part, gaps, usual, void)
+            self.reach[part.rows], closed[part.rows] = measure_cells(*self._sites, part, self.gaps, usual, void)
         return closed
 
 
@@ -121,8 +126,8 @@ def _looking_ahead(positions: Floats, hood: Hood, which: NDArray[np.bool_], gaps
 
 def _survey(positions: Floats, normals: Floats, distances: Floats, near: NDArray[np.int32]) -> tuple[Floats, Floats]:
     """How far each point's cell reaches, without outliers, and the borders."""
-    borders = find_gaps(positions, normals, near)
-    cells = _Cells((positions, normals), Hood(np.arange(len(positions)), distances, near), borders)
+    cells = _Cells((positions, normals), Hood(np.arange(len(positions)), distances, near))
+    borders = cells.gaps
     around = np.median(cells.reach[near[:, 1 : USUAL + 1]], axis=1)
     fourth = distances[:, min(4, near.shape[1] - 1)]
     far = np.flatnonzero((fourth > STRAY * around) & (around > 0))
@@ -134,7 +139,7 @@ def _survey(positions: Floats, normals: Floats, distances: Floats, near: NDArray
     common = float(np.quantile(cells.reach / np.maximum(usual, np.float32(1e-30)), 0.95))
     void = float(np.clip(1 + CHANCE * (common - 1), *VOIDS))
     doubtful = borders.any(axis=1) | (cells.reach > void * usual)
-    borders[cells.measure(doubtful, borders, usual, void)] = 0
+    borders[cells.measure(doubtful, usual, void)] = 0
     drop_lone(borders, near)
     reach = cells.reach
     stray = np.union1d(above, far[borders[far].any(axis=1)])
