@@ -20,7 +20,7 @@ from .grow import Floats, at
 WIDE = 8  # boxes in a box
 BLOCK = 32  # neighbouring points that look for splats together
 TILE = 64  # blocks
-HOLLOW = 0.9  # |x - P(x)| in local radii from where on a point counts as uncovered: a subset is trimmed at 0.95, see Model
+HOLLOW = 0.9  # |x - P(x)| in local radii from where on a point counts as uncovered: most subsets are trimmed at 0.95
 
 
 class Boxes(NamedTuple):
@@ -108,14 +108,14 @@ def _deviation(splats, near, x, n, close):  # type: ignore[no-untyped-def]
     """Signed distance of x from the surface, positive outside, and |x - P| in local radii.
 
     f over the length of its gradient; where that is more than `close`, the place along the normal n where f is zero,
-    after two secant steps: at sharp edges the first is off by factors. Where the surface is turned over, or there is
-    no such place, |x - P| is inf.
+    after two secant steps: at sharp edges the first is off by factors. Where there is no such place, |x - P| is inf.
+    A surface that is turned over counts, as it does for rays: points in debris have normals unlike those around.
     """
     f, g, hollow = _evaluate(splats, near, x)
-    steep = length(g)
-    if not f < np.inf or dot(g, n) <= 0.0:
+    lean = dot(g, n)
+    if not f < np.inf or lean == 0.0:
         return np.inf, np.inf
-    away = f / steep
+    away = math.copysign(f, f * lean) / length(g)
     if abs(away) <= close:
         return away, hollow
     last, f_last = 0.0, f
@@ -168,9 +168,9 @@ def deviations(
     Returns
     -------
     distances : (n,) float32
-        Positive outside (where the normals point); 0 where nothing covers.
+        Positive where the surface lies against the point's normal; 0 where nothing covers.
     bare : (n,) bool
-        No support reaches the point, or only rims do, or the surface there is turned over.
+        No support reaches the point, or only rims do, or there is no surface along its normal.
     """
     order = morton_order(splats[0])
     sorted_splats = tuple(np.ascontiguousarray(array[order]) for array in splats)
