@@ -75,16 +75,33 @@ def test_the_traced_subset_is_within_the_tolerance(name, n, share):
     assert (away <= tolerance).mean() >= 0.999
 
 
-def test_half_the_error_of_a_grid(statue):
-    grid = grid_picked(statue, 8000)
-    subset, radii = pr.subsample(statue, count=len(grid))
+HALF = [("lattice", 50_000, 8000), ("torus", 30_000, 3000), ("sphere", 20_000, 1500)]
+
+
+def both_errors(points, count):
+    """Errors, in diagonals, of a subset and of a grid's at equal count; inf where there is none up to 1%."""
+    grid = grid_picked(points, count)
+    subset, radii = pr.subsample(points, count=len(grid))
     assert len(subset) == len(radii) == len(grid)
-    reaches = np.array([2e-4, 1e-3, 5e-3]) * diagonal(statue)
-    ours, theirs = traced(statue, subset, radii, reaches), traced(statue, grid, None, reaches)
-    assert np.isinf(ours).sum() <= 0.2 * np.isinf(theirs).sum()
-    for share in (0.9, 0.99, 0.995):
+    size = diagonal(points)
+    reaches = np.array([0, 2e-4, 1e-3, 1e-2]) * size
+    return [np.sort(traced(points, *one, reaches)) / size for one in ((subset, radii), (grid, None))]
+
+
+@pytest.mark.parametrize(("name", "n", "count"), HALF)
+def test_half_the_largest_error_of_a_grid(name, n, count):
+    ours, theirs = both_errors(pr.procedural(name, n), count)
+    assert ours[-1] <= 0.5 * theirs[-1]
+
+
+def test_half_the_error_of_a_grid_where_it_is_sharp(statue):
+    """All but 5 of 50,000 points; the last two lie in crevices as narrow as the cloud's spacing: no ray finds them."""
+    ours, theirs = both_errors(statue, 8000)
+    assert np.isinf(ours).sum() <= 0.05 * np.isinf(theirs).sum()
+    assert ours[-6] <= 0.5 * min(theirs[-6], 1e-2)
+    for share in (0.99, 0.999):
         k = int(share * len(statue))
-        assert np.sort(ours)[k] <= 0.5 * np.sort(theirs)[k]
+        assert ours[k] <= 0.5 * min(theirs[k], 1e-2)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +150,10 @@ def test_the_greedy_choice_is_the_plain_one():
     assert not bare.any()
 
 
-def test_sizes_differ_slowly_and_thin_plates_stay_apart():
+def test_sizes_differ_slowly_and_thin_plates_stay_apart(monkeypatch):
+    # A model of plates closer than their points takes the normals' signs for chance and sets them anew: see
+    # ARCHITECTURE.md, known shortfalls. What is tested here are the splats.
+    monkeypatch.setattr("pointray.points.normals.DISAGREE", 1.0)
     side = np.stack(np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60)), axis=-1).reshape(-1, 2)
     up = np.column_stack([side, np.zeros(3600)])
     x = np.concatenate([up, up - [0, 0, 0.03]])
@@ -254,9 +274,9 @@ def test_strange_clouds(name, share):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         subset, radii = pr.subsample(points, share * size)
+        pr.Model(subset, radii)
     assert 1 <= len(subset) <= len(points) and radii.shape == (len(subset),)
     assert (radii > 0).all() and np.isfinite(subset.positions).all() and np.isfinite(radii).all()
-    pr.Model(subset, radii)
 
 
 @pytest.mark.parametrize("count", [1, 10, 500, 1990, 2000])
@@ -289,8 +309,8 @@ def test_the_statue_of_the_paper():
     pool, rows = select_greedily(cloud, measure(cloud, 2 * tolerance), 2 * tolerance)
     assert len(relax(pool, cloud, rows)) <= 0.9 * len(rows)
     assert (traced(points, subset, radii, (1.2 * tolerance, 5 * tolerance)) <= tolerance).mean() >= 0.999
-    subset, radii = pr.subsample(points, count=32_000)
-    assert len(subset) == 32_000
+    ours, theirs = both_errors(points, 32_000)
+    assert ours[-1] <= 0.5 * theirs[-1]
 
 
 @pytest.mark.parametrize("name", ["stanford_bunny"])

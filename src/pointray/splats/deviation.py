@@ -20,7 +20,7 @@ from .grow import Floats, at
 WIDE = 8  # boxes in a box
 BLOCK = 32  # neighbouring points that look for splats together
 TILE = 64  # blocks
-HOLLOW = 0.55  # |x - P(x)| in local radii from where on a point counts as uncovered: the trim of a model is 0.6
+HOLLOW = 0.9  # |x - P(x)| in local radii from where on a point counts as uncovered: most subsets are trimmed at 0.95
 
 
 class Boxes(NamedTuple):
@@ -81,15 +81,15 @@ def _find(splats, boxes, box, stack, found):  # type: ignore[no-untyped-def]
 def _evaluate(splats, near, x):  # type: ignore[no-untyped-def]
     """f, its gradient, and |x - P| in local radii; inf where nothing reaches."""
     centers, normals, radii = splats
-    total = inverse = qn = qq = 0.0
+    total = square_radius = qn = qq = 0.0
     qx = qy = qz = nx = ny = nz = 0.0
     for j in near:
         (px, py, pz), (a, b, c) = at(centers, j), at(normals, j)
         px, py, pz = px - x[0], py - x[1], pz - x[2]
-        square, inv = px * px + py * py + pz * pz, 1.0 / (np.float64(radii[j]) * radii[j])
-        w = max(1.0 - square * inv, 0.0)
+        square, widest = px * px + py * py + pz * pz, np.float64(radii[j]) * radii[j]
+        w = max(1.0 - square / widest, 0.0)
         w *= w
-        total, inverse, qq = total + w, inverse + w * inv, qq + w * square
+        total, square_radius, qq = total + w, square_radius + w * widest, qq + w * square
         qx, qy, qz = qx + w * px, qy + w * py, qz + w * pz
         nx, ny, nz = nx + w * a, ny + w * b, nz + w * c
         qn += w * (px * a + py * b + pz * c)
@@ -100,7 +100,7 @@ def _evaluate(splats, near, x):  # type: ignore[no-untyped-def]
     plane, center = qx * nx + qy * ny + qz * nz, qx * qx + qy * qy + qz * qz
     u4 = 0.5 * (qn - plane) / max(qq - center, 0.25 * qq, 1e-300)
     gradient = nx - 2.0 * u4 * qx, ny - 2.0 * u4 * qy, nz - 2.0 * u4 * qz
-    return u4 * (2.0 * center - qq) - plane, gradient, math.sqrt(center * inverse * s)
+    return u4 * (2.0 * center - qq) - plane, gradient, math.sqrt(center * total / square_radius)
 
 
 @routine
@@ -108,14 +108,14 @@ def _deviation(splats, near, x, n, close):  # type: ignore[no-untyped-def]
     """Signed distance of x from the surface, positive outside, and |x - P| in local radii.
 
     f over the length of its gradient; where that is more than `close`, the place along the normal n where f is zero,
-    after two secant steps: at sharp edges the first is off by factors. Where the surface is turned over, or there is
-    no such place, |x - P| is inf.
+    after two secant steps: at sharp edges the first is off by factors. Where there is no such place, |x - P| is inf.
+    A surface that is turned over counts, as it does for rays: points in debris have normals unlike those around.
     """
     f, g, hollow = _evaluate(splats, near, x)
-    steep = length(g)
-    if not f < np.inf or dot(g, n) <= 0.0:
+    lean = dot(g, n)
+    if not f < np.inf or lean == 0.0:
         return np.inf, np.inf
-    away = f / steep
+    away = math.copysign(f, f * lean) / length(g)
     if abs(away) <= close:
         return away, hollow
     last, f_last = 0.0, f
@@ -168,9 +168,9 @@ def deviations(
     Returns
     -------
     distances : (n,) float32
-        Positive outside (where the normals point); 0 where nothing covers.
+        Positive where the surface lies against the point's normal; 0 where nothing covers.
     bare : (n,) bool
-        No support reaches the point, or only rims do, or the surface there is turned over.
+        No support reaches the point, or only rims do, or there is no surface along its normal.
     """
     order = morton_order(splats[0])
     sorted_splats = tuple(np.ascontiguousarray(array[order]) for array in splats)

@@ -26,7 +26,7 @@ LEAST = 0.3  # of the radius with which the whole cloud covers itself: each poin
 WIDEST = 1 / 16  # of the cloud's diagonal
 TILTS = 3  # rounds of fitting
 STEEPEST = 0.9  # cosine between a fitted normal and the point's own
-CLOSE = 0.3  # tolerances up to which a distance needs no second look
+CLOSE = 0.02  # tolerances up to which a distance needs no second look: 0.3 missed half of the large ones, at creases
 BARE = 4.0  # an uncovered point counts as so many tolerances away
 SHRINK = 0.5, 0.9  # least and greatest factor when splats are made smaller where the error is too large
 
