@@ -25,7 +25,9 @@ WIDE = 0.5  # distances to the 8th neighbour that a cell reaches at a border; ev
 BEYOND = 40  # and for those still open then, from farther ahead and behind
 USUAL = 8  # neighbours whose cells say what is usual
 STRAY = 2.5  # a point may be stray if its 4th neighbour is this many times farther than the cells around it reach
-WIDEST = 10.0  # and none reaches farther than this many times the widest hundredth: a stray group is usual to itself
+# None reaches farther than LONE times the widest hundredth of all cells, or WIDEST times where at least ALIKE of its
+# neighbours reach a third as far: a part of the surface with a hundredth of the density is not stray.
+LONE, WIDEST, ALIKE = 1.5, 10.0, 0.8
 # A gap that many times as wide as usual is open: 1 + CHANCE (q - 1), q the share by which the widest twentieth of the
 # cells reach farther than usual. Even points: 1.5 (the widest 1.3); a million random ones: 3 (2.7).
 CHANCE, VOIDS = 3.6, (1.5, 3.0)
@@ -147,8 +149,15 @@ def _survey(positions: Floats, normals: Floats, distances: Floats, near: NDArray
     bounded = reach > 0
     reach = np.where(bounded, reach, distances[:, 1] / 2)
     if bounded.any():
-        reach = np.minimum(reach, np.float32(WIDEST * np.quantile(reach[bounded], 0.99)))
+        _keep_strays_small(reach, near, float(np.quantile(reach[bounded], 0.99)))
     return reach, borders
+
+
+def _keep_strays_small(reach: Floats, near: NDArray[np.int32], wide: float) -> None:
+    """Limit what is wider than the widest hundredth, unless it is as wide all around: in place."""
+    rows = np.flatnonzero(reach > LONE * wide)
+    alike = (reach[near[rows, 1:]] > reach[rows, None] / 3).mean(axis=1)
+    reach[rows] = np.minimum(reach[rows], np.where(alike < ALIKE, LONE, WIDEST) * np.float32(wide))
 
 
 def _height(positions: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> Floats:
