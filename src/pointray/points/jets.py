@@ -315,7 +315,7 @@ def fit_normals(
     """
     n = len(positions)
     noise, most = _survey(positions) if neighbors is None else (0.0, 0)
-    sizes = [k for k in SIZES if k <= most and (k != 16 or most == 16)] if neighbors is None else [neighbors]
+    sizes = [k for k in SIZES if k <= most] if neighbors is None else [neighbors]
     sizes = sorted({min(k, n) for k in sizes})
     normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)
     residuals = np.empty(n, np.float32)
