@@ -270,7 +270,7 @@ def test_what_cannot_be_estimated(positions, others, words):
     ("name", "viewpoint", "flipped"),
     [
         ("stanford_bunny", None, 0.001),
-        ("stanford_dragon", None, 0.0018),  # of its places, 459 (0.11%) measured; 1,063 without winding numbers
+        ("stanford_dragon", None, 0.0018),  # 0.146% measured (479 places); 1,063 places without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
         ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; those through 10 or 24 differ by 2.9 or 1.1%
