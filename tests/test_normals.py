@@ -10,6 +10,7 @@ from pointray.points.checks import agreement_share, looks_inward
 from pointray.points.jets import estimate_noise, fit_normals
 from pointray.points.normals import mend_normals
 from pointray.points.orientation import agree
+from pointray.points.sheets import part_sheets
 
 RNG = np.random.default_rng(3)
 SPHERE = sphere_points(3000)
@@ -180,6 +181,29 @@ def test_a_thin_closed_shell_has_two_sides():
     assert (normals[10_000:20_000, 2] < 0).mean() > 0.999
 
 
+@pytest.mark.parametrize("gap", [0.2, 0.4])
+def test_a_cavity_and_a_plate_thinner_than_the_spacing(gap):
+    """Half of one sheet looks the wrong way: winding numbers turn it back."""
+    rng = np.random.default_rng(5)
+    wall = 56 * sphere_points(40_000)  # a spacing of about one
+    x = rng.uniform(-8, 8, (2 * 256, 2))
+    z = np.repeat([gap / 2, -gap / 2], 256)
+    for inside, away in ((True, -1), (False, 1)):
+        sheets = np.column_stack([x, z]) + ([0, 0, 0] if inside else [90, 0, 0])
+        truth = np.vstack([wall / 56, np.outer(away * np.sign(z), [0, 0, 1])])
+        positions = np.vstack([wall, sheets]).astype(np.float32)
+        order = morton_order(positions)
+        path, truth = positions[order], truth[order].astype(np.float32)
+        near = neighbors(path, 11)[1]
+        is_sheet = order >= len(wall)
+        flipped = is_sheet & (path[:, 2] > 0) & (path[:, 0] < np.median(path[is_sheet, 0]))
+        normals = np.where(flipped[:, None], -truth, truth)
+        part_sheets(path, normals, near, np.where(is_sheet, 1, 0).astype(np.float32))
+        wrong = (np.sum(normals * truth, axis=1) < 0).sum()
+        print(gap, inside, flipped.sum(), wrong)
+        assert wrong < flipped.sum() / 3
+
+
 def _square(n):
     along, low, high = np.arange(float(n)), np.full(n, -0.5), np.full(n, n - 0.5)
     return (along, low), (along, high), (low, along), (high, along)
@@ -246,17 +270,52 @@ def test_what_cannot_be_estimated(positions, others, words):
     ("name", "viewpoint", "flipped"),
     [
         ("stanford_bunny", None, 0.001),
-        ("stanford_dragon", None, 0.007),  # sheets closer than half a spacing, see ARCHITECTURE.md
+        ("stanford_dragon", None, 0.0018),  # 0.146% measured (479 places); 1,063 places without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
-        ("tls_pumpA_rgb", (0, 0, 0), 0.02),  # fitted, and at right angles to the ray where we differ
+        ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; those through 10 or 24 differ by 2.9 or 1.1%
     ],
 )
 def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, flipped):
     points = read(shared_model(f"points/{name}.ply"))
     angle = degrees(estimate_normals(points, viewpoint=viewpoint).normals, points.normals)
-    assert (angle > 90).mean() < flipped
+    assert (angle > 90)[~two_sided(points)].mean() < flipped
     assert np.median(angle) < 6
+
+
+def two_sided(points):
+    """Rows at one place with normals to opposite sides: nobody can tell which is whose (0.6% of the dragon's)."""
+    rows, places = distinct(points.positions)
+    opposite = np.sum(points.normals[rows][places] * points.normals, axis=1) < 0
+    return np.isin(places, places[opposite])
+
+
+def scan_pipes(step, noise):
+    """A scanner at the origin looks at two pipes, in steps of azimuth and elevation: positions and exact normals."""
+    turn, rise = (a.ravel() for a in np.meshgrid(np.arange(-0.3, 0.3, step[0]), np.arange(-0.4, 0.4, step[1])))
+    ray = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1)
+    nearest, normals = np.full(len(ray), np.inf), np.zeros_like(ray)
+    for middle, axis, radius in (([3, 0, 0], [0, 0, 1], 0.3), ([2.6, 0.5, 0], [0, 0.3, 1], 0.15)):
+        axis = np.array(axis) / np.linalg.norm(axis)
+        across, to = ray - np.outer(ray @ axis, axis), middle - axis * (np.array(middle) @ axis)
+        a, b = np.sum(across**2, axis=1), across @ to
+        root = b * b - a * (to @ to - radius**2)
+        t = np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
+        hit = t < nearest
+        nearest[hit] = t[hit]
+        normals[hit] = (across[hit] * t[hit, None] - to) / radius
+    hit = np.isfinite(nearest)
+    jitter = noise * np.random.default_rng(4).normal(size=hit.sum())
+    return ray[hit] * (nearest[hit] + jitter)[:, None], normals[hit]
+
+
+@pytest.mark.parametrize(("step", "noise", "rms"), [((0.004, 0.004), 0.002, 5), ((0.001, 0.007), 0.001, 8)])
+def test_scan_lines(step, noise, rms):
+    positions, normals = scan_pipes(step, noise)
+    angle = degrees(estimate_normals(Points(positions), viewpoint=(0, 0, 0)).normals, normals)
+    print(len(angle), np.sqrt((angle**2).mean()), (angle > 90).mean())
+    assert np.sqrt((angle**2).mean()) < rms
+    assert (angle > 90).mean() < 0.002
 
 
 @pytest.mark.parametrize("name", ["autzen_stadium_crop_rgb", "outcrop_qcompass_rgb"])
