@@ -89,21 +89,21 @@ def subsample(
     say("normals", 0.0)
     finite = np.flatnonzero(points.finite)
     mended, message = mend_normals(points.select(finite) if len(finite) < len(points) else points)
-    if message:
-        warnings.warn(message, stacklevel=2)
     rows = morton_order(mended.positions)
     rows = rows[distinct(mended.positions[rows])[0]]
     if len(rows) < 2:
         raise ValueError(f"all {len(points):,} points are at one place: nothing says how large a splat is")
     mended = mended.select(rows)
-    say("neighbors", 0.0)
-    cloud = describe_cloud(mended)
     if count is not None and count > len(rows):
         raise ValueError(f"count is {count:,}, but the points take {len(rows):,} different places only")
     diagonal = float(np.linalg.norm(np.subtract(*mended.bounds)))
+    if tolerance is not None and tolerance > diagonal:
+        raise ValueError(f"tolerance is {tolerance:g}, more than the cloud is large (its diagonal is {diagonal:g})")
+    if message:
+        warnings.warn(message, stacklevel=2)
+    say("neighbors", 0.0)
+    cloud = describe_cloud(mended)
     if tolerance is not None:
-        if tolerance > diagonal:
-            raise ValueError(f"tolerance is {tolerance:g}, more than the cloud is large (its diagonal is {diagonal:g})")
         subset = _within(cloud, float(tolerance), say)
     else:
         assert count is not None
