@@ -150,10 +150,7 @@ def test_the_greedy_choice_is_the_plain_one():
     assert not bare.any()
 
 
-def test_sizes_differ_slowly_and_thin_plates_stay_apart(monkeypatch):
-    # A model of plates closer than their points takes the normals' signs for chance and sets them anew: see
-    # ARCHITECTURE.md, known shortfalls. What is tested here are the splats.
-    monkeypatch.setattr("pointray.points.normals.DISAGREE", 1.0)
+def test_sizes_differ_slowly_and_thin_plates_stay_apart():
     side = np.stack(np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60)), axis=-1).reshape(-1, 2)
     up = np.column_stack([side, np.zeros(3600)])
     x = np.concatenate([up, up - [0, 0, 0.03]])
