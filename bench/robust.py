@@ -43,9 +43,10 @@ def borders_of(tree: Tree) -> np.ndarray | None:
 
 
 def sheets_of(tree: Tree) -> np.ndarray | None:
-    """Which side of two sheets each splat is on."""
-    sides = np.sign(tree.facing.reshape(-1, 3) @ sheets.SIDES).astype(np.int8)
-    return np.repeat(sides, 4)[tree.order >= 0] if tree.facing.size else None
+    """The way each splat of two sheets faces."""
+    normals = np.float32(tree.facing.reshape(-1, 3))
+    ways = np.where(normals.any(axis=1), sheets.facing_of(normals), 0).astype(np.int8)
+    return np.repeat(ways, 4)[tree.order >= 0] if tree.facing.size else None
 
 
 def rebuilt(model: pr.Model, **changes: object) -> pr.Model:

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, kernel, routine, run, take
-from ..neighbors import morton_order
-from ..vec import dot, length
+from ..neighbors import morton_order, neighbors
+from ..vec import add, dot, length, scale
 from .grow import Floats, at
+from .radii import NEIGHBORS
+from .sheets import find_sheets
 
 WIDE = 8  # boxes in a box
 BLOCK = 32  # neighbouring points that look for splats together
@@ -78,13 +80,15 @@ def _find(splats, boxes, box, stack, found):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _evaluate(splats, near, x):  # type: ignore[no-untyped-def]
-    """f, its gradient, and |x - P| in local radii; inf where nothing reaches."""
-    centers, normals, radii = splats
+def _evaluate(splats, near, x, n):  # type: ignore[no-untyped-def]
+    """f, its gradient, and |x - P| in local radii; inf where nothing reaches. Of two sheets the one that faces n."""
+    centers, normals, radii, sheets = splats
     total = square_radius = qn = qq = 0.0
     qx = qy = qz = nx = ny = nz = 0.0
     for j in near:
         (px, py, pz), (a, b, c) = at(centers, j), at(normals, j)
+        if sheets[j] != 0 and a * n[0] + b * n[1] + c * n[2] < 0.0:
+            continue
         px, py, pz = px - x[0], py - x[1], pz - x[2]
         square, widest = px * px + py * py + pz * pz, np.float64(radii[j]) * radii[j]
         w = max(1.0 - square / widest, 0.0)
@@ -111,7 +115,7 @@ def _deviation(splats, near, x, n, close):  # type: ignore[no-untyped-def]
     after two secant steps: at sharp edges the first is off by factors. Where there is no such place, |x - P| is inf.
     A surface that is turned over counts, as it does for rays: points in debris have normals unlike those around.
     """
-    f, g, hollow = _evaluate(splats, near, x)
+    f, g, hollow = _evaluate(splats, near, x, n)
     lean = dot(g, n)
     if not f < np.inf or lean == 0.0:
         return np.inf, np.inf
@@ -120,7 +124,7 @@ def _deviation(splats, near, x, n, close):  # type: ignore[no-untyped-def]
         return away, hollow
     last, f_last = 0.0, f
     for _ in range(2):
-        f_new, g, hollow = _evaluate(splats, near, (x[0] - away * n[0], x[1] - away * n[1], x[2] - away * n[2]))
+        f_new, g, hollow = _evaluate(splats, near, add(x, scale(n, -away)), n)
         if not f_new < np.inf or f_new == f_last:
             return np.inf, np.inf
         step = -f_new * (away - last) / (f_new - f_last)
@@ -134,7 +138,7 @@ def _deviation(splats, near, x, n, close):  # type: ignore[no-untyped-def]
 def _survey(work, positions, normals, splats, boxes, close, out, hollow):  # type: ignore[no-untyped-def]
     """Fill in `out` and `hollow` for every point, a block of neighbouring points at a time."""
     positions, normals, out, hollow = borrow(positions), borrow(normals), borrow(out), borrow(hollow)
-    lent = borrow(splats[0]), borrow(splats[1]), borrow(splats[2])
+    lent = borrow(splats[0]), borrow(splats[1]), borrow(splats[2]), borrow(splats[3])
     tree = Boxes(borrow(boxes.low), borrow(boxes.high), borrow(boxes.heads))
     found, stack = np.empty(len(lent[2]), np.int32), np.empty((16 * WIDE, 2), np.int64)
     tile = take(work)
@@ -173,10 +177,14 @@ def deviations(
         No support reaches the point, or only rims do, or there is no surface along its normal.
     """
     order = morton_order(splats[0])
-    sorted_splats = tuple(np.ascontiguousarray(array[order]) for array in splats)
+    sorted_splats = [np.ascontiguousarray(array[order]) for array in splats]
+    positions_of, normals_of, radii = sorted_splats
+    sheets = find_sheets(positions_of, normals_of, radii, neighbors(positions_of, NEIGHBORS + 1)[1])
+    none = np.zeros(len(order), np.int8)
     reach = sorted_splats[2][:, None]
     boxes = _box(sorted_splats[0] - reach, sorted_splats[0] + reach)
     out, hollow = np.empty(len(positions), np.float32), np.empty(len(positions), np.float32)
-    run(_survey, -(-len(out) // (TILE * BLOCK)), positions, normals, sorted_splats, boxes, float(close), out, hollow)
+    gated = (*sorted_splats, none if sheets is None else sheets)
+    run(_survey, -(-len(out) // (TILE * BLOCK)), positions, normals, gated, boxes, float(close), out, hollow)
     bare: NDArray[Any] = ~(hollow <= HOLLOW)
     return np.where(bare, np.float32(0), out), bare

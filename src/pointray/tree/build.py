@@ -27,7 +27,7 @@ class Splats(NamedTuple):
     rows : (n,) int32, the caller's row of each
     colors : (n, 3) uint8, sRGB, or None
     borders : (n, 3) float32, the direction out of the surface on an open border, else zero; or None: there is none
-    sheets : (n,) int8, 1 or -1 for the two sides of sheets close together, else 0; or None: there are none
+    sheets : (n,) int8, 1 to 6 for the way that sheets close together face, else 0; or None: there are none
     """
 
     positions: NDArray[np.float32]
@@ -157,8 +157,8 @@ def _order(splats: Splats, threads: int | None) -> NDArray[np.int32]:
     if splats.sheets is None:
         return sort_splats(splats.positions, threads)
     parts = []
-    for side in (0, 1, -1):
-        rows = np.flatnonzero(splats.sheets == side).astype(np.int32)
+    for facing in range(7):
+        rows = np.flatnonzero(splats.sheets == facing).astype(np.int32)
         if len(rows):
             order = rows[sort_splats(splats.positions[rows], threads)]
             parts.append(np.concatenate([order, np.full(-len(order) % PER_BLOCK, -1, np.int32)]))
