@@ -53,11 +53,11 @@ def accept(tree, scratch, frame, leaf, at, way):  # type: ignore[no-untyped-def]
     joined = part > 0 and least_weight(scratch.means, part) > FAINT
     means = means_between(scratch.means, part, share) if joined else means_at(tree, scratch, frame, spread16(t))
     miss = Hit(INF, ZERO, ZERO, ZERO, -1)
-    if not lane(means[8], 0) > ZERO:
+    if not lane(means[8], 0) > ZERO or way * rise * ray.side > ZERO:
         return miss
     surface = int(tree.head[SURFACE])
     f, _ = value(surface, means)
-    away, gap = offset(means), rise if joined else abs(lane(f, 0)) - scratch.lift[0]
+    away, gap = offset(means), abs(rise) if joined else abs(lane(f, 0)) - scratch.lift[0]
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = tree.leaves[leaf * LEAF + LEAST]
@@ -70,8 +70,6 @@ def accept(tree, scratch, frame, leaf, at, way):  # type: ignore[no-untyped-def]
         if share > BORDER_SHARE and out > tree.head[OVERHANG] * local_radius(tree, scratch, x, y, z):
             return miss
     nx, ny, nz = normal(surface, means)
-    if way * (nx * ray.dx + ny * ray.dy + nz * ray.dz) > ZERO:
-        return miss
     return Hit(t, nx, ny, nz, leaf)
 
 
