@@ -40,6 +40,7 @@ def test_half_the_radii_leave_holes(even):
 def test_turned_normals_are_noticed(even):
     rng = np.random.default_rng(0)
     normals = even.points.normals + rng.normal(scale=0.1, size=(N, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     turned = errors_of(pr.Model(even.points.with_normals(normals)), even)
     exact = errors_of(pr.Model(even.points), even)
     assert np.concatenate(turned.degrees).mean() > 10 * np.concatenate(exact.degrees).mean()
