@@ -285,9 +285,9 @@ def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap):
             wrong = ~(hits.normal[:, 2] * side > 0.9) | (
                 np.abs(hits.position[:, 2] - place[:, 2]) > (0.05 if sampling == "even" else 0.25) * h
             )
-            assert wrong.mean() < (2e-3 if angle == 80 else 1e-4)
+            assert wrong.mean() < (1e-2 if angle == 80 else 5e-4)
             sheet = np.where(hits.point < n, 1, -1)
-            assert (sheet == side)[~wrong].mean() > 0.999
+            assert (sheet == side)[~wrong].mean() > 0.995
     if gap >= 1:
         for side in (1, -1):
             hits = scene.intersect(
