@@ -21,7 +21,7 @@ def survey(positions, normals=None):
     """Radii and borders of points that all differ; normals: those of a sphere."""
     positions = np.asarray(positions, np.float32)
     normals = positions / np.linalg.norm(positions, axis=1, keepdims=True) if normals is None else normals
-    normals = np.ascontiguousarray(np.broadcast_to(normals, positions.shape), np.float32)
+    normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # not read-only: another type to Numba
     return choose_radii(positions, normals, *neighbors(positions, NEIGHBORS + 1))
 
 
