@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, run, take
+from ..jit import borrow, inline, keep, kernel, run, take
 from ..vec import dot, sub, tangents, triple
 
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
@@ -50,15 +50,15 @@ def _unfolded(positions, normals, i, j, axes):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cut(corners, spare, count, a, b, j):  # type: ignore[no-untyped-def]
+def _cut(polygons, which, count, a, b, j):  # type: ignore[no-untyped-def]
     """Keep the part of a polygon that lies closer to the origin than to (a, b), the place of point j.
 
-    corners, spare : rows x, y, and the point whose bisector the side is that begins there, -1 on the square; the
-    result is in `spare`.
+    polygons : two of them, rows x, y, and the point whose bisector the side is that begins there, -1 on the square;
+    `which` is cut, the other one is the result. (Arrays that pieces hand back and forth are freed too early.)
     """
     limit = 0.5 * (a * a + b * b)
     edge = 1e-9 * limit  # a point that comes twice cuts once
-    kept = 0
+    kept, corners, spare = 0, polygons[which], polygons[1 - which]
     before = a * corners[count - 1, 0] + b * corners[count - 1, 1] - limit
     for k in range(count):
         here = a * corners[k, 0] + b * corners[k, 1] - limit
@@ -79,26 +79,24 @@ def _cut(corners, spare, count, a, b, j):  # type: ignore[no-untyped-def]
 
 @inline
 def _cell(positions, normals, i, axes, hood, polygons):  # type: ignore[no-untyped-def]
-    """Corners of point i's cell, a spare array, their number, and the square of the distance to the farthest."""
+    """Which of the polygons is point i's cell, the number of its corners, and the square of the farthest's distance."""
     distances, near = hood
-    corners, spare = polygons
     side = np.float64(distances[len(near) - 1])
     for k in range(4):
-        corners[k, 0] = side if k == 0 or k == 3 else -side
-        corners[k, 1] = side if k < 2 else -side
-        corners[k, 2] = -1.0
-    count, square = 4, 2.0 * side * side
+        polygons[0, k, 0] = side if k == 0 or k == 3 else -side
+        polygons[0, k, 1] = side if k < 2 else -side
+        polygons[0, k, 2] = -1.0
+    which, count, square = 0, 4, 2.0 * side * side
     for k in range(1, len(near)):
         if np.float64(distances[k]) ** 2 > 4.0 * square:
             break
         a, b = _unfolded(positions, normals, i, np.int64(near[k]), axes)
         if a != 0.0 or b != 0.0:
-            count = _cut(corners, spare, count, a, b, near[k])
-            corners, spare = spare, corners
-            square = 0.0
+            count = _cut(polygons, which, count, a, b, near[k])
+            which, square = 1 - which, 0.0
             for c in range(count):
-                square = max(square, corners[c, 0] ** 2 + corners[c, 1] ** 2)
-    return corners, count, square
+                square = max(square, polygons[which, c, 0] ** 2 + polygons[which, c, 1] ** 2)
+    return which, count, square
 
 
 @inline
@@ -152,7 +150,8 @@ def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
     distances, near, gaps, usual = borrow(hood[0]), borrow(hood[1]), borrow(known[0]), borrow(known[1])
     reach, closed = borrow(out[0]), borrow(out[1])
-    polygons = np.empty((CORNERS, 3)), np.empty((CORNERS, 3))
+    memory = np.empty((2, CORNERS, 3))
+    polygons = borrow(memory)
     tile = take(work)
     while tile >= 0:
         for at in range(tile * TILE, min((tile + 1) * TILE, len(reach))):
@@ -160,16 +159,17 @@ def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[
             n = triple(normals, 3 * i)
             axes = tangents((np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
             hood_here = distances[at], near[at]
-            corners, count, square = _cell(positions, normals, i, axes, hood_here, polygons)
+            which, count, square = _cell(positions, normals, i, axes, hood_here, polygons)
             own, ahead = np.inf, (0.0, 0.0)
             if len(usual) > 0:
                 gap = triple(gaps, 3 * i)
                 ahead = dot(gap, axes[0]), dot(gap, axes[1])
                 own = np.float64(usual[i])
-            reach[at], closed[at] = _reach(corners, count, own, usual, known[2], ahead)
+            reach[at], closed[at] = _reach(polygons[which], count, own, usual, known[2], ahead)
             if len(usual) == 0:
                 closed[at] = 4.0 * square <= np.float64(distances[at, near.shape[1] - 1]) ** 2
         tile = take(work)
+    keep(memory)
     return 0
 
 
