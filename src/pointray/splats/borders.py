@@ -98,8 +98,8 @@ def find_gaps(
     (m, 3) float32, unit or zero
     """
     out = np.zeros((len(rows), 3), np.float32)
-    near = np.ascontiguousarray(near)
-    run(_find_gaps, -(-len(out) // TILE), positions, normals, rows, near, out)
+    arrays = [np.ascontiguousarray(array) for array in (positions, normals, rows, near)]
+    run(_find_gaps, -(-len(out) // TILE), *arrays, out)
     return out
 
 
