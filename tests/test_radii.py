@@ -192,6 +192,12 @@ def test_points_at_one_place_need_radii():
             pr.Model(pr.Points(x, 0 * x + [0, 0, 1]))
 
 
+def test_one_place_with_a_radius_is_a_model():
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.Points([[0, 0, 0]], [[0, 0, 1]]), [1.0]))
+    assert scene.intersect([0.1, 0, 2], [0, 0, -1]).t == pytest.approx(2, abs=1e-3)
+
+
 def test_duplicates_count_once():
     points = pr.procedural("sphere", 2000)
     twice = pr.Points(np.repeat(points.positions, 3, axis=0), np.repeat(points.normals, 3, axis=0))

@@ -92,11 +92,12 @@ class Model:
         sites = cloud.positions[rows], normals[rows]
         chosen = np.empty(0, np.float32) if given is None else given[used] * np.float32(scale)
         borders, sheets = None, None
-        if given is None or (trim == "auto" and surface != "disc"):
+        automatic = self.settings.overhang < np.inf and len(rows) > NEIGHBORS
+        if given is None or automatic:
             hood = neighbors(sites[0], NEIGHBORS + 1)
             small, ends = choose_radii(*sites, *hood)
             chosen = small[places] * np.float32(scale) if given is None else chosen
-            if self.settings.overhang < np.inf and len(rows) > NEIGHBORS:
+            if automatic:
                 tight = (chosen[rows] < TIGHT * small).mean() > TIGHT_SHARE
                 self.settings, borders = self.settings._replace(trim=LOOSE_TRIM if tight else TRIM), ends[places]
                 if self.surface != "paper":

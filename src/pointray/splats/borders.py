@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..jit import borrow, inline, kernel, run, take
 from ..vec import tangents
 
-GAP = math.radians(115)  # a straight border leaves 180 degrees; of 20 random directions, one set in 250 leaves this
+GAP = math.radians(115)  # a straight border leaves 180 degrees; of 20 random directions, one set in 75 leaves this
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
 COMPANY = 2  # a border is a curve: at least so many of a splat's neighbours lie on it too
 TILE = 2048

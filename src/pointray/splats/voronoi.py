@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..jit import borrow, inline, keep, kernel, run, take
 from ..vec import dot, sub, tangents, triple
+from .borders import FOLD
 
-FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
-OTHER_SHEET = math.cos(math.radians(145))  # and as two sheets
+OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals beyond which points lie on two sheets
 BORDER = 1.3  # so many times as wide as usual may a gap be where the surface may end, unless a point lies ahead
 AHEAD = math.cos(math.radians(60))  # within which it does
 CORNERS = 64  # of a polygon; more neighbours than that never bound a cell
