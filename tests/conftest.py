@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pointray import jit
+
 MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_signature_a_kernel() -> Iterator[None]:
+    """A second type of array would compile a kernel again, in front of a user: no test may have brought one."""
+    yield
+    many = {name: kernel.signatures for name, kernel in jit.KERNELS.items() if len(kernel.signatures) > 1}
+    assert not many
 
 
 def shared_model(name: str) -> Path:

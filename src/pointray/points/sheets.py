@@ -22,9 +22,7 @@ Rows = NDArray[np.int64]
 
 AREA = 8  # the neighbour whose distance gives a point's area
 LEAF = 16  # points
-FAR = (
-    1.5  # radii of a node and a spacing, from which it is one dipole: with 2.0 the dragon is no better, 2 times slower
-)
+FAR = 1.5  # radii of a node and a spacing, from which it is one dipole: 2.0 is no better and takes twice as long
 SOFT = 0.5  # spacings within which a dipole is blurred
 PLANE = 10  # points of the plane that tells the sides apart
 THICK = 0.1  # residual in spacings from which a point may be of two sheets
@@ -231,8 +229,8 @@ def _suspects(field: _Field, rows: Rows) -> Rows:
     found, fresh = np.zeros(len(field.positions), np.bool_), rows
     for _ in range(RINGS):
         odd = fresh[np.abs(field.around(fresh).sum(axis=1) - 1) > LOOSE]
-        fresh = np.unique(field.near[odd])
-        fresh = fresh[~found[fresh]]
+        around = np.unique(field.near[odd]).astype(np.int64)  # one signature of _wind
+        fresh = around[~found[around]]
         found[fresh] = True
     return np.flatnonzero(found)
 
