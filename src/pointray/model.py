@@ -10,20 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .data import FARTHEST, Points
-from .neighbors import distinct, neighbors
 from .points import normals as point_normals
 from .records import SURFACES, Tree
-from .splats.radii import NEIGHBORS, check_radii, choose_radii
-from .splats.sheets import find_sheets
+from .splats.radii import check_radii
+from .splats.support import CROWD, find_support
 from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
 TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii; see ARCHITECTURE.md
-# Where over a thousandth of the radii are smaller than TIGHT times those that cover, surface lies in gaps.
-LOOSE_TRIM, TIGHT, TIGHT_SHARE = 0.95, 0.9, 1e-3
+LOOSE_TRIM = 0.95  # the same where the radii are too small to cover the surface: it lies in gaps
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii; see ARCHITECTURE.md
 SMALLEST, LARGEST = 1e-12, 1e12  # of a radius
-CROWD = 16  # splats at one place
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 STAGES = ("normals", "radii", "tree")
 
@@ -88,27 +85,24 @@ class Model:
         say("normals", 0.0)
         normals = _unit_normals(cloud)
         say("radii", 0.0)
-        rows, places = distinct(cloud.positions)
-        sites = cloud.positions[rows], normals[rows]
-        chosen = np.empty(0, np.float32) if given is None else given[used] * np.float32(scale)
-        borders, sheets = None, None
-        automatic = self.settings.overhang < np.inf and len(rows) > NEIGHBORS
-        if given is None or automatic:
-            hood = neighbors(sites[0], NEIGHBORS + 1)
-            small, ends = choose_radii(*sites, *hood)
-            chosen = small[places] * np.float32(scale) if given is None else chosen
-            if automatic:
-                tight = (chosen[rows] < TIGHT * small).mean() > TIGHT_SHARE
-                self.settings, borders = self.settings._replace(trim=LOOSE_TRIM if tight else TRIM), ends[places]
-                if self.surface != "paper":
-                    sides = find_sheets(*sites, chosen[rows], hood[1])
-                    sheets = None if sides is None else sides[places]
+        automatic = self.settings.overhang < np.inf
+        support = find_support(
+            cloud.positions,
+            normals,
+            None if given is None else given[used],
+            scale,
+            borders=automatic,
+            sheets=automatic and self.surface != "paper",
+        )
+        if support.tight:
+            self.settings = self.settings._replace(trim=LOOSE_TRIM)
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
-        self.radii[used] = chosen
-        _check_size(chosen)
-        splats = Splats(cloud.positions, normals, chosen, used, cloud.colors, borders, sheets)
-        if np.bincount(places).max() > CROWD:
-            splats = _thinned(splats, places)
+        self.radii[used] = support.radii
+        _check_size(support.radii)
+        splats = _not_crowded(
+            Splats(cloud.positions, normals, support.radii, used, cloud.colors, support.borders, support.sheets),
+            support.crowded,
+        )
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = cloud.bounds
 
@@ -141,14 +135,13 @@ def _unit_normals(points: Points) -> NDArray[np.float32]:
     return mended.normals
 
 
-def _thinned(splats: Splats, places: NDArray[np.int64]) -> Splats:
-    """At most CROWD splats a place: every ray past a crowd would have to look at all of it."""
-    order = np.argsort(places, kind="stable")
-    start = np.searchsorted(places[order], places[order])
-    kept = np.sort(order[np.arange(len(order)) - start < CROWD])
-    lost = len(places) - len(kept)
+def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
+    """Without the crowded ones, and a word if there are any."""
+    lost = int(crowded.sum())
+    if not lost:
+        return splats
     warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=3)
-    arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[kept]) for array in splats]
+    arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[~crowded]) for array in splats]
     return Splats(*arrays)
 
 

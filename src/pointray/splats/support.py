@@ -1,0 +1,88 @@
+"""What surrounds every splat: its radius, where the surface ends beside it, and which of two close sheets it is of."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..neighbors import distinct, neighbors
+from .radii import NEIGHBORS, choose_radii
+from .sheets import find_sheets
+
+# Where over a thousandth of the radii are smaller than TIGHT times those that cover, surface lies in gaps.
+TIGHT, TIGHT_SHARE = 0.9, 1e-3
+CROWD = 16  # splats at one place
+
+
+class Support(NamedTuple):
+    """Of n splats.
+
+    radii : (n,) float32
+    borders : (n, 3) float32, the direction out of the surface on an open border, else zero; or None: not looked for
+    sheets : (n,) int8, 1 to 6 for the way that sheets close together face, else 0; or None: there are none
+    tight : whether many radii are too small to cover the surface
+    places : (n,) int64, equal for splats at one place
+    """
+
+    radii: NDArray[np.float32]
+    borders: NDArray[np.float32] | None
+    sheets: NDArray[np.int8] | None
+    tight: bool
+    places: NDArray[np.int64]
+
+    @property
+    def crowded(self) -> NDArray[np.bool_]:
+        """Which splats lie where CROWD of lower numbers do: every ray past a crowd would have to look at all of it."""
+        if np.bincount(self.places).max() <= CROWD:
+            return np.zeros(len(self.places), np.bool_)
+        order = np.argsort(self.places, kind="stable")
+        start = np.searchsorted(self.places[order], self.places[order])
+        crowded = np.empty(len(order), np.bool_)
+        crowded[order] = np.arange(len(order)) - start >= CROWD
+        return crowded
+
+
+def find_support(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    radii: NDArray[np.float32] | None,
+    scale: float,
+    *,
+    borders: bool,
+    sheets: bool,
+) -> Support:
+    """The support of every splat, all of it from one search for neighbours.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        Finite.
+    normals : (n, 3) float32, unit
+    radii : (n,) float32 or None
+        Given ones; None: as small as covers the surface, see `choose_radii`.
+    scale : float
+        All radii times this.
+    borders, sheets : bool
+        What to look for besides radii; sheets only with borders. A handful of places has neither.
+
+    Raises
+    ------
+    ValueError
+        If there is one place only and no radius.
+    """
+    rows, places = distinct(positions)
+    given = None if radii is None else radii * np.float32(scale)
+    borders = borders and len(rows) > NEIGHBORS
+    if given is not None and not borders:
+        return Support(given, None, None, False, places)
+    sites = positions[rows], normals[rows]
+    hood = neighbors(sites[0], NEIGHBORS + 1)
+    covering, ends = choose_radii(*sites, *hood)
+    chosen = covering[places] * np.float32(scale) if given is None else given
+    if not borders:
+        return Support(chosen, None, None, False, places)
+    tight = bool((chosen[rows] < TIGHT * covering).mean() > TIGHT_SHARE)
+    sides: NDArray[Any] | None = find_sheets(*sites, chosen[rows], hood[1]) if sheets else None
+    return Support(chosen, ends[places], None if sides is None else sides[places], tight, places)
