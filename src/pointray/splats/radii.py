@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..neighbors import NeighborTree, distinct, neighbors
 from .borders import drop_lone, find_gaps
-from .voronoi import Hood, measure_cells
+from .voronoi import Hood, measure_cells, medians_around
 
 Floats = NDArray[np.float32]
 
@@ -23,7 +23,6 @@ NEIGHBORS = 20  # they close the cells of even points and nine in ten of random 
 MORE = 80  # for the cells still open: beside a gap, a step of density, between lines of a scan
 WIDE = 0.5  # distances to the 8th neighbour that a cell reaches at a border; even points' 0.46, random ones' 0.6
 BEYOND = 40  # and for those still open then, from farther ahead and behind
-USUAL = 8  # neighbours whose cells say what is usual
 STRAY = 2.5  # a point may be stray if its 4th neighbour is this many times farther than the cells around it reach
 # None reaches farther than LONE times the widest hundredth of all cells, or WIDEST times where at least ALIKE of its
 # neighbours reach a third as far: a part of the surface with a hundredth of the density is not stray.
@@ -31,16 +30,19 @@ LONE, WIDEST, ALIKE = 1.5, 10.0, 0.8
 # A gap that many times as wide as usual is open: 1 + CHANCE (q - 1), q the share by which the widest twentieth of the
 # cells reach farther than usual. Even points: 1.5 (the widest 1.3); a million random ones: 3 (2.7).
 CHANCE, VOIDS = 3.6, (1.5, 3.0)
+# No cell counts as smaller than this share of the median of those around it: the least radius decides how far the
+# samples along a ray are apart. Random points: 15% faster, with 4% more splats over a point and the same errors.
+EVEN = 0.9
 CLUMP = 0.1  # points this much closer than usual count as one
 
 
 def choose_radii(
     positions: Floats, normals: Floats, distances: Floats, near: NDArray[np.int32]
 ) -> tuple[Floats, Floats]:
-    """Radii that cover the surface, each as small as its point's Voronoi cell allows; and where the surface ends.
+    """Radii that cover the surface, each as small as its point's Voronoi cell and its neighbours' radii allow.
 
-    Points in a clump much smaller than the spacing count as one; a stray point gets a radius like those of its nearest
-    neighbours.
+    And where the surface ends. Points in a clump much smaller than the spacing count as one; a stray point gets a
+    radius like those of its nearest neighbours.
 
     Parameters
     ----------
@@ -130,7 +132,7 @@ def _survey(positions: Floats, normals: Floats, distances: Floats, near: NDArray
     """How far each point's cell reaches, without outliers, and the borders."""
     cells = _Cells((positions, normals), Hood(np.arange(len(positions)), distances, near))
     borders = cells.gaps
-    around = np.median(cells.reach[near[:, 1 : USUAL + 1]], axis=1)
+    around = medians_around(cells.reach, normals, near)
     fourth = distances[:, min(4, near.shape[1] - 1)]
     far = np.flatnonzero((fourth > STRAY * around) & (around > 0))
     above = far[_height(positions, normals, far, near[far, 1:5]) > 0.5]
@@ -150,7 +152,7 @@ def _survey(positions: Floats, normals: Floats, distances: Floats, near: NDArray
     reach = np.where(bounded, reach, distances[:, 1] / 2)
     if bounded.any():
         _keep_strays_small(reach, near, float(np.quantile(reach[bounded], 0.99)))
-    return reach, borders
+    return np.maximum(reach, np.float32(EVEN) * medians_around(reach, normals, near)), borders
 
 
 def _keep_strays_small(reach: Floats, near: NDArray[np.int32], wide: float) -> None:

@@ -20,6 +20,7 @@ from .borders import FOLD
 OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals beyond which points lie on two sheets
 BORDER = 1.3  # so many times as wide as usual may a gap be where the surface may end, unless a point lies ahead
 AHEAD = math.cos(math.radians(60))  # within which it does
+USUAL = 8  # neighbours whose cells say what is usual
 CORNERS = 64  # of a polygon; more neighbours than that never bound a cell
 TILE = 2048
 
@@ -171,6 +172,57 @@ def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[
         tile = take(work)
     keep(memory)
     return 0
+
+
+@inline
+def _gather_sorted(values, normals, i, near, limit, found):  # type: ignore[no-untyped-def]
+    """The values of point i and the USUAL next ones with normals of at least that cosine to its own, ascending."""
+    n, count = triple(normals, 3 * i), 0
+    for j in near:
+        if count <= USUAL and dot(n, triple(normals, 3 * np.int64(j))) >= limit:
+            k, value = count, values[j]
+            while k > 0 and found[k - 1] > value:
+                found[k] = found[k - 1]
+                k -= 1
+            found[k] = value
+            count += 1
+    return count
+
+
+@kernel
+def _medians(work, values, normals, near, out):  # type: ignore[no-untyped-def]
+    """See `medians_around`."""
+    values, normals, near, out = borrow(values), borrow(normals), borrow(near), borrow(out)
+    memory = np.empty(USUAL + 1, np.float32)
+    found = borrow(memory)
+    tile = take(work)
+    while tile >= 0:
+        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+            count = _gather_sorted(values, normals, i, near[i], OTHER_SHEET, found)
+            if count <= USUAL // 2:  # it has no sheet to speak of
+                count = _gather_sorted(values, normals, i, near[i], -2.0, found)
+            out[i] = np.float32(0.5) * (found[(count - 1) // 2] + found[count // 2])
+        tile = take(work)
+    keep(memory)
+    return 0
+
+
+def medians_around(
+    values: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.int32]
+) -> NDArray[np.float32]:
+    """Median of a value of each point and of the USUAL next points of its sheet.
+
+    Parameters
+    ----------
+    values : (n,) float32
+    normals : (n, 3) float32, unit
+    near : (n, k) int32
+        Rows of each point's neighbours, itself first.
+    """
+    out = np.empty(len(values), np.float32)
+    flat = np.ascontiguousarray(normals).reshape(-1)
+    run(_medians, -(-len(out) // TILE), np.ascontiguousarray(values), flat, np.ascontiguousarray(near), out)
+    return out
 
 
 class Hood(NamedTuple):
