@@ -181,9 +181,10 @@ def test_a_thin_closed_shell_has_two_sides():
     assert (normals[10_000:20_000, 2] < 0).mean() > 0.999
 
 
+@pytest.mark.parametrize("residual", [1, np.nan])
 @pytest.mark.parametrize("gap", [0.2, 0.4])
-def test_a_cavity_and_a_plate_thinner_than_the_spacing(gap):
-    """Half of one sheet looks the wrong way: winding numbers turn it back."""
+def test_a_cavity_and_a_plate_thinner_than_the_spacing(gap, residual):
+    """Half of one sheet looks the wrong way: winding numbers turn it back, also where the fits are to lines."""
     rng = np.random.default_rng(5)
     wall = 56 * sphere_points(40_000)  # a spacing of about one
     x = rng.uniform(-8, 8, (2 * 256, 2))
@@ -198,10 +199,10 @@ def test_a_cavity_and_a_plate_thinner_than_the_spacing(gap):
         is_sheet = order >= len(wall)
         flipped = is_sheet & (path[:, 2] > 0) & (path[:, 0] < np.median(path[is_sheet, 0]))
         normals = np.where(flipped[:, None], -truth, truth)
-        part_sheets(path, normals, near, np.where(is_sheet, 1, 0).astype(np.float32))
+        part_sheets(path, normals, near, np.where(is_sheet, residual, 0).astype(np.float32))
         wrong = (np.sum(normals * truth, axis=1) < 0).sum()
         print(gap, inside, flipped.sum(), wrong)
-        assert wrong < flipped.sum() / 3
+        assert wrong < flipped.sum() / 20
 
 
 def _square(n):
@@ -270,7 +271,7 @@ def test_what_cannot_be_estimated(positions, others, words):
     ("name", "viewpoint", "flipped"),
     [
         ("stanford_bunny", None, 0.001),
-        ("stanford_dragon", None, 0.0018),  # 0.146% measured (479 places); 1,063 places without winding numbers
+        ("stanford_dragon", None, 0.0011),  # 433 of 434,995 rows measured; 1,233 without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
         ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; those through 10 or 24 differ by 2.9 or 1.1%
