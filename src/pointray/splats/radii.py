@@ -132,7 +132,7 @@ def _survey(positions: Floats, normals: Floats, distances: Floats, near: NDArray
     """How far each point's cell reaches, without outliers, and the borders."""
     cells = _Cells((positions, normals), Hood(np.arange(len(positions)), distances, near))
     borders = cells.gaps
-    around = medians_around(cells.reach, normals, near)
+    around = medians_around(cells.reach, normals, near, own=False)
     fourth = distances[:, min(4, near.shape[1] - 1)]
     far = np.flatnonzero((fourth > STRAY * around) & (around > 0))
     above = far[_height(positions, normals, far, near[far, 1:5]) > 0.5]
@@ -152,7 +152,7 @@ def _survey(positions: Floats, normals: Floats, distances: Floats, near: NDArray
     reach = np.where(bounded, reach, distances[:, 1] / 2)
     if bounded.any():
         _keep_strays_small(reach, near, float(np.quantile(reach[bounded], 0.99)))
-    return np.maximum(reach, np.float32(EVEN) * medians_around(reach, normals, near)), borders
+    return np.maximum(reach, np.float32(EVEN) * medians_around(reach, normals, near, own=True)), borders
 
 
 def _keep_strays_small(reach: Floats, near: NDArray[np.int32], wide: float) -> None:

@@ -179,7 +179,7 @@ def _gather_sorted(values, normals, i, near, limit, found):  # type: ignore[no-u
     """The values of point i and the USUAL next ones with normals of at least that cosine to its own, ascending."""
     n, count = triple(normals, 3 * i), 0
     for j in near:
-        if count <= USUAL and dot(n, triple(normals, 3 * np.int64(j))) >= limit:
+        if count < len(found) and dot(n, triple(normals, 3 * np.int64(j))) >= limit:
             k, value = count, values[j]
             while k > 0 and found[k - 1] > value:
                 found[k] = found[k - 1]
@@ -190,17 +190,17 @@ def _gather_sorted(values, normals, i, near, limit, found):  # type: ignore[no-u
 
 
 @kernel
-def _medians(work, values, normals, near, out):  # type: ignore[no-untyped-def]
-    """See `medians_around`."""
+def _medians(work, values, normals, near, own, out):  # type: ignore[no-untyped-def]
+    """See `medians_around`; own : 1 or 0."""
     values, normals, near, out = borrow(values), borrow(normals), borrow(near), borrow(out)
-    memory = np.empty(USUAL + 1, np.float32)
+    memory = np.empty(USUAL + own, np.float32)
     found = borrow(memory)
     tile = take(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
-            count = _gather_sorted(values, normals, i, near[i], OTHER_SHEET, found)
-            if count <= USUAL // 2:  # it has no sheet to speak of
-                count = _gather_sorted(values, normals, i, near[i], -2.0, found)
+            count = _gather_sorted(values, normals, i, near[i, 1 - own :], OTHER_SHEET, found)
+            if count < USUAL // 2:  # it has no sheet to speak of
+                count = _gather_sorted(values, normals, i, near[i, 1 - own :], -2.0, found)
             out[i] = np.float32(0.5) * (found[(count - 1) // 2] + found[count // 2])
         tile = take(work)
     keep(memory)
@@ -208,9 +208,9 @@ def _medians(work, values, normals, near, out):  # type: ignore[no-untyped-def]
 
 
 def medians_around(
-    values: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.int32]
+    values: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.int32], own: bool
 ) -> NDArray[np.float32]:
-    """Median of a value of each point and of the USUAL next points of its sheet.
+    """Median of a value of the USUAL points of its sheet next to each point.
 
     Parameters
     ----------
@@ -218,10 +218,12 @@ def medians_around(
     normals : (n, 3) float32, unit
     near : (n, k) int32
         Rows of each point's neighbours, itself first.
+    own : bool
+        Whether the point's own value counts too.
     """
     out = np.empty(len(values), np.float32)
     flat = np.ascontiguousarray(normals).reshape(-1)
-    run(_medians, -(-len(out) // TILE), np.ascontiguousarray(values), flat, np.ascontiguousarray(near), out)
+    run(_medians, -(-len(out) // TILE), np.ascontiguousarray(values), flat, np.ascontiguousarray(near), int(own), out)
     return out
 
 
