@@ -40,10 +40,9 @@ def test_commands(block: str, folder: Path) -> None:
         program, *arguments = shlex.split(line, comments=True) or [""]
         assert program == "pointray", f"do not know how to test {line!r}"
         assert execute(arguments) == 0
-        if "-o" in arguments and arguments[arguments.index("-o") + 1].endswith(".ply"):
-            pr.read(folder / arguments[arguments.index("-o") + 1])
-        elif "-o" in arguments:
-            Image.open(folder / arguments[arguments.index("-o") + 1]).load()
+        if "-o" in arguments:
+            made = folder / arguments[arguments.index("-o") + 1]
+            {".ply": pr.read, ".pointray": pr.Model.load}.get(made.suffix, lambda path: Image.open(path).load())(made)
 
 
 @pytest.mark.parametrize("block", blocks("python"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .data import FARTHEST, Points
 from .points import normals as point_normals
 from .records import SURFACES, Tree
+from .saved import read_model, take_array, write_model
 from .splats.radii import check_radii
 from .splats.support import CROWD, find_support
 from .tree.build import Splats, TreeSettings, build_tree
@@ -106,6 +108,52 @@ class Model:
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = cloud.bounds
 
+    def save(self, path: str | os.PathLike[str], progress: Callable[[float], None] | None = None) -> None:
+        """Write the model, tree and all, to a file that `load` maps.
+
+        Parameters
+        ----------
+        path : str or path
+            Usually ends in .pointray; replaced when all is written.
+        progress : callable, optional
+            Called with the share done.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        about = {"settings": self.settings._asdict()}
+        arrays: dict[str, NDArray[Any]] = {"radii": self.radii, "bounds": self._bounds}
+        arrays |= {f"tree.{name}": array for name, array in zip(Tree._fields, self.tree, strict=True)}
+        write_model(path, about, self.points, arrays, progress or (lambda share: None))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Model:
+        """A model that `save` has written, mapped into memory: ready at once, whatever its size.
+
+        The file must stay as it is while the model is used.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be opened.
+        ValueError
+            If it is no saved model, of another version, or damaged.
+        """
+        about, points, arrays, tree = read_model(path)
+        model = cls.__new__(cls)
+        try:
+            model.settings = _settings_of(about["settings"])
+            model.radii = take_array(arrays, "radii", np.float32, (len(points),))
+            model._bounds = take_array(arrays, "bounds", np.float64, (2, 3))
+            if not (np.isfinite(model._bounds).all() and (model._bounds[0] <= model._bounds[1]).all()):
+                raise ValueError("its bounds are none")
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{path}: the model is damaged: {error}") from error
+        model.points, model.surface, model.tree = points, model.settings.surface, tree
+        return model
+
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Least and greatest world coordinates of the points, (2, 3) float64."""
@@ -171,6 +219,14 @@ def _check_settings(surface: str, samples: int, refine: int, trim: str | float |
     else:
         raise ValueError(f"trim must be 'auto', None or a positive number of radii, not {trim!r}")
     return TreeSettings(surface, int(samples), int(refine), limit, overhang)
+
+
+def _settings_of(values: dict[str, Any]) -> TreeSettings:
+    """Settings as they are kept in a file."""
+    settings = TreeSettings(**values)
+    if settings.surface not in SURFACES or not all(isinstance(value, int | float) for value in settings[1:]):
+        raise ValueError("its settings are unknown")
+    return settings
 
 
 def _check_scale(scale: float) -> float:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .options import View, ground_under, light_of, numbers, positive, use_threads
+from .options import SAVED, View, ground_under, light_of, numbers, positive, use_threads
 from .waiting import Progress, in_background, writing
 
 app = typer.Typer(
@@ -27,7 +27,7 @@ ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINT
 
 @app.command()
 def render(
-    file: Annotated[Path, typer.Argument(help="A scan: .ply.")],
+    file: Annotated[Path, typer.Argument(help="A scan: .ply, or a model that prepare has saved: .pointray.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The picture: .png or .jpg.")],
     eye: Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")] = None,
     target: Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")] = None,
@@ -53,10 +53,10 @@ def render(
 ) -> None:
     """Render a scan to a picture; camera and light place themselves."""
     from ..image.write import check_image_path
-    from ..points.files import check_readable
+    from ..points.files import check_readable, check_regular
 
     check_image_path(output)
-    check_readable(file)
+    (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
     import pointray as pr
 
     from ..picture import Settings
@@ -87,30 +87,28 @@ def render(
 
 
 def _load(file: Path, options: dict[str, Any], progress: Progress) -> Any:
-    """The model of a file."""
+    """The model of a file: a scan's, or a saved one."""
     import pointray as pr
 
+    from .prepare import radii_in
+
     progress.show("reading", 0.0)
+    if file.suffix.lower() == SAVED:
+        if options != {"surface": None, "samples": 4, "radius_scale": 1.0}:
+            raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
+        return in_background(lambda: pr.Model.load(file))
     points = in_background(lambda: pr.read(file))
-    radii = _radii_in(points)
+    radii = radii_in(points)
     try:
         return in_background(lambda: pr.Model(points, radii, **options, progress=progress.show))
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
 
 
-def _radii_in(points: Any) -> Any:
-    """The support radii that `prepare` has written with the points, if each has one."""
-    radii = points.attributes.get("radius")
-    if radii is None or radii.ndim != 1 or not ((radii > 0) & (radii < float("inf"))).all():
-        return None
-    return radii
-
-
 @app.command()
 def prepare(
     file: Annotated[Path, typer.Argument(help="A scan: .ply.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply, or .pointray: the model, ready.")],
     tolerance: Annotated[
         str | None,
         typer.Option(help="Leave out what the surface can spare: it stays within 0.5 (units), or 0.05% (diagonal)."),

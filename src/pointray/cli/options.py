@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 SUN = 3.0  # irradiance of a light without a strength
+SAVED = ".pointray"  # how the name of a saved model ends
 
 
 def numbers(text: str, name: str) -> tuple[float, float, float]:

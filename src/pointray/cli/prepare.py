@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .options import SAVED
 from .waiting import Progress, in_background, writing
 
 
@@ -23,12 +24,21 @@ def tolerance_of(text: str) -> tuple[float, bool]:
     return (value / 100 if share else value), share
 
 
+def radii_in(points: Any) -> Any:
+    """The support radii that `prepare` has written with the points, if each has one."""
+    radii = points.attributes.get("radius")
+    if radii is None or radii.ndim != 1 or not ((radii > 0) & (radii < math.inf)).all():
+        return None
+    return radii
+
+
 def check_output(output: Path) -> None:
     """Raise what would keep the result from being written, before the work is done."""
     from ..points.files import check_writable
 
-    if output.suffix.lower() != ".ply":
-        raise ValueError(f"{output}: cannot write {output.suffix or 'a file without extension'}; can write .ply")
+    if output.suffix.lower() not in (".ply", SAVED):
+        extension = output.suffix or "a file without extension"
+        raise ValueError(f"{output}: cannot write {extension}; can write .ply and {SAVED}")
     check_writable(output)
 
 
@@ -52,6 +62,11 @@ def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
             points, done = in_background(lambda: _prepared(points, tolerance, wishes, progress.show))
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
+        if output.suffix.lower() == SAVED:
+            model = in_background(lambda: pr.Model(points, radii_in(points), progress=progress.show))
+            with writing(output):
+                in_background(lambda: model.save(output, lambda share: progress.show("writing", share)))
+            return f"{output}: a model of {len(points):,} points; {', '.join(done) or 'nothing else was to be done'}"
     with writing(output):
         pr.write(output, points)
     return f"{output}: {len(points):,} points; {', '.join(done) or 'nothing was to be done'}"

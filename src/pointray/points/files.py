@@ -45,12 +45,18 @@ def read(path: str | os.PathLike[str]) -> Points:
         raise ValueError(f"{file}: {' '.join(str(error).split())}") from error
 
 
-def check_readable(path: str | os.PathLike[str]) -> Callable[[Path], Points]:
-    """The reader of a file; OSError or ValueError if it cannot be opened, or no reader knows its extension."""
+def check_regular(path: str | os.PathLike[str]) -> Path:
+    """The path of a file that is there; OSError for others, such as a folder, or a pipe that would wait for ever."""
     file = Path(path)
-    if not stat.S_ISREG(file.stat().st_mode):  # a folder, or a pipe that would wait for ever
+    if not stat.S_ISREG(file.stat().st_mode):
         number = errno.EISDIR if file.is_dir() else errno.EINVAL
         raise OSError(number, "not a regular file", str(file))
+    return file
+
+
+def check_readable(path: str | os.PathLike[str]) -> Callable[[Path], Points]:
+    """The reader of a file; OSError or ValueError if it cannot be opened, or no reader knows its extension."""
+    file = check_regular(path)
     reader = READERS.get(file.suffix.lower())
     if reader is None:
         known = ", ".join(sorted(READERS))

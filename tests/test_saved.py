@@ -1,0 +1,217 @@
+import json
+import os
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from conftest import shared_model
+from pointray.cli import execute
+from pointray.records import LEAF, STEP, Tree
+from pointray.saved import ALIGN
+
+RNG = np.random.default_rng(5)
+
+
+def cloud(n=3000):
+    points = pr.procedural("torus", n)
+    colors = RNG.integers(0, 255, (n, 3), np.uint8)
+    attributes = {"heat": RNG.random(n), "flow": RNG.random((n, 2))}
+    world = points.positions + np.array([5e6, 0, 0])
+    return pr.Points(world, points.normals, colors, attributes)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    model = pr.Model(cloud(), refine=2)
+    path = tmp_path_factory.mktemp("saved") / "torus.pointray"
+    model.save(path)
+    return model, path
+
+
+def hits_of(model):
+    scene = pr.Scene()
+    scene.add(model)
+    origins, directions = pr.Camera.frame(model.bounds, size=(24, 24)).rays()
+    return scene.intersect(origins, directions, attributes=("heat", "flow"))
+
+
+def test_a_loaded_model_is_the_saved_one(saved):
+    model, path = saved
+    again = pr.Model.load(path)
+    assert (again.surface, again.settings, again.nbytes) == (model.surface, model.settings, model.nbytes)
+    assert np.array_equal(again.bounds, model.bounds) and np.array_equal(again.radii, model.radii)
+    for name in ("positions", "origin", "normals", "colors"):
+        assert np.array_equal(getattr(again.points, name), getattr(model.points, name))
+    for one, other in zip(model.tree, again.tree, strict=True):
+        assert one.dtype == other.dtype and np.array_equal(one, other)
+    want, got = hits_of(model), hits_of(again)
+    assert np.isfinite(want.t).any()
+    for name in ("t", "position", "normal", "color", "point", "instance"):
+        assert np.array_equal(getattr(want, name), getattr(got, name), equal_nan=True)
+    for name, values in want.attributes.items():
+        assert np.array_equal(values, got.attributes[name], equal_nan=True)
+
+
+@pytest.mark.parametrize("options", [{"surface": "disc"}, {"surface": "paper", "trim": None}])
+def test_models_of_all_kinds_come_back(tmp_path, options):
+    model = pr.Model(pr.procedural("sphere", 500).positions, **options)
+    model.save(tmp_path / "m")
+    again = pr.Model.load(tmp_path / "m")
+    assert again.settings == model.settings
+    assert again.points.normals is None and again.points.colors is None
+    assert np.array_equal(again.tree.blocks, model.tree.blocks)
+
+
+def test_a_loaded_model_is_saved_again_over_its_own_file(tmp_path, saved):
+    path = tmp_path / "m"
+    saved[0].save(path)
+    shares = []
+    again = pr.Model.load(path)
+    again.save(path, shares.append)
+    assert path.read_bytes() == saved[1].read_bytes()
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    assert os.listdir(tmp_path) == ["m"]
+
+
+def test_writing_to_a_loaded_model_leaves_its_file_alone(saved):
+    before = saved[1].read_bytes()
+    model = pr.Model.load(saved[1])
+    model.radii[:] = 0
+    model.tree.blocks[:] = 0
+    assert saved[1].read_bytes() == before
+
+
+def test_a_file_that_is_cut_off_is_an_error(tmp_path, saved):
+    data = saved[1].read_bytes()
+    for length in (0, 1, 5, 6, 60, 200, 1000, len(data) // 3, len(data) // 2, len(data) - ALIGN - 1, len(data) - 1):
+        (tmp_path / "m").write_bytes(data[:length])
+        with pytest.raises(ValueError, match="m: "):
+            pr.Model.load(tmp_path / "m")
+
+
+def test_other_files_are_an_error(tmp_path):
+    with pytest.raises(OSError):
+        pr.Model.load(tmp_path / "absent")
+    np.save(tmp_path / "a.npy", np.arange(10))
+    for content in (b"ply\nformat ascii 1.0\n" * 100, (tmp_path / "a.npy").read_bytes()):
+        (tmp_path / "m").write_bytes(content)
+        with pytest.raises(ValueError, match="not a saved model"):
+            pr.Model.load(tmp_path / "m")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"version": 1', '"version": 9', "another version"),
+        ('"pointray model"', '"mesh"', "not a saved model"),
+        ('"tree.refs"', '"tree.rags"', "tree.refs is missing"),
+        ('"surface": "apss"', '"surface": "none"', "settings"),
+    ],
+)
+def test_another_description_is_an_error(tmp_path, saved, old, new, words):
+    data = saved[1].read_bytes()
+    start, end = data.index(b"{", 80), data.index(b"]", data.index(b'"arrays"'))
+    end = data.index(b"}}", end) + 2
+    text = data[start:end].decode().replace(old, new)
+    json.loads(text)
+    assert len(text) <= end - start
+    (tmp_path / "m").write_bytes(data[:start] + text.ljust(end - start).encode() + data[end:])
+    with pytest.raises(ValueError, match=words):
+        pr.Model.load(tmp_path / "m")
+
+
+def damages():
+    """What a byte on the disk may do to a tree: (array, what to do to it)."""
+
+    def put(index, value):
+        def change(array):
+            array[index] = value
+
+        return change
+
+    def circle(array):
+        array[np.flatnonzero(array >= 0)[0]] = 0
+
+    def ghost(array):
+        array[np.flatnonzero(array < 0)[0]] = -(2**31)
+
+    return [
+        ("children", put(0, 10**9)),
+        ("children", put(0, -(10**9))),
+        ("children", circle),
+        ("children", ghost),
+        ("refs", put(3, 10**8)),
+        ("refs", put(3, -5)),
+        ("spans", put(0, -1)),
+        ("spans", put(1, 10**8)),
+        ("order", put(0, 10**7)),
+        ("order", put(0, -7)),
+        ("head", put(6, 17.0)),
+        ("head", put(7, 1e30)),
+        ("head", put(0, np.nan)),
+        ("leaves", put(14, 1.0)),
+        ("leaves", put(15, 1.0)),
+        ("leaves", put(STEP, 0.0)),
+    ]
+
+
+@pytest.mark.parametrize(("name", "change"), damages())
+def test_a_damaged_tree_is_an_error(tmp_path, saved, name, change):
+    model = pr.Model.load(saved[1])
+    array = getattr(model.tree, name)
+    if name == "leaves":  # of one that holds something
+        array = array[LEAF * int(np.flatnonzero(array[STEP::LEAF])[0]) :]
+    change(array)
+    model.save(tmp_path / "m")
+    with pytest.raises(ValueError, match="damaged"):
+        pr.Model.load(tmp_path / "m")
+
+
+def test_random_damage_is_an_error_or_leads_no_ray_astray(tmp_path, saved):
+    data = np.frombuffer(saved[1].read_bytes(), np.uint8)
+    loaded = 0
+    for _ in range(60):
+        broken = data.copy()
+        at = RNG.integers(0, len(data), 20)
+        broken[at] = RNG.integers(0, 256, len(at))
+        (tmp_path / "m").write_bytes(broken.tobytes())
+        try:
+            model = pr.Model.load(tmp_path / "m")
+        except ValueError:
+            continue
+        loaded += 1
+        hits_of(model)
+    assert loaded > 0
+
+
+def test_wrong_lengths_are_an_error(tmp_path, saved):
+    for name in Tree._fields:
+        model = pr.Model.load(saved[1])
+        array = getattr(model.tree, name)
+        if array.size:
+            model.tree = model.tree._replace(**{name: array[:-1]})
+            model.save(tmp_path / "m")
+            with pytest.raises(ValueError, match="damaged"):
+                pr.Model.load(tmp_path / "m")
+
+
+def test_the_command_line_saves_and_renders_models(tmp_path):
+    scan, model, picture = (tmp_path / name for name in ("a.ply", "a.pointray", "a.png"))
+    pr.write(scan, pr.procedural("torus", 2000))
+    assert execute(["prepare", str(scan), "-o", str(model)]) == 0
+    assert execute(["render", str(model), "-o", str(picture), "--size", "40x30", "--spp", "1"]) == 0
+    assert picture.exists() and pr.Model.load(model).surface == "apss"
+
+
+def test_a_scan_comes_back(tmp_path):
+    model = pr.Model(pr.read(shared_model("points/nefertiti_50k.ply")))
+    model.save(tmp_path / "m")
+    assert np.array_equal(pr.Model.load(tmp_path / "m").tree.leaves, model.tree.leaves)
+
+
+def test_what_is_part_of_a_saved_model_is_not_asked_for(saved, tmp_path, capsys):
+    for option in (["--surface", "disc"], ["--samples", "8"], ["--radius-scale", "2"]):
+        assert execute(["render", str(saved[1]), "-o", str(tmp_path / "a.png"), *option]) == 2
+        assert "part of a saved model" in capsys.readouterr().err
+    assert not (tmp_path / "a.png").exists()
