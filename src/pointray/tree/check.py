@@ -53,6 +53,9 @@ def check_tree(tree: Tree, places: int = 20_000, seed: int = 0) -> list[str]:
     problems = _check_lengths(tree)
     if problems:
         return problems
+    rows = tree.order[tree.order >= 0]
+    if len(np.unique(rows)) != len(rows):
+        return ["a row of the points is in two slots"]
     boxes, parents, problems = _check_nodes(tree)
     if problems:
         return problems
@@ -76,9 +79,6 @@ def _check_lengths(tree: Tree) -> list[str]:
     first, count = tree.spans.reshape(-1, 2).T
     if ((count < 0) | (first < 0) | (first + count > groups)).any():
         wrong.append("a leaf's span lies outside of the groups")
-    rows = tree.order[tree.order >= 0]
-    if len(np.unique(rows)) != len(rows):
-        wrong.append("a row of the points is in two slots")
     return wrong
 
 
