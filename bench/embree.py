@@ -1,9 +1,10 @@
-"""pointray beside Embree's oriented discs: the same points, radii and camera rays, in turn, in one run.
+"""pointray beside Embree's oriented discs: the same points, radii and rays, in turn, in one run.
 
-    python bench/embree.py [--points 1000000] [--size 512] [--runs 9] [--surface apss] [scan.ply]
+    python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--surface apss] [scan.ply ...]
 
-Prints million rays a second of both, the ratio (medians of alternating runs; Embree's better query counts), whether
-the hit shares agree, and the frame rate at 1 million against 32,000 points.
+For each cloud the views of `views.py`, far and near, the shadow rays from all hits of the far view to a point light, and
+one diffuse bounce from each of them. Prints million rays a second of both, the ratio (medians of alternating runs;
+Embree's better query counts), the shares of hits, and the frame rate of the first cloud against the second.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ import argparse
 import statistics
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +24,10 @@ from embree_discs import ABSENT, Discs, available, tile_order
 from pointray.jit import keep, kernel, run, take
 from pointray.records import World, lend_world
 from pointray.scratch import LANES, lend_scratch, new_scratch
+from pointray.trace.cast import _occluded
 from pointray.trace.world import aim, tile_hit, trace_tile
 from pointray.vec import triple
+from views import bounce_rays, far_view, near_view, shadow_rays
 
 BATCH = 1024
 
@@ -48,19 +53,35 @@ def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
 
 
 class Ours:
-    """pointray over a model and fixed rays."""
+    """pointray over a model: flat float64 rays in, t or whether they are blocked out."""
 
     def __init__(self, model: pr.Model) -> None:
-        scene = pr.Scene()
-        scene.add(model)
-        self.scene = scene
-        self.world: World = scene._world()[0]
+        self.scene = pr.Scene()
+        self.scene.add(model)
+        self.world: World = self.scene._world()[0]
 
     def closest(self, origins: np.ndarray, directions: np.ndarray, threads: int) -> np.ndarray:
-        """t of each ray (float64 rays, flat)."""
+        """t of each ray."""
         t = np.empty(origins.size // 3)
         run(depths, -(-t.size // BATCH), self.world, origins, directions, t, threads=threads)
         return t
+
+    def occluded(self, origins: np.ndarray, directions: np.ndarray, threads: int) -> np.ndarray:
+        """Whether something is within one length of each direction."""
+        blocked = np.zeros(origins.size // 3, np.uint8)
+        limits = np.tile([0.0, 1.0], len(blocked))
+        run(_occluded, -(-len(blocked) // BATCH), self.world, origins, directions, limits, blocked, threads=threads)
+        return blocked.view(np.bool_)
+
+
+class Case(NamedTuple):
+    """Rays of one kind through one cloud. shadow : they are asked whether anything is in the way."""
+
+    name: str
+    origins: np.ndarray
+    directions: np.ndarray
+    shadow: bool = False
+    coherent: bool = True
 
 
 def alternate(calls: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
@@ -76,44 +97,61 @@ def alternate(calls: dict[str, Callable[[], object]], runs: int) -> dict[str, fl
     return {name: statistics.median(values) for name, values in times.items()}
 
 
-def load(name: str | None, count: int) -> pr.Points:
-    """A scan, or the statue."""
-    return pr.read(name) if name else pr.procedural("statue", count)
+def cases(ours: Ours, model: pr.Model, size: int) -> Iterator[Case]:
+    """The rays of the comparison."""
+    order, radius = tile_order(size, size), float(np.median(model.radii))
+    far = far_view(model.points, model.bounds, (size, size))
+    near = near_view(ours.scene, far, (size, size))
+    for name, camera in (("far", far), ("near", near)):
+        origins, directions = (rays.reshape(-1, 3)[order] for rays in camera.rays())
+        yield Case(name, origins, directions)
+    origins, directions = (rays.reshape(-1, 3)[order] for rays in far.rays())
+    hits = ours.scene.intersect(origins, directions)
+    yield Case("shadow", *shadow_rays(hits, model.bounds, radius), shadow=True)
+    yield Case("bounce", *bounce_rays(hits, radius), coherent=False)
 
 
-def beside(points: pr.Points, options: argparse.Namespace) -> float:
-    """Print the comparison for one cloud; returns our seconds a frame."""
-    model = pr.Model(points, surface=options.surface)
-    camera = pr.Camera.frame(model.bounds, (0.45, -1.0, 0.2), size=(options.size, options.size))
-    order = tile_order(options.size, options.size)
-    origins, directions = (a.reshape(-1, 3)[order] for a in camera.rays())
-    flat = np.ascontiguousarray(origins).reshape(-1), np.ascontiguousarray(directions).reshape(-1)
-    single = [np.ascontiguousarray(a, np.float32) for a in (origins - points.origin, directions)]
-    ours, discs = Ours(model), Discs(points.positions, points.normals, model.radii)
+def compare(case: Case, ours: Ours, discs: Discs, origin: np.ndarray, options: argparse.Namespace) -> float:
+    """Print a line for one case; returns our seconds."""
+    flat = [np.ascontiguousarray(rays).reshape(-1) for rays in (case.origins, case.directions)]
+    single = [np.ascontiguousarray(rays, np.float32) for rays in (case.origins - origin, case.directions)]
+    mine, theirs = (ours.occluded, discs.occluded) if case.shadow else (ours.closest, discs.closest)
+    how = {"threads": options.threads, "coherent": case.coherent}
     times = alternate(
         {
-            "pointray": lambda: ours.closest(*flat, options.threads),
-            "Embree, single rays": lambda: discs.closest(*single, threads=options.threads),
-            "Embree, packets of 16": lambda: discs.closest(*single, threads=options.threads, packets=True),
+            "pointray": lambda: mine(*flat, options.threads),
+            "single": lambda: theirs(*single, **how),
+            "packets": lambda: theirs(*single, **how, packets=True),
         },
         options.runs,
     )
-    rays = options.size**2
-    share = np.isfinite(ours.closest(*flat, options.threads)).mean(), np.isfinite(discs.closest(*single)).mean()
-    print(f"{len(points):,} points, surface {model.surface}, {options.size}x{options.size}, {options.threads} threads")
-    for name, seconds in times.items():
-        print(f"  {name:24s} {1e3 * seconds:7.1f} ms  {rays / seconds / 1e6:6.2f} million rays/s")
-    best = min(seconds for name, seconds in times.items() if name != "pointray")
-    print(f"  Embree's better / pointray: {best / times['pointray']:.2f}   hits {share[0]:.4f} and {share[1]:.4f}")
-    discs.close()
+    found = [result if case.shadow else np.isfinite(result) for result in (mine(*flat, 2), theirs(*single))]
+    rate = {name: len(case.origins) / seconds / 1e6 for name, seconds in times.items()}
+    best = max(rate["single"], rate["packets"])
+    print(
+        f"  {case.name:8s}{len(case.origins):8,} rays {rate['pointray']:8.2f}{rate['single']:9.2f}{rate['packets']:9.2f}"
+        f"{rate['pointray'] / best:9.2f}{found[0].mean():10.4f}{found[1].mean():9.4f}",
+        flush=True,
+    )
     return times["pointray"]
 
 
+def beside(name: str, points: pr.Points, options: argparse.Namespace) -> float:
+    """Print the comparison for one cloud; returns our seconds for the far view."""
+    model = pr.Model(points, surface=options.surface)
+    ours, discs = Ours(model), Discs(points.positions, points.normals, model.radii)
+    print(f"{name}: {len(points):,} points, surface {model.surface}, {options.size}x{options.size}")
+    print("          million rays/s:  pointray   single  packets    ratio      hits    discs")
+    seconds = [compare(case, ours, discs, points.origin, options) for case in cases(ours, model, options.size)]
+    discs.close()
+    return seconds[0]
+
+
 def main() -> None:
-    """Run the comparison for the cloud asked for, and for 32,000 points."""
+    """Run the comparison for the clouds asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scan", nargs="?")
-    parser.add_argument("--points", type=int, default=1_000_000)
+    parser.add_argument("scans", nargs="*")
+    parser.add_argument("--points", type=int, nargs="*", default=[1_000_000, 32_000], help="of the statue")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--surface", default=None)
@@ -123,10 +161,15 @@ def main() -> None:
     if not available():
         print(ABSENT)
         return
-    large = beside(load(options.scan, options.points), options)
-    if options.scan is None:
-        small = beside(load(None, 32_000), options)
-        print(f"frame rate at {options.points:,} / at 32,000 points: {small / large:.2f}")
+    if options.scans:
+        for scan in options.scans:
+            beside(Path(scan).name, pr.read(scan), options)
+        return
+    seconds = [beside("statue", pr.procedural("statue", count), options) for count in options.points]
+    if len(seconds) == 2:
+        print(
+            f"frame rate at {options.points[0]:,} / at {options.points[1]:,} points, far: {seconds[1] / seconds[0]:.2f}"
+        )
 
 
 if __name__ == "__main__":
