@@ -1,9 +1,9 @@
 """pointray beside Embree's oriented discs: the same points, radii and rays, in turn, in one run.
 
-    python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--surface apss] [scan.ply ...]
+    python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [scan.ply ...]
 
-For each cloud the views of `views.py`, far and near, the shadow rays from all hits of the far view to a point light, and
-one diffuse bounce from each of them. Prints million rays a second of both, the ratio (medians of alternating runs;
+For each cloud the views of `views.py`, far and near, the shadow rays from all hits of the far view to a point light,
+and one diffuse bounce from each of them. Prints million rays a second of both, the ratio (medians of alternating runs;
 Embree's better query counts), the shares of hits, and the frame rate of the first cloud against the second.
 """
 
@@ -129,7 +129,8 @@ def compare(case: Case, ours: Ours, discs: Discs, origin: np.ndarray, options: a
     rate = {name: len(case.origins) / seconds / 1e6 for name, seconds in times.items()}
     best = max(rate["single"], rate["packets"])
     print(
-        f"  {case.name:8s}{len(case.origins):8,} rays {rate['pointray']:8.2f}{rate['single']:9.2f}{rate['packets']:9.2f}"
+        f"  {case.name:8s}{len(case.origins):8,} rays "
+        f"{rate['pointray']:8.2f}{rate['single']:9.2f}{rate['packets']:9.2f}"
         f"{rate['pointray'] / best:9.2f}{found[0].mean():10.4f}{found[1].mean():9.4f}",
         flush=True,
     )
