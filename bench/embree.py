@@ -137,9 +137,18 @@ def compare(case: Case, ours: Ours, discs: Discs, origin: np.ndarray, options: a
     return times["pointray"]
 
 
-def beside(name: str, points: pr.Points, options: argparse.Namespace) -> float:
+def statues(counts: list[int]) -> Iterator[tuple[pr.Points, np.ndarray | None]]:
+    """The statue with the first number of points, and made smaller (the paper's part II) to the others; radii if so."""
+    points = pr.procedural("statue", counts[0])
+    yield points, None
+    for count in counts[1:]:
+        print(f"making {count:,} points of {len(points):,}: a minute", flush=True)
+        yield pr.subsample(points, count=count)
+
+
+def beside(name: str, points: pr.Points, radii: np.ndarray | None, options: argparse.Namespace) -> float:
     """Print the comparison for one cloud; returns our seconds for the far view."""
-    model = pr.Model(points, surface=options.surface)
+    model = pr.Model(points, radii, surface=options.surface)
     ours, discs = Ours(model), Discs(points.positions, points.normals, model.radii)
     print(f"{name}: {len(points):,} points, surface {model.surface}, {options.size}x{options.size}")
     print("          million rays/s:  pointray   single  packets    ratio      hits    discs")
@@ -152,7 +161,13 @@ def main() -> None:
     """Run the comparison for the clouds asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scans", nargs="*")
-    parser.add_argument("--points", type=int, nargs="*", default=[1_000_000, 32_000], help="of the statue")
+    parser.add_argument(
+        "--points",
+        type=int,
+        nargs="+",
+        default=[1_000_000, 32_000],
+        help="of the statue; all but the first are subsampled",
+    )
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--surface", default=None)
@@ -164,9 +179,9 @@ def main() -> None:
         return
     if options.scans:
         for scan in options.scans:
-            beside(Path(scan).name, pr.read(scan), options)
+            beside(Path(scan).name, pr.read(scan), None, options)
         return
-    seconds = [beside("statue", pr.procedural("statue", count), options) for count in options.points]
+    seconds = [beside("statue", *cloud, options) for cloud in statues(options.points)]
     if len(seconds) == 2:
         print(
             f"frame rate at {options.points[0]:,} / at {options.points[1]:,} points, far: {seconds[1] / seconds[0]:.2f}"
