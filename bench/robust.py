@@ -33,7 +33,7 @@ def splats_of(model: pr.Model) -> Splats:
         rows,
         None,
         borders_of(model.tree),
-        sheets_of(model.tree),
+        sheets_of(model.tree, blocks[:, 3:6]),
     )
 
 
@@ -42,11 +42,12 @@ def borders_of(tree: Tree) -> np.ndarray | None:
     return np.float32(tree.borders.reshape(-1, 3)[tree.order >= 0]) / 127 if tree.borders.size else None
 
 
-def sheets_of(tree: Tree) -> np.ndarray | None:
+def sheets_of(tree: Tree, normals: np.ndarray) -> np.ndarray | None:
     """The way each splat of two sheets faces."""
-    normals = np.float32(tree.facing.reshape(-1, 3))
-    ways = np.where(normals.any(axis=1), sheets.facing_of(normals), 0).astype(np.int8)
-    return np.repeat(ways, 4)[tree.order >= 0] if tree.facing.size else None
+    if not tree.facing.size:
+        return None
+    used = np.repeat(tree.facing.reshape(-1, 3).any(axis=1), 4)[tree.order >= 0]
+    return np.where(used, sheets.facing_of(normals), 0).astype(np.int8)
 
 
 def rebuilt(model: pr.Model, **changes: object) -> pr.Model:
