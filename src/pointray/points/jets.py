@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from ..jit import borrow, inline, kernel, routine, run, take
 from ..neighbors import neighbor_chunks, neighbors
+from ..vec import tangents
+from .planes import least_axis, plane
 
 Floats = NDArray[np.float32]
 
@@ -32,76 +34,6 @@ SLIM_VARIANCE = 1e30  # of the slope, where no quadric was fitted
 TERMS = 6  # of a quadric over two variables
 JET_LEAST = 8  # points: of fewer, a plane
 TILE = 1024
-
-
-@inline
-def _least_axis(a, v):  # type: ignore[no-untyped-def]
-    """The column of v below the least number on a's diagonal."""
-    b = 1 if a[1, 1] < a[0, 0] else 0
-    if a[2, 2] < a[b, b]:
-        b = 2
-    return v[0, b], v[1, b], v[2, b]
-
-
-@routine
-def _least_direction(a, v):  # type: ignore[no-untyped-def]
-    """The eigenvector of a symmetric matrix with the least eigenvalue, by Jacobi's rotations; a becomes diagonal."""
-    for i in range(3):
-        for j in range(3):
-            v[i, j] = 1.0 if i == j else 0.0
-    for turn in range(24):
-        p = 0 if turn % 3 < 2 else 1
-        q = 1 if turn % 3 == 0 else 2
-        size = a[0, 0] + a[1, 1] + a[2, 2]
-        if a[0, 1] ** 2 + a[0, 2] ** 2 + a[1, 2] ** 2 <= 1e-26 * size * size:
-            break
-        if a[p, q] == 0.0:
-            continue
-        half = (a[q, q] - a[p, p]) / (2.0 * a[p, q])
-        t = (1.0 if half >= 0.0 else -1.0) / (abs(half) + math.sqrt(half * half + 1.0))
-        c = 1.0 / math.sqrt(t * t + 1.0)
-        s = t * c
-        for k in range(3):
-            a[k, p], a[k, q] = c * a[k, p] - s * a[k, q], s * a[k, p] + c * a[k, q]
-        for k in range(3):
-            a[p, k], a[q, k] = c * a[p, k] - s * a[q, k], s * a[p, k] + c * a[q, k]
-            v[k, p], v[k, q] = c * v[k, p] - s * v[k, q], s * v[k, p] + c * v[k, q]
-    return _least_axis(a, v)
-
-
-@routine
-def plane(d, w, k, a, v):  # type: ignore[no-untyped-def]
-    """Normal of the plane through k weighted points."""
-    total = x = y = z = 0.0
-    for j in range(k):
-        total += w[j]
-        x += w[j] * d[j, 0]
-        y += w[j] * d[j, 1]
-        z += w[j] * d[j, 2]
-    x, y, z = x / total, y / total, z / total
-    xx = xy = xz = yy = yz = zz = 0.0
-    for j in range(k):
-        p, q, r = d[j, 0] - x, d[j, 1] - y, d[j, 2] - z
-        xx += w[j] * p * p
-        xy += w[j] * p * q
-        xz += w[j] * p * r
-        yy += w[j] * q * q
-        yz += w[j] * q * r
-        zz += w[j] * r * r
-    a[0, 0], a[1, 1], a[2, 2] = xx, yy, zz
-    a[0, 1] = a[1, 0] = xy
-    a[0, 2] = a[2, 0] = xz
-    a[1, 2] = a[2, 1] = yz
-    return _least_direction(a, v)
-
-
-@inline
-def _axes(n):  # type: ignore[no-untyped-def]
-    """Two axes of the tangent plane (Duff et al. 2017)."""
-    sign = 1.0 if n[2] >= 0.0 else -1.0
-    a = -1.0 / (sign + n[2])
-    b = n[0] * n[1] * a
-    return (1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]), (b, sign + n[1] * n[1] * a, -n[1])
 
 
 @routine
@@ -181,7 +113,7 @@ def _jet(d, k, slim, memory):  # type: ignore[no-untyped-def]
     n = plane(d, w, k, a, v)
     if k < JET_LEAST or _slimness(a) < slim:
         return n, 0.0, SLIM_VARIANCE
-    one, two = _axes(n)
+    one, two = tangents(n)
     for j in range(k):
         p = (d[j, 0] * one[0] + d[j, 1] * one[1] + d[j, 2] * one[2]) / reach
         q = (d[j, 0] * two[0] + d[j, 1] * two[1] + d[j, 2] * two[2]) / reach
@@ -238,7 +170,7 @@ def _fit(work, positions, rows, near, sizes, noise, out, residuals):  # type: ig
             for k in sizes:
                 n, residual, variance = _jet(d, k, SLIM if k < sizes[-1] else LINE, memory)
                 if not settled:
-                    out[i, 3], out[i, 4], out[i, 5] = _least_axis(memory[5], memory[6])
+                    out[i, 3], out[i, 4], out[i, 5] = least_axis(memory[5], memory[6])
                     settled = k >= SIZES[1] and variance < SLIM_VARIANCE
                 if k == sizes[0]:
                     residuals[i] = residual / spacing if variance < SLIM_VARIANCE else np.nan
