@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from ..jit import borrow, keep, kernel, run, take
 from ..records import INSTANCE, MODEL_ROW, Array, World, lend_world, tree_at
-from ..scratch import COUNT_NEAR, LANES, lend_scratch, new_scratch
+from ..scratch import COUNT_NEAR, INSTANCE_OF, LANES, lend_scratch, new_scratch
 from ..simd import lane
 from ..vec import add, scale, triple
 from .near import gather_near
 from .surface import weights_of_block
-from .world import aim, described, occluded_in, tile_hit, trace_tile
+from .world import aim, described, tile_hit, trace_tile
 
 BATCH = 1024  # rays that a thread takes at a time
 
@@ -58,9 +58,14 @@ def _occluded(work, world, origins, directions, limits, out):  # type: ignore[no
     scratch, world = lend_scratch(memory), lend_world(world)
     block = take(work)
     while block >= 0:
-        for i in range(block * BATCH, min((block + 1) * BATCH, out.size)):
-            ray = (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1])
-            out[i] = occluded_in(world, ray, 1.0, scratch)
+        end = min((block + 1) * BATCH, out.size)
+        for first in range(block * BATCH, end, LANES):
+            for k in range(LANES):
+                i = min(first + k, end - 1)
+                aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
+            trace_tile(world, 1.0, scratch)
+            for i in range(first, min(first + LANES, end)):
+                out[i] = scratch.numbers[INSTANCE_OF + i - first] >= 0
         block = take(work)
     keep(memory)
     return 0
