@@ -1,6 +1,6 @@
 """pointray beside Embree's oriented discs: the same points, radii and rays, in turn, in one run.
 
-    python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [scan.ply ...]
+    python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--mesh MESH] [scan.ply ...]
 
 For each cloud the views of `views.py`, far and near, the shadow rays from all hits of the far view to a point light,
 and one diffuse bounce from each of them. Prints million rays a second of both, the ratio (medians of alternating runs;
@@ -14,13 +14,14 @@ import statistics
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import pointray as pr
-from embree_discs import ABSENT, Discs, available, tile_order
+from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.jit import keep, kernel, run, take
 from pointray.records import World, lend_world
 from pointray.scratch import LANES, lend_scratch, new_scratch
@@ -111,30 +112,33 @@ def cases(ours: Ours, model: pr.Model, size: int) -> Iterator[Case]:
     yield Case("bounce", *bounce_rays(hits, radius), coherent=False)
 
 
-def compare(case: Case, ours: Ours, discs: Discs, origin: np.ndarray, options: argparse.Namespace) -> float:
-    """Print a line for one case; returns our seconds."""
+def compare(case: Case, ours: Ours, peers: dict[str, Peer], origin: np.ndarray, options: argparse.Namespace) -> float:
+    """Print a line for each peer; returns our seconds."""
     flat = [np.ascontiguousarray(rays).reshape(-1) for rays in (case.origins, case.directions)]
     single = [np.ascontiguousarray(rays, np.float32) for rays in (case.origins - origin, case.directions)]
-    mine, theirs = (ours.occluded, discs.occluded) if case.shadow else (ours.closest, discs.closest)
+    mine = ours.occluded if case.shadow else ours.closest
     how = {"threads": options.threads, "coherent": case.coherent}
-    times = alternate(
-        {
-            "pointray": lambda: mine(*flat, options.threads),
-            "single": lambda: theirs(*single, **how),
-            "packets": lambda: theirs(*single, **how, packets=True),
-        },
-        options.runs,
-    )
-    found = [result if case.shadow else np.isfinite(result) for result in (mine(*flat, 2), theirs(*single))]
+    calls: dict[str, Callable[[], object]] = {"pointray": lambda: mine(*flat, options.threads)}
+    for name, peer in peers.items():
+        theirs = peer.occluded if case.shadow else peer.closest
+        calls[name] = partial(theirs, *single, **how)
+        calls[f"{name}, packets"] = partial(theirs, *single, **how, packets=True)
+    times = alternate(calls, options.runs)
     rate = {name: len(case.origins) / seconds / 1e6 for name, seconds in times.items()}
-    best = max(rate["single"], rate["packets"])
-    print(
-        f"  {case.name:8s}{len(case.origins):8,} rays "
-        f"{rate['pointray']:8.2f}{rate['single']:9.2f}{rate['packets']:9.2f}"
-        f"{rate['pointray'] / best:9.2f}{found[0].mean():10.4f}{found[1].mean():9.4f}",
-        flush=True,
-    )
+    hits = {name: _share(calls[name](), case.shadow) for name in ("pointray", *peers)}
+    for name in peers:
+        better = max(rate[name], rate[f"{name}, packets"])
+        print(
+            f"  {case.name:8s}{len(case.origins):8,} rays {rate['pointray']:9.2f}{better:9.2f} {name:6s}"
+            f"{rate['pointray'] / better:7.2f}{hits['pointray']:12.4f}{hits[name]:9.4f}",
+            flush=True,
+        )
     return times["pointray"]
+
+
+def _share(result: Any, shadow: bool) -> float:
+    """Share of the rays that hit."""
+    return float(np.mean(result if shadow else np.isfinite(result)))
 
 
 def statues(counts: list[int]) -> Iterator[tuple[pr.Points, np.ndarray | None]]:
@@ -149,11 +153,18 @@ def statues(counts: list[int]) -> Iterator[tuple[pr.Points, np.ndarray | None]]:
 def beside(name: str, points: pr.Points, radii: np.ndarray | None, options: argparse.Namespace) -> float:
     """Print the comparison for one cloud; returns our seconds for the far view."""
     model = pr.Model(points, radii, surface=options.surface)
-    ours, discs = Ours(model), Discs(points.positions, points.normals, model.radii)
+    ours = Ours(model)
+    peers: dict[str, Peer] = {"discs": Discs(points.positions, points.normals, model.radii)}
+    if options.mesh:
+        import trimesh
+
+        mesh = trimesh.load(options.mesh, process=False)
+        peers["mesh"] = Mesh(mesh.vertices - points.origin, mesh.faces)
     print(f"{name}: {len(points):,} points, surface {model.surface}, {options.size}x{options.size}")
-    print("          million rays/s:  pointray   single  packets    ratio      hits    discs")
-    seconds = [compare(case, ours, discs, points.origin, options) for case in cases(ours, model, options.size)]
-    discs.close()
+    print("          million rays/s:   pointray   Embree          ratio        hits   Embree")
+    seconds = [compare(case, ours, peers, points.origin, options) for case in cases(ours, model, options.size)]
+    for peer in peers.values():
+        peer.close()
     return seconds[0]
 
 
@@ -168,6 +179,7 @@ def main() -> None:
         default=[1_000_000, 32_000],
         help="of the statue; all but the first are subsampled",
     )
+    parser.add_argument("--mesh", type=Path, help="of the one scan: Embree traces it too (needs trimesh)")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--surface", default=None)

@@ -1,4 +1,4 @@
-// The loop of embree_discs.py in C++: what it costs to call Embree from Numba is the ratio of the two.
+// The loop of embree_peers.py in C++: what it costs to call Embree from Numba is the ratio of the two.
 //
 //     embree_loop FOLDER THREADS
 //
@@ -25,7 +25,7 @@
 
 using Floats = std::vector<float>;
 
-constexpr size_t TILE = 1024;  // rays that a thread takes at a time, as in embree_discs.py
+constexpr size_t TILE = 1024;  // rays that a thread takes at a time, as in embree_peers.py
 constexpr float INF = std::numeric_limits<float>::infinity();
 
 Floats read(const std::string& path) {

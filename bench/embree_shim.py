@@ -1,4 +1,4 @@
-"""What calling Embree from Numba costs: the loop of `embree_discs.py` against `embree_loop.cpp`, frame by frame.
+"""What calling Embree from Numba costs: the loop of `embree_peers.py` against `embree_loop.cpp`, frame by frame.
 
     python bench/embree_shim.py [--points 1000000] [--size 512] [--repeats 15]
 
@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from embree_discs import ABSENT, Discs, available, tile_order
+from embree_peers import ABSENT, Discs, available, tile_order
 
 SOURCE = Path(__file__).with_name("embree_loop.cpp")
 THREADS = 2

@@ -1,9 +1,9 @@
-"""The peer of the speed benchmark: the same splats as Embree's oriented discs, traced by the same kind of loop as ours.
+"""The peers of the speed benchmark: the same splats as Embree's oriented discs, or a mesh, traced by a loop like ours.
 
 Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` says whether it is there.
 
-The loop over the rays is compiled by Numba and runs in `pointray.jit.run`; it calls Embree by address. `embree_shim.py`
-measures what that costs against the same loop in C++.
+The loop over the rays (`embree_rays.py`) is compiled by Numba and runs in `pointray.jit.run`; it calls Embree by
+address. `embree_shim.py` measures what that costs against the same loop in C++.
 
     discs = Discs(positions, normals, radii)
     order = tile_order(512, 512)
@@ -19,19 +19,18 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from embree_rays import TILE, trace_packets, trace_singles
 from pointray import jit
 
 LIBRARY = "libembree3.so.3"
 ABSENT = f"Embree 3 ({LIBRARY}) is not installed"
 
 # From rtcore_*.h of Embree 3.13.
-ORIENTED_DISC_POINT, BUFFER_VERTEX, BUFFER_NORMAL = 52, 1, 3
-FLOAT3, FLOAT4 = 0x9003, 0x9004
+TRIANGLE, ORIENTED_DISC_POINT = 0, 52
+BUFFER_INDEX, BUFFER_VERTEX, BUFFER_NORMAL = 0, 1, 3
+UINT3, FLOAT3, FLOAT4 = 0x5003, 0x9003, 0x9004
 QUALITY_HIGH, SCENE_NONE = 2, 0
 INCOHERENT, COHERENT = 0, 1
 PROPERTY_VERSION, PROPERTY_NATIVE_RAY16 = 0, 34
@@ -98,104 +97,15 @@ def tile_order(width: int, height: int, tile: int = 4) -> NDArray[np.int64]:
     return np.lexsort((x, y, curve))
 
 
-# --------------------------------------------------------------------------------------------------- the loop
-
-TILE = 1024  # rays that a thread takes at a time
-
-# A ray and its hit are 20 words (RTCRay, then RTCHit), each of them 1 or 16 lanes wide.
-ORIGIN, TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS, GEOMETRY, WORDS = 0, 3, 4, 7, 8, 9, 10, 11, 18, 20
-CONTEXT = WORDS * 16  # then RTCIntersectContext: flags, gap, filter (2 words), instID
-VALID = CONTEXT + 16  # then the 16 lanes of a packet that are in use
-SCRATCH = VALID + 16
-INVALID = np.uint32(0xFFFFFFFF)
-
-
-@intrinsic
-def _call(typingctx, address, arguments):  # type: ignore[no-untyped-def]
-    """Call the C function at an address with pointers; a pointer is an int64."""
-
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        pointer = ir.IntType(8).as_pointer()
-        prototype = ir.FunctionType(ir.VoidType(), [pointer] * len(arguments))
-        function = builder.inttoptr(args[0], prototype.as_pointer())
-        numbers = [builder.extract_value(args[1], i) for i in range(len(arguments))]
-        builder.call(function, [builder.inttoptr(number, pointer) for number in numbers])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, arguments), codegen
-
-
-@jit.inline
-def _scratch(width, flags):  # type: ignore[no-untyped-def]
-    """A thread's ray, context and valid lanes, aligned to 64 bytes, with everything that all rays share filled in."""
-    block = np.zeros(SCRATCH + 16, np.uint32)
-    skip = (-block.ctypes.data % 64) // 4
-    scratch = block[skip : skip + SCRATCH]
-    scratch[MASK * width : (MASK + 1) * width] = INVALID
-    scratch[CONTEXT] = flags
-    scratch[CONTEXT + 4] = INVALID
-    return scratch
-
-
-@jit.inline
-def _fill(floats, words, width, lane, origin, direction):  # type: ignore[no-untyped-def]
-    """Write one ray into its lane."""
-    for axis in range(3):
-        floats[(ORIGIN + axis) * width + lane] = origin[axis]
-        floats[(DIRECTION + axis) * width + lane] = direction[axis]
-    floats[TFAR * width + lane] = np.inf
-    words[GEOMETRY * width + lane] = INVALID
-
-
-@jit.kernel
-def _singles(work, function, scene, flags, origins, directions, t):  # type: ignore[no-untyped-def]
-    """Trace ray by ray and keep `tfar`."""
-    words = _scratch(1, flags)
-    floats = words.view(np.float32)
-    ray = words.ctypes.data
-    while True:
-        tile = jit.take(work)
-        if tile < 0:
-            return
-        for i in range(tile * TILE, min(tile * TILE + TILE, len(t))):
-            _fill(floats, words, 1, 0, origins[i], directions[i])
-            _call(function, (scene, ray + 4 * CONTEXT, ray))
-            t[i] = floats[TFAR]
-
-
-@jit.kernel
-def _packets(work, function, scene, flags, origins, directions, t):  # type: ignore[no-untyped-def]
-    """Trace 16 rays at a time and keep `tfar`."""
-    words = _scratch(16, flags)
-    floats = words.view(np.float32)
-    ray = words.ctypes.data
-    words[VALID : VALID + 16] = INVALID
-    while True:
-        tile = jit.take(work)
-        if tile < 0:
-            return
-        for first in range(tile * TILE, min(tile * TILE + TILE, len(t)), 16):
-            count = min(16, len(t) - first)
-            for lane in range(count):
-                _fill(floats, words, 16, lane, origins[first + lane], directions[first + lane])
-            if count < 16:
-                words[VALID + count : VALID + 16] = 0
-            _call(function, (ray + 4 * VALID, scene, ray + 4 * CONTEXT, ray))
-            t[first : first + count] = floats[TFAR * 16 : TFAR * 16 + count]
-
-
-# --------------------------------------------------------------------------------------------------- the scene
-
-
-class Discs:
-    """Splats as Embree's oriented discs; call `close` when done.
+class Peer:
+    """One geometry in a scene of Embree's; call `close` when done.
 
     Parameters
     ----------
-    positions : (n, 3) float32
-    normals : (n, 3) float32
-        Of any length.
-    radii : (n,) float32, or one for all
+    kind : int
+        Embree's type of geometry.
+    buffers : tuple of (kind, layout, (n, k) array)
+        What it is made of.
     config : str
         Embree's own settings of the device, for instance "threads=2"; all processors build the tree otherwise.
 
@@ -205,7 +115,7 @@ class Discs:
         If Embree is not installed, or reports an error.
     """
 
-    def __init__(self, positions: Any, normals: Any, radii: Any, config: str = "") -> None:
+    def __init__(self, kind: int, buffers: tuple[tuple[int, int, NDArray[Any]], ...], config: str = "") -> None:
         library = _library()
         if library is None:
             raise RuntimeError(ABSENT)
@@ -215,12 +125,10 @@ class Discs:
         self._check()
         library.rtcSetSceneFlags(self._scene, SCENE_NONE)
         library.rtcSetSceneBuildQuality(self._scene, QUALITY_HIGH)
-        geometry = library.rtcNewGeometry(self._device, ORIENTED_DISC_POINT)
+        geometry = library.rtcNewGeometry(self._device, kind)
         library.rtcSetGeometryBuildQuality(geometry, QUALITY_HIGH)
-        vertices = self._buffer(geometry, BUFFER_VERTEX, FLOAT4, (len(positions), 4))
-        vertices[:, :3] = positions
-        vertices[:, 3] = radii
-        self._buffer(geometry, BUFFER_NORMAL, FLOAT3, (len(positions), 3))[:] = normals
+        for use, layout, values in buffers:
+            self._buffer(geometry, use, layout, values.shape).view(values.dtype)[:] = values
         library.rtcCommitGeometry(geometry)
         library.rtcAttachGeometry(self._scene, geometry)
         library.rtcReleaseGeometry(geometry)
@@ -283,7 +191,7 @@ class Discs:
         origins, directions = (np.ascontiguousarray(a, np.float32) for a in (origins, directions))
         t = np.empty(len(origins), np.float32)
         function = ctypes.cast(getattr(self._embree, name), c_void_p).value
-        kernel = _packets if name.endswith("16") else _singles
+        kernel = trace_packets if name.endswith("16") else trace_singles
         flags = COHERENT if coherent else INCOHERENT
         jit.run(kernel, -(-len(t) // TILE), function, self._scene, flags, origins, directions, t, threads=threads)
         return t
@@ -294,3 +202,39 @@ class Discs:
             self._embree.rtcReleaseScene(self._scene)
             self._embree.rtcReleaseDevice(self._device)
         self._scene = self._device = None
+
+
+class Discs(Peer):
+    """Splats as Embree's oriented discs.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    normals : (n, 3) float32
+        Of any length.
+    radii : (n,) float32, or one for all
+    config : str
+        See `Peer`.
+    """
+
+    def __init__(self, positions: Any, normals: Any, radii: Any, config: str = "") -> None:
+        discs = np.empty((len(positions), 4), np.float32)
+        discs[:, :3], discs[:, 3] = positions, radii
+        buffers = (BUFFER_VERTEX, FLOAT4, discs), (BUFFER_NORMAL, FLOAT3, np.asarray(normals, np.float32))
+        super().__init__(ORIENTED_DISC_POINT, buffers, config)
+
+
+class Mesh(Peer):
+    """Triangles.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float32
+    triangles : (m, 3) int
+    config : str
+        See `Peer`.
+    """
+
+    def __init__(self, vertices: Any, triangles: Any, config: str = "") -> None:
+        points, corners = np.asarray(vertices, np.float32), np.asarray(triangles, np.uint32)
+        super().__init__(TRIANGLE, ((BUFFER_VERTEX, FLOAT3, points), (BUFFER_INDEX, UINT3, corners)), config)
