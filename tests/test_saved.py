@@ -7,7 +7,7 @@ import pytest
 import pointray as pr
 from conftest import shared_model
 from pointray.cli import execute
-from pointray.records import LEAF, STEP, Tree
+from pointray.records import BORDERED, LEAF, REFINE, SHEETED, STEP, SURFACE, Tree
 from pointray.saved import ALIGN
 
 RNG = np.random.default_rng(5)
@@ -147,11 +147,11 @@ def damages():
         ("spans", put(1, 10**8)),
         ("order", put(0, 10**7)),
         ("order", put(0, -7)),
-        ("head", put(6, 17.0)),
-        ("head", put(7, 1e30)),
+        ("head", put(SURFACE, 17.0)),
+        ("head", put(REFINE, 1e30)),
         ("head", put(0, np.nan)),
-        ("leaves", put(14, 1.0)),
-        ("leaves", put(15, 1.0)),
+        ("leaves", put(BORDERED, 1.0)),
+        ("leaves", put(SHEETED, 1.0)),
         ("leaves", put(STEP, 0.0)),
     ]
 
@@ -215,3 +215,10 @@ def test_what_is_part_of_a_saved_model_is_not_asked_for(saved, tmp_path, capsys)
         assert execute(["render", str(saved[1]), "-o", str(tmp_path / "a.png"), *option]) == 2
         assert "part of a saved model" in capsys.readouterr().err
     assert not (tmp_path / "a.png").exists()
+
+
+def test_what_cannot_be_a_model_is_told_with_its_file(tmp_path, capsys):
+    pr.write(tmp_path / "one.ply", pr.Points(np.zeros((1, 3)), np.float32([[0, 0, 1]])))
+    assert execute(["prepare", str(tmp_path / "one.ply"), "-o", str(tmp_path / "one.pointray")]) == 2
+    assert "one.ply: " in capsys.readouterr().err
+    assert not (tmp_path / "one.pointray").exists()

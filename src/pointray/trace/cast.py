@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, keep, kernel, run, take
+from ..jit import borrow, inline, keep, kernel, run, take
 from ..records import INSTANCE, MODEL_ROW, Array, World, lend_world, tree_at
 from ..scratch import COUNT_NEAR, INSTANCE_OF, LANES, lend_scratch, new_scratch
 from ..simd import lane
@@ -15,6 +15,19 @@ from .surface import weights_of_block
 from .world import aim, described, tile_hit, trace_tile
 
 BATCH = 1024  # rays that a thread takes at a time
+
+
+@inline
+def _trace_rays(world, rays, first, end, scratch):  # type: ignore[no-untyped-def]
+    """Trace rays first to first + 15 as a tile, the last before `end` again for those that are not there.
+
+    rays : origins, directions, limits
+    """
+    origins, directions, limits = rays
+    for k in range(LANES):
+        i = min(first + k, end - 1)
+        aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
+    trace_tile(world, 1.0, scratch)
 
 
 @kernel
@@ -28,10 +41,7 @@ def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-
     while block >= 0:
         end = min((block + 1) * BATCH, t.size)
         for first in range(block * BATCH, end, LANES):
-            for k in range(LANES):
-                i = min(first + k, end - 1)
-                aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
-            trace_tile(world, 1.0, scratch)
+            _trace_rays(world, (origins, directions, limits), first, end, scratch)
             for i in range(first, min(first + LANES, end)):
                 hit = described(world, tile_hit(scratch, i - first), scratch)
                 t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
@@ -60,10 +70,7 @@ def _occluded(work, world, origins, directions, limits, out):  # type: ignore[no
     while block >= 0:
         end = min((block + 1) * BATCH, out.size)
         for first in range(block * BATCH, end, LANES):
-            for k in range(LANES):
-                i = min(first + k, end - 1)
-                aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
-            trace_tile(world, 1.0, scratch)
+            _trace_rays(world, (origins, directions, limits), first, end, scratch)
             for i in range(first, min(first + LANES, end)):
                 out[i] = scratch.numbers[INSTANCE_OF + i - first] >= 0
         block = take(work)
