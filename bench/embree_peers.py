@@ -90,11 +90,10 @@ def tile_order(width: int, height: int, tile: int = 4) -> NDArray[np.int64]:
     if width % tile or height % tile:
         raise ValueError(f"an image of {width} x {height} pixels is not made of tiles of {tile} x {tile}")
     y, x = np.divmod(np.arange(width * height, dtype=np.int64), width)
-    column, row = x // tile, y // tile
     curve = np.zeros_like(x)
     for bit in range(16):
-        curve |= ((column >> bit & 1) << 2 * bit) | ((row >> bit & 1) << 2 * bit + 1)
-    return np.lexsort((x, y, curve))
+        curve |= ((x >> bit & 1) << 2 * bit) | ((y >> bit & 1) << 2 * bit + 1)
+    return np.argsort(curve)
 
 
 class Peer:

@@ -115,11 +115,18 @@ def camera_ray(camera, size, pixel, sample, how):  # type: ignore[no-untyped-def
 
 
 @inline
+def place_in_tile(i):  # type: ignore[no-untyped-def]
+    """Which of 4 x 4 pixels ray i goes through, along a Morton curve: four rays in a row are neighbours."""
+    return i & 1 | i >> 1 & 2, i >> 1 & 1 | i >> 2 & 2
+
+
+@inline
 def _trace_pixels(world, camera, image, corner, sample, how, scratch):  # type: ignore[no-untyped-def]
     """Trace one sample of 4 x 4 pixels; those beyond the image's edge repeat its last ones."""
     height, width = image.shape[:2]
     for i in range(LANES):
-        pixel = min(corner[0] + i % 4, width - 1), min(corner[1] + i // 4, height - 1)
+        x, y = place_in_tile(i)
+        pixel = min(corner[0] + x, width - 1), min(corner[1] + y, height - 1)
         o, d = camera_ray(camera, (width, height), pixel, sample, how)
         aim(scratch, i, (o, d, 0.0, np.inf))
     trace_tile(world, 1.0, scratch)
@@ -130,7 +137,8 @@ def _finish(total, corner, spp, background, image):  # type: ignore[no-untyped-d
     """Write the means of 4 x 4 pixels, over the background."""
     height, width = image.shape[:2]
     for i in range(LANES):
-        x, y = corner[0] + i % 4, corner[1] + i // 4
+        x, y = place_in_tile(i)
+        x, y = corner[0] + x, corner[1] + y
         if x < width and y < height:
             uncovered = spp - total[i, 3]
             for c in range(3):
@@ -160,7 +168,8 @@ def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
                 if integrator != COST:
                     _trace_pixels(world, camera, image, corner, sample, (seed, spp), scratch)
                 for i in range(LANES):
-                    pixel = corner[0] + i % 4, corner[1] + i // 4
+                    x, y = place_in_tile(i)
+                    pixel = corner[0] + x, corner[1] + y
                     ray = camera_ray(camera, (width, height), pixel, sample, (seed, spp))
                     if integrator == COST:
                         color, alpha = cost(world, ray, scratch), 1.0

@@ -28,20 +28,30 @@ NX, NY, NZ = 10 * LANES, 11 * LANES, 12 * LANES  # unit normal of that hit
 ENTER, LEAVE, FIRST, LAST = 13 * LANES, 14 * LANES, 15 * LANES, 16 * LANES
 END = 17 * LANES  # where it ends, whatever it hits: what is found in one leaf must not depend on what was in another
 MODEL_ROWS = 18
+# float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
+# looked at and the direction; t there, half its length; the first and the last sample, where they are; the nearest hit.
+AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (k * LANES for k in range(6))
+AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_LOW, AT_HIGH, AT_LENGTH = (k * LANES for k in range(6, 13))
+LEAF_ROWS = 14  # the last one is written over when a row is packed
 
-COUNT_NEAR = 0  # blocks listed near the current ray
+COUNT_NEAR = 0  # blocks listed near the current rays
 COUNT_NODES, COUNT_LEAVES = 1, 2  # visited
-COUNT_PART = 3  # the sample of the last secant step behind the crossing, 1..3; 0: not between two of them
+COUNT_SPLATS = 3  # splats listed near the current rays
+
+# Splats gathered from the listed blocks, 16 together: 8 rows of 16 float32, a block's in their order, and the radius.
+GATHERED = 8 * LANES
 
 
 class Scratch(NamedTuple):
     """One thread's working memory.
 
     stack : (512,) int32, children still to visit; stack_near : (512,) float32, where the ray enters them
-    near : (n,) int32, blocks near the ray in the current leaf; counts : (8,) int64, see COUNT_*
+    near : (n,) int32, blocks near the rays in the current leaf; counts : (8,) int64, see COUNT_*
     lift : (1,) float32, the start rule's state, see `trace/leaf.py`
-    means : (160,) float32, the weighted means at the four samples of the last secant step, 16 lanes each
-    world, model, numbers : the rows of a tile, float64, float32 and int64
+    splats : (m,) float32, the splats of these blocks, see GATHERED
+    places : (4 n,) int32, where in `splats` each of them is
+    listed : (4 n,) int32, the places of those near the rays that are evaluated
+    world, model, numbers : the rows of a tile, float64, float32 and int64; part : float32, of those that search a leaf
     """
 
     stack: Array
@@ -49,25 +59,35 @@ class Scratch(NamedTuple):
     near: Array
     counts: Array
     lift: Array
-    means: Array
+    splats: Array
+    places: Array
+    listed: Array
     world: Array
     model: Array
     numbers: Array
+    part: Array
 
 
 @inline
 def new_scratch(longest):  # type: ignore[no-untyped-def]
     """Working memory for models whose longest leaf knows `longest` blocks."""
+    groups = longest // 4 + 1
+    places = np.empty(groups * LANES, np.int32)
+    for k in range(places.size):
+        places[k] = k // LANES * GATHERED + k % LANES
     return Scratch(
         np.empty(512, np.int32),
         np.empty(512, np.float32),
         np.empty(longest + 16, np.int32),
         np.zeros(8, np.int64),
         np.zeros(1, np.float32),
-        np.zeros(160, np.float32),
+        np.empty(groups * GATHERED, np.float32),
+        places,
+        np.empty(places.size + LANES, np.int32),
         np.zeros(WORLD_ROWS * LANES, np.float64),
         np.zeros(MODEL_ROWS * LANES, np.float32),
         np.zeros(NUMBER_ROWS * LANES, np.int64),
+        np.zeros(LEAF_ROWS * LANES, np.float32),
     )
 
 
@@ -80,8 +100,18 @@ def lend_scratch(s):  # type: ignore[no-untyped-def]
         borrow(s.near),
         borrow(s.counts),
         borrow(s.lift),
-        borrow(s.means),
+        borrow(s.splats),
+        borrow(s.places),
+        borrow(s.listed),
         borrow(s.world),
         borrow(s.model),
         borrow(s.numbers),
+        borrow(s.part),
     )
+
+
+@inline
+def slot_of(scratch, place):  # type: ignore[no-untyped-def]
+    """Which splat of the tree lies at a place of the gathered ones."""
+    k = place // GATHERED * LANES + place % GATHERED
+    return np.int64(scratch.near[k // 4]) * 4 + k % 4

@@ -227,6 +227,12 @@ def repeat4(array, index):  # type: ignore[no-untyped-def]
     return _each_quarter(_load4(array, index))
 
 
+@inline
+def move4(source, index, target, at):  # type: ignore[no-untyped-def]
+    """target[at : at + 4] = source[index : index + 4]."""
+    store(target, at, _load4(source, index))
+
+
 # ----------------------------------------------------------------------------------------------- lane by lane
 
 
@@ -269,13 +275,31 @@ def _choose(symbol: str, a: Any, b: Any) -> Any:
     return vector(vector, vector), codegen
 
 
+def _llvm_unary(name: str, doc: str) -> Any:
+    def make(typingctx, a):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            vector = sig.args[0]
+            kind = ir.FunctionType(vector.llvm, [vector.llvm])
+            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{vector.lanes}f32")
+            return builder.call(function, args)
+
+        return a(a), codegen
+
+    make.__doc__ = doc
+    return intrinsic(make)
+
+
+vabs = _llvm_unary("fabs", "Absolute values.")
+vsqrt = _llvm_unary("sqrt", "Square roots; NaN of what is negative.")
+
+
 @intrinsic
-def vabs(typingctx, a):  # type: ignore[no-untyped-def]
-    """Absolute values."""
+def whole(typingctx, a):  # type: ignore[no-untyped-def]
+    """Numbers without their fractions. None may be beyond int32: no call to a library, on any processor."""
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        kind = ir.FunctionType(a.llvm, [a.llvm])
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{a.lanes}f32"), args)
+        vector = sig.args[0]
+        return builder.sitofp(builder.fptosi(args[0], ir.VectorType(_I32, vector.lanes)), vector.llvm)
 
     return a(a), codegen
 
@@ -303,6 +327,27 @@ def bits(typingctx, mask):  # type: ignore[no-untyped-def]
         return builder.zext(word, ir.IntType(64))
 
     return types.int64(mask), codegen
+
+
+@intrinsic
+def mask16(typingctx, word):  # type: ignore[no-untyped-def]
+    """The lowest 16 bits of an integer as a mask."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        word = builder.trunc(args[0], ir.IntType(16))
+        return builder.bitcast(word, ir.VectorType(ir.IntType(1), 16))
+
+    return Vector("mask", 16)(types.int64), codegen
+
+
+@intrinsic
+def count_bits(typingctx, word):  # type: ignore[no-untyped-def]
+    """How many bits of an integer are set."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.ctpop(args[0])
+
+    return types.int64(types.int64), codegen
 
 
 @intrinsic
@@ -358,6 +403,29 @@ def pack(mask, source, index, target, at):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def _compressed(typingctx, mask, vector):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(F16.llvm, [F16.llvm, args[0].type, F16.llvm])
+        compress = cgutils.get_or_insert_function(builder.module, kind, "llvm.experimental.vector.compress.v16f32")
+        return builder.call(compress, [args[1], args[0], ir.Constant(F16.llvm, ir.Undefined)])
+
+    return F16(mask, vector), codegen
+
+
+@inline
+def store_packed(target, at, mask, vector):  # type: ignore[no-untyped-def]
+    """Store the set lanes of a float32 vector one after the other; the rest of target[at : at + 16] is undefined."""
+    if PACKS:
+        store(target, at, _compressed(mask, vector))
+        return
+    left, n = bits(mask), 0
+    while left != 0:
+        target[at + n] = lane(vector, lowest(left))
+        n += 1
+        left &= left - 1
+
+
+@intrinsic
 def lane(typingctx, vector, index):  # type: ignore[no-untyped-def]
     """One lane as a number."""
     scalar = types.float32 if vector.kind == "float" else types.int32
@@ -387,18 +455,38 @@ least = _reducer("fmin", "The least lane; none may be NaN.")
 greatest = _reducer("fmax", "The greatest lane; none may be NaN.")
 
 
-@intrinsic
-def sum_quarters(typingctx, vector):  # type: ignore[no-untyped-def]
-    """The sum of each quarter, in all four of its lanes: two shuffles and two additions."""
+def _folder(steps: tuple[int, int], doc: str) -> Any:
+    def fold(typingctx, vector):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            value = args[0]
+            for step in steps:
+                swapped = _shuffle(builder, value, value, [lane ^ step for lane in range(16)])
+                value = builder.fadd(value, swapped, flags=_FLAGS)
+            return value
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        value = args[0]
-        for step in (1, 2):
-            swapped = _shuffle(builder, value, value, [lane ^ step for lane in range(16)])
-            value = builder.fadd(value, swapped, flags=_FLAGS)
-        return value
+        return F16(F16), codegen
 
-    return F16(F16), codegen
+    fold.__doc__ = doc
+    return intrinsic(fold)
+
+
+sum_quarters = _folder((1, 2), "The sum of each quarter, in all four of its lanes: two shuffles and two additions.")
+sum_over_quarters = _folder((4, 8), "The sum of the four quarters, lane by lane, in all of them.")
+
+
+def _picker(quarter: int, doc: str) -> Any:
+    def pick(typingctx, vector):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            return _shuffle(builder, args[0], args[0], [4 * quarter + lane % 4 for lane in range(16)])
+
+        return F16(F16), codegen
+
+    pick.__doc__ = doc
+    return intrinsic(pick)
+
+
+first_quarter = _picker(0, "The first quarter in all four.")
+last_quarter = _picker(3, "The last quarter in all four.")
 
 
 @intrinsic

@@ -10,7 +10,7 @@ from ..records import INSTANCE, MODEL_ROW, Array, World, lend_world, tree_at
 from ..scratch import COUNT_NEAR, INSTANCE_OF, LANES, lend_scratch, new_scratch
 from ..simd import lane
 from ..vec import add, scale, triple
-from .near import gather_near
+from .near import list_blocks, segment
 from .surface import weights_of_block
 from .world import aim, described, tile_hit, trace_tile
 
@@ -91,7 +91,7 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
         for h in range(block * BATCH, min((block + 1) * BATCH, hits.size)):
             i = hits[h]
             x = (f32(local[3 * i]), f32(local[3 * i + 1]), f32(local[3 * i + 2]))
-            gather_near(tree, leaf[i], scratch, x, (one, zero, zero), zero)
+            list_blocks(tree, leaf[i], segment(x, (one, zero, zero), zero, zero), scratch)
             total = 0.0
             for c in range(width):
                 out[h * width + c] = 0.0

@@ -1,8 +1,10 @@
-"""The intersection of a ray with the surface inside of one voxel (paper, part III).
+"""The intersection of rays with the surface inside of one voxel (paper, part III).
 
-Samples lie on a lattice along the ray, t = k * step, from the last one before the voxel to the first one behind it.
+Samples lie on a lattice along each ray, t = k * step, from the last one before the voxel to the first one behind it.
 The voxel, the slab and the tight box only choose which part of this sequence is looked at; so neither they nor the
-size of the voxels decide what is found. Four samples are evaluated at once.
+size of the voxels decide what is found. Four samples of four rays are evaluated at once (lane 4 s + r: sample s of
+ray r): neighbouring rays see the same splats, which are listed once for all four. A ray's hits do not depend on the
+other three: splats that are not over its samples have no weight there.
 
 Three things can be between two neighbouring samples that both have support:
 - a sign change: a crossing;
@@ -10,23 +12,46 @@ Three things can be between two neighbouring samples that both have support:
   cross twice; or support that begins or ends close to the surface. Four more samples decide;
 - else nothing.
 
-Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Ray.side` tells.
+Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Frame.side` tells.
 Until f has once been on that side it counts as lifted by this much: such a ray is not blocked by the splats around
 its origin when it leaves, however flat, and is when it goes to the other side.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from ..jit import inline
-from ..records import BORDERED, DISC, LEAF, LEAST, OVERHANG, REFINE, SHEETED, STEP, SURFACE, TRIM, Hit
-from ..scratch import COUNT_NEAR, COUNT_PART
-from ..simd import bits, lane, lowest, quarters, shift_quarter, spread16, vabs, vmax, vmin
-from .disc import search_discs
-from .near import gather_near, keep_sheet
-from .root import FIRST_LANES, INF, crossing, evaluate, least_weight, look_into, means_at, means_between
-from .surface import HALF, NAN, ONE, TWO, ZERO, local_radius, normal, offset, overhang, value
+from ..records import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM
+from ..scratch import COUNT_SPLATS
+from ..simd import (
+    bits,
+    first_quarter,
+    mask16,
+    quarters,
+    select,
+    shift_quarter,
+    spread16,
+    vabs,
+    vmax,
+    vmin,
+    whole,
+)
+from .root import (
+    Pair,
+    all_samples,
+    choose_means,
+    crossing,
+    evaluate,
+    first_samples,
+    fold,
+    look_into,
+    means_at,
+    sample,
+)
+from .surface import INF, NAN, ONE, ZERO, local_radius, normal, offset, overhang, value
 
 START, START_UNREFINED = np.float32(0.01), np.float32(0.05)  # radii; the latter where refine is 0
 BORDER_SHARE = np.float32(0.4)  # of the weight: from here on a hit counts as one on a border
@@ -34,139 +59,161 @@ GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
 MOST_STEPS = np.float32(2.0**22)  # from where a ray enters the model's bounds
-FAINT = np.float32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
 CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into without an estimate
 
 
-@inline
-def accept(tree, scratch, frame, leaf, at, way):  # type: ignore[no-untyped-def]
-    """The hit at t, or a miss: f jumps from sign to sign, or the splats' middle is farther than the trim allows.
+class Reach(NamedTuple):
+    """Which samples of rays are looked at: numbers of the first and the last, and where the rays begin and end."""
 
-    way : 1, -1 where only a side is sought that faces the ray, or faces away; else 0
+    first: Any
+    last: Any
+    t_low: Any
+    t_high: Any
+
+
+class Found(NamedTuple):
+    """First hits in a voxel: t (inf: none), unit normal, and what the start rule has lifted the ray by (0: not)."""
+
+    t: Any
+    nx: Any
+    ny: Any
+    nz: Any
+    lift: Any
+
+
+@inline
+def lattice(tree, leaf, interval, end):  # type: ignore[no-untyped-def]
+    """Which samples are looked at, and a mask of the rays that can tell them apart in float32.
+
+    interval : where the rays enter the voxel, and the part in which the surface can be (tight box, slab); end : of
+    the rays. The lattice's next samples on both sides, out of the slab and out of the voxel: see `tree/cells.py`.
     """
-    middle, center, ray = frame
-    t, share, rise = at
-    s = t - center
-    x, y, z = s * ray.dx + middle[0], s * ray.dy + middle[1], s * ray.dz + middle[2]
-    # Evaluated afresh at every hit: 15% of the time of all. But no line joins samples where supports begin and end.
-    part = scratch.counts[COUNT_PART]
-    joined = part > 0 and least_weight(scratch.means, part) > FAINT
-    means = means_between(scratch.means, part, share) if joined else means_at(tree, scratch, frame, spread16(t))
-    miss = Hit(INF, ZERO, ZERO, ZERO, -1)
-    if not lane(means[8], 0) > ZERO or way * rise * ray.side > ZERO:
-        return miss
-    surface = int(tree.head[SURFACE])
-    f, _ = value(surface, means)
-    away, gap = offset(means), abs(rise) if joined else abs(lane(f, 0)) - scratch.lift[0]
-    jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
-    # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
-    least = tree.leaves[leaf * LEAF + LEAST]
-    if away > tree.head[TRIM] * least or gap > jump * least:
-        radius = local_radius(tree, scratch, x, y, z)
-        if away > tree.head[TRIM] * radius or gap > jump * radius:
-            return miss
-    if tree.leaves[leaf * LEAF + BORDERED] != ZERO:
-        share, out = overhang(tree, scratch, x, y, z)
-        if share > BORDER_SHARE and out > tree.head[OVERHANG] * local_radius(tree, scratch, x, y, z):
-            return miss
-    nx, ny, nz = normal(surface, means)
-    return Hit(t, nx, ny, nz, leaf)
-
-
-@inline
-def search_leaf(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped-def]
-    """The first hit in a leaf's voxel.
-
-    Where two sheets are close together their normals cancel, and a step may pass both. So of those the ones that face
-    the ray are searched first and then those that face away, each as if the others were not there.
-    interval : where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
-    """
-    way, lift = (ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO), scratch.lift[0]
-    hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
-    while True:
-        scratch.lift[0] = lift
-        found = _search(tree, leaf, ray, scratch, interval, way)
-        lifted = max(lifted, scratch.lift[0])
-        if found.t < hit.t:
-            hit = found
-        if not way > ZERO:
-            scratch.lift[0] = lifted
-            return hit
-        way = -ONE
-
-
-@inline
-def _search(tree, leaf, ray, scratch, interval, way):  # type: ignore[no-untyped-def]
-    """The first hit in a leaf's voxel; way : 1, -1 for the sheets that face the ray or face away, 0 for all."""
-    enter, leave, low, high = interval
-    miss = Hit(INF, ZERO, ZERO, ZERO, -1)
-    if enter <= ray.t_min:  # the ray's origin is in this voxel: the start rule needs f there
-        low = ray.t_min
+    enter, low, high = interval
     step = tree.leaves[leaf * LEAF + STEP]
-    if not high < MOST_STEPS * step:  # float32 does not tell the samples apart any more
-        return miss
-    # The lattice's next samples on both sides, out of the slab and out of the voxel: see `tree/cells.py`.
-    # t is never negative here: truncation is the floor (a call to floor would spill every vector register).
-    first, last = np.float32(np.int32(low / step)), np.float32(np.int32(high / step) + 1)
-    t_low, t_high = max(first * step, ray.t_min), min(last * step, ray.t_max)
-    starts = t_low == ray.t_min
-    center = HALF * (t_low + t_high)
-    middle = (ray.ox + center * ray.dx, ray.oy + center * ray.dy, ray.oz + center * ray.dz)
-    gather_near(tree, leaf, scratch, middle, (ray.dx, ray.dy, ray.dz), HALF * (t_high - t_low))
-    if way != ZERO:
-        keep_sheet(tree, scratch, (way * ray.dx, way * ray.dy, way * ray.dz))
-    if scratch.counts[COUNT_NEAR] == 0:
-        return miss
-    frame = (middle, center, ray)
-    if int(tree.head[SURFACE]) == DISC:
-        return search_discs(tree, leaf, scratch, frame, enter, leave)
-    # Of the least radius, which does not depend on the size of the voxels.
-    margin = GRAZING * tree.leaves[leaf * LEAF + LEAST]
-    low_enough = CREVICE * tree.leaves[leaf * LEAF + LEAST]
+    fine = high < MOST_STEPS * step
+    low = select(
+        fine & (enter > ZERO), low, spread16(ZERO)
+    )  # the origin is in this voxel: the start rule needs f there
+    high = select(fine, high, spread16(ZERO))
+    # t is never negative here: truncation is the floor.
+    first, last = whole(low / step), whole(high / step) + ONE
+    return Reach(first, last, vmax(first * step, spread16(ZERO)), vmin(last * step, end)), fine
 
+
+@inline
+def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped-def]
+    """Which rays hit at their roots, and the normals there. f may jump from sign to sign, or P be beyond the trim.
+
+    limits : 1, -1 where only a side is sought that faces the rays, or faces away, else 0; and what f is lifted by
+    """
+    way, lift = limits
+    asked = bits(root.t < INF)
+    # Evaluated afresh at every hit: 15% of the time of all. But no line joins samples where supports begin and end.
+    joined, means = root.joined, root.means
+    if bits(joined) & asked != asked:
+        means = choose_means(joined, means, means_at(scratch, frame, root.t))
+    f, u4 = value(int(tree.head[SURFACE]), means)
+    good = bits(means.weight > ZERO) & asked
+    if way != ZERO:
+        good &= bits(way * root.rise * frame.side <= ZERO)
+    away, gap = offset(means), select(joined, vabs(root.rise), vabs(f) - lift)
+    jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
+    trim = tree.head[TRIM]
+    s = root.t - frame.center
+    x, y, z = s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z
+    # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
+    least = spread16(tree.leaves[leaf * LEAF + LEAST])
+    over = bits((away > trim * least) | (gap > jump * least)) & good
+    border = tree.leaves[leaf * LEAF + BORDERED] != ZERO
+    if over != 0 or border:
+        radius = local_radius(scratch, x, y, z)
+        good &= ~bits((away > trim * radius) | (gap > jump * radius))
+        if border:
+            share, out = overhang(tree, scratch, x, y, z)
+            good &= ~bits((share > BORDER_SHARE) & (out > tree.head[OVERHANG] * radius))
+    nx, ny, nz = normal(means, u4)
+    return fold(good), nx, ny, nz
+
+
+@inline
+def _events(tree, leaf, a, b):  # type: ignore[no-untyped-def]
+    """Where there is a crossing, and where something else may be, between samples (t, f, slope) and those before."""
+    (t_a, f_a, slope_a), (t, f, slope) = a, b
+    changes = bits(crossing(f_a, f))
+    # A lowest place between them: rare, so that the rest is done only then. One slope tells where |f| changes by
+    # less than 3/4 of what it foresees.
+    falls, rises = f_a * slope_a < ZERO, f * slope > ZERO
+    gain, part = vabs(f) - vabs(f_a), np.float32(0.75) * (t - t_a)
+    early, late = falls & (gain > vabs(slope_a) * (ZERO - part)), rises & (gain < vabs(slope) * part)
+    # And where support begins or ends between them, close to the surface.
+    begins, ends = rises & (vabs(f) < vabs(slope) * (t - t_a)), falls & (vabs(f_a) < vabs(slope_a) * (t - t_a))
+    rim = (begins ^ (begins & (f_a * f_a >= ZERO))) | (ends ^ (ends & (f * f >= ZERO)))
+    sinks = ((f_a * f > ZERO) & ((falls & rises) | early | late)) | rim
+    if bits(sinks) != 0:
+        # Of the least radius, which does not depend on the size of the voxels.
+        least = tree.leaves[leaf * LEAF + LEAST]
+        # Both tangents meet below the margin: the lowest place is above theirs where f is convex.
+        meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
+        graze = falls & rises & ((meet * f < ZERO) | (vabs(meet) < spread16(GRAZING * least)))
+        crevice = (falls ^ rises) & (vmin(vabs(f), vabs(f_a)) < spread16(CREVICE * least))
+        sinks = sinks & (graze | crevice | rim)
+    return changes, bits(sinks)
+
+
+@inline
+def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-untyped-def]
+    """First hits of four rays in a leaf's voxel, from the listed splats.
+
+    rays : 4 bits, those that are asked for
+    limits : 1, -1 for the sheets that face the rays or face away, 0 for all; and what the start rule has lifted f by
+    """
+    way, lift = limits
+    none = spread16(ZERO)
+    t_hit, nx, ny, nz = spread16(INF), none, none, none
+    step = tree.leaves[leaf * LEAF + STEP]
+    starts = bits(reach.t_low <= ZERO)
     t_before = f_before = slope_before = spread16(NAN)
-    k = first
-    while k <= last:
-        t = quarters(k * step, (k + ONE) * step, (k + TWO) * step, (k + np.float32(3.0)) * step)
-        t = vmin(vmax(t, spread16(t_low)), spread16(t_high))
+    k = reach.first + quarters(ZERO, ONE, np.float32(2.0), np.float32(3.0))
+    left = rays if scratch.counts[COUNT_SPLATS] > 0 else 0
+    while left != 0:
+        t = vmin(vmax(k * step, reach.t_low), reach.t_high)
         f, slope = evaluate(tree, scratch, frame, t)
-        if starts:
-            starts = False
+        if starts != 0:
             share = START if tree.head[REFINE] > ZERO else START_UNREFINED
-            reach = share * tree.leaves[leaf * LEAF + LEAST]
-            scratch.lift[0] = reach if abs(lane(f, 0)) < reach else ZERO
-        f = f + scratch.lift[0]
+            reach_of_start = spread16(share * tree.leaves[leaf * LEAF + LEAST])
+            begun = first_quarter(f)
+            lift = select(mask16(starts), select(vabs(begun) < reach_of_start, reach_of_start, none), lift)
+            starts = 0
+        f = f + lift
 
         t_a, f_a, slope_a = shift_quarter(t_before, t), shift_quarter(f_before, f), shift_quarter(slope_before, slope)
-        change = crossing(f_a, f)
-        # A lowest place between them: rare, so that the rest is done only then. One slope tells where |f| changes by
-        # less than 3/4 of what it foresees.
-        falls, rises = f_a * slope_a < ZERO, f * slope > ZERO
-        gain, part = vabs(f) - vabs(f_a), np.float32(0.75) * (t - t_a)
-        early, late = falls & (gain > vabs(slope_a) * (ZERO - part)), rises & (gain < vabs(slope) * part)
-        # And where support begins or ends between them, close to the surface.
-        begins, ends = rises & (vabs(f) < vabs(slope) * (t - t_a)), falls & (vabs(f_a) < vabs(slope_a) * (t - t_a))
-        rim = (begins ^ (begins & (f_a * f_a >= ZERO))) | (ends ^ (ends & (f * f >= ZERO)))
-        sinks = ((f_a * f > ZERO) & ((falls & rises) | early | late)) | rim
-        if bits(sinks) & FIRST_LANES != 0:
-            # Both tangents meet below the margin: the lowest place is above theirs where f is convex.
-            meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
-            graze = falls & rises & ((meet * f < ZERO) | (vabs(meet) < spread16(margin)))
-            crevice = (falls ^ rises) & (vmin(vabs(f), vabs(f_a)) < spread16(low_enough))
-            sinks = sinks & (graze | crevice | rim)
-        changes = bits(change) & FIRST_LANES
-        events = changes | (bits(sinks) & FIRST_LANES)
+        changes, sinks = _events(tree, leaf, (t_a, f_a, slope_a), (t, f, slope))
+        events = (changes | sinks) & (left * 0x1111)
         while events != 0:
-            i = lowest(events)
-            events &= events - 1
-            pair = (lane(t_a, i), lane(f_a, i), lane(slope_a, i), lane(t, i), lane(f, i), lane(slope, i))
-            at = look_into(tree, scratch, frame, pair, (changes >> i) & 1 != 0)
-            if at[0] < INF:
-                hit = accept(tree, scratch, frame, leaf, at, way)
-                if hit.leaf >= 0:
-                    return hit
-        if scratch.lift[0] != ZERO and bits(f >= scratch.lift[0]) & FIRST_LANES != 0:
-            scratch.lift[0] = ZERO
+            now = first_samples(events)
+            events &= ~now
+            one = mask16(now)
+            pair = Pair(
+                sample(t_a, one),
+                sample(f_a, one),
+                sample(slope_a, one),
+                sample(t, one),
+                sample(f, one),
+                sample(slope, one),
+            )
+            crosses = all_samples(fold(now & changes))
+            root = look_into(tree, scratch, frame, pair, crosses, fold(now), lift)
+            if bits(root.t < INF) != 0:
+                good, mx, my, mz = accept(tree, scratch, frame, leaf, root, (way, lift))
+                if good != 0:
+                    here = all_samples(good)
+                    t_hit = select(here, root.t, t_hit)
+                    nx, ny, nz = select(here, mx, nx), select(here, my, ny), select(here, mz, nz)
+                    left &= ~good
+                    events &= ~(good * 0x1111)
+        settled = fold(bits(f >= lift)) & left
+        lift = select(all_samples(settled), none, lift)
         t_before, f_before, slope_before = t, f, slope
-        k += np.float32(4.0)
-    return miss
+        k = k + np.float32(4.0)
+        left &= bits(k <= reach.last)
+    return Found(t_hit, nx, ny, nz, lift)

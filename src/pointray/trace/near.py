@@ -1,31 +1,90 @@
-"""The blocks near a segment of a ray: what the surface is evaluated from, listed once a voxel."""
+"""What the surface is evaluated from: the splats near a bundle of rays, listed once a voxel.
+
+A bundle is bounded by a capsule, all places within a distance of a segment. Blocks near all the rays of a tile are
+gathered into working memory; from these the splats near four of them, or near one, are listed.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from ..jit import inline
-from ..records import GROUP
-from ..scratch import COUNT_NEAR
-from ..simd import load16, pack, spread16, vabs, vmax
-from .surface import ZERO
+from ..records import BLOCK, GROUP, INV_R2, PX, PY, PZ
+from ..scratch import AT_DX, AT_DY, AT_DZ, AT_HALF, AT_X, AT_Y, AT_Z, COUNT_NEAR, COUNT_SPLATS, GATHERED, LANES
+from ..simd import greatest, least, load16, move4, pack, select, spread16, store, vabs, vmax, vmin, vsqrt
+from .surface import HALF, INF, ONE, ZERO
+
+SLACK = np.float32(1.01)  # of radii: what rounding may do to a distance
+RADIUS_ROW = 28  # of a gathered splat, as PX is
+
+
+class Capsule(NamedTuple):
+    """All places within `spread` of the segment of half length `half` along the unit direction d about (x, y, z)."""
+
+    x: float
+    y: float
+    z: float
+    dx: float
+    dy: float
+    dz: float
+    half: float
+    spread: float
 
 
 @inline
-def gather_near(tree, leaf, scratch, middle, d, half):  # type: ignore[no-untyped-def]
-    """List the leaf's blocks whose bounding sphere is near the segment of half length `half` along d about a point."""
+def segment(o, d, t_low, t_high):  # type: ignore[no-untyped-def]
+    """The capsule of one ray's part."""
+    center = HALF * (t_low + t_high)
+    x, y, z = o[0] + center * d[0], o[1] + center * d[1], o[2] + center * d[2]
+    return Capsule(x, y, z, d[0], d[1], d[2], HALF * (t_high - t_low), ZERO)
+
+
+@inline
+def around(part, k, frame, half, active):  # type: ignore[no-untyped-def]
+    """The capsule along ray k of `scratch.part` around parts of many.
+
+    frame, half : these, in vectors: their middles and half their lengths; active : mask of those that count
+    """
+    px, py, pz = part[AT_X + k], part[AT_Y + k], part[AT_Z + k]
+    ax, ay, az = part[AT_DX + k], part[AT_DY + k], part[AT_DZ + k]
+    # Middles and half lengths, across the axis and along it.
+    x, y, z = frame.x - px, frame.y - py, frame.z - pz
+    turn = frame.dx * ax + frame.dy * ay + frame.dz * az
+    ux, uy, uz = half * frame.dx, half * frame.dy, half * frame.dz
+    along, length = x * ax + y * ay + z * az, half * turn
+    ux, uy, uz = ux - length * ax, uy - length * ay, uz - length * az
+    x, y, z = x - along * ax, y - along * ay, z - along * az
+    aside = vsqrt(x * x + y * y + z * z) + vsqrt(ux * ux + uy * uy + uz * uz)
+    near = least(select(active, along - vabs(length), spread16(INF)))
+    far = greatest(select(active, along + vabs(length), spread16(-INF)))
+    spread = greatest(select(active, aside, spread16(ZERO)))
+    half, middle = HALF * (far - near), HALF * (far + near)
+    return Capsule(px + middle * ax, py + middle * ay, pz + middle * az, ax, ay, az, half, spread)
+
+
+@inline
+def _distances(capsule, x, y, z):  # type: ignore[no-untyped-def]
+    """Squared distances of 16 places from a capsule's segment."""
+    x, y, z = x - capsule.x, y - capsule.y, z - capsule.z
+    along = x * capsule.dx + y * capsule.dy + z * capsule.dz
+    beyond = vmax(vabs(along) - capsule.half, spread16(ZERO))
+    return x * x + y * y + z * z - along * along + beyond * beyond
+
+
+@inline
+def list_blocks(tree, leaf, capsule, scratch):  # type: ignore[no-untyped-def]
+    """List the leaf's blocks whose bounding sphere meets the capsule."""
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     n = 0
     for group in range(first, first + count):
         at = np.int64(group) * GROUP
-        x = load16(tree.spheres, at) - middle[0]
-        y = load16(tree.spheres, at + 16) - middle[1]
-        z = load16(tree.spheres, at + 32) - middle[2]
-        along = x * d[0] + y * d[1] + z * d[2]
-        beyond = vmax(vabs(along) - half, spread16(ZERO))
-        square = x * x + y * y + z * z - along * along + beyond * beyond
-        near = square < load16(tree.spheres, at + 48)
-        n += pack(near, tree.refs, np.int64(group) * 16, scratch.near, n)
+        square = _distances(
+            capsule, load16(tree.spheres, at), load16(tree.spheres, at + 16), load16(tree.spheres, at + 32)
+        )
+        reach = SLACK * vsqrt(load16(tree.spheres, at + 48)) + capsule.spread  # NaN in an empty slot
+        n += pack(square < reach * reach, tree.refs, np.int64(group) * 16, scratch.near, n)
     scratch.counts[COUNT_NEAR] = n
 
 
@@ -41,3 +100,59 @@ def keep_sheet(tree, scratch, d):  # type: ignore[no-untyped-def]
             scratch.near[n] = block
             n += 1
     scratch.counts[COUNT_NEAR] = n
+
+
+@inline
+def gather(tree, scratch):  # type: ignore[no-untyped-def]
+    """Copy the listed blocks' splats to where 16 of them can be tested at once; empty places are far away."""
+    n = scratch.counts[COUNT_NEAR]
+    for k in range(n):
+        block, at = np.int64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
+        for row in range(7):
+            move4(tree.blocks, block + 4 * row, scratch.splats, at + 16 * row)
+    groups = (n + 3) // 4
+    for k in range(n, groups * 4):
+        at = k // 4 * GATHERED + k % 4 * 4
+        for i in range(4):
+            scratch.splats[at + i] = np.float32(1e15)
+            scratch.splats[at + 4 * INV_R2 + i] = ONE
+    for group in range(groups):
+        at = group * GATHERED
+        store(scratch.splats, at + 4 * RADIUS_ROW, SLACK / vsqrt(load16(scratch.splats, at + 4 * INV_R2)))
+
+
+@inline
+def list_splats(scratch, capsule):  # type: ignore[no-untyped-def]
+    """List the gathered splats whose support meets the capsule."""
+    n, splats = 0, scratch.splats
+    for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
+        at = group * GATHERED
+        x, y, z = load16(splats, at + 4 * PX), load16(splats, at + 4 * PY), load16(splats, at + 4 * PZ)
+        reach = load16(splats, at + 4 * RADIUS_ROW) + capsule.spread
+        n += pack(_distances(capsule, x, y, z) < reach * reach, scratch.places, group * LANES, scratch.listed, n)
+    scratch.counts[COUNT_SPLATS] = n
+
+
+@inline
+def list_splats_of(scratch, first, end):  # type: ignore[no-untyped-def]
+    """List the gathered splats whose support meets one of the rays in `scratch.part`."""
+    n, splats, part = 0, scratch.splats, scratch.part
+    for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
+        at = group * GATHERED
+        x, y, z = load16(splats, at + 4 * PX), load16(splats, at + 4 * PY), load16(splats, at + 4 * PZ)
+        reach = load16(splats, at + 4 * RADIUS_ROW)
+        square = spread16(INF)
+        for k in range(first, end):
+            ray = Capsule(
+                part[AT_X + k],
+                part[AT_Y + k],
+                part[AT_Z + k],
+                part[AT_DX + k],
+                part[AT_DY + k],
+                part[AT_DZ + k],
+                part[AT_HALF + k],
+                ZERO,
+            )
+            square = vmin(square, _distances(ray, x, y, z))
+        n += pack(square < reach * reach, scratch.places, group * LANES, scratch.listed, n)
+    scratch.counts[COUNT_SPLATS] = n

@@ -1,82 +1,118 @@
-"""From a bracket to the root of f along a ray: four samples a step, the last two so close that a line joins them."""
+"""From a bracket to the root of f along a ray: four samples a step, the last two so close that a line joins them.
+
+Four rays go together: lane 4 s + r holds sample s of ray r; what belongs to a ray stands in all four quarters.
+"""
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..jit import inline
 from ..records import REFINE, SURFACE
-from ..scratch import COUNT_PART
-from ..simd import bits, lane, lowest, quarters, shift_quarter, spread16, store
-from .surface import HALF, ONE, ZERO, sums, value
+from ..simd import (
+    bits,
+    last_quarter,
+    mask16,
+    quarters,
+    select,
+    shift_quarter,
+    spread16,
+    sum_over_quarters,
+    vmax,
+    vmin,
+)
+from .surface import HALF, INF, ONE, ZERO, Means, sums, value
 
-INF = np.float32(np.inf)
-FIRST_LANES = 0x1111  # the first lane of each quarter
 # Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
 # interpolation is exact to a thousandth of the radius, and two farther out for where the estimate is off.
 CLOSE = np.float32(0.02), np.float32(0.12)
-MORE = 3  # secant steps after an estimate that was off
+MORE = np.float32(3.0)  # secant steps after an estimate that was off
 EVEN = np.float32(0.1), np.float32(0.3)  # about the middle of the bracket: where there is no estimate
+FAINT = np.float32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
+
+
+class Frame(NamedTuple):
+    """Rays in a voxel, in vectors, four as lane 4 s + r, or sixteen: x = middle + (t - center) d.
+
+    (x, y, z) : the middle of the part that is looked at; center : t there; (dx, dy, dz) : unit direction
+    side : +1 where a ray that starts on the surface is outside, -1 where it is inside; of all
+    """
+
+    x: Any
+    y: Any
+    z: Any
+    dx: Any
+    dy: Any
+    dz: Any
+    center: Any
+    side: Any
+
+
+class Pair(NamedTuple):
+    """Two neighbouring samples of each ray: t, f and its slope along the ray."""
+
+    ta: Any
+    fa: Any
+    slope_a: Any
+    tb: Any
+    fb: Any
+    slope_b: Any
+
+
+class Root(NamedTuple):
+    """What is found between two samples: t (inf: nothing), half of what f rises by in the last part, and the means.
+
+    joined : mask, the means are those between two close samples; else they are not known
+    """
+
+    t: Any
+    rise: Any
+    joined: Any
+    means: Any
 
 
 @inline
-def means_at(tree, scratch, frame, t):  # type: ignore[no-untyped-def]
-    """The weighted means at four t: frame is (middle, t, ray)."""
-    middle, center, ray = frame
-    s = t - center
-    return sums(tree, scratch, s * ray.dx + middle[0], s * ray.dy + middle[1], s * ray.dz + middle[2])
+def fold(word):  # type: ignore[no-untyped-def]
+    """Which rays have a bit in any of their samples: 4 bits."""
+    return (word | (word >> 4) | (word >> 8) | (word >> 12)) & 15
+
+
+@inline
+def all_samples(rays):  # type: ignore[no-untyped-def]
+    """The mask of all samples of some rays (4 bits)."""
+    return mask16(rays * 0x1111)
+
+
+@inline
+def first_samples(word):  # type: ignore[no-untyped-def]
+    """Of each ray's bits the one of the first sample."""
+    seen = word | (word << 4)
+    seen |= seen << 8
+    return word & ~(seen << 4) & 0xFFFF
+
+
+@inline
+def sample(vector, one):  # type: ignore[no-untyped-def]
+    """Each ray's lane that a mask with one lane a ray names, in all its samples; 0 where it names none."""
+    return sum_over_quarters(select(one, vector, spread16(ZERO)))
+
+
+@inline
+def means_at(scratch, frame, t):  # type: ignore[no-untyped-def]
+    """The weighted means at each ray's samples t."""
+    s = t - frame.center
+    return sums(scratch, s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z)
 
 
 @inline
 def evaluate(tree, scratch, frame, t):  # type: ignore[no-untyped-def]
-    """f, counted positive on the ray's own side, and its slope along the ray, at four t."""
-    ray = frame[2]
-    means = means_at(tree, scratch, frame, t)
+    """f, counted positive on the rays' own side, and its slope along the rays."""
+    means = means_at(scratch, frame, t)
     f, _ = value(int(tree.head[SURFACE]), means)
-    slope = means[3] * ray.dx + means[4] * ray.dy + means[5] * ray.dz
-    return f * ray.side, slope * ray.side
-
-
-@inline
-def store_means(memory, means):  # type: ignore[no-untyped-def]
-    """Keep the means at four samples for `means_between`."""
-    store(memory, 0, means[0])
-    store(memory, 16, means[1])
-    store(memory, 32, means[2])
-    store(memory, 48, means[3])
-    store(memory, 64, means[4])
-    store(memory, 80, means[5])
-    store(memory, 96, means[6])
-    store(memory, 112, means[7])
-    store(memory, 128, means[8])
-
-
-@inline
-def _between(memory, at, share):  # type: ignore[no-untyped-def]
-    return spread16(memory[at - 4] + (memory[at] - memory[at - 4]) * share)
-
-
-@inline
-def means_between(memory, part, share):  # type: ignore[no-untyped-def]
-    """The means between samples part - 1 and part: they are so close that a line will do."""
-    at = 4 * part
-    return (
-        _between(memory, at, share),
-        _between(memory, at + 16, share),
-        _between(memory, at + 32, share),
-        _between(memory, at + 48, share),
-        _between(memory, at + 64, share),
-        _between(memory, at + 80, share),
-        _between(memory, at + 96, share),
-        _between(memory, at + 112, share),
-        _between(memory, at + 128, share),
-    )
-
-
-@inline
-def least_weight(memory, part):  # type: ignore[no-untyped-def]
-    """The lesser weight of samples part - 1 and part."""
-    return min(memory[128 + 4 * (part - 1)], memory[128 + 4 * part])
+    slope = means.nx * frame.dx + means.ny * frame.dy + means.nz * frame.dz
+    return f * frame.side, slope * frame.side
 
 
 @inline
@@ -86,79 +122,116 @@ def crossing(a, b):  # type: ignore[no-untyped-def]
 
 
 @inline
-def secant(tree, scratch, frame, bracket, around, spread):  # type: ignore[no-untyped-def]
-    """Four samples in a bracket (t, f, t, f), about `around` of its length: the first of the five parts that crosses.
+def _between(vector, before, after, share):  # type: ignore[no-untyped-def]
+    """From one sample to the next by a share: masks with one lane a ray name them."""
+    a, b = select(before, vector, spread16(ZERO)), select(after, vector, spread16(ZERO))
+    return sum_over_quarters(a + (b - a) * share)
 
-    spread : how far from there the inner and the outer two lie, in lengths of the bracket.
 
-    Returns that part as a bracket, or one whose end is inf if none crosses.
-    """
-    ta, fa, tb, fb = bracket
-    span = tb - ta
-    middle = min(max(around, ZERO), ONE)
-    t = quarters(
-        ta + span * max(middle - spread[1], ZERO),
-        ta + span * max(middle - spread[0], ZERO),
-        ta + span * min(middle + spread[0], ONE),
-        ta + span * min(middle + spread[1], ONE),
+@inline
+def means_between(means, after, share):  # type: ignore[no-untyped-def]
+    """The means between a sample, as bits with one a ray, and the one before it; not of those that have none before."""
+    before, after = mask16(after >> 4), mask16(after)
+    weight = select(before, ONE - share, select(after, share, spread16(ZERO)))
+    both = before | after
+    nothing = spread16(ZERO)
+    return Means(
+        sum_over_quarters(select(both, means.qx * weight, nothing)),
+        sum_over_quarters(select(both, means.qy * weight, nothing)),
+        sum_over_quarters(select(both, means.qz * weight, nothing)),
+        sum_over_quarters(select(both, means.nx * weight, nothing)),
+        sum_over_quarters(select(both, means.ny * weight, nothing)),
+        sum_over_quarters(select(both, means.nz * weight, nothing)),
+        sum_over_quarters(select(both, means.qn * weight, nothing)),
+        sum_over_quarters(select(both, means.qq * weight, nothing)),
+        sum_over_quarters(select(both, means.weight * weight, nothing)),
     )
-    means = means_at(tree, scratch, frame, t)
-    store_means(scratch.means, means)
-    f, _ = value(int(tree.head[SURFACE]), means)
-    f = f * frame[2].side + scratch.lift[0]
-    scratch.counts[COUNT_PART] = 0
-    before, t_before = shift_quarter(spread16(fa), f), shift_quarter(spread16(ta), t)
-    found = bits(crossing(before, f)) & FIRST_LANES
-    if found != 0:
-        i = lowest(found)
-        scratch.counts[COUNT_PART] = i // 4
-        return lane(t_before, i), lane(before, i), lane(t, i), lane(f, i)
-    last = lane(f, 12)
-    if (last < ZERO) != (fb < ZERO):
-        return lane(t, 12), last, tb, fb
-    return ta, fa, INF, fb
 
 
 @inline
-def root(bracket):  # type: ignore[no-untyped-def]
-    """Where the line between a bracket's ends is zero, as a share of its length."""
-    return bracket[1] / (bracket[1] - bracket[3])
+def choose_means(mask, a, b):  # type: ignore[no-untyped-def]
+    """Lane by lane those of a where the mask holds, else of b."""
+    return Means(
+        select(mask, a.qx, b.qx),
+        select(mask, a.qy, b.qy),
+        select(mask, a.qz, b.qz),
+        select(mask, a.nx, b.nx),
+        select(mask, a.ny, b.ny),
+        select(mask, a.nz, b.nz),
+        select(mask, a.qn, b.qn),
+        select(mask, a.qq, b.qq),
+        select(mask, a.weight, b.weight),
+    )
 
 
 @inline
-def refine(tree, scratch, frame, bracket):  # type: ignore[no-untyped-def]
-    """(t, share, jump) of the crossing in a bracket, after the model's number of secant steps.
+def _places(ta, tb, around, inner, outer):  # type: ignore[no-untyped-def]
+    """Four places in brackets, about `around` of their lengths: two at the inner distance, two at the outer."""
+    near = mask16(0x0FF0)
+    sign = quarters(-ONE, -ONE, ONE, ONE)
+    share = vmin(vmax(around, spread16(ZERO)), spread16(ONE)) + sign * select(near, inner, outer)
+    return ta + (tb - ta) * vmin(vmax(share, spread16(ZERO)), spread16(ONE))
 
-    share : where it is in the last part; jump : half of what f rises by from end to end of that.
-    Where the last step's estimate was off (the crossing is not between its two close samples), up to MORE follow. With
-    one, in trees that differ, up to 17 of 1.4 million rays at a scan ended more than 2% of the radius apart; with three
-    none on ten of twelve scans, 7 on the noisiest.
+
+@inline
+def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[no-untyped-def]
+    """The first crossing between two samples, after the model's number of secant steps.
+
+    crosses : mask, rays whose two samples have different signs; for the others four samples look for a crossing first
+    todo : 4 bits, the rays that are asked for; lift : what the start rule adds to f
+
+    A step looks at four samples about the estimate; the first part that crosses is the next bracket. Where an estimate
+    was off (the crossing is not between the two close samples), up to MORE follow. With one, in trees that differ, up
+    to 17 of 1.4 million rays at a scan ended more than 2% of the radius apart; with three none on ten of twelve scans,
+    7 on the noisiest.
     """
-    steps = int(tree.head[REFINE])
-    scratch.counts[COUNT_PART] = 0
-    k, span = 0, bracket[2] - bracket[0]
-    most = steps + MORE if steps > 0 else 0
-    while k < steps or (k < most and bracket[2] - bracket[0] > np.float32(3.0) * CLOSE[0] * span):
-        span = bracket[2] - bracket[0]
-        bracket = secant(tree, scratch, frame, bracket, root(bracket), CLOSE)
-        if bracket[2] == INF:
-            return INF, ZERO, ZERO
-        k += 1
-    share = root(bracket)
-    return bracket[0] + (bracket[2] - bracket[0]) * share, share, HALF * (bracket[3] - bracket[1])
-
-
-@inline
-def look_into(tree, scratch, frame, pair, crosses):  # type: ignore[no-untyped-def]
-    """`refine` of the first crossing between two samples (t, f, slope, t, f, slope); t is inf if there is none."""
-    ta, fa, ga, tb, fb, gb = pair
-    bracket = (ta, fa, tb, fb)
-    if not crosses:
-        if (fa * ga < ZERO) & (fb * gb > ZERO):
-            # The slopes' zero, by linear interpolation: the lowest place of a parabola.
-            bracket = secant(tree, scratch, frame, bracket, ga / (ga - gb), CLOSE)
-        else:
-            bracket = secant(tree, scratch, frame, bracket, HALF, EVEN)
-        if bracket[2] == INF:
-            return INF, ZERO, ZERO
-    return refine(tree, scratch, frame, bracket)
+    ta, fa, tb, fb = pair.ta, pair.fa, pair.tb, pair.fb
+    steps = tree.head[REFINE]
+    most = steps + MORE if steps > ZERO else ZERO
+    # Without a crossing: the slopes' zero by linear interpolation, the lowest place of a parabola; or evenly.
+    grazes = (fa * pair.slope_a < ZERO) & (fb * pair.slope_b > ZERO)
+    estimate = select(grazes, pair.slope_a / (pair.slope_a - pair.slope_b), spread16(HALF))
+    wide = mask16(bits(crosses | grazes) ^ 0xFFFF)
+    inner, outer = (
+        select(wide, spread16(EVEN[0]), spread16(CLOSE[0])),
+        select(wide, spread16(EVEN[1]), spread16(CLOSE[1])),
+    )
+    step = select(crosses, spread16(ZERO), spread16(-ONE))
+    share = select(crosses, fa / (fa - fb), estimate)
+    span = tb - ta
+    none = spread16(ZERO)
+    means = Means(none, none, none, none, none, none, none, none, none)
+    joined = 0
+    while True:
+        go = (step < steps) | ((step < most) & (tb - ta > np.float32(3.0) * CLOSE[0] * span))
+        doing = bits(go) & (todo * 0x1111)
+        if doing == 0:
+            break
+        go = mask16(doing)
+        t = _places(ta, tb, share, inner, outer)
+        inner, outer = spread16(CLOSE[0]), spread16(CLOSE[1])
+        fresh = means_at(scratch, frame, t)
+        f, _ = value(int(tree.head[SURFACE]), fresh)
+        f = f * frame.side + lift
+        before, t_before = shift_quarter(fa, f), shift_quarter(ta, t)
+        one = first_samples(bits(crossing(before, f)) & doing)
+        part = mask16(one)
+        found = fold(one)
+        # Nothing before the last sample: behind it, or nowhere.
+        last = last_quarter(f)
+        behind = bits((last < ZERO) ^ (fb < ZERO)) & doing & ~(found * 0x1111)
+        here, rest = all_samples(found), mask16(behind)
+        span = select(go & (step >= ZERO), tb - ta, span)
+        ta = select(here, sample(t_before, part), select(rest, last_quarter(t), ta))
+        fa = select(here, sample(before, part), select(rest, last, fa))
+        tb, fb = select(here, sample(t, part), tb), select(here, sample(f, part), fb)
+        span = select(go & (step < ZERO), tb - ta, span)
+        todo &= ~(fold(doing) & ~found & ~fold(behind))
+        share = fa / (fa - fb)
+        # Between two close samples: for these also the means are joined by a line.
+        line = fold(one & 0xFFF0)
+        joined = (joined & ~fold(doing)) | line
+        means = choose_means(all_samples(line), means_between(fresh, one & 0xFFF0, share), means)
+        step = step + select(go, spread16(ONE), none)
+    t = select(all_samples(todo), ta + (tb - ta) * share, spread16(INF))
+    return Root(t, HALF * (fb - fa), all_samples(joined & todo), means)

@@ -14,38 +14,50 @@ E[q.q] / 4, which changes nothing inside of the cloud and keeps the fit tame whe
 
 from __future__ import annotations
 
-import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..jit import inline
 from ..records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
-from ..scratch import COUNT_NEAR
-from ..simd import bits, lane, lowest, repeat4, select, spread16, sum_quarters, vmax
+from ..scratch import COUNT_NEAR, COUNT_SPLATS, slot_of
+from ..simd import bits, lane, lowest, repeat4, select, spread16, vmax, vsqrt
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 QUARTER = np.float32(0.25)
-NAN = np.float32(np.nan)
+NAN, INF = np.float32(np.nan), np.float32(np.inf)
+
+
+class Means(NamedTuple):
+    """Weighted means over splats at sixteen points: of q and n, of q.n and q.q; and the sum of the weights."""
+
+    qx: Any
+    qy: Any
+    qz: Any
+    nx: Any
+    ny: Any
+    nz: Any
+    qn: Any
+    qq: Any
+    weight: Any
 
 
 @inline
-def sums(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
-    """Weighted means over the near splats at four points, one a quarter: q (3), n (3), q.n, q.q, and the weight.
+def sums(scratch, x, y, z):  # type: ignore[no-untyped-def]
+    """Weighted means over the listed splats at sixteen points: q (3), n (3), q.n, q.q, and the weight.
 
-    22 vector instructions a block of 4 splats at 4 points. A point that no support reaches has weight 0, means NaN.
+    21 vector instructions a splat. A point that no support reaches has weight 0, means NaN.
     """
     w_sum = spread16(ZERO)
     qx_sum = qy_sum = qz_sum = nx_sum = ny_sum = nz_sum = qn_sum = qq_sum = w_sum
-    blocks, near = tree.blocks, scratch.near
-    for k in range(scratch.counts[COUNT_NEAR]):
-        slot = np.int64(near[k]) * BLOCK
-        qx = repeat4(blocks, slot + PX) - x
-        qy = repeat4(blocks, slot + PY) - y
-        qz = repeat4(blocks, slot + PZ) - z
+    splats, listed = scratch.splats, scratch.listed
+    for k in range(scratch.counts[COUNT_SPLATS]):
+        at = np.int64(listed[k])
+        qx, qy, qz = splats[at + 4 * PX] - x, splats[at + 4 * PY] - y, splats[at + 4 * PZ] - z
         qq = qx * qx + qy * qy + qz * qz
-        w = vmax(ONE - qq * repeat4(blocks, slot + INV_R2), spread16(ZERO))
+        w = vmax(ONE - qq * splats[at + 4 * INV_R2], spread16(ZERO))
         w = w * w
-        nx, ny, nz = repeat4(blocks, slot + NX), repeat4(blocks, slot + NY), repeat4(blocks, slot + NZ)
+        nx, ny, nz = splats[at + 4 * NX], splats[at + 4 * NY], splats[at + 4 * NZ]
         w_sum = w_sum + w
         qx_sum = qx_sum + w * qx
         qy_sum = qy_sum + w * qy
@@ -55,17 +67,16 @@ def sums(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
         nz_sum = nz_sum + w * nz
         qn_sum = qn_sum + w * (qx * nx + qy * ny + qz * nz)
         qq_sum = qq_sum + w * qq
-    w_sum = sum_quarters(w_sum)
     scale = ONE / w_sum
-    return (
-        sum_quarters(qx_sum) * scale,
-        sum_quarters(qy_sum) * scale,
-        sum_quarters(qz_sum) * scale,
-        sum_quarters(nx_sum) * scale,
-        sum_quarters(ny_sum) * scale,
-        sum_quarters(nz_sum) * scale,
-        sum_quarters(qn_sum) * scale,
-        sum_quarters(qq_sum) * scale,
+    return Means(
+        qx_sum * scale,
+        qy_sum * scale,
+        qz_sum * scale,
+        nx_sum * scale,
+        ny_sum * scale,
+        nz_sum * scale,
+        qn_sum * scale,
+        qq_sum * scale,
         w_sum,
     )
 
@@ -88,22 +99,61 @@ def value(surface, means):  # type: ignore[no-untyped-def]
 
 
 @inline
-def normal(surface, means):  # type: ignore[no-untyped-def]
-    """Unit normal at the first of the four points: the mean normal, for apss the gradient of the fitted sphere."""
-    _, u4 = value(surface, means)
-    bend = TWO * lane(u4, 0)
-    nx = lane(means[3], 0) - bend * lane(means[0], 0)
-    ny = lane(means[4], 0) - bend * lane(means[1], 0)
-    nz = lane(means[5], 0) - bend * lane(means[2], 0)
-    length = math.sqrt(max(nx * nx + ny * ny + nz * nz, np.float32(1e-30)))
-    return nx / length, ny / length, nz / length
+def normal(means, u4):  # type: ignore[no-untyped-def]
+    """Unit normals: the mean normal, for apss the gradient of the fitted sphere."""
+    bend = TWO * u4
+    nx, ny, nz = means.nx - bend * means.qx, means.ny - bend * means.qy, means.nz - bend * means.qz
+    scale = ONE / vsqrt(vmax(nx * nx + ny * ny + nz * nz, spread16(np.float32(1e-30))))
+    return nx * scale, ny * scale, nz * scale
 
 
 @inline
 def offset(means):  # type: ignore[no-untyped-def]
-    """|x - P(x)| at the first of the four points: how far outside of its splats' middle the point lies."""
-    qx, qy, qz = lane(means[0], 0), lane(means[1], 0), lane(means[2], 0)
-    return math.sqrt(qx * qx + qy * qy + qz * qz)
+    """|x - P(x)|: how far outside of its splats' middle a point lies."""
+    return vsqrt(means.qx * means.qx + means.qy * means.qy + means.qz * means.qz)
+
+
+@inline
+def _weight(scratch, at, x, y, z):  # type: ignore[no-untyped-def]
+    """Weights of one listed splat at sixteen points."""
+    splats = scratch.splats
+    qx, qy, qz = splats[at + 4 * PX] - x, splats[at + 4 * PY] - y, splats[at + 4 * PZ] - z
+    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * splats[at + 4 * INV_R2], spread16(ZERO))
+    return w * w
+
+
+@inline
+def local_radius(scratch, x, y, z):  # type: ignore[no-untyped-def]
+    """Support radius at points: r^2 averaged with the surface's weights (1 / r^2 trims where radii differ much)."""
+    weight = square = spread16(ZERO)
+    for k in range(scratch.counts[COUNT_SPLATS]):
+        at = np.int64(scratch.listed[k])
+        w = _weight(scratch, at, x, y, z)
+        weight = weight + w
+        square = square + w * (ONE / scratch.splats[at + 4 * INV_R2])
+    return vsqrt(square / weight)
+
+
+@inline
+def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
+    """Share of the weight at points that belongs to splats on an open border, and how far these lie out of them.
+
+    The distance is the weighted mean of (x - p).b over those splats, b the direction out of the surface.
+    """
+    total = share = spread16(np.float32(1e-30))
+    out = spread16(ZERO)
+    splats = scratch.splats
+    for k in range(scratch.counts[COUNT_SPLATS]):
+        at = np.int64(scratch.listed[k])
+        w = _weight(scratch, at, x, y, z)
+        total = total + w
+        row = 3 * slot_of(scratch, at)
+        bx, by, bz = tree.borders[row], tree.borders[row + 1], tree.borders[row + 2]
+        if bx != 0 or by != 0 or bz != 0:
+            share = share + w
+            qx, qy, qz = x - splats[at + 4 * PX], y - splats[at + 4 * PY], z - splats[at + 4 * PZ]
+            out = out + w * (qx * np.float32(bx) + qy * np.float32(by) + qz * np.float32(bz))
+    return share / total, out / (np.float32(127.0) * share)
 
 
 @inline
@@ -115,45 +165,6 @@ def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
     qz = repeat4(tree.blocks, slot + PZ) - z
     w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * repeat4(tree.blocks, slot + INV_R2), spread16(ZERO))
     return w * w
-
-
-@inline
-def local_radius(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
-    """Support radius at a point: r^2 averaged with the surface's weights (1 / r^2 trims where radii differ much)."""
-    weight = square = spread16(ZERO)
-    for k in range(scratch.counts[COUNT_NEAR]):
-        w = weights_of_block(tree, scratch.near[k], x, y, z)
-        weight = weight + w
-        square = square + w / repeat4(tree.blocks, np.int64(scratch.near[k]) * BLOCK + INV_R2)
-    return math.sqrt(lane(sum_quarters(square), 0) / lane(sum_quarters(weight), 0))
-
-
-@inline
-def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
-    """Share of the weight at a point that belongs to splats on an open border, and how far it lies out of them.
-
-    The distance is the weighted mean of (x - p).b over those splats, b the direction out of the surface.
-    """
-    total, share, out = np.float32(1e-30), np.float32(1e-30), ZERO
-    for k in range(scratch.counts[COUNT_NEAR]):
-        block = np.int64(scratch.near[k])
-        weights = weights_of_block(tree, block, x, y, z)
-        left = bits(weights > ZERO) & 15
-        while left != 0:
-            j = lowest(left)
-            left &= left - 1
-            w, at = lane(weights, j), 3 * (block * 4 + j)
-            total += w
-            bx, by, bz = tree.borders[at], tree.borders[at + 1], tree.borders[at + 2]
-            if bx != 0 or by != 0 or bz != 0:
-                slot = block * BLOCK + j
-                share += w
-                out += w * (
-                    (x - tree.blocks[slot + PX]) * np.float32(bx)
-                    + (y - tree.blocks[slot + PY]) * np.float32(by)
-                    + (z - tree.blocks[slot + PZ]) * np.float32(bz)
-                )
-    return share / total, out / (np.float32(127.0) * share)
 
 
 @inline

@@ -51,9 +51,9 @@ from ..simd import (
     vmax,
     vmin,
 )
-from .leaf import search_leaf
 from .surface import ONE, ZERO
 from .traverse import FLAT, far_planes, insert, near_planes
+from .voxel import search_alone, search_together, together
 
 ALL = 0xFFFF
 WIDEST = np.float32(0.2)  # by how much components of the directions may differ
@@ -146,7 +146,9 @@ def _leaf_intervals(tree, leaf, box, planes, rows):  # type: ignore[no-untyped-d
 
 @inline
 def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
-    """Search a leaf for each of the rays that pass; returns those that the start rule lifted."""
+    """Search a leaf for the rays that pass; returns those that the start rule lifted."""
+    if together(tree, leaf):
+        return search_together(tree, leaf, passing, side, scratch)
     rows = scratch.model
     lifted = 0
     while passing != 0:
@@ -154,7 +156,7 @@ def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
         passing &= passing - 1
         scratch.lift[0] = ZERO
         interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
-        hit = search_leaf(tree, leaf, tile_ray(rows, i, side), scratch, interval)
+        hit = search_alone(tree, leaf, tile_ray(rows, i, side), scratch, interval)
         if scratch.lift[0] != ZERO:
             lifted |= 1 << i
         if hit.leaf >= 0 and hit.t < rows[LENGTH + i]:

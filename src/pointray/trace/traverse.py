@@ -8,9 +8,8 @@ from ..jit import inline, routine
 from ..records import CELL, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
 from ..scratch import COUNT_LEAVES, COUNT_NODES
 from ..simd import bits, lane, load8, lowest, spread8, vmax, vmin
-from .leaf import search_leaf
-from .root import INF
-from .surface import ONE, ZERO
+from .surface import INF, ONE, ZERO
+from .voxel import search_alone
 
 TINY = np.float32(1e-20)
 FLAT = np.float32(1e-6)  # the least rise that a slab test divides by
@@ -113,7 +112,7 @@ def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
             enter, leave = _voxel_interval(tree, leaf, ray, rows)
             low, high = _slab_interval(tree, leaf, ray, (max(stack_near[top], enter), leave))
             if low <= high:
-                hit = search_leaf(tree, leaf, ray, scratch, (enter, leave, low, high))
+                hit = search_alone(tree, leaf, ray, scratch, (enter, leave, low, high))
                 if hit.leaf >= 0:
                     return hit
 

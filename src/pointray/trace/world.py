@@ -54,7 +54,7 @@ from ..scratch import (
     T_MIN,
 )
 from ..vec import add, dot, length, put, row, scale, sub, transform, transform_transposed, triple, unit
-from .near import gather_near, keep_sheet
+from .near import keep_sheet, list_blocks, segment
 from .surface import ONE, ZERO, blend
 from .tile import ALL, closest_of_tile, coherent, tile_ray
 from .traverse import closest, make_ray
@@ -265,7 +265,7 @@ def described(world, hit, scratch):  # type: ignore[no-untyped-def]
         return hit
     tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
     x = (np.float32(hit.local[0]), np.float32(hit.local[1]), np.float32(hit.local[2]))
-    gather_near(tree, hit.leaf, scratch, x, (ONE, ZERO, ZERO), ZERO)
+    list_blocks(tree, hit.leaf, segment(x, (ONE, ZERO, ZERO), ZERO, ZERO), scratch)
     if tree.leaves[hit.leaf * LEAF + SHEETED] != ZERO:
         v = transform(matrix_at(world, hit.instance * INSTANCE), hit.normal)
         keep_sheet(tree, scratch, (-v[0], -v[1], -v[2]))

@@ -1,0 +1,195 @@
+"""Rays in one voxel: which splats they are near, and the first hits: of one ray alone, or of the rays of a tile."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline
+from ..records import DISC, LEAF, LEAST, SHEETED, SURFACE, Hit
+from ..scratch import (
+    AT_CENTER,
+    AT_DX,
+    AT_DY,
+    AT_DZ,
+    AT_FIRST,
+    AT_HALF,
+    AT_HIGH,
+    AT_LAST,
+    AT_LENGTH,
+    AT_LOW,
+    AT_X,
+    AT_Y,
+    AT_Z,
+    COUNT_SPLATS,
+    DX,
+    DY,
+    DZ,
+    END,
+    ENTER,
+    FIRST,
+    FOUND,
+    LAST,
+    LENGTH,
+    NX,
+    NY,
+    NZ,
+    OX,
+    OY,
+    OZ,
+)
+from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, spread16, store_packed
+from .disc import search_discs
+from .leaf import Reach, lattice, search
+from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, segment
+from .root import Frame, all_samples
+from .surface import HALF, INF, ONE, ZERO
+
+APART = np.float32(1.0)  # least radii: rays farther from each other than this see splats of their own
+
+
+@inline
+def together(tree, leaf):  # type: ignore[no-untyped-def]
+    """Whether rays are searched for together in a leaf: not where each looks at other splats, or at discs."""
+    return tree.leaves[leaf * LEAF + SHEETED] == ZERO and int(tree.head[SURFACE]) != DISC
+
+
+@inline
+def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped-def]
+    """The first hit of a ray in a leaf's voxel.
+
+    Where two sheets are close together their normals cancel, and a step may pass both. So of those the ones that face
+    the ray are searched first and then those that face away, each as if the others were not there.
+    interval : where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
+    """
+    enter, leave, low, high = interval
+    hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
+    o, d = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz)
+    reach, fine = lattice(tree, leaf, (spread16(enter), spread16(low), spread16(high)), spread16(ray.t_max))
+    if bits(fine) == 0:
+        return hit
+    capsule = segment(o, d, lane(reach.t_low, 0), lane(reach.t_high, 0))
+    if int(tree.head[SURFACE]) == DISC:
+        list_blocks(tree, leaf, capsule, scratch)
+        center = HALF * (lane(reach.t_low, 0) + lane(reach.t_high, 0))
+        return search_discs(tree, leaf, scratch, ((capsule.x, capsule.y, capsule.z), center, ray), enter, leave)
+    frame = Frame(
+        spread16(capsule.x),
+        spread16(capsule.y),
+        spread16(capsule.z),
+        spread16(d[0]),
+        spread16(d[1]),
+        spread16(d[2]),
+        HALF * (reach.t_low + reach.t_high),
+        spread16(ray.side),
+    )
+    lift = spread16(scratch.lift[0])
+    way = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
+    while True:
+        list_blocks(tree, leaf, capsule, scratch)
+        if way != ZERO:
+            keep_sheet(tree, scratch, (way * d[0], way * d[1], way * d[2]))
+        gather(tree, scratch)
+        list_splats(scratch, capsule)
+        if scratch.counts[COUNT_SPLATS] > 0:
+            found = search(tree, leaf, frame, reach, 1, (way, lift), scratch)
+            lifted = max(lifted, lane(found.lift, 0))
+            if lane(found.t, 0) < hit.t:
+                hit = Hit(lane(found.t, 0), lane(found.nx, 0), lane(found.ny, 0), lane(found.nz, 0), leaf)
+        else:
+            lifted = max(lifted, scratch.lift[0])
+        if not way > ZERO:
+            scratch.lift[0] = lifted
+            return hit
+        way = -ONE
+
+
+@inline
+def _take(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
+    """Put the rays of the tile that pass (bits), and that float32 can follow, into `scratch.part`; returns them.
+
+    Also lists and gathers the blocks near them.
+    """
+    rows, part = scratch.model, scratch.part
+    interval = load16(rows, ENTER), load16(rows, FIRST), load16(rows, LAST)
+    reach, fine = lattice(tree, leaf, interval, load16(rows, END))
+    passing &= bits(fine)
+    if passing == 0:
+        return passing
+    active = mask16(passing)
+    center, half = HALF * (reach.t_low + reach.t_high), HALF * (reach.t_high - reach.t_low)
+    dx, dy, dz = load16(rows, DX), load16(rows, DY), load16(rows, DZ)
+    x, y, z = load16(rows, OX) + center * dx, load16(rows, OY) + center * dy, load16(rows, OZ) + center * dz
+    store_packed(part, AT_X, active, x)
+    store_packed(part, AT_Y, active, y)
+    store_packed(part, AT_Z, active, z)
+    store_packed(part, AT_DX, active, dx)
+    store_packed(part, AT_DY, active, dy)
+    store_packed(part, AT_DZ, active, dz)
+    store_packed(part, AT_CENTER, active, center)
+    store_packed(part, AT_HALF, active, half)
+    store_packed(part, AT_FIRST, active, reach.first)
+    store_packed(part, AT_LAST, active, reach.last)
+    store_packed(part, AT_LOW, active, reach.t_low)
+    store_packed(part, AT_HIGH, active, reach.t_high)
+    store_packed(part, AT_LENGTH, active, load16(rows, LENGTH))
+    list_blocks(tree, leaf, around(part, 0, Frame(x, y, z, dx, dy, dz, center, side), half, active), scratch)
+    gather(tree, scratch)
+    return passing
+
+
+@inline
+def _four(part, at, side):  # type: ignore[no-untyped-def]
+    """Rays at to at + 3 of those that search a leaf: frame, samples, half lengths."""
+    frame = Frame(
+        repeat4(part, AT_X + at),
+        repeat4(part, AT_Y + at),
+        repeat4(part, AT_Z + at),
+        repeat4(part, AT_DX + at),
+        repeat4(part, AT_DY + at),
+        repeat4(part, AT_DZ + at),
+        repeat4(part, AT_CENTER + at),
+        spread16(side),
+    )
+    reach = Reach(
+        repeat4(part, AT_FIRST + at),
+        repeat4(part, AT_LAST + at),
+        repeat4(part, AT_LOW + at),
+        repeat4(part, AT_HIGH + at),
+    )
+    return frame, reach, repeat4(part, AT_HALF + at)
+
+
+@inline
+def search_together(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
+    """Search a leaf for the rays of a tile that pass (bits), four by four; returns those that the start rule lifted."""
+    left = _take(tree, leaf, passing, side, scratch)
+    rows, part, lifted, at = scratch.model, scratch.part, 0, 0
+    none = spread16(ZERO)
+    least = tree.leaves[leaf * LEAF + LEAST]
+    while left != 0:
+        four = 0
+        for _ in range(4):
+            four |= left & -left
+            left &= left - 1
+        count = count_bits(four)
+        rays = (1 << count) - 1
+        frame, reach, half = _four(part, at, side)
+        capsule = around(part, at, frame, half, all_samples(rays))
+        if capsule.spread > APART * least:
+            list_splats_of(scratch, at, at + count)
+        else:
+            list_splats(scratch, capsule)
+        found = search(tree, leaf, frame, reach, rays, (ZERO, none), scratch)
+        hits = bits(found.t < repeat4(part, AT_LENGTH + at)) & rays
+        lifts = bits(found.lift > ZERO) & rays
+        at += 4
+        if (hits | lifts) != 0:
+            for i in range(count):
+                k = lowest(four)
+                four &= four - 1
+                lifted |= ((lifts >> i) & 1) << k
+                if (hits >> i) & 1 != 0:
+                    rows[LENGTH + k] = lane(found.t, i)
+                    rows[NX + k], rows[NY + k], rows[NZ + k] = lane(found.nx, i), lane(found.ny, i), lane(found.nz, i)
+                    scratch.numbers[FOUND + k] = leaf
+    return lifted
