@@ -108,7 +108,6 @@ def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped
     """
     way, lift = limits
     asked = bits(root.t < INF)
-    # Evaluated afresh at every hit: 15% of the time of all. But no line joins samples where supports begin and end.
     joined, means = root.joined, root.means
     if bits(joined) & asked != asked:
         means = choose_means(joined, means, means_at(scratch, frame, root.t))

@@ -122,13 +122,6 @@ def crossing(a, b):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _between(vector, before, after, share):  # type: ignore[no-untyped-def]
-    """From one sample to the next by a share: masks with one lane a ray name them."""
-    a, b = select(before, vector, spread16(ZERO)), select(after, vector, spread16(ZERO))
-    return sum_over_quarters(a + (b - a) * share)
-
-
-@inline
 def means_between(means, after, share):  # type: ignore[no-untyped-def]
     """The means between a sample, as bits with one a ray, and the one before it; not of those that have none before."""
     before, after = mask16(after >> 4), mask16(after)
@@ -228,10 +221,12 @@ def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[
         span = select(go & (step < ZERO), tb - ta, span)
         todo &= ~(fold(doing) & ~found & ~fold(behind))
         share = fa / (fa - fb)
-        # Between two close samples: for these also the means are joined by a line.
-        line = fold(one & 0xFFF0)
-        joined = (joined & ~fold(doing)) | line
-        means = choose_means(all_samples(line), means_between(fresh, one & 0xFFF0, share), means)
+        # Between two close samples the means are joined by a line too: 15% of the time. But not where supports begin
+        # and end; there they are evaluated afresh.
+        firm = (fresh.weight > FAINT) & (shift_quarter(none, fresh.weight) > FAINT)
+        line = one & bits(firm)
+        joined = (joined & ~fold(doing)) | fold(line)
+        means = choose_means(all_samples(fold(line)), means_between(fresh, line, share), means)
         step = step + select(go, spread16(ONE), none)
     t = select(all_samples(todo), ta + (tb - ta) * share, spread16(INF))
     return Root(t, HALF * (fb - fa), all_samples(joined & todo), means)
