@@ -24,7 +24,7 @@ import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.jit import keep, kernel, run, take
 from pointray.records import World, lend_world
-from pointray.scratch import LANES, lend_scratch, new_scratch
+from pointray.scratch import TILE, lend_scratch, new_scratch
 from pointray.trace.cast import _occluded
 from pointray.trace.world import aim, tile_hit, trace_tile
 from pointray.vec import triple
@@ -41,12 +41,12 @@ def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
     block = take(work)
     while block >= 0:
         end = min((block + 1) * BATCH, t.size)
-        for first in range(block * BATCH, end, LANES):
-            for k in range(LANES):
+        for first in range(block * BATCH, end, TILE):
+            for k in range(TILE):
                 i = min(first + k, end - 1)
                 aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), 0.0, np.inf))
             trace_tile(world, 1.0, scratch)
-            for i in range(first, min(first + LANES, end)):
+            for i in range(first, min(first + TILE, end)):
                 t[i] = tile_hit(scratch, i - first).t
         block = take(work)
     keep(memory)

@@ -12,14 +12,14 @@ from .camera import Camera
 from .jit import inline, keep, kernel, run, take
 from .records import World, lend_world
 from .scene import Scene
-from .scratch import COUNT_LEAVES, COUNT_NODES, LANES, lend_scratch, new_scratch
+from .scratch import COUNT_LEAVES, COUNT_NODES, TILE, lend_scratch, new_scratch
 from .shade.direct import direct_light
 from .trace.world import aim, described, tile_hit, trace_tile
 from .vec import add, dot, scale, triple, unit
 
 INTEGRATORS = ("phong", "normal", "depth", "color", "cost")
 PHONG, NORMAL, DEPTH, COLOR, COST = range(5)
-BLOCK = 16  # pixels a side of what a thread takes at a time: 16 tiles of 4 x 4
+BLOCK = 16  # pixels a side of what a thread takes at a time: 4 tiles of 8 x 8
 MOST_SAMPLES = 65536
 
 
@@ -97,7 +97,7 @@ def look(world, hit, ray, forward, how, scratch):  # type: ignore[no-untyped-def
 def cost(world, ray, scratch):  # type: ignore[no-untyped-def]
     """Nodes and leaves that a ray (o, d) visits when it is traced alone, as a colour."""
     scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
-    for k in range(LANES):
+    for k in range(TILE):
         aim(scratch, k, (ray[0], ray[1], 0.0, np.inf))
     trace_tile(world, 1.0, scratch)
     nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
@@ -116,15 +116,15 @@ def camera_ray(camera, size, pixel, sample, how):  # type: ignore[no-untyped-def
 
 @inline
 def place_in_tile(i):  # type: ignore[no-untyped-def]
-    """Which of 4 x 4 pixels ray i goes through, along a Morton curve: four rays in a row are neighbours."""
-    return i & 1 | i >> 1 & 2, i >> 1 & 1 | i >> 2 & 2
+    """Which of 8 x 8 pixels ray i goes through, along a Morton curve: four rays in a row are neighbours."""
+    return i & 1 | i >> 1 & 2 | i >> 2 & 4, i >> 1 & 1 | i >> 2 & 2 | i >> 3 & 4
 
 
 @inline
 def _trace_pixels(world, camera, image, corner, sample, how, scratch):  # type: ignore[no-untyped-def]
-    """Trace one sample of 4 x 4 pixels; those beyond the image's edge repeat its last ones."""
+    """Trace one sample of 8 x 8 pixels; those beyond the image's edge repeat its last ones."""
     height, width = image.shape[:2]
-    for i in range(LANES):
+    for i in range(TILE):
         x, y = place_in_tile(i)
         pixel = min(corner[0] + x, width - 1), min(corner[1] + y, height - 1)
         o, d = camera_ray(camera, (width, height), pixel, sample, how)
@@ -134,9 +134,9 @@ def _trace_pixels(world, camera, image, corner, sample, how, scratch):  # type: 
 
 @inline
 def _finish(total, corner, spp, background, image):  # type: ignore[no-untyped-def]
-    """Write the means of 4 x 4 pixels, over the background."""
+    """Write the means of 8 x 8 pixels, over the background."""
     height, width = image.shape[:2]
-    for i in range(LANES):
+    for i in range(TILE):
         x, y = place_in_tile(i)
         x, y = corner[0] + x, corner[1] + y
         if x < width and y < height:
@@ -155,19 +155,19 @@ def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
     integrator, shadows, spp, seed, background = how
     camera = (triple(camera, 0), triple(camera, 3), triple(camera, 6), triple(camera, 9))
     across = (width + BLOCK - 1) // BLOCK
-    total = np.empty((LANES, 4), np.float64)
+    total = np.empty((TILE, 4), np.float64)
     block = take(work)
     while block >= 0:
         top, left = block // across * BLOCK, block % across * BLOCK
-        for tile in range(BLOCK * BLOCK // LANES):
-            corner = left + tile % 4 * 4, top + tile // 4 * 4
+        for tile in range(BLOCK * BLOCK // TILE):
+            corner = left + tile % 2 * 8, top + tile // 2 * 8
             if corner[0] >= width or corner[1] >= height:
                 continue
             total[:] = 0.0
             for sample in range(spp):
                 if integrator != COST:
                     _trace_pixels(world, camera, image, corner, sample, (seed, spp), scratch)
-                for i in range(LANES):
+                for i in range(TILE):
                     x, y = place_in_tile(i)
                     pixel = corner[0] + x, corner[1] + y
                     ray = camera_ray(camera, (width, height), pixel, sample, (seed, spp))

@@ -9,30 +9,31 @@ import numpy as np
 from .jit import borrow, inline
 from .records import Array
 
-# A tile: 16 rays that are traced together. Its rows hold one number of each ray.
-LANES = 16
-DIRECTION, ORIGIN = 0, 3 * LANES  # world, float64, 3 rows each: the ray as asked for
-T_MIN, NEAREST = 6 * LANES, 7 * LANES  # where it begins; the nearest hit so far, at first where it ends
-NORMAL, COLOR, LOCAL = 8 * LANES, 11 * LANES, 14 * LANES  # of that hit, 3 rows each
+# A tile: 64 rays that are traced together, in vectors of 16. Its rows hold one number of each ray.
+LANES, TILE = 16, 64
+DIRECTION, ORIGIN = 0, 3 * TILE  # world, float64, 3 rows each: the ray as asked for
+T_MIN, NEAREST = 6 * TILE, 7 * TILE  # where it begins; the nearest hit so far, at first where it ends
+NORMAL, COLOR, LOCAL = 8 * TILE, 11 * TILE, 14 * TILE  # of that hit, 3 rows each
 # The ray in the current model: where it begins and its unit direction, 3 rows each; the length that the direction had
 # before; where it enters and leaves the bounds.
-START, HEADING, SPEED, LOW, HIGH = 17 * LANES, 20 * LANES, 23 * LANES, 24 * LANES, 25 * LANES
+START, HEADING, SPEED, LOW, HIGH = 17 * TILE, 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
 WORLD_ROWS = 26
-INSTANCE_OF, LEAF_OF = 0, LANES  # int64: of the nearest hit, -1 for none
-FOUND = 2 * LANES  # leaf of the hit in the current model, -1 for none
+INSTANCE_OF, LEAF_OF = 0, TILE  # int64: of the nearest hit, -1 for none
+FOUND = 2 * TILE  # leaf of the hit in the current model, -1 for none
 NUMBER_ROWS = 3
 # float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
-OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * LANES for k in range(9))
-LENGTH = 9 * LANES  # where its nearest hit in this model is, at first where it ends; below 0 where it misses the bounds
-NX, NY, NZ = 10 * LANES, 11 * LANES, 12 * LANES  # unit normal of that hit
-ENTER, LEAVE, FIRST, LAST = 13 * LANES, 14 * LANES, 15 * LANES, 16 * LANES
-END = 17 * LANES  # where it ends, whatever it hits: what is found in one leaf must not depend on what was in another
+OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * TILE for k in range(9))
+LENGTH = 9 * TILE  # where its nearest hit in this model is, at first where it ends; below 0 where it misses the bounds
+NX, NY, NZ = 10 * TILE, 11 * TILE, 12 * TILE  # unit normal of that hit
+ENTER, LEAVE, FIRST, LAST = 13 * TILE, 14 * TILE, 15 * TILE, 16 * TILE
+END = 17 * TILE  # where it ends, whatever it hits: what is found in one leaf must not depend on what was in another
 MODEL_ROWS = 18
 # float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
 # looked at and the direction; t there, half its length; the first and the last sample, where they are; the nearest hit.
-AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (k * LANES for k in range(6))
-AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_LOW, AT_HIGH, AT_LENGTH = (k * LANES for k in range(6, 13))
-LEAF_ROWS = 14  # the last one is written over when a row is packed
+PART = TILE + LANES  # the length of such a row: what follows the last ray is written over
+AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (k * PART for k in range(6))
+AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_LOW, AT_HIGH, AT_LENGTH = (k * PART for k in range(6, 13))
+PART_ROWS = 13
 
 COUNT_NEAR = 0  # blocks listed near the current rays
 COUNT_NODES, COUNT_LEAVES = 1, 2  # visited
@@ -40,6 +41,18 @@ COUNT_SPLATS = 3  # splats listed near the current rays
 
 # Splats gathered from the listed blocks, 16 together: 8 rows of 16 float32, a block's in their order, and the radius.
 GATHERED = 8 * LANES
+
+
+@inline
+def row(rows, i):  # type: ignore[no-untyped-def]
+    """Three numbers of one ray in three neighbouring rows of a tile."""
+    return rows[i], rows[i + TILE], rows[i + 2 * TILE]
+
+
+@inline
+def put(rows, i, a):  # type: ignore[no-untyped-def]
+    """Write three numbers of one ray to three neighbouring rows of a tile."""
+    rows[i], rows[i + TILE], rows[i + 2 * TILE] = a
 
 
 class Scratch(NamedTuple):
@@ -84,10 +97,10 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
         np.empty(groups * GATHERED, np.float32),
         places,
         np.empty(places.size + LANES, np.int32),
-        np.zeros(WORLD_ROWS * LANES, np.float64),
-        np.zeros(MODEL_ROWS * LANES, np.float32),
-        np.zeros(NUMBER_ROWS * LANES, np.int64),
-        np.zeros(LEAF_ROWS * LANES, np.float32),
+        np.zeros(WORLD_ROWS * TILE, np.float64),
+        np.zeros(MODEL_ROWS * TILE, np.float32),
+        np.zeros(NUMBER_ROWS * TILE, np.int64),
+        np.zeros(PART_ROWS * PART, np.float32),
     )
 
 

@@ -163,6 +163,21 @@ def _store(typingctx, array, index, vector):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]
+    """Ask for the cache line of array[index], which will be read soon; nothing happens if it does not exist."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        pointer = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [pointer.type, _I32, _I32, _I32])
+        ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        builder.call(ask, [pointer, _I32(0), _I32(3), _I32(1)])
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp), codegen
+
+
+@intrinsic
 def lanes(typingctx, vector):  # type: ignore[no-untyped-def]
     """Number of lanes, known when compiling."""
 
@@ -194,6 +209,23 @@ def _maker(vector: Vector, doc: str) -> Any:
 
     make.__doc__ = doc
     return intrinsic(make)
+
+
+@intrinsic
+def _spread_from(typingctx, array, index):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return _spread(builder, builder.load(builder.gep(data, [args[1]])), F16)
+
+    return F16(array, types.intp), codegen
+
+
+@inline
+def spread_from(array, index):  # type: ignore[no-untyped-def]
+    """array[index] in all 16 lanes: part of the instruction that uses it. (Numba would look for negative indices.)"""
+    if CHECK:
+        _check(array, index, 1)
+    return _spread_from(array, index)
 
 
 spread8 = _maker(F8, "The number in all 8 lanes.")

@@ -57,18 +57,6 @@ def triple(array, i):  # type: ignore[no-untyped-def]
 
 
 @inline
-def row(rows, i):  # type: ignore[no-untyped-def]
-    """Three numbers of lane i in three neighbouring rows of 16."""
-    return rows[i], rows[i + 16], rows[i + 32]
-
-
-@inline
-def put(rows, i, a):  # type: ignore[no-untyped-def]
-    """Write three numbers to lane i of three neighbouring rows of 16."""
-    rows[i], rows[i + 16], rows[i + 32] = a
-
-
-@inline
 def transform(matrix, a):  # type: ignore[no-untyped-def]
     """A vector by the 3x3 part of a matrix in rows."""
     return dot(matrix[0], a), dot(matrix[1], a), dot(matrix[2], a)

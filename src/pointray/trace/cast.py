@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..jit import borrow, inline, keep, kernel, run, take
 from ..records import INSTANCE, MODEL_ROW, Array, World, lend_world, tree_at
-from ..scratch import COUNT_NEAR, INSTANCE_OF, LANES, lend_scratch, new_scratch
+from ..scratch import COUNT_NEAR, INSTANCE_OF, TILE, lend_scratch, new_scratch
 from ..simd import lane
 from ..vec import add, scale, triple
 from .near import list_blocks, segment
@@ -19,14 +19,12 @@ BATCH = 1024  # rays that a thread takes at a time
 
 @inline
 def _trace_rays(world, rays, first, end, scratch):  # type: ignore[no-untyped-def]
-    """Trace rays first to first + 15 as a tile, the last before `end` again for those that are not there.
-
-    rays : origins, directions, limits
-    """
+    """Trace a tile of rays from `first` on; those that are not before `end` miss. rays : origins, directions, limits."""
     origins, directions, limits = rays
-    for k in range(LANES):
+    for k in range(TILE):
         i = min(first + k, end - 1)
-        aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
+        t_max = limits[2 * i + 1] if first + k < end else -np.inf
+        aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], t_max))
     trace_tile(world, 1.0, scratch)
 
 
@@ -40,9 +38,9 @@ def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-
     block = take(work)
     while block >= 0:
         end = min((block + 1) * BATCH, t.size)
-        for first in range(block * BATCH, end, LANES):
+        for first in range(block * BATCH, end, TILE):
             _trace_rays(world, (origins, directions, limits), first, end, scratch)
-            for i in range(first, min(first + LANES, end)):
+            for i in range(first, min(first + TILE, end)):
                 hit = described(world, tile_hit(scratch, i - first), scratch)
                 t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
                 x = (np.nan, np.nan, np.nan)
@@ -69,9 +67,9 @@ def _occluded(work, world, origins, directions, limits, out):  # type: ignore[no
     block = take(work)
     while block >= 0:
         end = min((block + 1) * BATCH, out.size)
-        for first in range(block * BATCH, end, LANES):
+        for first in range(block * BATCH, end, TILE):
             _trace_rays(world, (origins, directions, limits), first, end, scratch)
-            for i in range(first, min(first + LANES, end)):
+            for i in range(first, min(first + TILE, end)):
                 out[i] = scratch.numbers[INSTANCE_OF + i - first] >= 0
         block = take(work)
     keep(memory)

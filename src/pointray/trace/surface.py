@@ -21,7 +21,7 @@ import numpy as np
 from ..jit import inline
 from ..records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
 from ..scratch import COUNT_NEAR, COUNT_SPLATS, slot_of
-from ..simd import bits, lane, lowest, repeat4, select, spread16, vmax, vsqrt
+from ..simd import bits, lane, lowest, repeat4, select, spread16, spread_from, vmax, vsqrt
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 QUARTER = np.float32(0.25)
@@ -53,11 +53,11 @@ def sums(scratch, x, y, z):  # type: ignore[no-untyped-def]
     splats, listed = scratch.splats, scratch.listed
     for k in range(scratch.counts[COUNT_SPLATS]):
         at = np.int64(listed[k])
-        qx, qy, qz = splats[at + 4 * PX] - x, splats[at + 4 * PY] - y, splats[at + 4 * PZ] - z
+        qx, qy, qz = spread_from(splats, at + 4 * PX) - x, spread_from(splats, at + 4 * PY) - y, spread_from(splats, at + 4 * PZ) - z
         qq = qx * qx + qy * qy + qz * qz
-        w = vmax(ONE - qq * splats[at + 4 * INV_R2], spread16(ZERO))
+        w = vmax(ONE - qq * spread_from(splats, at + 4 * INV_R2), spread16(ZERO))
         w = w * w
-        nx, ny, nz = splats[at + 4 * NX], splats[at + 4 * NY], splats[at + 4 * NZ]
+        nx, ny, nz = spread_from(splats, at + 4 * NX), spread_from(splats, at + 4 * NY), spread_from(splats, at + 4 * NZ)
         w_sum = w_sum + w
         qx_sum = qx_sum + w * qx
         qy_sum = qy_sum + w * qy
@@ -117,8 +117,8 @@ def offset(means):  # type: ignore[no-untyped-def]
 def _weight(scratch, at, x, y, z):  # type: ignore[no-untyped-def]
     """Weights of one listed splat at sixteen points."""
     splats = scratch.splats
-    qx, qy, qz = splats[at + 4 * PX] - x, splats[at + 4 * PY] - y, splats[at + 4 * PZ] - z
-    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * splats[at + 4 * INV_R2], spread16(ZERO))
+    qx, qy, qz = spread_from(splats, at + 4 * PX) - x, spread_from(splats, at + 4 * PY) - y, spread_from(splats, at + 4 * PZ) - z
+    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * spread_from(splats, at + 4 * INV_R2), spread16(ZERO))
     return w * w
 
 
@@ -130,7 +130,7 @@ def local_radius(scratch, x, y, z):  # type: ignore[no-untyped-def]
         at = np.int64(scratch.listed[k])
         w = _weight(scratch, at, x, y, z)
         weight = weight + w
-        square = square + w * (ONE / scratch.splats[at + 4 * INV_R2])
+        square = square + w * (ONE / spread_from(scratch.splats, at + 4 * INV_R2))
     return vsqrt(square / weight)
 
 
@@ -151,7 +151,7 @@ def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
         bx, by, bz = tree.borders[row], tree.borders[row + 1], tree.borders[row + 2]
         if bx != 0 or by != 0 or bz != 0:
             share = share + w
-            qx, qy, qz = x - splats[at + 4 * PX], y - splats[at + 4 * PY], z - splats[at + 4 * PZ]
+            qx, qy, qz = x - spread_from(splats, at + 4 * PX), y - spread_from(splats, at + 4 * PY), z - spread_from(splats, at + 4 * PZ)
             out = out + w * (qx * np.float32(bx) + qy * np.float32(by) + qz * np.float32(bz))
     return share / total, out / (np.float32(127.0) * share)
 

@@ -1,7 +1,7 @@
-"""Sixteen coherent rays through the tree together (paper, part IV): one walk for all, then each ray in the leaves.
+"""Coherent rays through the tree together (paper, part IV): one walk for all, then each ray in the leaves.
 
 Nodes are tested with interval arithmetic: the least and greatest origin and inverse direction of the rays give a bound
-of where any of them enters and leaves a box. A leaf's box, voxel and slab are tested for all sixteen at once, and
+of where any of them enters and leaves a box. A leaf's box, voxel and slab are tested for sixteen rays at once, and
 only rays that go through all three search it. Hits are those of `traverse.closest`.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline, routine
-from ..records import CELL, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
+from ..records import CELL, GROUP, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
 from ..scratch import (
     COUNT_LEAVES,
     COUNT_NODES,
@@ -34,6 +34,7 @@ from ..scratch import (
     OX,
     OY,
     OZ,
+    TILE,
 )
 from ..simd import (
     bits,
@@ -43,6 +44,7 @@ from ..simd import (
     load8,
     load16,
     lowest,
+    prefetch,
     select,
     spread8,
     spread16,
@@ -55,36 +57,48 @@ from .surface import ONE, ZERO
 from .traverse import FLAT, far_planes, insert, near_planes
 from .voxel import search_alone, search_together, together
 
-ALL = 0xFFFF
+ALL = -1  # rays as bits of an int64
 WIDEST = np.float32(0.2)  # by how much components of the directions may differ
 SCATTERED = np.float32(0.1)  # and those of the origins, in edges of the bounds
 
 
 @inline
-def range_of(rows, at):  # type: ignore[no-untyped-def]
-    """Least and greatest number of a row."""
-    numbers = load16(rows, at)
-    return least(numbers), greatest(numbers)
+def bits_of_row(rows, at):  # type: ignore[no-untyped-def]
+    """The rays of a tile whose number in a row is not below 0."""
+    word = np.int64(0)
+    for k in range(0, TILE, LANES):
+        word |= bits(load16(rows, at + k) >= ZERO) << k
+    return word
 
 
 @inline
-def coherent(head, rows):  # type: ignore[no-untyped-def]
-    """Whether the rays are worth a walk together: all components of the directions have one sign, and are alike."""
+def range_of(rows, at, some):  # type: ignore[no-untyped-def]
+    """Least and greatest number of some rays, (first, end), in a row."""
+    low = high = load16(rows, at + some[0])
+    for k in range(some[0] + LANES, some[1], LANES):
+        numbers = load16(rows, at + k)
+        low, high = vmin(low, numbers), vmax(high, numbers)
+    return least(low), greatest(high)
+
+
+@inline
+def coherent(head, rows, first, end):  # type: ignore[no-untyped-def]
+    """Whether rays are worth a walk together: all components of the directions have one sign, and are alike."""
     for c in range(3):
-        low, high = range_of(rows, DX + c * LANES)
+        low, high = range_of(rows, DX + c * TILE, (first, end))
         if low * high <= ZERO or high - low > WIDEST:
             return False
-        low, high = range_of(rows, OX + c * LANES)
+        low, high = range_of(rows, OX + c * TILE, (first, end))
         if high - low > SCATTERED * (head[3 + c] - head[c]):
             return False
     return True
 
 
 @inline
-def bounds_of_planes(rows, at, inverse):  # type: ignore[no-untyped-def]
+def bounds_of_planes(rows, at, inverse, some):  # type: ignore[no-untyped-def]
     """(origin for near planes, origin for far planes, least inverse, greatest inverse) of one axis."""
-    low, high = range_of(rows, at)
-    slow, fast = range_of(rows, inverse)
+    low, high = range_of(rows, at, some)
+    slow, fast = range_of(rows, inverse, some)
     return (high, low, slow, fast) if slow > ZERO else (low, high, slow, fast)
 
 
@@ -108,13 +122,13 @@ def tile_ray(rows, i, side):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _leaf_intervals(tree, leaf, box, planes, rows):  # type: ignore[no-untyped-def]
-    """Write where each ray is in the leaf's voxel and where the surface can be on it; returns who passes."""
+def _leaf_intervals(tree, leaf, box, planes, rows, v):  # type: ignore[no-untyped-def]
+    """Write where 16 rays, from v on, are in the leaf's voxel and where the surface can be; returns who passes."""
     near, far = planes
-    ox, oy, oz = load16(rows, OX), load16(rows, OY), load16(rows, OZ)
-    ix, iy, iz = load16(rows, IX), load16(rows, IY), load16(rows, IZ)
+    ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
+    ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
     at, leaves, boxes = leaf * LEAF, tree.leaves, tree.boxes
-    length = load16(rows, LENGTH)
+    length = load16(rows, LENGTH + v)
     enter = vmax(
         vmax((leaves[at + CELL + near[0]] - ox) * ix, (leaves[at + CELL + near[1]] - oy) * iy),
         vmax((leaves[at + CELL + near[2]] - oz) * iz, spread16(ZERO)),
@@ -133,14 +147,14 @@ def _leaf_intervals(tree, leaf, box, planes, rows):  # type: ignore[no-untyped-d
     )
     mx, my, mz = leaves[at + SLAB], leaves[at + SLAB + 1], leaves[at + SLAB + 2]
     height = mx * ox + my * oy + mz * oz
-    rise = mx * load16(rows, DX) + my * load16(rows, DY) + mz * load16(rows, DZ)
+    rise = mx * load16(rows, DX + v) + my * load16(rows, DY + v) + mz * load16(rows, DZ + v)
     rise = ONE / select(vabs(rise) < spread16(FLAT), spread16(FLAT), rise)
     a, b = (leaves[at + SLAB_LO] - height) * rise, (leaves[at + SLAB_HI] - height) * rise
     first, last = vmax(first, vmin(a, b)), vmin(leave, vmax(a, b))
-    store(rows, ENTER, enter)
-    store(rows, LEAVE, leave)
-    store(rows, FIRST, first)
-    store(rows, LAST, last)
+    store(rows, ENTER + v, enter)
+    store(rows, LEAVE + v, leave)
+    store(rows, FIRST + v, first)
+    store(rows, LAST + v, last)
     return bits(inside & (first <= last))
 
 
@@ -150,7 +164,7 @@ def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
     if together(tree, leaf):
         return search_together(tree, leaf, passing, side, scratch)
     rows = scratch.model
-    lifted = 0
+    lifted = np.int64(0)
     while passing != 0:
         i = lowest(passing)
         passing &= passing - 1
@@ -158,32 +172,56 @@ def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
         interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
         hit = search_alone(tree, leaf, tile_ray(rows, i, side), scratch, interval)
         if scratch.lift[0] != ZERO:
-            lifted |= 1 << i
+            lifted |= np.int64(1) << i
         if hit.leaf >= 0 and hit.t < rows[LENGTH + i]:
             rows[LENGTH + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
             scratch.numbers[FOUND + i] = leaf
     return lifted
 
 
+@inline
+def _expect(tree, child):  # type: ignore[no-untyped-def]
+    """Ask for what the walk will read of a child: far views wait for memory a third of their time."""
+    if child < 0:
+        leaf = np.int64(~child)
+        prefetch(tree.leaves, leaf * LEAF)
+        prefetch(tree.spans, 2 * leaf)
+    else:
+        for k in range(0, NODE, 16):
+            prefetch(tree.boxes, np.int64(child) * NODE + k)
+        prefetch(tree.children, np.int64(child) * WIDTH)
+
+
+@inline
+def _expect_search(tree, child):  # type: ignore[no-untyped-def]
+    """Ask for what a search of the next leaf will read first."""
+    if child < 0:
+        first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
+        for group in range(first, first + count):
+            for k in range(0, GROUP, 16):
+                prefetch(tree.spheres, np.int64(group) * GROUP + k)
+            prefetch(tree.refs, np.int64(group) * 16)
+
+
 @routine
-def closest_of_tile(table, model, side, scratch):  # type: ignore[no-untyped-def]
-    """First hits of the tile's rays with a model: LENGTH, NX.. and FOUND of those that hit.
+def closest_of_tile(table, model, side, some, scratch):  # type: ignore[no-untyped-def]
+    """First hits of some of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
 
     Returns the rays (as bits) that the start rule lifted: what it did depends on the order of the leaves, so that the
     caller traces these alone.
     """
     tree = tree_at(table, model)
     rows = scratch.model
-    x = bounds_of_planes(rows, OX, IX)
-    y = bounds_of_planes(rows, OY, IY)
-    z = bounds_of_planes(rows, OZ, IZ)
+    x = bounds_of_planes(rows, OX, IX, some)
+    y = bounds_of_planes(rows, OY, IY, some)
+    z = bounds_of_planes(rows, OZ, IZ, some)
     near_rows = near_planes(x[2], y[2], z[2])
     planes = near_rows, far_planes(near_rows)
     px, py, pz = planes[0][0] * WIDTH, planes[0][1] * WIDTH, planes[0][2] * WIDTH
     qx, qy, qz = planes[1][0] * WIDTH, planes[1][1] * WIDTH, planes[1][2] * WIDTH
     stack, stack_near = scratch.stack, scratch.stack_near
-    farthest = greatest(load16(rows, LENGTH))
-    node, top, lifted = 0, 0, 0
+    farthest = range_of(rows, LENGTH, some)[1]
+    node, top, lifted = 0, 0, np.int64(0)
     while True:
         scratch.counts[COUNT_NODES] += 1
         at = np.int64(node) * NODE
@@ -204,6 +242,7 @@ def closest_of_tile(table, model, side, scratch):  # type: ignore[no-untyped-def
             k = lowest(left)
             left &= left - 1
             top = insert(stack, stack_near, bottom, top, np.int32(node * WIDTH + k), lane(near, k))
+            _expect(tree, tree.children[node * WIDTH + k])
         while True:
             if top == 0:
                 return lifted
@@ -216,8 +255,12 @@ def closest_of_tile(table, model, side, scratch):  # type: ignore[no-untyped-def
                 break
             scratch.counts[COUNT_LEAVES] += 1
             leaf = ~node
+            if top > 0:
+                _expect_search(tree, tree.children[np.int64(stack[top - 1])])
             box = slot // WIDTH * NODE + slot % WIDTH
-            passing = _leaf_intervals(tree, leaf, box, planes, rows)
+            passing = np.int64(0)
+            for v in range(some[0], some[1], LANES):
+                passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:
                 lifted |= _search(tree, leaf, passing, side, scratch)
-                farthest = greatest(load16(rows, LENGTH))
+                farthest = range_of(rows, LENGTH, some)[1]

@@ -29,6 +29,7 @@ from ..scratch import (
     FIRST,
     FOUND,
     LAST,
+    LANES,
     LENGTH,
     NX,
     NY,
@@ -36,6 +37,7 @@ from ..scratch import (
     OX,
     OY,
     OZ,
+    TILE,
 )
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, spread16, store_packed
 from .disc import search_discs
@@ -104,37 +106,54 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
 
 
 @inline
-def _take(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
-    """Put the rays of the tile that pass (bits), and that float32 can follow, into `scratch.part`; returns them.
+def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
+    """Put the rays of the tile that pass (bits), and that float32 can follow, into `scratch.part`; returns them."""
+    rows, part, n, taken = scratch.model, scratch.part, 0, np.int64(0)
+    for v in range(0, TILE, LANES):
+        word = (passing >> v) & 0xFFFF
+        if word == 0:
+            continue
+        interval = load16(rows, ENTER + v), load16(rows, FIRST + v), load16(rows, LAST + v)
+        reach, fine = lattice(tree, leaf, interval, load16(rows, END + v))
+        word &= bits(fine)
+        active = mask16(word)
+        center, half = HALF * (reach.t_low + reach.t_high), HALF * (reach.t_high - reach.t_low)
+        dx, dy, dz = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
+        store_packed(part, AT_X + n, active, load16(rows, OX + v) + center * dx)
+        store_packed(part, AT_Y + n, active, load16(rows, OY + v) + center * dy)
+        store_packed(part, AT_Z + n, active, load16(rows, OZ + v) + center * dz)
+        store_packed(part, AT_DX + n, active, dx)
+        store_packed(part, AT_DY + n, active, dy)
+        store_packed(part, AT_DZ + n, active, dz)
+        store_packed(part, AT_CENTER + n, active, center)
+        store_packed(part, AT_HALF + n, active, half)
+        store_packed(part, AT_FIRST + n, active, reach.first)
+        store_packed(part, AT_LAST + n, active, reach.last)
+        store_packed(part, AT_LOW + n, active, reach.t_low)
+        store_packed(part, AT_HIGH + n, active, reach.t_high)
+        store_packed(part, AT_LENGTH + n, active, load16(rows, LENGTH + v))
+        n += count_bits(word)
+        taken |= word << v
+    return taken
 
-    Also lists and gathers the blocks near them.
-    """
-    rows, part = scratch.model, scratch.part
-    interval = load16(rows, ENTER), load16(rows, FIRST), load16(rows, LAST)
-    reach, fine = lattice(tree, leaf, interval, load16(rows, END))
-    passing &= bits(fine)
-    if passing == 0:
-        return passing
-    active = mask16(passing)
-    center, half = HALF * (reach.t_low + reach.t_high), HALF * (reach.t_high - reach.t_low)
-    dx, dy, dz = load16(rows, DX), load16(rows, DY), load16(rows, DZ)
-    x, y, z = load16(rows, OX) + center * dx, load16(rows, OY) + center * dy, load16(rows, OZ) + center * dz
-    store_packed(part, AT_X, active, x)
-    store_packed(part, AT_Y, active, y)
-    store_packed(part, AT_Z, active, z)
-    store_packed(part, AT_DX, active, dx)
-    store_packed(part, AT_DY, active, dy)
-    store_packed(part, AT_DZ, active, dz)
-    store_packed(part, AT_CENTER, active, center)
-    store_packed(part, AT_HALF, active, half)
-    store_packed(part, AT_FIRST, active, reach.first)
-    store_packed(part, AT_LAST, active, reach.last)
-    store_packed(part, AT_LOW, active, reach.t_low)
-    store_packed(part, AT_HIGH, active, reach.t_high)
-    store_packed(part, AT_LENGTH, active, load16(rows, LENGTH))
-    list_blocks(tree, leaf, around(part, 0, Frame(x, y, z, dx, dy, dz, center, side), half, active), scratch)
+
+@inline
+def _gather_for(tree, leaf, at, count, side, scratch):  # type: ignore[no-untyped-def]
+    """List and gather the blocks near up to 16 rays that search a leaf."""
+    part = scratch.part
+    frame = Frame(
+        load16(part, AT_X + at),
+        load16(part, AT_Y + at),
+        load16(part, AT_Z + at),
+        load16(part, AT_DX + at),
+        load16(part, AT_DY + at),
+        load16(part, AT_DZ + at),
+        load16(part, AT_CENTER + at),
+        side,
+    )
+    active = mask16((1 << min(count, LANES)) - 1)
+    list_blocks(tree, leaf, around(part, at, frame, load16(part, AT_HALF + at), active), scratch)
     gather(tree, scratch)
-    return passing
 
 
 @inline
@@ -162,12 +181,14 @@ def _four(part, at, side):  # type: ignore[no-untyped-def]
 @inline
 def search_together(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
     """Search a leaf for the rays of a tile that pass (bits), four by four; returns those that the start rule lifted."""
-    left = _take(tree, leaf, passing, side, scratch)
-    rows, part, lifted, at = scratch.model, scratch.part, 0, 0
+    left = _take(tree, leaf, passing, scratch)
+    rows, part, lifted, at = scratch.model, scratch.part, np.int64(0), 0
     none = spread16(ZERO)
     least = tree.leaves[leaf * LEAF + LEAST]
     while left != 0:
-        four = 0
+        if at % LANES == 0:
+            _gather_for(tree, leaf, at, count_bits(left), side, scratch)
+        four = np.int64(0)
         for _ in range(4):
             four |= left & -left
             left &= left - 1

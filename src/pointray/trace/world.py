@@ -52,11 +52,15 @@ from ..scratch import (
     SPEED,
     START,
     T_MIN,
+    TILE,
+    put,
+    row,
 )
-from ..vec import add, dot, length, put, row, scale, sub, transform, transform_transposed, triple, unit
+from ..simd import bits, load16, lowest, mask16, select, spread16, store
+from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple, unit
 from .near import keep_sheet, list_blocks, segment
 from .surface import ONE, ZERO, blend
-from .tile import ALL, closest_of_tile, coherent, tile_ray
+from .tile import ALL, bits_of_row, closest_of_tile, coherent, tile_ray
 from .traverse import closest, make_ray
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
@@ -98,7 +102,7 @@ def into_model(matrix, bounds, ray):  # type: ignore[no-untyped-def]
     """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
 
     Returns (start, unit direction, low, high, speed): low and high along the unit direction, low > high for a ray
-    that misses the bounds; speed is how much longer the direction was. No branches: 16 rays of a tile go through it
+    that misses the bounds; speed is how much longer the direction was. No branches: the rays of a tile go through it
     as vectors.
     """
     d = transform(matrix, ray[1])
@@ -150,32 +154,37 @@ def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
 
 @inline
 def _tile_into_model(world, at, head, scratch):  # type: ignore[no-untyped-def]
-    """Put the tile's rays into the space of one model; returns the last of them that meets its bounds, or -1."""
+    """Put the tile's rays into the space of one model; returns those (bits) that meet its bounds.
+
+    No branches but for tiles at the rim of the bounds: the rays go through it as vectors.
+    """
     matrix, bounds = matrix_at(world, at), model_bounds(head)
     wide, rows = scratch.world, scratch.model
-    for i in range(LANES):
+    for i in range(TILE):
         ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
         start, d, low, high, speed = into_model(matrix, bounds, ray)
         put(wide, START + i, start)
         put(wide, HEADING + i, d)
         wide[LOW + i], wide[HIGH + i], wide[SPEED + i] = low, high, speed
-    last = -1
-    for i in range(LANES):
-        low, high = wide[LOW + i], wide[HIGH + i]
-        ray = make_ray(row(wide, START + i), row(wide, HEADING + i), high - low, 1.0)
+        rows[LENGTH + i] = np.float32(high - low) if low <= high else -ONE
+    meeting = bits_of_row(rows, LENGTH)
+    if meeting == 0:
+        return meeting
+    for i in range(TILE):
+        ray = make_ray(row(wide, START + i), row(wide, HEADING + i), 0.0, 1.0)
         put(rows, OX + i, (ray.ox, ray.oy, ray.oz))
         put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
         put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
-        rows[LENGTH + i] = rows[END + i] = ray.t_max if low <= high else -ONE
+        rows[END + i] = rows[LENGTH + i]
         scratch.numbers[FOUND + i] = -1
-        last = i if low <= high else last
-    if last >= 0:
+    if meeting != ALL:
         # Rays that miss the bounds stand where another one does, so that they do not widen the tile.
-        for i in range(LANES):
-            if not rows[LENGTH + i] >= ZERO:
-                for k in range(9):
-                    rows[k * LANES + i] = rows[k * LANES + last]
-    return last
+        first = lowest(meeting)
+        for at in range(0, TILE, LANES):
+            meet = load16(rows, LENGTH + at) >= ZERO
+            for k in range(0, 9 * TILE, TILE):
+                store(rows, k + at, select(meet, load16(rows, k + at), spread16(rows[k + first])))
+    return meeting
 
 
 @inline
@@ -183,15 +192,21 @@ def _tile_through_model(world, at, side, scratch):  # type: ignore[no-untyped-de
     """Nearest hits of the tile's rays with one model, where they are nearer than what was found before."""
     model = np.int64(world.instances[at + MODEL_ROW])
     tree = tree_at(world.table, model)
-    if _tile_into_model(world, at, tree.head, scratch) < 0:
+    if _tile_into_model(world, at, tree.head, scratch) == 0:
         return
     wide, rows, numbers = scratch.world, scratch.model, scratch.numbers
     side = np.float32(side)
-    alone = ALL
-    if coherent(tree.head, rows):
-        alone = closest_of_tile(world.table, model, side, scratch)
+    alone = np.int64(0)
+    if coherent(tree.head, rows, 0, TILE):
+        alone = closest_of_tile(world.table, model, side, (0, TILE), scratch)
+    else:
+        for at in range(0, TILE, LANES):
+            if coherent(tree.head, rows, at, at + LANES):
+                alone |= closest_of_tile(world.table, model, side, (at, at + LANES), scratch)
+            else:
+                alone |= np.int64(0xFFFF) << at
     matrix = matrix_at(world, at)
-    for i in range(LANES):
+    for i in range(TILE):
         if (alone >> i) & 1 != 0 and rows[LENGTH + i] >= ZERO:
             hit = closest(world.table, model, tile_ray(rows, i, side), scratch)
             numbers[FOUND + i] = hit.leaf
@@ -213,7 +228,7 @@ def _tile_through_model(world, at, side, scratch):  # type: ignore[no-untyped-de
 def _tile_on_plane(world, at, side, scratch):  # type: ignore[no-untyped-def]
     """Nearest hits of the tile's rays with a plane."""
     wide, numbers = scratch.world, scratch.numbers
-    for i in range(LANES):
+    for i in range(TILE):
         o, d = row(wide, ORIGIN + i), row(wide, DIRECTION + i)
         t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), side)
         if t < np.inf:
@@ -225,19 +240,31 @@ def _tile_on_plane(world, at, side, scratch):  # type: ignore[no-untyped-def]
 
 @inline
 def aim(scratch, i, ray):  # type: ignore[no-untyped-def]
-    """Ray i of the tile becomes (o, d, t_min, t_max); a degenerate one misses everything."""
+    """Ray i of the tile becomes (o, d, t_min, t_max)."""
     wide = scratch.world
-    o, d, t_min, t_max = ray
-    good = is_ray(o, d, t_min, t_max)
-    put(wide, ORIGIN + i, (o[0] if good else 0.0, o[1] if good else 0.0, o[2] if good else 0.0))
-    put(wide, DIRECTION + i, (d[0] if good else 1.0, d[1] if good else 0.0, d[2] if good else 0.0))
-    wide[T_MIN + i], wide[NEAREST + i] = (t_min if good else 0.0), (t_max if good else -1.0)
-    scratch.numbers[INSTANCE_OF + i] = -1
+    put(wide, ORIGIN + i, ray[0])
+    put(wide, DIRECTION + i, ray[1])
+    wide[T_MIN + i], wide[NEAREST + i] = ray[2], ray[3]
+
+
+@inline
+def _settle(scratch):  # type: ignore[no-untyped-def]
+    """Nothing is hit yet; a degenerate ray becomes one that misses everything. No branches: the tile's rays as vectors."""
+    wide = scratch.world
+    for i in range(TILE):
+        o, d, t_min, t_max = row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i]
+        good = is_ray(o, d, t_min, t_max)
+        put(wide, ORIGIN + i, (o[0] if good else 0.0, o[1] if good else 0.0, o[2] if good else 0.0))
+        put(wide, DIRECTION + i, (d[0] if good else 1.0, d[1] if good else 0.0, d[2] if good else 0.0))
+        wide[T_MIN + i], wide[NEAREST + i] = (t_min if good else 0.0), (t_max if good else -1.0)
+    for i in range(TILE):
+        scratch.numbers[INSTANCE_OF + i] = -1
 
 
 @inline
 def trace_tile(world, side, scratch):  # type: ignore[no-untyped-def]
-    """The nearest hits of the tile's 16 rays with everything in the scene, for `tile_hit`."""
+    """The nearest hits of the tile's rays with everything in the scene, for `tile_hit`."""
+    _settle(scratch)
     for k in range(world.instances.size // INSTANCE):
         at = k * INSTANCE
         if world.instances[at + KIND] == MODEL:

@@ -15,7 +15,7 @@ from .cells import FULL, STOPPED, Cells, build_cells
 from .leaves import fill_groups, fill_leaves, longest_step
 from .wide import collapse, enclose
 
-LEAF_WIDTH = 6.0  # a voxel's longest edge in mean support radii
+LEAF_WIDTH = 8.0  # a voxel's longest edge in mean support radii
 
 
 class Splats(NamedTuple):
