@@ -71,7 +71,8 @@ class Ours:
         """Whether something is within one length of each direction."""
         blocked = np.zeros(origins.size // 3, np.uint8)
         limits = np.tile([0.0, 1.0], len(blocked))
-        run(_occluded, -(-len(blocked) // BATCH), self.world, origins, directions, limits, blocked, threads=threads)
+        rays = origins, directions, limits, (1, len(blocked))
+        run(_occluded, -(-len(blocked) // BATCH), self.world, *rays, blocked, threads=threads)
         return blocked.view(np.bool_)
 
 

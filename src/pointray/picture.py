@@ -12,10 +12,10 @@ from .camera import Camera
 from .jit import inline, keep, kernel, run, take
 from .records import World, lend_world
 from .scene import Scene
-from .scratch import COUNT_LEAVES, COUNT_NODES, TILE, lend_scratch, new_scratch
-from .shade.direct import direct_light
-from .trace.world import aim, described, tile_hit, trace_tile
-from .vec import add, dot, scale, triple, unit
+from .scratch import COUNT_LEAVES, COUNT_NODES, RADIANCE, TILE, lend_scratch, new_scratch, row
+from .shade.direct import keep_spot, light_tile
+from .trace.world import NOWHERE, aim, described, tile_hit, trace_tile
+from .vec import add, along_curve, dot, scale, triple, unit
 
 INTEGRATORS = ("phong", "normal", "depth", "color", "cost")
 PHONG, NORMAL, DEPTH, COLOR, COST = range(5)
@@ -78,30 +78,34 @@ def place_in_pixel(x, y, sample, seed, spp):  # type: ignore[no-untyped-def]
 
 
 @inline
-def look(world, hit, ray, forward, how, scratch):  # type: ignore[no-untyped-def]
-    """Colour and alpha of what a camera ray (o, d) has hit. how : integrator, shadows."""
-    if hit.instance < 0:
-        return (0.0, 0.0, 0.0), 0.0
-    if how[0] == NORMAL:
-        return add(scale(hit.normal, 0.5), (0.5, 0.5, 0.5)), 1.0
-    if how[0] == DEPTH:
+def look(world, hit, ray, forward, integrator):  # type: ignore[no-untyped-def]
+    """Colour of what a camera ray (o, d) has hit, by an integrator that needs no light."""
+    if integrator == NORMAL:
+        return add(scale(hit.normal, 0.5), (0.5, 0.5, 0.5))
+    if integrator == DEPTH:
         depth = hit.t * dot(ray[1], forward)
-        return (depth, depth, depth), 1.0
-    hit = described(world, hit, scratch)
-    if how[0] == PHONG:
-        return direct_light(world, hit, ray, how[1] != 0, scratch), 1.0
-    return hit.color, 1.0
+        return depth, depth, depth
+    return hit.color
 
 
 @inline
 def cost(world, ray, scratch):  # type: ignore[no-untyped-def]
     """Nodes and leaves that a ray (o, d) visits when it is traced alone, as a colour."""
     scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
-    for k in range(TILE):
-        aim(scratch, k, (ray[0], ray[1], 0.0, np.inf))
+    aim(scratch, 0, (ray[0], ray[1], 0.0, np.inf))
+    for k in range(1, TILE):
+        aim(scratch, k, NOWHERE)
     trace_tile(world, 1.0, scratch)
     nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
     return nodes, leaves, (nodes + leaves) / 64.0
+
+
+@inline
+def _add(total, i, color):  # type: ignore[no-untyped-def]
+    """Add a sample's colour to a pixel's."""
+    total[i, 0] += color[0]
+    total[i, 1] += color[1]
+    total[i, 2] += color[2]
 
 
 @inline
@@ -115,17 +119,14 @@ def camera_ray(camera, size, pixel, sample, how):  # type: ignore[no-untyped-def
 
 
 @inline
-def place_in_tile(i):  # type: ignore[no-untyped-def]
-    """Which of 8 x 8 pixels ray i goes through, along a Morton curve: four rays in a row are neighbours."""
-    return i & 1 | i >> 1 & 2 | i >> 2 & 4, i >> 1 & 1 | i >> 2 & 2 | i >> 3 & 4
-
-
-@inline
 def _trace_pixels(world, camera, image, corner, sample, how, scratch):  # type: ignore[no-untyped-def]
-    """Trace one sample of 8 x 8 pixels; those beyond the image's edge repeat its last ones."""
+    """Trace one sample of 8 x 8 pixels; those beyond the image's edge repeat its last ones.
+
+    The pixels follow a Morton curve: four rays in a row are neighbours.
+    """
     height, width = image.shape[:2]
     for i in range(TILE):
-        x, y = place_in_tile(i)
+        x, y = along_curve(i)
         pixel = min(corner[0] + x, width - 1), min(corner[1] + y, height - 1)
         o, d = camera_ray(camera, (width, height), pixel, sample, how)
         aim(scratch, i, (o, d, 0.0, np.inf))
@@ -133,11 +134,22 @@ def _trace_pixels(world, camera, image, corner, sample, how, scratch):  # type: 
 
 
 @inline
+def _costs(world, camera, image, corner, sample, how, out):  # type: ignore[no-untyped-def]
+    """Add the cost of one sample of 8 x 8 pixels, each ray traced alone. out : total, scratch."""
+    height, width = image.shape[:2]
+    for i in range(TILE):
+        x, y = along_curve(i)
+        ray = camera_ray(camera, (width, height), (corner[0] + x, corner[1] + y), sample, how)
+        _add(out[0], i, cost(world, ray, out[1]))
+        out[0][i, 3] += 1.0
+
+
+@inline
 def _finish(total, corner, spp, background, image):  # type: ignore[no-untyped-def]
     """Write the means of 8 x 8 pixels, over the background."""
     height, width = image.shape[:2]
     for i in range(TILE):
-        x, y = place_in_tile(i)
+        x, y = along_curve(i)
         x, y = corner[0] + x, corner[1] + y
         if x < width and y < height:
             uncovered = spp - total[i, 3]
@@ -165,20 +177,26 @@ def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
                 continue
             total[:] = 0.0
             for sample in range(spp):
-                if integrator != COST:
-                    _trace_pixels(world, camera, image, corner, sample, (seed, spp), scratch)
+                if integrator == COST:
+                    _costs(world, camera, image, corner, sample, (seed, spp), (total, scratch))
+                    continue
+                _trace_pixels(world, camera, image, corner, sample, (seed, spp), scratch)
                 for i in range(TILE):
-                    x, y = place_in_tile(i)
-                    pixel = corner[0] + x, corner[1] + y
-                    ray = camera_ray(camera, (width, height), pixel, sample, (seed, spp))
-                    if integrator == COST:
-                        color, alpha = cost(world, ray, scratch), 1.0
-                    else:
-                        hit = tile_hit(scratch, i)
-                        color, alpha = look(world, hit, ray, camera[1], (integrator, shadows), scratch)
-                    for c in range(3):
-                        total[i, c] += color[c]
-                    total[i, 3] += alpha
+                    x, y = along_curve(i)
+                    ray = camera_ray(camera, (width, height), (corner[0] + x, corner[1] + y), sample, (seed, spp))
+                    hit = tile_hit(scratch, i)
+                    if integrator in (PHONG, COLOR):
+                        hit = described(world, hit, scratch)
+                    if integrator == PHONG:
+                        keep_spot(scratch, i, hit, ray)
+                    if hit.instance >= 0:
+                        total[i, 3] += 1.0
+                        if integrator != PHONG:
+                            _add(total, i, look(world, hit, ray, camera[1], integrator))
+                if integrator == PHONG:
+                    light_tile(world, shadows != 0, scratch)
+                    for i in range(TILE):
+                        _add(total, i, row(scratch.spots, RADIANCE + i))
             _finish(total, corner, spp, background, image)
         block = take(work)
     keep(memory)

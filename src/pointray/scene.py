@@ -133,7 +133,7 @@ class Scene:
         """
         shape, rays = check_rays(origins, directions, t_min, t_max)
         world, numbers, _ = self._world()
-        found = closest_hits(world, *rays)
+        found = closest_hits(world, shape, *rays)
         row = found["instance"]
         blended = {name: self._blend(name, found, shape) for name in attributes}
         instance = np.append(np.array(numbers, np.int32), np.int32(-1))[row]
@@ -152,7 +152,7 @@ class Scene:
     ) -> NDArray[np.bool_]:
         """Whether each ray meets anything between t_min and t_max: (...) bool; parameters as for `intersect`."""
         shape, rays = check_rays(origins, directions, t_min, t_max)
-        return occlusions(self._world()[0], *rays).reshape(shape)
+        return occlusions(self._world()[0], shape, *rays).reshape(shape)
 
     def _blend(self, name: str, found: dict[str, Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
         world, _, models = self._world()

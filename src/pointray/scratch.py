@@ -35,6 +35,13 @@ AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (k * PART for k in range(6))
 AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_LOW, AT_HIGH, AT_LENGTH = (k * PART for k in range(6, 13))
 PART_ROWS = 13
 
+# float64: of the surface points of a tile that are shaded, see `shade/direct.py`: where they are, the normal turned to
+# the eye, the direction to the eye, the colour, 3 rows each; the instance, -1 for none; the side of the surface the eye
+# is on; the radiance to the eye so far, and what the current light adds where nothing is in its way, 3 rows each.
+SPOT, SPOT_NORMAL, SPOT_EYE, SPOT_COLOR = 0, 3 * TILE, 6 * TILE, 9 * TILE
+SPOT_INSTANCE, SPOT_SIDE, RADIANCE, GAIN = 12 * TILE, 13 * TILE, 14 * TILE, 17 * TILE
+SPOT_ROWS = 20
+
 COUNT_NEAR = 0  # blocks listed near the current rays
 COUNT_NODES, COUNT_LEAVES = 1, 2  # visited
 COUNT_SPLATS = 3  # splats listed near the current rays
@@ -65,6 +72,7 @@ class Scratch(NamedTuple):
     places : (4 n,) int32, where in `splats` each of them is
     listed : (4 n,) int32, the places of those near the rays that are evaluated
     world, model, numbers : the rows of a tile, float64, float32 and int64; part : float32, of those that search a leaf
+    spots : float64, rows of the surface points that are shaded
     """
 
     stack: Array
@@ -79,6 +87,7 @@ class Scratch(NamedTuple):
     model: Array
     numbers: Array
     part: Array
+    spots: Array
 
 
 @inline
@@ -101,6 +110,7 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
         np.zeros(MODEL_ROWS * TILE, np.float32),
         np.zeros(NUMBER_ROWS * TILE, np.int64),
         np.zeros(PART_ROWS * PART, np.float32),
+        np.zeros(SPOT_ROWS * TILE, np.float64),
     )
 
 
@@ -120,6 +130,7 @@ def lend_scratch(s):  # type: ignore[no-untyped-def]
         borrow(s.model),
         borrow(s.numbers),
         borrow(s.part),
+        borrow(s.spots),
     )
 
 

@@ -79,3 +79,17 @@ def tangents(n):  # type: ignore[no-untyped-def]
     a = -1.0 / (sign + n[2])
     b = n[0] * n[1] * a
     return (1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]), (b, sign + n[1] * n[1] * a, -n[1])
+
+
+@inline
+def along_curve(k):  # type: ignore[no-untyped-def]
+    """(x, y) of place k on a Morton curve, 0..255: the even and the odd bits."""
+    return _even_bits(k), _even_bits(k >> 1)
+
+
+@inline
+def _even_bits(k):  # type: ignore[no-untyped-def]
+    k = k & 0x5555
+    k = (k | k >> 1) & 0x3333
+    k = (k | k >> 2) & 0x0F0F
+    return (k | k >> 4) & 0x00FF

@@ -1,4 +1,4 @@
-"""Direct light at a hit: each light, its shadow ray, and the material's BRDF (Phong)."""
+"""Direct light at the hits of a tile: each light, the shadow rays to it together, and the material's BRDF (Phong)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,21 @@ from ..records import (
     POINT_LIGHT,
     SPECULAR,
 )
-from ..trace.world import occluded_in
+from ..scratch import (
+    GAIN,
+    INSTANCE_OF,
+    RADIANCE,
+    SPOT,
+    SPOT_COLOR,
+    SPOT_EYE,
+    SPOT_INSTANCE,
+    SPOT_NORMAL,
+    SPOT_SIDE,
+    TILE,
+    put,
+    row,
+)
+from ..trace.world import NOWHERE, aim, trace_tile
 from ..vec import add, dot, length, multiply, scale, sub, triple, unit
 
 BLACK = (0.0, 0.0, 0.0)
@@ -42,13 +56,15 @@ def towards_light(world, at, x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def reflectance(world, hit, normal, to_light, to_eye):  # type: ignore[no-untyped-def]
-    """BRDF times the cosine at the light's side; `normal` is turned to the eye."""
+def reflectance(world, spot, to_light):  # type: ignore[no-untyped-def]
+    """BRDF times the cosine at the light's side. spot : normal and direction to the eye, colour, instance."""
+    normal, to_eye, color, instance = spot
     cosine = dot(normal, to_light)
     if cosine <= 0.0:
         return BLACK
-    at = int(world.instances[hit.instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
-    color = hit.color if world.materials[at + OWN_COLOR] != 0.0 else triple(world.materials, at + BASE_COLOR)
+    at = int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
+    if world.materials[at + OWN_COLOR] == 0.0:
+        color = triple(world.materials, at + BASE_COLOR)
     specular = world.materials[at + SPECULAR]
     diffuse = scale(color, (1.0 - specular) * cosine / math.pi)
     if world.materials[at + MATERIAL_KIND] != PHONG or specular == 0.0:
@@ -60,24 +76,88 @@ def reflectance(world, hit, normal, to_light, to_eye):  # type: ignore[no-untype
 
 
 @inline
-def direct_light(world, hit, ray, shadows, scratch):  # type: ignore[no-untyped-def]
-    """Radiance that a hit sends back along its ray (o, d): surfaces shade both sides.
+def keep_spot(scratch, i, hit, ray):  # type: ignore[no-untyped-def]
+    """Put what ray i of the tile, (o, d), has hit where `light_tile` finds it: surfaces shade both sides."""
+    spots = scratch.spots
+    spots[SPOT_INSTANCE + i] = hit.instance
+    put(spots, RADIANCE + i, BLACK)
+    if hit.instance < 0:
+        return
+    to_eye = scale(unit(ray[1]), -1.0)
+    # The side the eye is on: where the start rule puts shadow rays, and where the normal is turned.
+    side = 1.0 if dot(hit.normal, to_eye) >= 0.0 else -1.0
+    put(spots, SPOT + i, add(ray[0], scale(ray[1], hit.t)))
+    put(spots, SPOT_NORMAL + i, scale(hit.normal, side))
+    put(spots, SPOT_EYE + i, to_eye)
+    put(spots, SPOT_COLOR + i, hit.color)
+    spots[SPOT_SIDE + i] = side
+
+
+@inline
+def _spot(spots, i):  # type: ignore[no-untyped-def]
+    """What `reflectance` needs of a surface point."""
+    return (
+        row(spots, SPOT_NORMAL + i),
+        row(spots, SPOT_EYE + i),
+        row(spots, SPOT_COLOR + i),
+        int(spots[SPOT_INSTANCE + i]),
+    )
+
+
+@inline
+def _light_from(world, at, scratch):  # type: ignore[no-untyped-def]
+    """What one light adds where nothing is in its way. Returns from which sides of surfaces it is seen, as bits.
+
+    1 : from the outer side, 2 : from the inner side
+    """
+    spots, sides = scratch.spots, 0
+    for i in range(TILE):
+        put(spots, GAIN + i, BLACK)
+        if spots[SPOT_INSTANCE + i] < 0.0:
+            continue
+        to_light, _, irradiance = towards_light(world, at, row(spots, SPOT + i))
+        gain = multiply(reflectance(world, _spot(spots, i), to_light), irradiance)
+        put(spots, GAIN + i, gain)
+        if gain[0] + gain[1] + gain[2] > 0.0:
+            sides |= 1 if spots[SPOT_SIDE + i] > 0.0 else 2
+    return sides
+
+
+@inline
+def _shade_from(world, at, side, scratch):  # type: ignore[no-untyped-def]
+    """Take away the gain where something is between surface points on one side of their surface and a light."""
+    spots = scratch.spots
+    for i in range(TILE):
+        gain = row(spots, GAIN + i)
+        if gain[0] + gain[1] + gain[2] > 0.0 and spots[SPOT_SIDE + i] == side:
+            x = row(spots, SPOT + i)
+            to_light, distance, _ = towards_light(world, at, x)
+            aim(scratch, i, (x, to_light, 0.0, distance))
+        else:
+            aim(scratch, i, NOWHERE)
+    trace_tile(world, side, scratch)
+    for i in range(TILE):
+        if scratch.numbers[INSTANCE_OF + i] >= 0:
+            put(spots, GAIN + i, BLACK)
+
+
+@inline
+def light_tile(world, shadows, scratch):  # type: ignore[no-untyped-def]
+    """Radiance that the tile's surface points send to the eye, in RADIANCE. Uses the tile's rays as shadow rays.
 
     A scene without lights has a headlight: at the eye, without fall-off and shadows, irradiance pi.
     """
-    x, to_eye = add(ray[0], scale(ray[1], hit.t)), scale(unit(ray[1]), -1.0)
-    # The side the eye is on: where the start rule puts shadow rays, and where the normal is turned.
-    side = 1.0 if dot(hit.normal, to_eye) >= 0.0 else -1.0
-    normal = scale(hit.normal, side)
+    spots = scratch.spots
     if world.lights.size == 0:
-        return scale(reflectance(world, hit, normal, to_eye, to_eye), math.pi)
-    total = BLACK
+        for i in range(TILE):
+            if spots[SPOT_INSTANCE + i] >= 0.0:
+                put(spots, RADIANCE + i, scale(reflectance(world, _spot(spots, i), row(spots, SPOT_EYE + i)), math.pi))
+        return
     for k in range(world.lights.size // LIGHT):
-        to_light, distance, irradiance = towards_light(world, k * LIGHT, x)
-        light = multiply(reflectance(world, hit, normal, to_light, to_eye), irradiance)
-        if light[0] + light[1] + light[2] <= 0.0:
-            continue
-        if shadows and occluded_in(world, (x, to_light, 0.0, distance), side, scratch):
-            continue
-        total = add(total, light)
-    return total
+        sides = _light_from(world, k * LIGHT, scratch)
+        if shadows:
+            for j in range(2):
+                if (sides >> j) & 1 != 0:
+                    _shade_from(world, k * LIGHT, 1.0 - 2.0 * j, scratch)
+        for i in range(TILE):
+            put(spots, RADIANCE + i, add(row(spots, RADIANCE + i), row(spots, GAIN + i)))

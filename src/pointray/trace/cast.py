@@ -9,39 +9,66 @@ from ..jit import borrow, inline, keep, kernel, run, take
 from ..records import INSTANCE, MODEL_ROW, Array, World, lend_world, tree_at
 from ..scratch import COUNT_NEAR, INSTANCE_OF, TILE, lend_scratch, new_scratch
 from ..simd import lane
-from ..vec import add, scale, triple
+from ..vec import add, along_curve, scale, triple
 from .near import list_blocks, segment
 from .surface import weights_of_block
-from .world import aim, described, tile_hit, trace_tile
+from .world import NOWHERE, aim, described, tile_hit, trace_tile
 
-BATCH = 1024  # rays that a thread takes at a time
+BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; of a picture a square of this edge
 
 
 @inline
-def _trace_rays(world, rays, first, end, scratch):  # type: ignore[no-untyped-def]
-    """Trace a tile of rays from `first` on; those that are not before `end` miss. rays : origins, directions, limits."""
+def ray_at(shape, batch, k):  # type: ignore[no-untyped-def]
+    """Number of ray k of a batch, or -1 where there is none.
+
+    shape : height and width of a picture, whose squares are gone through along a Morton curve: what follows each other
+    is close together; or 1 and the number of rays, which are taken as they come
+    """
+    height, width = shape
+    if height == 1:
+        i = batch * BATCH + k
+        return i if i < width else -1
+    across = (width + SQUARE - 1) // SQUARE
+    x, y = along_curve(k)
+    x, y = x + batch % across * SQUARE, y + batch // across * SQUARE
+    return y * width + x if x < width and y < height else -1
+
+
+def batches(shape: tuple[int, int]) -> int:
+    """Number of batches of rays of a shape, see `ray_at`."""
+    height, width = shape
+    return -(-width // BATCH) if height == 1 else -(-height // SQUARE) * -(-width // SQUARE)
+
+
+@inline
+def _trace_rays(world, rays, shape, place, scratch):  # type: ignore[no-untyped-def]
+    """Trace a tile of rays. rays : origins, directions, limits; place : the batch, and where in it the tile begins."""
     origins, directions, limits = rays
     for k in range(TILE):
-        i = min(first + k, end - 1)
-        t_max = limits[2 * i + 1] if first + k < end else -np.inf
-        aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], t_max))
+        i = ray_at(shape, place[0], place[1] + k)
+        if i >= 0:
+            aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
+        else:
+            aim(scratch, k, NOWHERE)
     trace_tile(world, 1.0, scratch)
 
 
 @kernel
-def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-untyped-def]
+def _closest(work, world, origins, directions, limits, shape, out):  # type: ignore[no-untyped-def]
     """Closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, and place (leaf, local)."""
     t, position, normal, color, point, instance, leaf, local = out
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
-    block = take(work)
-    while block >= 0:
-        end = min((block + 1) * BATCH, t.size)
-        for first in range(block * BATCH, end, TILE):
-            _trace_rays(world, (origins, directions, limits), first, end, scratch)
-            for i in range(first, min(first + TILE, end)):
-                hit = described(world, tile_hit(scratch, i - first), scratch)
+    batch = take(work)
+    while batch >= 0:
+        for first in range(0, BATCH, TILE):
+            _trace_rays(world, (origins, directions, limits), shape, (batch, first), scratch)
+            for k in range(TILE):
+                i = ray_at(shape, batch, first + k)
+                if i < 0:
+                    continue
+                hit = described(world, tile_hit(scratch, k), scratch)
                 t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
                 x = (np.nan, np.nan, np.nan)
                 if hit.instance >= 0:
@@ -53,25 +80,26 @@ def _closest(work, world, origins, directions, limits, out):  # type: ignore[no-
                 if hit.slot >= 0:
                     tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
                     point[i] = tree.order[hit.slot]
-        block = take(work)
+        batch = take(work)
     keep(memory)
     return 0
 
 
 @kernel
-def _occluded(work, world, origins, directions, limits, out):  # type: ignore[no-untyped-def]
+def _occluded(work, world, origins, directions, limits, shape, out):  # type: ignore[no-untyped-def]
     """Occlusion: out is (n,) uint8."""
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
-    block = take(work)
-    while block >= 0:
-        end = min((block + 1) * BATCH, out.size)
-        for first in range(block * BATCH, end, TILE):
-            _trace_rays(world, (origins, directions, limits), first, end, scratch)
-            for i in range(first, min(first + TILE, end)):
-                out[i] = scratch.numbers[INSTANCE_OF + i - first] >= 0
-        block = take(work)
+    batch = take(work)
+    while batch >= 0:
+        for first in range(0, BATCH, TILE):
+            _trace_rays(world, (origins, directions, limits), shape, (batch, first), scratch)
+            for k in range(TILE):
+                i = ray_at(shape, batch, first + k)
+                if i >= 0:
+                    out[i] = scratch.numbers[INSTANCE_OF + k] >= 0
+        batch = take(work)
     keep(memory)
     return 0
 
@@ -109,15 +137,24 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
     return 0
 
 
-def closest_hits(world: World, origins: Array, directions: Array, limits: Array) -> dict[str, Array]:
+def _picture(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Height and width of what rays of a leading shape are taken for."""
+    return (shape[0], shape[1]) if len(shape) == 2 and min(shape) > 1 else (1, int(np.prod(shape)))
+
+
+def closest_hits(
+    world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array
+) -> dict[str, Array]:
     """Closest hits of n rays, as flat arrays: what `_closest` fills.
 
     Parameters
     ----------
+    shape : tuple of int
+        The leading shape the rays came in: two axes are taken for a picture's, whose squares are traced together.
     origins, directions : (n, 3) float64, C-contiguous
     limits : (n, 2) float64, t_min and t_max
     """
-    n = len(origins)
+    n, picture = len(origins), _picture(shape)
     out: dict[str, Array] = {
         "t": np.empty(n, np.float32),
         "position": np.empty((n, 3)),
@@ -129,22 +166,18 @@ def closest_hits(world: World, origins: Array, directions: Array, limits: Array)
         "local": np.empty((n, 3)),
     }
     flat = tuple(array.reshape(-1) for array in out.values())
-    run(_closest, -(-n // BATCH), world, origins.reshape(-1), directions.reshape(-1), limits.reshape(-1), flat)
+    rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
+    run(_closest, batches(picture), world, *rays, picture, flat)
     return out
 
 
-def occlusions(world: World, origins: Array, directions: Array, limits: Array) -> NDArray[np.bool_]:
+def occlusions(
+    world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array
+) -> NDArray[np.bool_]:
     """Whether each of n rays meets anything, (n,) bool; parameters as for `closest_hits`."""
-    out = np.zeros(len(origins), np.uint8)
-    run(
-        _occluded,
-        -(-len(origins) // BATCH),
-        world,
-        origins.reshape(-1),
-        directions.reshape(-1),
-        limits.reshape(-1),
-        out,
-    )
+    out, picture = np.zeros(len(origins), np.uint8), _picture(shape)
+    rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
+    run(_occluded, batches(picture), world, *rays, picture, out)
     return out.view(np.bool_)
 
 

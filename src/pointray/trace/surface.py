@@ -53,11 +53,19 @@ def sums(scratch, x, y, z):  # type: ignore[no-untyped-def]
     splats, listed = scratch.splats, scratch.listed
     for k in range(scratch.counts[COUNT_SPLATS]):
         at = np.int64(listed[k])
-        qx, qy, qz = spread_from(splats, at + 4 * PX) - x, spread_from(splats, at + 4 * PY) - y, spread_from(splats, at + 4 * PZ) - z
+        qx, qy, qz = (
+            spread_from(splats, at + 4 * PX) - x,
+            spread_from(splats, at + 4 * PY) - y,
+            spread_from(splats, at + 4 * PZ) - z,
+        )
         qq = qx * qx + qy * qy + qz * qz
         w = vmax(ONE - qq * spread_from(splats, at + 4 * INV_R2), spread16(ZERO))
         w = w * w
-        nx, ny, nz = spread_from(splats, at + 4 * NX), spread_from(splats, at + 4 * NY), spread_from(splats, at + 4 * NZ)
+        nx, ny, nz = (
+            spread_from(splats, at + 4 * NX),
+            spread_from(splats, at + 4 * NY),
+            spread_from(splats, at + 4 * NZ),
+        )
         w_sum = w_sum + w
         qx_sum = qx_sum + w * qx
         qy_sum = qy_sum + w * qy
@@ -117,7 +125,11 @@ def offset(means):  # type: ignore[no-untyped-def]
 def _weight(scratch, at, x, y, z):  # type: ignore[no-untyped-def]
     """Weights of one listed splat at sixteen points."""
     splats = scratch.splats
-    qx, qy, qz = spread_from(splats, at + 4 * PX) - x, spread_from(splats, at + 4 * PY) - y, spread_from(splats, at + 4 * PZ) - z
+    qx, qy, qz = (
+        spread_from(splats, at + 4 * PX) - x,
+        spread_from(splats, at + 4 * PY) - y,
+        spread_from(splats, at + 4 * PZ) - z,
+    )
     w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * spread_from(splats, at + 4 * INV_R2), spread16(ZERO))
     return w * w
 
@@ -151,7 +163,11 @@ def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
         bx, by, bz = tree.borders[row], tree.borders[row + 1], tree.borders[row + 2]
         if bx != 0 or by != 0 or bz != 0:
             share = share + w
-            qx, qy, qz = x - spread_from(splats, at + 4 * PX), y - spread_from(splats, at + 4 * PY), z - spread_from(splats, at + 4 * PZ)
+            qx, qy, qz = (
+                x - spread_from(splats, at + 4 * PX),
+                y - spread_from(splats, at + 4 * PY),
+                z - spread_from(splats, at + 4 * PZ),
+            )
             out = out + w * (qx * np.float32(bx) + qy * np.float32(by) + qz * np.float32(bz))
     return share / total, out / (np.float32(127.0) * share)
 

@@ -86,7 +86,7 @@ def coherent(head, rows, first, end):  # type: ignore[no-untyped-def]
     """Whether rays are worth a walk together: all components of the directions have one sign, and are alike."""
     for c in range(3):
         low, high = range_of(rows, DX + c * TILE, (first, end))
-        if low * high <= ZERO or high - low > WIDEST:
+        if (low < ZERO and high > ZERO) or high - low > WIDEST:
             return False
         low, high = range_of(rows, OX + c * TILE, (first, end))
         if high - low > SCATTERED * (head[3 + c] - head[c]):

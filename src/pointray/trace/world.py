@@ -56,13 +56,14 @@ from ..scratch import (
     put,
     row,
 )
-from ..simd import bits, load16, lowest, mask16, select, spread16, store
-from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple, unit
+from ..simd import load16, lowest, select, spread16, store
+from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple
 from .near import keep_sheet, list_blocks, segment
 from .surface import ONE, ZERO, blend
 from .tile import ALL, bits_of_row, closest_of_tile, coherent, tile_ray
 from .traverse import closest, make_ray
 
+NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for places in a tile that are free
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
 
@@ -194,34 +195,61 @@ def _tile_through_model(world, at, side, scratch):  # type: ignore[no-untyped-de
     tree = tree_at(world.table, model)
     if _tile_into_model(world, at, tree.head, scratch) == 0:
         return
-    wide, rows, numbers = scratch.world, scratch.model, scratch.numbers
+    rows, numbers = scratch.model, scratch.numbers
     side = np.float32(side)
     alone = np.int64(0)
     if coherent(tree.head, rows, 0, TILE):
         alone = closest_of_tile(world.table, model, side, (0, TILE), scratch)
     else:
-        for at in range(0, TILE, LANES):
-            if coherent(tree.head, rows, at, at + LANES):
-                alone |= closest_of_tile(world.table, model, side, (at, at + LANES), scratch)
+        for v in range(0, TILE, LANES):
+            if coherent(tree.head, rows, v, v + LANES):
+                alone |= closest_of_tile(world.table, model, side, (v, v + LANES), scratch)
             else:
-                alone |= np.int64(0xFFFF) << at
-    matrix = matrix_at(world, at)
-    for i in range(TILE):
-        if (alone >> i) & 1 != 0 and rows[LENGTH + i] >= ZERO:
+                alone |= np.int64(0xFFFF) << v
+    while alone != 0:
+        i = lowest(alone)
+        alone &= alone - 1
+        if rows[LENGTH + i] >= ZERO:
             hit = closest(world.table, model, tile_ray(rows, i, side), scratch)
             numbers[FOUND + i] = hit.leaf
             rows[LENGTH + i] = hit.t
             put(rows, NX + i, (hit.nx, hit.ny, hit.nz))
+    _keep_nearest(world, at, scratch)
+
+
+@inline
+def _either(first, a, b):  # type: ignore[no-untyped-def]
+    """a or b, component by component: no branch."""
+    return a[0] if first else b[0], a[1] if first else b[1], a[2] if first else b[2]
+
+
+@inline
+def _keep_nearest(world, at, scratch):  # type: ignore[no-untyped-def]
+    """Of the hits in a model keep those that are nearer than what was hit before. No branches: the rays as vectors."""
+    matrix, instance = matrix_at(world, at), at // INSTANCE
+    wide, rows, numbers = scratch.world, scratch.model, scratch.numbers
+    found = False
+    for i in range(TILE):
+        found |= numbers[FOUND + i] >= 0
+    if not found:
+        return
+    for i in range(TILE):
+        t = (wide[LOW + i] + np.float64(rows[LENGTH + i])) / wide[SPEED + i]
+        better = (numbers[FOUND + i] >= 0) & (t <= wide[NEAREST + i])
+        wide[NEAREST + i] = t if better else wide[NEAREST + i]
+        numbers[FOUND + i] = numbers[FOUND + i] if better else -1
+    for i in range(TILE):
+        n = row(rows, NX + i)
+        n = transform_transposed(matrix, (np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
+        n = scale(n, 1.0 / math.sqrt(dot(n, n)))
+        x = add(row(wide, START + i), scale(row(wide, HEADING + i), np.float64(rows[LENGTH + i])))
+        better = numbers[FOUND + i] >= 0
+        old_n, old_x = row(wide, NORMAL + i), row(wide, LOCAL + i)
+        put(wide, NORMAL + i, _either(better, n, old_n))
+        put(wide, LOCAL + i, _either(better, x, old_x))
+    for i in range(TILE):
         if numbers[FOUND + i] >= 0:
-            s = np.float64(rows[LENGTH + i])
-            t = (wide[LOW + i] + s) / wide[SPEED + i]
-            if t <= wide[NEAREST + i]:
-                wide[NEAREST + i] = t
-                n = row(rows, NX + i)
-                n = np.float64(n[0]), np.float64(n[1]), np.float64(n[2])
-                put(wide, NORMAL + i, unit(transform_transposed(matrix, n)))
-                put(wide, LOCAL + i, add(row(wide, START + i), scale(row(wide, HEADING + i), s)))
-                numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, numbers[FOUND + i]
+            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = instance, numbers[FOUND + i]
 
 
 @inline
@@ -249,13 +277,13 @@ def aim(scratch, i, ray):  # type: ignore[no-untyped-def]
 
 @inline
 def _settle(scratch):  # type: ignore[no-untyped-def]
-    """Nothing is hit yet; a degenerate ray becomes one that misses everything. No branches: the tile's rays as vectors."""
+    """Nothing is hit yet; a degenerate ray becomes one that misses everything. No branches: rays as vectors."""
     wide = scratch.world
     for i in range(TILE):
         o, d, t_min, t_max = row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i]
         good = is_ray(o, d, t_min, t_max)
-        put(wide, ORIGIN + i, (o[0] if good else 0.0, o[1] if good else 0.0, o[2] if good else 0.0))
-        put(wide, DIRECTION + i, (d[0] if good else 1.0, d[1] if good else 0.0, d[2] if good else 0.0))
+        put(wide, ORIGIN + i, _either(good, o, (0.0, 0.0, 0.0)))
+        put(wide, DIRECTION + i, _either(good, d, (1.0, 0.0, 0.0)))
         wide[T_MIN + i], wide[NEAREST + i] = (t_min if good else 0.0), (t_max if good else -1.0)
     for i in range(TILE):
         scratch.numbers[INSTANCE_OF + i] = -1
@@ -299,30 +327,3 @@ def described(world, hit, scratch):  # type: ignore[no-untyped-def]
     red, green, blue, slot = blend(tree, scratch, world.tone, x[0], x[1], x[2])
     color = (np.float64(red), np.float64(green), np.float64(blue))
     return WorldHit(hit.t, hit.normal, color, hit.instance, slot, hit.leaf, hit.local)
-
-
-@inline
-def _model_occludes(world, at, ray, side, scratch):  # type: ignore[no-untyped-def]
-    """Whether one model is in the way of a ray (o, d, t_min, t_max)."""
-    model = np.int64(world.instances[at + MODEL_ROW])
-    bounds = model_bounds(tree_at(world.table, model).head)
-    start, d, low, high, _ = into_model(matrix_at(world, at), bounds, ray)
-    if not low <= high:
-        return False
-    return closest(world.table, model, make_ray(start, d, high - low, side), scratch).leaf >= 0
-
-
-@inline
-def occluded_in(world, ray, side, scratch):  # type: ignore[no-untyped-def]
-    """Whether anything in the scene is between t_min and t_max of a ray (o, d, t_min, t_max)."""
-    o, d, t_min, t_max = ray
-    if not is_ray(o, d, t_min, t_max):
-        return False
-    for i in range(world.instances.size // INSTANCE):
-        at = i * INSTANCE
-        if world.instances[at + KIND] == MODEL:
-            if _model_occludes(world, at, ray, side, scratch):
-                return True
-        elif _plane_hit(world, at, ray, side) < np.inf:
-            return True
-    return False
