@@ -13,96 +13,8 @@ import pytest
 import pointray
 from pointray import jit
 from pointray.jit import kernel, run, take
-from pointray.simd import (
-    bits,
-    lane,
-    load8,
-    load16,
-    lowest,
-    pack,
-    quarters,
-    repeat4,
-    select,
-    shift_quarter,
-    spread8,
-    spread16,
-    store,
-    sum_quarters,
-    vabs,
-    vmax,
-    vmin,
-)
 
 PACKAGE = Path(pointray.__file__).parent
-
-
-@kernel
-def _vectors(a, numbers, out):
-    v, w = load16(a, 0), repeat4(a, 4)
-    q = quarters(np.float32(1), np.float32(2), np.float32(3), np.float32(4))
-    x = v * 2.0 + w / q - 1
-    mask = (x > 5.0) & (x < 20)
-    store(out, 0, x)
-    store(out, 16, sum_quarters(x))
-    store(out, 32, shift_quarter(q, x))
-    store(out, 48, vmax(vmin(x, 5.0), q))
-    store(out, 64, select(mask, vabs(x - 9), spread16(np.float32(0))))
-    found = np.zeros(16, np.int32)
-    return bits(mask), lane(x, 3), lowest(bits(mask)), pack(mask, numbers, 0, found, 0), found
-
-
-def test_vectors_are_numpy():
-    a, out, numbers = np.arange(32, dtype=np.float32), np.zeros(80, np.float32), np.arange(100, 116, dtype=np.int32)
-    word, third, first, count, found = _vectors(a, numbers, out)
-    q = np.repeat([1, 2, 3, 4], 4).astype(np.float32)
-    x = a[:16] * 2 + np.tile(a[4:8], 4) / q - 1
-    mask = (x > 5) & (x < 20)
-    want = [x, np.repeat(x.reshape(4, 4).sum(1), 4), np.concatenate([q[12:], x[:12]]), np.maximum(np.minimum(x, 5), q)]
-    assert out == pytest.approx(np.concatenate([*want, np.where(mask, np.abs(x - 9), 0)]))
-    assert word == (mask << np.arange(16)).sum() and third == x[3] and first == np.flatnonzero(mask)[0]
-    assert found[:count].tolist() == numbers[mask].tolist()
-
-
-@kernel
-def _compared(a, out):
-    x, y = load16(a, 0), load16(a, 16)
-    store(out, 0, vmin(x, y))
-    store(out, 16, vmax(x, y))
-    v, w = load8(a, 1), load8(a, 21)
-    store(out, 32, v * w - spread8(a[3]))
-    store(out, 40, vmin(v, w))
-    return bits(x < y), bits(x <= y), bits(x > y), bits(x >= y), bits((x < y) | (y < x)), bits((x < y) ^ (x <= y))
-
-
-def test_comparisons_know_nan_and_inf():
-    """A comparison with NaN is false; where one is NaN, min and max give the second."""
-    a = np.random.default_rng(4).normal(size=32).astype(np.float32)
-    a[0], a[17], a[2], a[19], a[20] = np.nan, np.nan, np.inf, -np.inf, a[4]
-    out = np.zeros(48, np.float32)
-    words = _compared(a, out)
-    x, y = a[:16], a[16:]
-    truths = [x < y, x <= y, x > y, x >= y, (x < y) | (y < x), x == y]
-    assert list(words) == [(t << np.arange(16)).sum() for t in truths]
-    assert np.array_equal(out[:16], np.where(x < y, x, y), equal_nan=True)
-    assert np.array_equal(out[16:32], np.where(x > y, x, y), equal_nan=True)
-    v, w = a[1:9], a[21:29]
-    assert out[32:40] == pytest.approx(v * w - a[3])
-    assert np.array_equal(out[40:], np.minimum(v, w))
-
-
-@kernel
-def _append(a, numbers, found):
-    n = pack(load16(a, 0) > np.float32(0), numbers, 0, found, 0)
-    return n, n + pack(load16(a, 16) > np.float32(0), numbers, 16, found, n)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_packing_appends_and_writes_16_lanes_at_most(share):
-    a = np.where(np.random.default_rng(2).random(32) < share, 1, -1).astype(np.float32)
-    numbers, found = np.arange(100, 132, dtype=np.int32), np.full(64, -1, np.int32)
-    half, count = _append(a, numbers, found)
-    assert (half, count) == ((a[:16] > 0).sum(), (a > 0).sum())
-    assert found[:count].tolist() == numbers[a > 0].tolist() and (found[half + 16 :] == -1).all()
 
 
 @kernel
@@ -127,12 +39,6 @@ def test_an_error_in_a_worker_is_raised():
 
     with pytest.raises(ValueError, match="broken"):
         run(broken, 4, threads=2)
-
-
-@pytest.mark.skipif(not jit.CHECK, reason="needs POINTRAY_CHECK=1")
-def test_a_load_beyond_the_end_is_noticed():
-    with pytest.raises(IndexError):
-        _vectors(np.zeros(15, np.float32), np.zeros(16, np.int32), np.zeros(80, np.float32))
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "many"])

@@ -45,6 +45,19 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": F
 # --------------------------------------------------------------------------------------------------- the disk cache
 
 
+def cpu_name() -> str:
+    """The processor that kernels are compiled for: this one, or Numba's NUMBA_CPU_NAME."""
+    return os.environ.get("NUMBA_CPU_NAME") or str(llvmlite.binding.get_host_cpu_name())
+
+
+def cpu_features() -> str:
+    """What that processor can do beyond its name, as Numba takes it: NUMBA_CPU_FEATURES may be empty."""
+    features = os.environ.get("NUMBA_CPU_FEATURES")
+    if features is None and cpu_name() == "generic":
+        return ""
+    return str(llvmlite.binding.get_host_cpu_features().flatten()) if features is None else features
+
+
 @cache
 def source_key() -> str:
     """Name of the cache folder: a hash of everything that compiled code depends on.
@@ -59,9 +72,7 @@ def source_key() -> str:
         digest.update(str(path.relative_to(root)).encode())
         digest.update(path.read_bytes())
     facts = (numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2], CHECK)
-    cpu = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
-    features = os.environ.get("NUMBA_CPU_FEATURES") or llvmlite.binding.get_host_cpu_features().flatten()
-    digest.update(repr((facts, cpu, features)).encode())
+    digest.update(repr((facts, cpu_name(), cpu_features())).encode())
     return digest.hexdigest()[:16]
 
 

@@ -8,16 +8,14 @@ Arithmetic with a scalar spreads the scalar over all lanes.
 from __future__ import annotations
 
 import operator
-import os
 from typing import Any
 
-import llvmlite.binding
 import llvmlite.ir as ir
 from numba.core import cgutils, types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin, lower_cast, models, register_model
 
-from .jit import CHECK, inline, intrinsic
+from .jit import CHECK, cpu_features, inline, intrinsic
 
 _FLAGS = ("nsz", "arcp", "contract", "afn")
 _I32 = ir.IntType(32)
@@ -393,9 +391,7 @@ def lowest(typingctx, word):  # type: ignore[no-untyped-def]
 
 
 # Whether the processor packs lanes in one instruction; elsewhere the set bits are walked.
-PACKS = "+avx512f" in (
-    os.environ.get("NUMBA_CPU_FEATURES") or llvmlite.binding.get_host_cpu_features().flatten()
-) and os.environ.get("NUMBA_CPU_NAME") in (None, "", "host")
+PACKS = "+avx512f" in cpu_features()
 
 
 @intrinsic

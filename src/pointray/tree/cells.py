@@ -16,7 +16,7 @@ from .blocks import PER_BLOCK
 
 FEW = 3  # a voxel that so few blocks reach is not cut further
 DEEPEST = 60
-STEP_WIDTH = 12.0  # mean radii: where a voxel's ancestor is no wider, it decides the step of the samples in it
+STEP_WIDTH = 16.0  # mean radii: where a voxel's ancestor is no wider, it decides the step of the samples in it
 FULL = -2  # what build_cells returns when the arrays are too small
 STOPPED = -1
 

@@ -1,0 +1,205 @@
+"""Vectors against NumPy; and the same kernels for processors that can do less, or others."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numpy as np
+import pytest
+
+import pointray as pr
+from pointray import jit
+from pointray.jit import kernel
+from pointray.simd import (
+    bits,
+    count_bits,
+    first_quarter,
+    lane,
+    last_quarter,
+    load8,
+    load16,
+    lowest,
+    mask16,
+    pack,
+    quarters,
+    repeat4,
+    select,
+    shift_quarter,
+    spread8,
+    spread16,
+    spread_from,
+    store,
+    store_packed,
+    sum_over_quarters,
+    sum_quarters,
+    vabs,
+    vmax,
+    vmin,
+    vsqrt,
+    whole,
+)
+
+
+@kernel
+def _vectors(a, numbers, out):
+    v, w = load16(a, 0), repeat4(a, 4)
+    q = quarters(np.float32(1), np.float32(2), np.float32(3), np.float32(4))
+    x = v * 2.0 + w / q - 1
+    mask = (x > 5.0) & (x < 20)
+    store(out, 0, x)
+    store(out, 16, sum_quarters(x))
+    store(out, 32, shift_quarter(q, x))
+    store(out, 48, vmax(vmin(x, 5.0), q))
+    store(out, 64, select(mask, vabs(x - 9), spread16(np.float32(0))))
+    store(out, 80, sum_over_quarters(x))
+    store(out, 96, first_quarter(x) + last_quarter(x))
+    store(out, 112, whole(x) + vsqrt(v))
+    store(out, 128, select(mask16(0xF0A5), x, spread_from(a, 7)))
+    store(out, 144, spread16(np.float32(-1)))
+    store_packed(out, 144, mask, x)
+    found = np.zeros(16, np.int32)
+    word = bits(mask)
+    return word, lane(x, 3), lowest(word), count_bits(word), pack(mask, numbers, 0, found, 0), found
+
+
+def test_vectors_are_numpy():
+    a, out, numbers = np.arange(32, dtype=np.float32), np.zeros(160, np.float32), np.arange(100, 116, dtype=np.int32)
+    word, third, first, set_bits, count, found = _vectors(a, numbers, out)
+    q = np.repeat([1, 2, 3, 4], 4).astype(np.float32)
+    x = a[:16] * 2 + np.tile(a[4:8], 4) / q - 1
+    mask = (x > 5) & (x < 20)
+    want = [x, np.repeat(x.reshape(4, 4).sum(1), 4), np.concatenate([q[12:], x[:12]]), np.maximum(np.minimum(x, 5), q)]
+    want += [np.where(mask, np.abs(x - 9), 0), np.tile(x.reshape(4, 4).sum(0), 4), np.tile(x[:4] + x[12:], 4)]
+    want += [np.trunc(x) + np.sqrt(a[:16]), np.where((0xF0A5 >> np.arange(16)) & 1, x, a[7])]
+    assert out[:144] == pytest.approx(np.concatenate(want))
+    assert out[144 : 144 + mask.sum()] == pytest.approx(x[mask])
+    assert word == (mask << np.arange(16)).sum() and third == x[3] and first == np.flatnonzero(mask)[0]
+    assert found[:count].tolist() == numbers[mask].tolist() and set_bits == count
+
+
+@kernel
+def _compared(a, out):
+    x, y = load16(a, 0), load16(a, 16)
+    store(out, 0, vmin(x, y))
+    store(out, 16, vmax(x, y))
+    v, w = load8(a, 1), load8(a, 21)
+    store(out, 32, v * w - spread8(a[3]))
+    store(out, 40, vmin(v, w))
+    return bits(x < y), bits(x <= y), bits(x > y), bits(x >= y), bits((x < y) | (y < x)), bits((x < y) ^ (x <= y))
+
+
+def test_comparisons_know_nan_and_inf():
+    """A comparison with NaN is false; where one is NaN, min and max give the second."""
+    a = np.random.default_rng(4).normal(size=32).astype(np.float32)
+    a[0], a[17], a[2], a[19], a[20] = np.nan, np.nan, np.inf, -np.inf, a[4]
+    out = np.zeros(48, np.float32)
+    words = _compared(a, out)
+    x, y = a[:16], a[16:]
+    truths = [x < y, x <= y, x > y, x >= y, (x < y) | (y < x), x == y]
+    assert list(words) == [(t << np.arange(16)).sum() for t in truths]
+    assert np.array_equal(out[:16], np.where(x < y, x, y), equal_nan=True)
+    assert np.array_equal(out[16:32], np.where(x > y, x, y), equal_nan=True)
+    v, w = a[1:9], a[21:29]
+    assert out[32:40] == pytest.approx(v * w - a[3])
+    assert np.array_equal(out[40:], np.minimum(v, w))
+
+
+@kernel
+def _append(a, numbers, found):
+    n = pack(load16(a, 0) > np.float32(0), numbers, 0, found, 0)
+    return n, n + pack(load16(a, 16) > np.float32(0), numbers, 16, found, n)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_packing_appends_and_writes_16_lanes_at_most(share):
+    a = np.where(np.random.default_rng(2).random(32) < share, 1, -1).astype(np.float32)
+    numbers, found = np.arange(100, 132, dtype=np.int32), np.full(64, -1, np.int32)
+    half, count = _append(a, numbers, found)
+    assert (half, count) == ((a[:16] > 0).sum(), (a > 0).sum())
+    assert found[:count].tolist() == numbers[a > 0].tolist() and (found[half + 16 :] == -1).all()
+
+
+@pytest.mark.skipif(not jit.CHECK, reason="needs POINTRAY_CHECK=1")
+def test_a_load_beyond_the_end_is_noticed():
+    with pytest.raises(IndexError):
+        _vectors(np.zeros(15, np.float32), np.zeros(16, np.int32), np.zeros(160, np.float32))
+
+
+# A program: traces a saved model and writes what it found, and the kernel's code.
+TRACE = """
+import sys
+from pathlib import Path
+import numpy as np
+import pointray as pr
+from pointray.trace.cast import _closest
+model, out = sys.argv[1:]
+scene = pr.Scene()
+scene.add(pr.Model.load(model))
+hits = scene.intersect(*pr.Camera.frame(scene.bounds, size=(96, 96)).rays())
+np.savez(out + ".npz", t=hits.t, normal=hits.normal, point=hits.point)
+(signature,) = _closest.signatures
+Path(out + ".s").write_text(_closest.inspect_asm(signature))
+Path(out + ".ll").write_text(_closest.inspect_llvm(signature))
+"""
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory):
+    """What the program above writes, by the processor it compiles for: hits, assembly, LLVM."""
+    folder = tmp_path_factory.mktemp("processors")
+    pr.Model(pr.procedural("statue", 20_000)).save(folder / "statue.pointray")
+
+    def trace(processor):
+        out = folder / processor
+        changes = {
+            "NUMBA_CPU_NAME": processor,
+            "NUMBA_CPU_FEATURES": "",
+            "POINTRAY_CACHE": str(folder / f"{processor}-cache"),
+        }
+        args = [sys.executable, "-c", TRACE, str(folder / "statue.pointray"), str(out)]
+        done = subprocess.run(args, env={**os.environ, **changes}, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return np.load(f"{out}.npz"), Path(f"{out}.s").read_text(), Path(f"{out}.ll").read_text()
+
+    return trace
+
+
+@pytest.fixture(scope="module")
+def here(traced):
+    return traced("x86-64")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("processor, widest", [("haswell", "ymm"), ("nehalem", "xmm")])
+def test_a_processor_with_shorter_vectors(traced, here, processor, widest):
+    features = llvm.get_host_cpu_features()
+    if processor == "haswell" and not features.get("avx2"):
+        pytest.skip("this processor has no AVX2")
+    hits, code, _ = traced(processor)
+    assert f"%{widest}" in code and "%zmm" not in code and (widest == "ymm" or "%ymm" not in code)
+    same = np.isfinite(hits["t"]) & np.isfinite(here[0]["t"])
+    assert same.sum() > 1000 and (np.isfinite(hits["t"]) != np.isfinite(here[0]["t"])).sum() <= 1
+    assert np.abs(hits["t"][same] - here[0]["t"][same]).max() < 1e-3
+    assert (hits["point"] != here[0]["point"])[same].mean() < 1e-3
+
+
+@pytest.mark.long
+def test_an_arm_processor_needs_no_library_for_rays(here):
+    """The kernel of x86-64 without features, lowered for aarch64: what it calls is memory and Python's errors."""
+    code = re.sub(r"target triple = .*", 'target triple = "aarch64-unknown-linux-gnu"', here[2])
+    code = re.sub(r"target datalayout = .*\n", "", code)
+    # Numba's own counting of references, once a call, is written for x86.
+    code = re.sub(r"= (tail )?call i8 @llvm\.x86\.atomic.*", "= add i8 0, 0", code)
+    assert not re.findall(r"call [^@]*@llvm\.x86\.", code)
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple("aarch64-unknown-linux-gnu").create_target_machine(opt=3)
+    assembly = machine.emit_assembly(llvm.parse_assembly(code))
+    kernels = [part for part in re.split(r"\n(?=[A-Za-z_][\w.$]*:)", assembly) if re.match(r"_ZN8pointray", part)]
+    calls = {name for part in kernels for name in re.findall(r"\n\s+bl\s+(\S+)", part)}
+    assert any("fmla" in part for part in kernels)
+    known = ("_ZN8pointray", "NRT_", "memset", "memcpy")
+    assert not {name for name in calls if not name.startswith(known)}
