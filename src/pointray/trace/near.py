@@ -16,7 +16,8 @@ from ..scratch import AT_DX, AT_DY, AT_DZ, AT_HALF, AT_X, AT_Y, AT_Z, COUNT_NEAR
 from ..simd import greatest, least, load16, move4, pack, select, spread16, store, vabs, vmax, vmin, vsqrt
 from .surface import HALF, INF, ONE, ZERO
 
-SLACK = np.float32(1.01)  # of radii: what rounding may do to a distance
+SLACK = np.float32(1.01)  # of radii: what rounding may do to them and to rays' places
+SURE = np.float32(1.0 - 1e-6)  # of squared distances from a segment's middle, which cancel where radii are far smaller
 RADIUS_ROW = 28  # of a gathered splat, as PX is
 
 
@@ -66,11 +67,11 @@ def around(part, k, frame, half, active):  # type: ignore[no-untyped-def]
 
 @inline
 def _distances(capsule, x, y, z):  # type: ignore[no-untyped-def]
-    """Squared distances of 16 places from a capsule's segment."""
+    """Squared distances of 16 places from a capsule's segment, at most: rounding may only make them smaller."""
     x, y, z = x - capsule.x, y - capsule.y, z - capsule.z
     along = x * capsule.dx + y * capsule.dy + z * capsule.dz
     beyond = vmax(vabs(along) - capsule.half, spread16(ZERO))
-    return x * x + y * y + z * z - along * along + beyond * beyond
+    return SURE * (x * x + y * y + z * z) - along * along + beyond * beyond
 
 
 @inline
