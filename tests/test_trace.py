@@ -294,3 +294,23 @@ def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap):
                 np.column_stack([place[:, :2], np.full(20_000, -0.5 * gap * h)]), [0, 0, float(side)]
             )
             assert (hits.normal[:, 2] * side > 0.9).mean() > 0.999
+
+
+@pytest.mark.parametrize("surface", ["paper", "imls"])
+def test_normals_are_the_mean_ones_also_at_the_rims_of_supports(surface):
+    """Two close samples are joined by a line, but not where one is at the rim of the only splats around."""
+    n, rng = 4000, np.random.default_rng(1)
+    clean = pr.procedural("sphere", n)
+    positions = clean.positions + rng.normal(size=(n, 3)) * 0.25 * spacing(4 * np.pi, n)
+    normals = unit(clean.normals + rng.normal(size=(n, 3)) * 0.3)
+    scene, model = scene_of(pr.Points(positions, normals), surface=surface, radius_scale=0.6)
+    hits = scene.intersect(*pr.Camera.frame(scene.bounds, size=(240, 240)).rays())
+    hit = np.isfinite(hits.t)
+    worst = 0.0
+    for part in np.array_split(np.flatnonzero(hit), 20):
+        x, normal = hits.position.reshape(-1, 3)[part], hits.normal.reshape(-1, 3)[part]
+        square = ((x[:, None] - model.points.positions) ** 2).sum(-1)
+        weights = np.clip(1 - square / model.radii**2, 0, None) ** 2
+        cosine = (unit(weights @ model.points.normals) * normal).sum(-1)
+        worst = max(worst, float(np.degrees(np.arccos(np.clip(cosine, -1, 1))).max()))
+    assert hit.sum() > 15_000 and worst < 1.0
