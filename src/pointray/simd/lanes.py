@@ -1,0 +1,218 @@
+"""Vectors from numbers; lane by lane; across lanes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.ir as ir
+from numba.core import cgutils, types
+
+from ..jit import intrinsic
+from .vector import F4, F8, F16, FLAGS, INT, Vector, shuffle, spread
+
+
+def _maker(vector: Vector, doc: str) -> Any:
+    scalar = types.float32 if vector.kind == "float" else types.int32
+
+    def make(typingctx, value):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            return spread(builder, args[0], vector)
+
+        return vector(scalar), codegen
+
+    make.__doc__ = doc
+    return intrinsic(make)
+
+
+spread8 = _maker(F8, "The number in all 8 lanes.")
+spread16 = _maker(F16, "The number in all 16 lanes.")
+
+
+@intrinsic
+def quarters(typingctx, a, b, c, d):  # type: ignore[no-untyped-def]
+    """Four numbers, each in the four lanes of one quarter."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        four = ir.Constant(F4.llvm, ir.Undefined)
+        for lane, value in enumerate(args):
+            four = builder.insert_element(four, value, INT(lane))
+        return shuffle(builder, four, four, [lane // 4 for lane in range(16)])
+
+    return F16(*[types.float32] * 4), codegen
+
+
+@intrinsic
+def vmin(typingctx, a, b):  # type: ignore[no-untyped-def]
+    """The lesser of each pair of lanes; where one is NaN, the second (one instruction on x86)."""
+    return _choose("<", a, b)
+
+
+@intrinsic
+def vmax(typingctx, a, b):  # type: ignore[no-untyped-def]
+    """The greater of each pair of lanes; where one is NaN, the second."""
+    return _choose(">", a, b)
+
+
+def _choose(symbol: str, a: Any, b: Any) -> Any:
+    vector = a if isinstance(a, Vector) else b
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.select(builder.fcmp_ordered(symbol, *args), *args)
+
+    return vector(vector, vector), codegen
+
+
+def _llvm_unary(name: str, doc: str) -> Any:
+    def make(typingctx, a):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            vector = sig.args[0]
+            kind = ir.FunctionType(vector.llvm, [vector.llvm])
+            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{vector.lanes}f32")
+            return builder.call(function, args)
+
+        return a(a), codegen
+
+    make.__doc__ = doc
+    return intrinsic(make)
+
+
+vabs = _llvm_unary("fabs", "Absolute values.")
+vsqrt = _llvm_unary("sqrt", "Square roots; NaN of what is negative.")
+
+
+@intrinsic
+def whole(typingctx, a):  # type: ignore[no-untyped-def]
+    """Numbers without their fractions. None may be beyond int32: no call to a library, on any processor."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        vector = sig.args[0]
+        return builder.sitofp(builder.fptosi(args[0], ir.VectorType(INT, vector.lanes)), vector.llvm)
+
+    return a(a), codegen
+
+
+@intrinsic
+def select(typingctx, mask, a, b):  # type: ignore[no-untyped-def]
+    """Lane of a where the mask holds, else of b."""
+    vector = a if isinstance(a, Vector) else b
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.select(*args)
+
+    return vector(mask, vector, vector), codegen
+
+
+@intrinsic
+def bits(typingctx, mask):  # type: ignore[no-untyped-def]
+    """The mask as an integer, lane 0 lowest."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        word = builder.bitcast(args[0], ir.IntType(sig.args[0].lanes))
+        return builder.zext(word, ir.IntType(64))
+
+    return types.int64(mask), codegen
+
+
+@intrinsic
+def mask16(typingctx, word):  # type: ignore[no-untyped-def]
+    """The lowest 16 bits of an integer as a mask."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        word = builder.trunc(args[0], ir.IntType(16))
+        return builder.bitcast(word, ir.VectorType(ir.IntType(1), 16))
+
+    return Vector("mask", 16)(types.int64), codegen
+
+
+@intrinsic
+def count_bits(typingctx, word):  # type: ignore[no-untyped-def]
+    """How many bits of an integer are set."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.ctpop(args[0])
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
+def lowest(typingctx, word):  # type: ignore[no-untyped-def]
+    """Number of the lowest set bit; the word must not be 0."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), codegen
+
+
+# Whether the processor packs lanes in one instruction; elsewhere the set bits are walked.
+@intrinsic
+def lane(typingctx, vector, index):  # type: ignore[no-untyped-def]
+    """One lane as a number."""
+    scalar = types.float32 if vector.kind == "float" else types.int32
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.extract_element(args[0], args[1])
+
+    return scalar(vector, types.int64), codegen
+
+
+def _reducer(name: str, doc: str) -> Any:
+    def reduce(typingctx, vector):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            kind = ir.FunctionType(ir.FloatType(), [vector.llvm])
+            function = cgutils.get_or_insert_function(
+                builder.module, kind, f"llvm.vector.reduce.{name}.v{vector.lanes}f32"
+            )
+            return builder.call(function, args, fastmath=("nnan", "nsz"))
+
+        return types.float32(vector), codegen
+
+    reduce.__doc__ = doc
+    return intrinsic(reduce)
+
+
+least = _reducer("fmin", "The least lane; none may be NaN.")
+greatest = _reducer("fmax", "The greatest lane; none may be NaN.")
+
+
+def _folder(steps: tuple[int, int], doc: str) -> Any:
+    def fold(typingctx, vector):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            value = args[0]
+            for step in steps:
+                swapped = shuffle(builder, value, value, [lane ^ step for lane in range(16)])
+                value = builder.fadd(value, swapped, flags=FLAGS)
+            return value
+
+        return F16(F16), codegen
+
+    fold.__doc__ = doc
+    return intrinsic(fold)
+
+
+sum_over_quarters = _folder((4, 8), "The sum of the four quarters, lane by lane, in all of them.")
+
+
+def _picker(quarter: int, doc: str) -> Any:
+    def pick(typingctx, vector):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            return shuffle(builder, args[0], args[0], [4 * quarter + lane % 4 for lane in range(16)])
+
+        return F16(F16), codegen
+
+    pick.__doc__ = doc
+    return intrinsic(pick)
+
+
+first_quarter = _picker(0, "The first quarter in all four.")
+last_quarter = _picker(3, "The last quarter in all four.")
+
+
+@intrinsic
+def shift_quarter(typingctx, before, vector):  # type: ignore[no-untyped-def]
+    """The vector moved up by one quarter, the last quarter of `before` coming in: each sample's predecessor."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return shuffle(builder, args[0], args[1], list(range(12, 28)))
+
+    return F16(F16, F16), codegen

@@ -1,0 +1,179 @@
+"""Vectors from arrays and to arrays. With POINTRAY_CHECK=1 each access is checked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.ir as ir
+from numba.core import cgutils, types
+
+from ..jit import CHECK, cpu_features, inline, intrinsic
+from .lanes import bits, count_bits, lane, lowest
+from .vector import F4, F8, F16, INT, Vector, shuffle, spread
+
+
+def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Vector) -> Any:
+    data = context.make_array(array_type)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), vector.llvm.as_pointer())
+
+
+def _loader(vector: Vector, doc: str) -> Any:
+    def raw(typingctx, array, index):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+            pointer = _pointer(context, builder, sig.args[0], args[0], args[1], vector)
+            return builder.load(pointer, align=4)
+
+        return vector(array, types.intp), codegen
+
+    raw = intrinsic(raw)
+    lanes = vector.lanes
+
+    def load(array, index):  # type: ignore[no-untyped-def]
+        if CHECK:
+            _check(array, index, lanes)
+        return raw(array, index)
+
+    load.__doc__ = doc
+    return inline(load)
+
+
+@inline
+def _check(array, index, lanes):  # type: ignore[no-untyped-def]
+    """Raise where a vector would be read or written outside of the array."""
+    if index < 0 or index + lanes > array.size:
+        raise IndexError("a vector reaches beyond its array")
+
+
+load8 = _loader(F8, "Lanes 0..7: array[index + lane] of a flat float32 array.")
+load16 = _loader(F16, "Lanes 0..15: array[index + lane] of a flat float32 array.")
+_load4 = _loader(F4, "Lanes 0..3: array[index + lane] of a flat float32 array.")
+_load_int16 = _loader(Vector("int", 16), "Lanes 0..15: array[index + lane] of a flat int32 array.")
+
+
+@intrinsic
+def _store(typingctx, array, index, vector):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        builder.store(args[2], _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[2]), align=4)
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp, vector), codegen
+
+
+@intrinsic
+def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]
+    """Ask for the cache line of array[index], which will be read soon; nothing happens if it does not exist."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        pointer = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [pointer.type, INT, INT, INT])
+        ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        builder.call(ask, [pointer, INT(0), INT(3), INT(1)])
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp), codegen
+
+
+@intrinsic
+def _width(typingctx, vector):  # type: ignore[no-untyped-def]
+    """Number of lanes, known when compiling."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return context.get_constant(types.intp, sig.args[0].lanes)
+
+    return types.intp(vector), codegen
+
+
+@inline
+def store(array, index, vector):  # type: ignore[no-untyped-def]
+    """array[index + lane] = lane."""
+    if CHECK:
+        _check(array, index, _width(vector))
+    _store(array, index, vector)
+
+
+@intrinsic
+def _spread_from(typingctx, array, index):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return spread(builder, builder.load(builder.gep(data, [args[1]])), F16)
+
+    return F16(array, types.intp), codegen
+
+
+@inline
+def spread_from(array, index):  # type: ignore[no-untyped-def]
+    """array[index] in all 16 lanes: part of the instruction that uses it. (Numba would look for negative indices.)"""
+    if CHECK:
+        _check(array, index, 1)
+    return _spread_from(array, index)
+
+
+@intrinsic
+def _each_quarter(typingctx, four):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return shuffle(builder, args[0], args[0], [lane % 4 for lane in range(16)])
+
+    return F16(F4), codegen
+
+
+@inline
+def repeat4(array, index):  # type: ignore[no-untyped-def]
+    """array[index : index + 4] in every quarter: one broadcasting load."""
+    return _each_quarter(_load4(array, index))
+
+
+@inline
+def move4(source, index, target, at):  # type: ignore[no-untyped-def]
+    """target[at : at + 4] = source[index : index + 4]."""
+    store(target, at, _load4(source, index))
+
+
+PACKS = "+avx512f" in cpu_features()
+
+
+@intrinsic
+def _compress(typingctx, mask, vector):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        kind = sig.return_type.llvm
+        name = f"llvm.experimental.vector.compress.v16{'f32' if sig.return_type.kind == 'float' else 'i32'}"
+        compress = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(kind, [kind, args[0].type, kind]), name
+        )
+        return builder.call(compress, [args[1], args[0], ir.Constant(kind, ir.Undefined)])
+
+    return vector(mask, vector), codegen
+
+
+@inline
+def pack(mask, source, index, target, at):  # type: ignore[no-untyped-def]
+    """Append source[index + lane] of each set lane of a 16-lane mask to target[at:], int32; returns how many.
+
+    Whatever lies in the 16 places from target[at] on may be overwritten.
+    """
+    if CHECK:
+        _check(source, index, 16)
+        _check(target, at, 16)
+    if PACKS:
+        # All 16 lanes are stored: a compressing store is slow on some processors.
+        _store(target, at, _compress(mask, _load_int16(source, index)))
+        return count_bits(bits(mask))
+    left, n = bits(mask), 0
+    while left != 0:
+        target[at + n] = source[index + lowest(left)]
+        n += 1
+        left &= left - 1
+    return n
+
+
+@inline
+def store_packed(target, at, mask, vector):  # type: ignore[no-untyped-def]
+    """Store the set lanes of a float32 vector one after the other; the rest of target[at : at + 16] is undefined."""
+    if PACKS:
+        store(target, at, _compress(mask, vector))
+        return
+    left, n = bits(mask), 0
+    while left != 0:
+        target[at + n] = lane(vector, lowest(left))
+        n += 1
+        left &= left - 1

@@ -1,0 +1,105 @@
+"""The vector type, and its operators."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import llvmlite.ir as ir
+from numba.core import types
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, lower_cast, models, register_model
+
+FLAGS = ("nsz", "arcp", "contract", "afn")
+INT = ir.IntType(32)
+
+
+class Vector(types.Type):
+    """Numba type of `lanes` float32, int32 or truth values."""
+
+    def __init__(self, kind: str, lanes: int) -> None:
+        self.kind, self.lanes = kind, lanes
+        super().__init__(name=f"{kind}x{lanes}")  # type: ignore[no-untyped-call]
+
+    @property
+    def element(self) -> Any:
+        return {"float": ir.FloatType(), "int": INT, "mask": ir.IntType(1)}[self.kind]
+
+    @property
+    def llvm(self) -> Any:
+        return ir.VectorType(self.element, self.lanes)
+
+
+@register_model(Vector)
+class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, dmm: Any, fe_type: Vector) -> None:
+        super().__init__(dmm, fe_type, fe_type.llvm)  # type: ignore[no-untyped-call]
+
+
+def spread(builder: Any, value: Any, vector: Vector) -> Any:
+    """The scalar in every lane."""
+    one = builder.insert_element(ir.Constant(vector.llvm, ir.Undefined), value, INT(0))
+    zeros = ir.Constant(ir.VectorType(INT, vector.lanes), [0] * vector.lanes)
+    return builder.shuffle_vector(one, one, zeros)
+
+
+def shuffle(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(INT, len(lanes)), lanes))
+
+
+@lower_cast(types.Number, Vector)
+def _number_to_vector(context, builder, fromty, toty, value):  # type: ignore[no-untyped-def]
+    scalar = types.float32 if toty.kind == "float" else types.int32
+    return spread(builder, context.cast(builder, value, fromty, scalar), toty)
+
+
+def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -> None:
+    """Register one operator for vectors, and for a vector with a number."""
+
+    class Template(AbstractTemplate):  # type: ignore[misc]
+        def generic(self, args, kws):  # type: ignore[no-untyped-def]
+            vectors = [a for a in args if isinstance(a, Vector)]
+            if not vectors or vectors[0].kind not in kinds:
+                return None
+            vector = vectors[0]
+            if any(not (a == vector or (isinstance(a, types.Number) and vector.kind != "mask")) for a in args):
+                return None
+            result = Vector("mask", vector.lanes) if to_mask else vector
+            return signature(result, vector, vector)
+
+    infer_global(op)(Template)
+
+    @lower_builtin(op, Vector, Vector)
+    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return emit(builder, sig.args[0].kind, *args)
+
+
+def _arithmetic(float_op: str, int_op: str | None) -> Any:
+    def emit(builder: Any, kind: str, a: Any, b: Any) -> Any:
+        if kind == "float":
+            return getattr(builder, float_op)(a, b, flags=FLAGS)
+        return getattr(builder, str(int_op))(a, b)
+
+    return emit
+
+
+def _compare(symbol: str) -> Any:
+    def emit(builder: Any, kind: str, a: Any, b: Any) -> Any:
+        if kind == "float":
+            return builder.fcmp_ordered(symbol, a, b)
+        return builder.icmp_signed(symbol, a, b)
+
+    return emit
+
+
+_binary(operator.add, ("float", "int"), _arithmetic("fadd", "add"))
+_binary(operator.sub, ("float", "int"), _arithmetic("fsub", "sub"))
+_binary(operator.mul, ("float", "int"), _arithmetic("fmul", "mul"))
+_binary(operator.truediv, ("float",), _arithmetic("fdiv", None))
+for _op, _symbol in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
+    _binary(_op, ("float", "int"), _compare(_symbol), to_mask=True)
+_binary(operator.and_, ("mask",), lambda builder, kind, a, b: builder.and_(a, b))
+_binary(operator.or_, ("mask",), lambda builder, kind, a, b: builder.or_(a, b))
+_binary(operator.xor, ("mask",), lambda builder, kind, a, b: builder.xor(a, b))
+
+F4, F8, F16 = Vector("float", 4), Vector("float", 8), Vector("float", 16)
