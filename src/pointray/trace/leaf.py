@@ -91,9 +91,8 @@ def lattice(tree, leaf, interval, end):  # type: ignore[no-untyped-def]
     enter, low, high = interval
     step = tree.leaves[leaf * LEAF + STEP]
     fine = high < MOST_STEPS * step
-    low = select(
-        fine & (enter > ZERO), low, spread16(ZERO)
-    )  # the origin is in this voxel: the start rule needs f there
+    # Where the origin is in this voxel the start rule needs f there.
+    low = select(fine & (enter > ZERO), low, spread16(ZERO))
     high = select(fine, high, spread16(ZERO))
     # t is never negative here: truncation is the floor.
     first, last = whole(low / step), whole(high / step) + ONE

@@ -1,4 +1,4 @@
-"""Coherent rays through the tree together (paper, part IV): one walk for all, then each ray in the leaves.
+"""Coherent rays through the tree together (paper, part IV): one walk for all, then four by four in the leaves.
 
 Nodes are tested with interval arithmetic: the least and greatest origin and inverse direction of the rays give a bound
 of where any of them enters and leaves a box. A leaf's box, voxel and slab are tested for sixteen rays at once, and
@@ -181,7 +181,7 @@ def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
 
 @inline
 def _expect(tree, child):  # type: ignore[no-untyped-def]
-    """Ask for what the walk will read of a child: far views wait for memory a third of their time."""
+    """Ask for what the walk will read of a child: far views wait for memory a quarter of their time."""
     if child < 0:
         leaf = np.int64(~child)
         prefetch(tree.leaves, leaf * LEAF)

@@ -73,7 +73,7 @@ def _slab_interval(tree, leaf, ray, interval):  # type: ignore[no-untyped-def]
 
 @routine
 def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
-    """The first hit of a ray with a model. Counts nodes and leaves; leaves the near blocks of the hit in scratch."""
+    """The first hit of a ray with a model. Counts nodes and leaves."""
     tree = tree_at(table, model)
     scratch.lift[0] = ZERO
     ix, iy, iz = ray.ix, ray.iy, ray.iz
