@@ -26,7 +26,8 @@ from pointray.jit import keep, kernel, run, take
 from pointray.records import World, lend_world
 from pointray.scratch import TILE, lend_scratch, new_scratch
 from pointray.trace.cast import _occluded
-from pointray.trace.world import aim, tile_hit, trace_tile
+from pointray.trace.hits import tile_hit
+from pointray.trace.world import aim, trace_tile
 from pointray.vec import triple
 from views import bounce_rays, far_view, near_view, shadow_rays
 

@@ -76,6 +76,24 @@ def test_leading_shapes(scene, shape):
     assert (hits.normal.dtype, hits.color.dtype, hits.point.dtype) == (np.float32, np.float32, np.int64)
 
 
+@pytest.mark.parametrize("shape", [(37, 53), (5, 70), (64, 33)])
+def test_a_picture_of_rays_hits_what_a_row_of_them_hits(scene, shape):
+    """Arrays with two axes are traced in squares along a curve: each ray's answer still lands in its own place."""
+    origins, directions = pr.Camera.look_at((0.3, -4, 0.2), (0, 0, 0), size=shape[::-1]).rays()
+    square, row = (
+        scene.intersect(origins, directions),
+        scene.intersect(origins.reshape(-1, 3), directions.reshape(-1, 3)),
+    )
+    hit = np.isfinite(row.t)
+    assert 0.01 < hit.mean() < 0.99
+    for name in ("t", "position", "normal", "color", "instance"):
+        want = getattr(row, name)
+        assert np.allclose(getattr(square, name).reshape(want.shape), want, atol=1e-4, equal_nan=True), name
+    assert (square.point.reshape(-1) == row.point).mean() > 0.99  # two may weigh alike
+    blocked = scene.occluded(origins, directions)
+    assert blocked.shape == shape and np.array_equal(blocked.reshape(-1), hit)
+
+
 def test_the_interval_counts_and_broadcasts(scene):
     t_max = np.array([2.0, 2.99, 3.01, 9.0])
     assert scene.occluded([0, -4, 0], [0, 1, 0], t_max=t_max).tolist() == [False, False, True, True]

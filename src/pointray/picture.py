@@ -14,7 +14,8 @@ from .records import World, lend_world
 from .scene import Scene
 from .scratch import COUNT_LEAVES, COUNT_NODES, RADIANCE, TILE, lend_scratch, new_scratch, row
 from .shade.direct import keep_spot, light_tile
-from .trace.world import NOWHERE, aim, described, tile_hit, trace_tile
+from .trace.hits import describe_tile, tile_hit
+from .trace.world import NOWHERE, aim, trace_tile
 from .vec import add, along_curve, dot, scale, triple, unit
 
 INTEGRATORS = ("phong", "normal", "depth", "color", "cost")
@@ -181,12 +182,12 @@ def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
                     _costs(world, camera, image, corner, sample, (seed, spp), (total, scratch))
                     continue
                 _trace_pixels(world, camera, image, corner, sample, (seed, spp), scratch)
+                if integrator in (PHONG, COLOR):
+                    describe_tile(world, scratch)
                 for i in range(TILE):
                     x, y = along_curve(i)
                     ray = camera_ray(camera, (width, height), (corner[0] + x, corner[1] + y), sample, (seed, spp))
                     hit = tile_hit(scratch, i)
-                    if integrator in (PHONG, COLOR):
-                        hit = described(world, hit, scratch)
                     if integrator == PHONG:
                         keep_spot(scratch, i, hit, ray)
                     if hit.instance >= 0:

@@ -18,9 +18,9 @@ NORMAL, COLOR, LOCAL = 8 * TILE, 11 * TILE, 14 * TILE  # of that hit, 3 rows eac
 # before; where it enters and leaves the bounds.
 START, HEADING, SPEED, LOW, HIGH = 17 * TILE, 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
 WORLD_ROWS = 26
-INSTANCE_OF, LEAF_OF = 0, TILE  # int64: of the nearest hit, -1 for none
-FOUND = 2 * TILE  # leaf of the hit in the current model, -1 for none
-NUMBER_ROWS = 3
+INSTANCE_OF, LEAF_OF, SLOT_OF = 0, TILE, 2 * TILE  # int64: of the nearest hit, -1 for none
+FOUND = 3 * TILE  # leaf of the hit in the current model, -1 for none
+NUMBER_ROWS = 4
 # float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * TILE for k in range(9))
 LENGTH = 9 * TILE  # where its nearest hit in this model is, at first where it ends; below 0 where it misses the bounds

@@ -10,9 +10,10 @@ from ..records import INSTANCE, MODEL_ROW, Array, World, lend_world, tree_at
 from ..scratch import COUNT_NEAR, INSTANCE_OF, TILE, lend_scratch, new_scratch
 from ..simd import lane
 from ..vec import add, along_curve, scale, triple
+from .hits import describe_tile, tile_hit
 from .near import list_blocks, segment
 from .surface import weights_of_block
-from .world import NOWHERE, aim, described, tile_hit, trace_tile
+from .world import NOWHERE, aim, trace_tile
 
 BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; of a picture a square of this edge
 
@@ -64,11 +65,12 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
     while batch >= 0:
         for first in range(0, BATCH, TILE):
             _trace_rays(world, (origins, directions, limits), shape, (batch, first), scratch)
+            describe_tile(world, scratch)
             for k in range(TILE):
                 i = ray_at(shape, batch, first + k)
                 if i < 0:
                     continue
-                hit = described(world, tile_hit(scratch, k), scratch)
+                hit = tile_hit(scratch, k)
                 t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
                 x = (np.nan, np.nan, np.nan)
                 if hit.instance >= 0:

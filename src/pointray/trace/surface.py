@@ -20,8 +20,8 @@ import numpy as np
 
 from ..jit import inline
 from ..records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
-from ..scratch import COUNT_NEAR, COUNT_SPLATS, slot_of
-from ..simd import bits, lane, lowest, repeat4, select, spread16, spread_from, vmax, vsqrt
+from ..scratch import COUNT_SPLATS, slot_of
+from ..simd import repeat4, select, spread16, spread_from, vmax, vsqrt
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 QUARTER = np.float32(0.25)
@@ -174,40 +174,10 @@ def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
 
 @inline
 def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
-    """Weights of one block's splats at a point, in lanes 0..3 (repeated in the other quarters)."""
+    """Weights of one block's splats at a point, repeated in the quarters, or at four, a quarter each."""
     slot = np.int64(block) * BLOCK
     qx = repeat4(tree.blocks, slot + PX) - x
     qy = repeat4(tree.blocks, slot + PY) - y
     qz = repeat4(tree.blocks, slot + PZ) - z
     w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * repeat4(tree.blocks, slot + INV_R2), spread16(ZERO))
     return w * w
-
-
-@inline
-def blend(tree, scratch, table, x, y, z):  # type: ignore[no-untyped-def]
-    """Linear colour (by the surface's own weights; 1 without colours) and slot of most weight at a surface point.
-
-    table : (256,) float32, linear value of each sRGB level
-    """
-    red = green = blue = total = ZERO
-    most, best = ZERO, np.int64(-1)
-    for k in range(scratch.counts[COUNT_NEAR]):
-        block = scratch.near[k]
-        weights = weights_of_block(tree, block, x, y, z)
-        left = bits(weights > ZERO) & 15
-        while left != 0:
-            j = lowest(left)
-            left &= left - 1
-            w = lane(weights, j)
-            slot = np.int64(block) * 4 + j
-            if w > most:
-                most, best = w, slot
-            if tree.colors.size > 0:
-                packed = tree.colors[slot]
-                red += w * table[packed & 255]
-                green += w * table[(packed >> 8) & 255]
-                blue += w * table[packed >> 16]
-                total += w
-    if total > ZERO:
-        return red / total, green / total, blue / total, best
-    return ONE, ONE, ONE, best

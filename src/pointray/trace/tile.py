@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline, routine
+from ..jit import inline
 from ..records import CELL, GROUP, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
 from ..scratch import (
     COUNT_LEAVES,
@@ -203,7 +203,7 @@ def _expect_search(tree, child):  # type: ignore[no-untyped-def]
             prefetch(tree.refs, np.int64(group) * 16)
 
 
-@routine
+@inline
 def closest_of_tile(table, model, side, some, scratch):  # type: ignore[no-untyped-def]
     """First hits of some of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
 

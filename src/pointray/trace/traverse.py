@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline, routine
+from ..jit import inline
 from ..records import CELL, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
 from ..scratch import COUNT_LEAVES, COUNT_NODES
 from ..simd import bits, lane, load8, lowest, spread8, vmax, vmin
@@ -71,7 +71,7 @@ def _slab_interval(tree, leaf, ray, interval):  # type: ignore[no-untyped-def]
     return max(interval[0], min(a, b)), min(interval[1], max(a, b))
 
 
-@routine
+@inline
 def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
     """The first hit of a ray with a model. Counts nodes and leaves."""
     tree = tree_at(table, model)

@@ -10,12 +10,11 @@ import math
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import inline, routine
 from ..records import (
     BOUNDS,
     INSTANCE,
     KIND,
-    LEAF,
     MODEL,
     MODEL_ROW,
     PLANE_CHECKER,
@@ -24,9 +23,8 @@ from ..records import (
     PLANE_POINT,
     PLANE_U,
     PLANE_V,
-    SHEETED,
     TO_MODEL,
-    WorldHit,
+    lend_world,
     tree_at,
 )
 from ..scratch import (
@@ -53,13 +51,13 @@ from ..scratch import (
     START,
     T_MIN,
     TILE,
+    lend_scratch,
     put,
     row,
 )
 from ..simd import load16, lowest, select, spread16, store
 from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple
-from .near import keep_sheet, list_blocks, segment
-from .surface import ONE, ZERO, blend
+from .surface import ONE, ZERO
 from .tile import ALL, bits_of_row, closest_of_tile, coherent, tile_ray
 from .traverse import closest, make_ray
 
@@ -289,9 +287,11 @@ def _settle(scratch):  # type: ignore[no-untyped-def]
         scratch.numbers[INSTANCE_OF + i] = -1
 
 
-@inline
+@routine
 def trace_tile(world, side, scratch):  # type: ignore[no-untyped-def]
-    """The nearest hits of the tile's rays with everything in the scene, for `tile_hit`."""
+    """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
+    # Lent once more: a routine sees that nothing owns this memory only if it is said in it.
+    scratch, world = lend_scratch(scratch), lend_world(world)
     _settle(scratch)
     for k in range(world.instances.size // INSTANCE):
         at = k * INSTANCE
@@ -299,31 +299,3 @@ def trace_tile(world, side, scratch):  # type: ignore[no-untyped-def]
             _tile_through_model(world, at, side, scratch)
         else:
             _tile_on_plane(world, at, side, scratch)
-
-
-@inline
-def tile_hit(scratch, i):  # type: ignore[no-untyped-def]
-    """The nearest hit of ray i of the tile. On a model its colour and slot are left to `described`."""
-    wide, instance, zero = scratch.world, scratch.numbers[INSTANCE_OF + i], (0.0, 0.0, 0.0)
-    if instance < 0:
-        return WorldHit(np.inf, zero, zero, -1, np.int64(-1), np.int64(-1), zero)
-    leaf = scratch.numbers[LEAF_OF + i]
-    color = row(wide, COLOR + i)
-    local = row(wide, LOCAL + i)
-    return WorldHit(wide[NEAREST + i], row(wide, NORMAL + i), color, instance, np.int64(-1), leaf, local)
-
-
-@inline
-def described(world, hit, scratch):  # type: ignore[no-untyped-def]
-    """The hit with its colour and the slot of most weight."""
-    if hit.leaf < 0:
-        return hit
-    tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
-    x = (np.float32(hit.local[0]), np.float32(hit.local[1]), np.float32(hit.local[2]))
-    list_blocks(tree, hit.leaf, segment(x, (ONE, ZERO, ZERO), ZERO, ZERO), scratch)
-    if tree.leaves[hit.leaf * LEAF + SHEETED] != ZERO:
-        v = transform(matrix_at(world, hit.instance * INSTANCE), hit.normal)
-        keep_sheet(tree, scratch, (-v[0], -v[1], -v[2]))
-    red, green, blue, slot = blend(tree, scratch, world.tone, x[0], x[1], x[2])
-    color = (np.float64(red), np.float64(green), np.float64(blue))
-    return WorldHit(hit.t, hit.normal, color, hit.instance, slot, hit.leaf, hit.local)

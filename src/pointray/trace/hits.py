@@ -1,0 +1,144 @@
+"""What the rays of a tile have hit, for those who shade it or write it down."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline, routine
+from ..records import INSTANCE, LEAF, MODEL_ROW, SHEETED, WorldHit, lend_world, tree_at
+from ..scratch import (
+    COLOR,
+    COUNT_NEAR,
+    INSTANCE_OF,
+    LANES,
+    LEAF_OF,
+    LOCAL,
+    NEAREST,
+    NORMAL,
+    SLOT_OF,
+    TILE,
+    lend_scratch,
+    put,
+    row,
+)
+from ..simd import greatest, lowest, quarters, repeat4, select, spread16, store, vmax, vsqrt
+from ..vec import transform
+from .near import Capsule, keep_sheet, list_blocks
+from .surface import ONE, ZERO, weights_of_block
+from .world import matrix_at
+
+
+@inline
+def tile_hit(scratch, i):  # type: ignore[no-untyped-def]
+    """The nearest hit of ray i of the tile. Colour and slot on a model are known after `describe_tile`."""
+    wide, numbers, zero = scratch.world, scratch.numbers, (0.0, 0.0, 0.0)
+    instance = numbers[INSTANCE_OF + i]
+    if instance < 0:
+        return WorldHit(np.inf, zero, zero, -1, np.int64(-1), np.int64(-1), zero)
+    normal, color, local = row(wide, NORMAL + i), row(wide, COLOR + i), row(wide, LOCAL + i)
+    return WorldHit(wide[NEAREST + i], normal, color, instance, numbers[SLOT_OF + i], numbers[LEAF_OF + i], local)
+
+
+@inline
+def _next_of_leaf(numbers, left, i):  # type: ignore[no-untyped-def]
+    """The first of the rays that are left (bits) if it has hit the same leaf as ray i, else i."""
+    k = lowest(left) if left != 0 else i
+    same = numbers[INSTANCE_OF + k] == numbers[INSTANCE_OF + i] and numbers[LEAF_OF + k] == numbers[LEAF_OF + i]
+    return k if same else i
+
+
+@inline
+def _list_around(world, tree, four, scratch):  # type: ignore[no-untyped-def]
+    """List the blocks near the places where four rays have hit a leaf; returns these, a quarter each."""
+    wide, numbers = scratch.world, scratch.numbers
+    a, b, c, d = (
+        row(wide, LOCAL + four[0]),
+        row(wide, LOCAL + four[1]),
+        row(wide, LOCAL + four[2]),
+        row(wide, LOCAL + four[3]),
+    )
+    f32 = np.float32
+    x = quarters(f32(a[0]), f32(b[0]), f32(c[0]), f32(d[0]))
+    y = quarters(f32(a[1]), f32(b[1]), f32(c[1]), f32(d[1]))
+    z = quarters(f32(a[2]), f32(b[2]), f32(c[2]), f32(d[2]))
+    px, py, pz = f32(a[0]), f32(a[1]), f32(a[2])
+    spread = greatest(vsqrt((x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz)))
+    leaf = numbers[LEAF_OF + four[0]]
+    list_blocks(tree, leaf, Capsule(px, py, pz, ONE, ZERO, ZERO, ZERO, spread), scratch)
+    if tree.leaves[leaf * LEAF + SHEETED] != ZERO:
+        v = transform(matrix_at(world, numbers[INSTANCE_OF + four[0]] * INSTANCE), row(wide, NORMAL + four[0]))
+        keep_sheet(tree, scratch, (-v[0], -v[1], -v[2]))
+    return x, y, z
+
+
+@inline
+def _weigh(tree, places, tone, scratch):  # type: ignore[no-untyped-def]
+    """Greatest weight in each lane, of which listed block, and colours: the sums of weights and of weighted levels.
+
+    Lane 4 r + j is splat j of a block at place r.
+    """
+    x, y, z = places
+    part = scratch.part
+    most = block_of_most = red = green = blue = total = spread16(ZERO)
+    for k in range(scratch.counts[COUNT_NEAR]):
+        block = np.int64(scratch.near[k])
+        w = weights_of_block(tree, block, x, y, z)
+        block_of_most = select(w > most, spread16(np.float32(k)), block_of_most)
+        most = vmax(w, most)
+        if tree.colors.size > 0:
+            for j in range(4):
+                packed = tree.colors[4 * block + j]
+                part[j], part[4 + j], part[8 + j] = tone[packed & 255], tone[(packed >> 8) & 255], tone[packed >> 16]
+            red = red + w * repeat4(part, 0)
+            green = green + w * repeat4(part, 4)
+            blue = blue + w * repeat4(part, 8)
+            total = total + w
+    return most, block_of_most, red, green, blue, total
+
+
+@inline
+def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
+    """Colour (by the surface's own weights; 1 without colours) and slot of most weight of four hits in one leaf."""
+    wide, numbers, part = scratch.world, scratch.numbers, scratch.part
+    at = numbers[INSTANCE_OF + four[0]] * INSTANCE
+    tree = tree_at(world.table, np.int64(world.instances[at + MODEL_ROW]))
+    sums = _weigh(tree, _list_around(world, tree, four, scratch), world.tone, scratch)
+    for k in range(6):
+        store(part, k * LANES, sums[k])
+    for r in range(4):
+        i, best = four[r], 4 * r
+        red = green = blue = total = 0.0
+        for k in range(4 * r, 4 * r + 4):
+            best = k if part[k] > part[best] else best
+            red, green = red + part[2 * LANES + k], green + part[3 * LANES + k]
+            blue, total = blue + part[4 * LANES + k], total + part[5 * LANES + k]
+        if part[best] > ZERO:
+            numbers[SLOT_OF + i] = np.int64(scratch.near[int(part[LANES + best])]) * 4 + best % 4
+        put(wide, COLOR + i, (red / total, green / total, blue / total) if total > 0.0 else (1.0, 1.0, 1.0))
+
+
+@routine
+def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
+    """Colour and the splat of most weight where the tile's rays have hit a model, for `tile_hit`.
+
+    Neighbours that have hit the same leaf go together, four at a time: a third of the time of one by one.
+    """
+    scratch, world = lend_scratch(scratch), lend_world(world)
+    numbers, left = scratch.numbers, np.int64(0)
+    for i in range(TILE):
+        numbers[SLOT_OF + i] = -1
+        left |= np.int64(numbers[INSTANCE_OF + i] >= 0 and numbers[LEAF_OF + i] >= 0) << i
+    while left != 0:
+        a = lowest(left)
+        left &= left - 1
+        tree = tree_at(world.table, np.int64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + MODEL_ROW]))
+        b = c = d = a
+        # Of two sheets close together each ray sees its own.
+        if tree.leaves[numbers[LEAF_OF + a] * LEAF + SHEETED] == ZERO:
+            b = _next_of_leaf(numbers, left, a)
+            left &= ~(np.int64(1) << b)
+            c = _next_of_leaf(numbers, left, a)
+            left &= ~(np.int64(1) << c)
+            d = _next_of_leaf(numbers, left, a)
+            left &= ~(np.int64(1) << d)
+        _describe(world, (a, b, c, d), scratch)
