@@ -22,6 +22,7 @@ import numpy as np
 
 import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
+from pointray.benchmark.views import far_view, near_view
 from pointray.jit import keep, kernel, run, take
 from pointray.records import World, lend_world
 from pointray.scratch import TILE, lend_scratch, new_scratch
@@ -29,7 +30,7 @@ from pointray.trace.cast import _occluded
 from pointray.trace.hits import tile_hit
 from pointray.trace.world import aim, trace_tile
 from pointray.vec import triple
-from views import bounce_rays, far_view, near_view, shadow_rays
+from views import bounce_rays, shadow_rays
 
 BATCH = 1024
 

@@ -37,7 +37,7 @@ CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 # No `nnan` and `ninf`: a miss is inf. No `reassoc`: positions are summed as (near part) + small part on purpose.
 FASTMATH = {"nsz", "arcp", "contract", "afn"}
 
-NO_KERNELS = ("cli", "report.py", "demonstration.py")  # an edit there compiles nothing anew
+NO_KERNELS = ("cli", "report.py", "demonstration.py", "benchmark")  # an edit there compiles nothing anew
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
 
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH, "boundscheck": CHECK}

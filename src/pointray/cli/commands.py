@@ -177,6 +177,31 @@ def demo(
     show_table(facts, json)
 
 
+@app.command()
+def bench(
+    points: Annotated[
+        list[int] | None,
+        typer.Option(min=1000, max=10**8, help="Points of the statue; repeatable. Default: 32000 and 1000000."),
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Frames that are timed, of each view.")] = 9,
+    threads: ThreadsOption = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the table: .png, .svg or .pdf.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
+) -> None:
+    """The paper's frame rates beside this machine's; --points 24000000 is its stress test (20 minutes, 8 GiB)."""
+    from .. import benchmark
+
+    if plot is not None:
+        benchmark.check_plot(plot)
+    count, counts = use_threads(threads), points or [32_000, 1_000_000]
+    with Progress() as progress:
+        rows = in_background(lambda: benchmark.measure(counts, runs, count, progress.show))
+    benchmark.show_rows(rows, count, json)
+    if plot is not None:
+        with writing(plot):
+            benchmark.plot(plot, rows)
+
+
 @app.callback(invoke_without_command=True)
 def _main(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
     if version:

@@ -1,0 +1,6 @@
+"""The paper's frame rates beside this machine's: what `pointray bench` does."""
+
+from .frames import measure as measure
+from .show import check_plot as check_plot
+from .show import plot as plot
+from .show import show_rows as show_rows

@@ -1,0 +1,76 @@
+"""The table of frame rates: as text, as JSON, as a plot."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from ..points.files import check_writable, replacing
+from .frames import Row
+
+PLOTS = (".png", ".svg", ".pdf")
+
+
+def show_rows(rows: Sequence[Row], threads: int, as_json: bool) -> None:
+    """Print the rows."""
+    if as_json:
+        print(json.dumps({"threads": threads, "cases": [asdict(row) for row in rows]}))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, title=f"the statue on {threads} threads", title_justify="left")
+    for name in ("points", "view", "size", "light", "covered", "ms", "fps", "paper", "B/point", "model s"):
+        table.add_column(name, justify="left" if name in ("view", "light") else "right")
+    for r in rows:
+        paper = "" if r.paper_frames_per_second is None else f"{r.paper_frames_per_second:.1f}"
+        table.add_row(
+            f"{r.points:,}",
+            r.view,
+            r.size,
+            r.light,
+            f"{r.covered:.0%}",
+            f"{r.frame_ms:.1f}",
+            f"{r.frames_per_second:.1f}",
+            paper,
+            f"{r.bytes_per_point:.0f}",
+            f"{r.seconds_for_model:.2f}",
+        )
+    Console().print(table)
+    print("paper: Wald and Seidel (2005), two 2.4 GHz Opterons; of 32,000 points it says 'comparable' to 1,000,000")
+
+
+def check_plot(path: Path) -> None:
+    """Raise what keeps a plot from being written: the kind of file, its folder, or that matplotlib is not there."""
+    if path.suffix.lower() not in PLOTS:
+        raise ValueError(f"{path}: a plot is {', '.join(PLOTS)}, not {path.suffix or 'a name without ending'}")
+    check_writable(path)
+    if importlib.util.find_spec("matplotlib") is None:
+        raise ValueError("--plot needs matplotlib: pip install 'pointray[plot]'")
+
+
+def plot(path: Path, rows: Sequence[Row]) -> None:
+    """Draw the frame rates, beside the paper's where it has one."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.5 * len(rows)), layout="constrained")
+    places = range(len(rows))[::-1]
+    here = axis.barh([y + 0.2 for y in places], [r.frames_per_second for r in rows], 0.38, label="here")
+    told = [r.paper_frames_per_second or 0.0 for r in rows]
+    paper = axis.barh([y - 0.2 for y in places], told, 0.38, label="paper (2005)")
+    axis.bar_label(here, fmt="%.1f", padding=3)
+    axis.bar_label(paper, [f"{t:.1f}" if t else "no figure" for t in told], padding=3)
+    axis.set_yticks(list(places), [f"{r.points:,}, {r.view}" for r in rows])
+    axis.set_xlabel("frames a second")
+    axis.margins(x=0.12)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.legend(frameon=False)
+    with replacing(path) as beside:
+        figure.savefig(beside, dpi=150)
+    pyplot.close(figure)

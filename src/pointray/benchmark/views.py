@@ -1,0 +1,54 @@
+"""The views that speed is measured in: far, the whole model, and near, the whole picture covered."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from ..camera import Camera
+from ..data import Points
+from ..scene import Scene
+
+FROM = (0.45, -1.0, 0.2)
+TALL = 0.9  # share of the picture's height that the silhouette spans, from far
+FULL = 0.95  # share of the pixels that hit, from near, at least
+COARSE = 128  # pixels of the pictures that views are chosen by
+
+Floats = NDArray[np.float64]
+
+
+def far_view(points: Points, bounds: Floats, size: tuple[int, int]) -> Camera:
+    """The whole model: its silhouette spans TALL of the height, or of the width if it is wider than tall."""
+    camera = Camera.frame(bounds, FROM, size=size)
+    world = points.world[:: max(1, len(points) // 100_000)]
+    for _ in range(4):
+        eye, target = np.asarray(camera.eye), np.asarray(camera.target)
+        forward = (target - eye) / np.linalg.norm(target - eye)
+        right = np.cross(forward, (0, 0, 1))
+        right /= np.linalg.norm(right)
+        up = np.cross(right, forward)
+        away = world - eye
+        depth = away @ forward
+        seen = np.stack([away @ right / depth, away @ up / depth], axis=1)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        x, y = (low + high) / 2
+        half = max((high - low)[1], (high - low)[0] * size[1] / size[0]) / 2 / TALL
+        target = eye + np.linalg.norm(target - eye) * (forward + x * right + y * up)
+        camera = Camera.look_at(eye, target, fov=float(np.degrees(2 * np.arctan(half))), size=size)
+    return camera
+
+
+def near_view(scene: Scene, far: Camera, size: tuple[int, int]) -> Camera:
+    """Closer to where the silhouette is widest, until FULL of the pixels hit."""
+    coarse = Camera.look_at(far.eye, far.target, fov=far.fov, size=(COARSE, COARSE))
+    hits = scene.intersect(*coarse.rays())
+    inside = distance_transform_edt(np.pad(np.isfinite(hits.t), 1))[1:-1, 1:-1]
+    row, column = np.unravel_index(int(inside.argmax()), inside.shape)
+    target, eye = hits.position[row, column], np.asarray(far.eye)
+    share = min(1.0, 2.0 * float(inside.max()) / COARSE)
+    while True:
+        camera = Camera.look_at(target + share * (eye - target), target, fov=far.fov, size=(COARSE, COARSE))
+        if np.isfinite(scene.intersect(*camera.rays()).t).mean() >= FULL or share < 1e-3:
+            return Camera.look_at(camera.eye, target, fov=far.fov, size=size)
+        share *= 0.9
