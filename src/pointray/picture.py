@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
-from .jit import inline, keep, kernel, run, take
+from .jit import cancelled, inline, keep, kernel, run, take
 from .records import World, lend_world
 from .scene import Scene
 from .scratch import COUNT_LEAVES, COUNT_NODES, RADIANCE, TILE, lend_scratch, new_scratch, row
@@ -178,6 +178,8 @@ def _frame(work, world, camera, how, image):  # type: ignore[no-untyped-def]
                 continue
             total[:] = 0.0
             for sample in range(spp):
+                if cancelled(work):  # a block of many samples takes long
+                    break
                 if integrator == COST:
                     _costs(world, camera, image, corner, sample, (seed, spp), (total, scratch))
                     continue
