@@ -89,6 +89,23 @@ def test_a_framed_box_fits_with_a_margin(size, fov, direction):
     np.testing.assert_allclose(towards / np.linalg.norm(towards), direction / np.linalg.norm(direction), atol=1e-6)
 
 
+@pytest.mark.parametrize("up", [(0, 0, 2), (0, 1, 0), (0, 0, -1), (1, 0, 0), (-3, 2, 1), (1e-9, 0, -1), (0, -1e-3, -1)])
+def test_the_default_view_is_from_the_front_and_above_whichever_way_is_up(up):
+    camera = Camera.frame(BOX, up=up)
+    towards, up = np.subtract(camera.eye, camera.target), np.array(up) / np.linalg.norm(up)
+    towards /= np.linalg.norm(towards)
+    assert towards @ up == pytest.approx(0.35 / np.linalg.norm(THREE_QUARTER), abs=1e-6)
+    assert camera.basis[3] @ up > 0
+
+
+def test_where_y_is_up_the_default_view_is_from_plus_z():
+    camera = Camera.frame(BOX, up=(0, 1, 0))
+    towards = np.subtract(camera.eye, camera.target)
+    np.testing.assert_allclose(
+        towards / np.linalg.norm(towards), np.array([0.45, 0.35, 1.0]) / np.linalg.norm(THREE_QUARTER)
+    )
+
+
 def test_boxes_without_thickness_are_framed():
     for box in ([[1, 1, 1], [1, 1, 1]], [[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 2]]):
         for direction in (THREE_QUARTER, (1, 0, 0)):

@@ -92,7 +92,7 @@ class Camera:
     def frame(
         cls,
         bounds: ArrayLike,
-        direction: ArrayLike = THREE_QUARTER,
+        direction: ArrayLike | None = None,
         fov: float = 40,
         size: tuple[int, int] = SIZE,
         up: ArrayLike = (0, 0, 1),
@@ -104,7 +104,8 @@ class Camera:
         bounds : (2, 3) array_like
             Least and greatest world coordinates; a box without size is seen from one unit away.
         direction : (3,) array_like
-            From the box towards the camera.
+            From the box towards the camera. Default: from the front, a little from the right and from above, whichever
+            way is `up`; the front is -y where z is up, and +z where y is.
         fov, size, up
             As for `look_at`.
         """
@@ -112,10 +113,11 @@ class Camera:
         if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
             raise ValueError(f"bounds must be finite, (2, 3), the least row first, not {box.tolist()}")
         middle = (box[0] + box[1]) / 2
-        towards = np.asarray(_check_vector(direction, "direction"))
+        above = np.asarray(_check_vector(up, "up"))
+        towards = _upright(above) if direction is None else np.asarray(_check_vector(direction, "direction"))
         if not towards.any():
             raise ValueError("direction must not be zero")
-        forward, right, top = _axes(-towards, np.asarray(_check_vector(up, "up")))
+        forward, right, top = _axes(-towards, above)
         width, height = _check_size(size)
         half = np.tan(np.radians(_check_fov(fov)) / 2) / MARGIN
         corners = np.stack(np.meshgrid(*(box - middle).T), axis=-1).reshape(-1, 3)
@@ -174,6 +176,15 @@ def _axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[n
             break
     right = _unit(right)
     return forward, right, np.cross(right, forward)
+
+
+def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """THREE_QUARTER, turned the shortest way that takes z to up; about x where that is down."""
+    way, up = np.array(THREE_QUARTER), _unit(up) if up.any() else up
+    if np.abs(up[:2]).max() < 1e-6:
+        return way if up[2] >= 0 else way * (1.0, -1.0, -1.0)
+    half = up + (0.0, 0.0, 1.0)
+    return np.asarray(way - (half @ way) / (1.0 + up[2]) * half + 2.0 * way[2] * up)
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
