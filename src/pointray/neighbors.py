@@ -33,7 +33,7 @@ class NeighborTree:
 
     def __init__(self, positions: Floats) -> None:
         self._positions = positions
-        self._order = morton_order(positions)
+        self._order = morton_order(positions).astype(np.int32)
         # Half the time to build, no slower to ask.
         self._tree: Any = cKDTree(positions[self._order], balanced_tree=False, compact_nodes=False)
 
@@ -56,12 +56,12 @@ class NeighborTree:
         path = (self._positions if queries is None else queries)[asked]
         k = min(k, len(self._positions))
         distances, indices = np.empty((len(path), k), np.float32), np.empty((len(path), k), np.int32)
-        workers, order = thread_count(), self._order.astype(np.int32)
+        workers = thread_count()
         for start in range(0, len(path), _CHUNK):
             part = slice(start, start + _CHUNK)
             rows = asked[part]
             distances[rows], near = self._tree.query(path[part], k=np.arange(1, k + 1), workers=workers)
-            indices[rows] = order[near]
+            indices[rows] = self._order[near]
         return distances, indices
 
 
