@@ -24,6 +24,8 @@ import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.benchmark.views import far_view, near_view
 from pointray.jit import keep, kernel, run, take
+from pointray.points.procedural import mesh, solid
+from pointray.points.procedural.creases import edges_of, quarter, settled
 from pointray.records import World, lend_world
 from pointray.scratch import TILE, lend_scratch, new_scratch
 from pointray.trace.cast import _occluded
@@ -153,16 +155,37 @@ def statues(counts: list[int]) -> Iterator[tuple[pr.Points, np.ndarray | None]]:
         yield pr.subsample(points, count=count)
 
 
+def statue_mesh(triangles: int) -> tuple[np.ndarray, np.ndarray]:
+    """A mesh of the statue: each triangle cut into four until there are so many, every vertex on the exact surface."""
+    body = solid("statue")
+    vertices, faces = mesh("statue")
+    vertices = settled(body, vertices.copy())
+    while len(faces) < triangles:
+        ends, sides = edges_of(faces, len(vertices))
+        faces = quarter(faces, sides + len(vertices))
+        vertices = np.concatenate([vertices, settled(body, vertices[ends].mean(axis=1))])
+    return vertices, faces
+
+
+def mesh_of(options: argparse.Namespace, points: pr.Points) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices about the points' origin, and triangles, of the mesh asked for."""
+    if options.mesh == Path("statue"):
+        return statue_mesh(2 * len(points))
+    import trimesh
+
+    loaded = trimesh.load(options.mesh, process=False)
+    return loaded.vertices - points.origin, loaded.faces
+
+
 def beside(name: str, points: pr.Points, radii: np.ndarray | None, options: argparse.Namespace) -> float:
     """Print the comparison for one cloud; returns our seconds for the far view."""
     model = pr.Model(points, radii, surface=options.surface)
     ours = Ours(model)
     peers: dict[str, Peer] = {"discs": Discs(points.positions, points.normals, model.radii)}
     if options.mesh:
-        import trimesh
-
-        mesh = trimesh.load(options.mesh, process=False)
-        peers["mesh"] = Mesh(mesh.vertices - points.origin, mesh.faces)
+        vertices, faces = mesh_of(options, points)
+        peers["mesh"] = Mesh(vertices, faces)
+        print(f"mesh: {len(vertices):,} vertices, {len(faces):,} triangles")
     print(f"{name}: {len(points):,} points, surface {model.surface}, {options.size}x{options.size}")
     print("          million rays/s:   pointray   Embree          ratio        hits   Embree")
     seconds = [compare(case, ours, peers, points.origin, options) for case in cases(ours, model, options.size)]
@@ -182,7 +205,9 @@ def main() -> None:
         default=[1_000_000, 32_000],
         help="of the statue; all but the first are subsampled",
     )
-    parser.add_argument("--mesh", type=Path, help="of the one scan: Embree traces it too (needs trimesh)")
+    parser.add_argument(
+        "--mesh", type=Path, help="Embree traces it too: a file of the one scan (needs trimesh), or statue"
+    )
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--surface", default=None)
