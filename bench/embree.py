@@ -156,11 +156,11 @@ def statues(counts: list[int]) -> Iterator[tuple[pr.Points, np.ndarray | None]]:
 
 
 def statue_mesh(triangles: int) -> tuple[np.ndarray, np.ndarray]:
-    """A mesh of the statue: each triangle cut into four until there are so many, every vertex on the exact surface."""
+    """A mesh of the statue: each triangle cut into four until about so many, every vertex on the exact surface."""
     body = solid("statue")
     vertices, faces = mesh("statue")
     vertices = settled(body, vertices.copy())
-    while len(faces) < triangles:
+    while 2 * len(faces) < triangles:
         ends, sides = edges_of(faces, len(vertices))
         faces = quarter(faces, sides + len(vertices))
         vertices = np.concatenate([vertices, settled(body, vertices[ends].mean(axis=1))])
