@@ -75,15 +75,13 @@ def measure(counts: Sequence[int], runs: int, threads: int, show: Show) -> list[
 
 def _clouds(counts: list[int], show: Show) -> Iterator[tuple[Points, np.ndarray | None]]:
     """The statue with each of the counts, and radii where it was subsampled."""
-    fewer: tuple[Points, np.ndarray] | None = None
     for k, count in enumerate(counts):
         if k == 0 and len(counts) > 1:
             continue
         show(f"{count:,} points", 0.0)
         points = procedural("statue", count)
         if k == 1:
-            fewer = subsample(points, count=counts[0], progress=show)
-            yield fewer
+            yield subsample(points, count=counts[0], progress=show)
         yield points, None
 
 

@@ -188,7 +188,7 @@ def bench(
     plot: Annotated[Path | None, typer.Option(help="Draw the table: .png, .svg or .pdf.")] = None,
     json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
 ) -> None:
-    """The paper's frame rates beside this machine's; --points 24000000 is its stress test (20 minutes, 8 GiB)."""
+    """The paper's frame rates beside this machine's; --points 24000000 is its stress test (6 minutes, 8 GiB)."""
     from .. import benchmark
 
     if plot is not None:
