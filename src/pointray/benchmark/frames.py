@@ -1,4 +1,4 @@
-"""Frames of the statue a second: the cases of Wald and Seidel (2005), section 5, on this machine."""
+"""Frames of the statue a second: the cases of Wald and Seidel (2005), section 3, on this machine."""
 
 from __future__ import annotations
 
@@ -85,22 +85,22 @@ def _clouds(counts: list[int], show: Show) -> Iterator[tuple[Points, np.ndarray 
         yield points, None
 
 
-def _cases(model: Model) -> Iterator[tuple[str, Scene, Camera, Settings]]:
-    """Views of a model: name, scene, camera, and how it is rendered but for the threads."""
+def _cases(model: Model, threads: int) -> Iterator[tuple[str, Scene, Camera, Settings]]:
+    """Views of a model: name, scene, camera, and how it is rendered."""
     scene = Scene()
     scene.add(model)
     if len(model.points) >= STRESS:
         scene.add_light(SUN)
-        yield "far", scene, far_view(model.points, model.bounds, STRESS_SIZE), Settings(shadows=True)
+        yield "far", scene, far_view(model.points, model.bounds, STRESS_SIZE), Settings(threads=threads)
         return
     far = far_view(model.points, model.bounds, SIZE)
-    yield "far", scene, far, Settings(shadows=False)
-    yield "near", scene, near_view(scene, far, SIZE), Settings(shadows=False)
+    yield "far", scene, far, Settings(shadows=False, threads=threads)
+    yield "near", scene, near_view(scene, far, SIZE), Settings(shadows=False, threads=threads)
 
 
 def _rows(model: Model, seconds: float, runs: int, threads: int, show: Show) -> list[Row]:
     """Time the views of a model, in turn."""
-    cases = [(v, s, c, Settings(shadows=how.shadows, threads=threads)) for v, s, c, how in _cases(model)]
+    cases = list(_cases(model, threads))
     covered = [float((render(scene, camera, how)[..., 3] > 0).mean()) for _, scene, camera, how in cases]
     times: list[list[float]] = [[] for _ in cases]
     for run in range(runs):
