@@ -23,7 +23,7 @@ def show_rows(rows: Sequence[Row], threads: int, as_json: bool) -> None:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, title=f"the statue on {threads} threads", title_justify="left")
-    for name in ("points", "view", "size", "light", "covered", "ms", "fps", "paper", "B/point", "model s"):
+    for name in ("points", "view", "size", "light", "hit", "ms", "fps", "paper", "B/point", "model s"):
         table.add_column(name, justify="left" if name in ("view", "light") else "right")
     for r in rows:
         paper = "" if r.paper_frames_per_second is None else f"{r.paper_frames_per_second:.1f}"
