@@ -12,8 +12,23 @@ import numpy as np
 
 from ..jit import inline
 from ..records import BLOCK, GROUP, INV_R2, PX, PY, PZ
-from ..scratch import AT_DX, AT_DY, AT_DZ, AT_HALF, AT_X, AT_Y, AT_Z, COUNT_NEAR, COUNT_SPLATS, GATHERED, LANES
-from ..simd import greatest, least, load16, move4, pack, select, spread16, store, vabs, vmax, vmin, vsqrt
+from ..scratch import AT_DX, AT_DY, AT_DZ, AT_HALF, AT_X, AT_Y, AT_Z, COUNT_NEAR, COUNT_SPLATS, GATHERED, LANES, slot_of
+from ..simd import (
+    bits,
+    greatest,
+    least,
+    load16,
+    lowest,
+    move4,
+    pack,
+    select,
+    spread16,
+    store,
+    vabs,
+    vmax,
+    vmin,
+    vsqrt,
+)
 from .surface import HALF, INF, ONE, ZERO
 
 SLACK = np.float32(1.01)  # of radii: what rounding may do to them and to rays' places
@@ -101,6 +116,29 @@ def keep_sheet(tree, scratch, d):  # type: ignore[no-untyped-def]
             scratch.near[n] = block
             n += 1
     scratch.counts[COUNT_NEAR] = n
+
+
+@inline
+def keep_alike(tree, scratch, frame, way, rays):  # type: ignore[no-untyped-def]
+    """Drop the listed splats of sheets that the first of some rays (4 bits) does not see, as `keep_sheet` does.
+
+    way : 1 where sheets count that face a ray, -1 where those that face away
+    Returns the rays that see the same.
+    """
+    first, n = lowest(rays), 0
+    for k in range(scratch.counts[COUNT_SPLATS]):
+        place = np.int64(scratch.listed[k])
+        at = 3 * (slot_of(scratch, place) // 4)
+        along = frame.dx * tree.facing[at] + frame.dy * tree.facing[at + 1] + frame.dz * tree.facing[at + 2]
+        seeing = bits(along * way <= ZERO)
+        if (seeing >> first) & 1 != 0:
+            rays &= seeing
+            scratch.listed[n] = place
+            n += 1
+        else:
+            rays &= ~seeing
+    scratch.counts[COUNT_SPLATS] = n
+    return rays
 
 
 @inline

@@ -42,7 +42,7 @@ from ..scratch import (
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, spread16, store_packed
 from .disc import search_discs
 from .leaf import Reach, lattice, search
-from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, segment
+from .near import around, gather, keep_alike, keep_sheet, list_blocks, list_splats, list_splats_of, segment
 from .root import Frame, all_samples
 from .surface import HALF, INF, ONE, ZERO
 
@@ -51,8 +51,8 @@ APART = np.float32(1.0)  # least radii: rays farther from each other than this s
 
 @inline
 def together(tree, leaf):  # type: ignore[no-untyped-def]
-    """Whether rays are searched for together in a leaf: not where each looks at other splats, or at discs."""
-    return tree.leaves[leaf * LEAF + SHEETED] == ZERO and int(tree.head[SURFACE]) != DISC
+    """Whether rays are searched for together in a leaf: not discs."""
+    return int(tree.head[SURFACE]) != DISC
 
 
 @inline
@@ -179,12 +179,43 @@ def _four(part, at, side):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _list_for(scratch, capsule, least, rays):  # type: ignore[no-untyped-def]
+    """List the splats near up to four rays, (first, end): of each, where they are far apart."""
+    if capsule.spread > APART * least:
+        list_splats_of(scratch, rays[0], rays[1])
+    else:
+        list_splats(scratch, capsule)
+
+
+@inline
+def _keep(leaf, found, asked, rays, at, scratch):  # type: ignore[no-untyped-def]
+    """Keep what those asked of four rays (4 bits) found, where it is nearer; returns who was lifted.
+
+    rays : the numbers of the four in the tile, as bits
+    """
+    rows, part, lifted = scratch.model, scratch.part, np.int64(0)
+    hits, lifts = bits(found.t < repeat4(part, AT_LENGTH + at)) & asked, bits(found.lift > ZERO) & asked
+    for i in range(count_bits(rays)):
+        k = lowest(rays)
+        rays &= rays - 1
+        lifted |= ((lifts >> i) & 1) << k
+        if (hits >> i) & 1 != 0:
+            rows[LENGTH + k] = part[AT_LENGTH + at + i] = lane(found.t, i)
+            rows[NX + k], rows[NY + k], rows[NZ + k] = lane(found.nx, i), lane(found.ny, i), lane(found.nz, i)
+            scratch.numbers[FOUND + k] = leaf
+    return lifted
+
+
+@inline
 def search_together(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
-    """Search a leaf for the rays of a tile that pass (bits), four by four; returns those that the start rule lifted."""
+    """Search a leaf for the rays of a tile that pass (bits), four by four; returns those that the start rule lifted.
+
+    Of two sheets close together each ray sees one at a time, see `search_alone`: those that see the same go together.
+    """
     left = _take(tree, leaf, passing, scratch)
-    rows, part, lifted, at = scratch.model, scratch.part, np.int64(0), 0
+    part, lifted, at = scratch.part, np.int64(0), 0
     none = spread16(ZERO)
-    least = tree.leaves[leaf * LEAF + LEAST]
+    least, sheeted = tree.leaves[leaf * LEAF + LEAST], tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
         if at % LANES == 0:
             _gather_for(tree, leaf, at, count_bits(left), side, scratch)
@@ -192,25 +223,18 @@ def search_together(tree, leaf, passing, side, scratch):  # type: ignore[no-unty
         for _ in range(4):
             four |= left & -left
             left &= left - 1
-        count = count_bits(four)
-        rays = (1 << count) - 1
+        rays = (1 << count_bits(four)) - 1
         frame, reach, half = _four(part, at, side)
         capsule = around(part, at, frame, half, all_samples(rays))
-        if capsule.spread > APART * least:
-            list_splats_of(scratch, at, at + count)
-        else:
-            list_splats(scratch, capsule)
-        found = search(tree, leaf, frame, reach, rays, (ZERO, none), scratch)
-        hits = bits(found.t < repeat4(part, AT_LENGTH + at)) & rays
-        lifts = bits(found.lift > ZERO) & rays
+        way, waiting = (ONE if sheeted else ZERO), rays
+        while waiting != 0:
+            _list_for(scratch, capsule, least, (at, at + count_bits(four)))
+            now = keep_alike(tree, scratch, frame, way, waiting) if sheeted else waiting
+            waiting &= ~now
+            found = search(tree, leaf, frame, reach, now, (way, none), scratch)
+            if bits((found.t < INF) | (found.lift > ZERO)) != 0:
+                lifted |= _keep(leaf, found, now, four, at, scratch)
+            if waiting == 0 and way > ZERO:
+                way, waiting = -ONE, rays
         at += 4
-        if (hits | lifts) != 0:
-            for i in range(count):
-                k = lowest(four)
-                four &= four - 1
-                lifted |= ((lifts >> i) & 1) << k
-                if (hits >> i) & 1 != 0:
-                    rows[LENGTH + k] = lane(found.t, i)
-                    rows[NX + k], rows[NY + k], rows[NZ + k] = lane(found.nx, i), lane(found.ny, i), lane(found.nz, i)
-                    scratch.numbers[FOUND + k] = leaf
     return lifted

@@ -16,7 +16,7 @@ from .blocks import PER_BLOCK
 
 FEW = 3  # a voxel that so few blocks reach is not cut further
 DEEPEST = 60
-STEP_WIDTH = 16.0  # mean radii: where a voxel's ancestor is no wider, it decides the step of the samples in it
+STEP_WIDTH = 8.0  # mean radii: where a voxel's ancestor is no wider, it decides the step of the samples in it
 FULL = -2  # what build_cells returns when the arrays are too small
 STOPPED = -1
 
@@ -123,12 +123,15 @@ def build_cells(work, blocks, width, step, out):  # type: ignore[no-untyped-def]
             if cell[3 + c] - cell[c] > cell[3 + axis] - cell[axis]:
                 axis = c
         edge = cell[3 + axis] - cell[axis]
-        decided = least[node] > 0.0 or edge <= STEP_WIDTH * mean
-        if decided:
-            least[node] = abs(least[node])
-        if edge <= width * mean or end - begin <= FEW or depth >= DEEPEST:
+        ends = edge <= width * mean or end - begin <= FEW or depth >= DEEPEST
+        if least[node] < 0.0 and (ends or edge <= STEP_WIDTH * mean):
+            # Found with the step of the greatest radius: of those that a mean step reaches the least decides.
+            cell = cell.copy()
+            end, _, shortest, _ = _gather(blocks, (begin, end), cell, np.float32(step * mean), refs, begin)
+            least[node] = shortest
+        decided = least[node] > 0.0
+        if ends:
             children[node] = -1
-            least[node] = abs(least[node])
             if floor - (end - begin) < end:
                 return FULL
             floor -= end - begin
