@@ -15,7 +15,7 @@ from pointray.tree.check import check_tree
 def splats(name):
     points = (
         pr.read(shared_model(f"points/{name}.ply"))
-        if name.startswith("stanford")
+        if name not in ("sphere", "torus", "lattice", "statue")
         else pr.procedural(name, 200_000 if name == "statue" else 40_000)
     )
     model = pr.Model(points)
@@ -31,6 +31,23 @@ def torus():
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), places=4000) == []
+
+
+@pytest.mark.parametrize("width", [LEAF_WIDTH / 4, LEAF_WIDTH / 2, LEAF_WIDTH])
+@pytest.mark.parametrize("name", ["stanford_bunny", "nefertiti_50k"])
+def test_trees_over_uneven_splats_are_whole(name, width):
+    cloud = splats(name)
+    radii = cloud.radii.copy()
+    radii[::500] *= 4
+    tree = build_tree(cloud._replace(radii=radii), TreeSettings("apss", leaf_width=width))
+    assert check_tree(tree, places=4000) == []
+
+
+def test_a_tree_does_not_depend_on_the_number_of_threads():
+    cloud = splats("statue")
+    one, three = (build_tree(cloud, TreeSettings("apss"), threads) for threads in (1, 3))
+    for name in one._fields:
+        assert np.array_equal(getattr(one, name), getattr(three, name)), name
 
 
 def copied(tree):
@@ -70,7 +87,8 @@ def point_outside(tree):
 def thin_slabs(tree):
     """By nearly half of their thickness on one side."""
     leaves = tree.leaves.reshape(-1, 16)
-    leaves[:, 10] -= 0.45 * (leaves[:, 10] - leaves[:, 9])
+    full = np.isfinite(leaves[:, 10])  # an empty leaf's are unlimited
+    leaves[full, 10] -= 0.45 * (leaves[full, 10] - leaves[full, 9])
 
 
 def thin_boxes(tree):

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from ..jit import run
 from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
 from .blocks import PER_BLOCK, make_blocks, sort_splats
-from .cells import FULL, STOPPED, Cells, build_cells
 from .leaves import fill_groups, fill_leaves, longest_step
+from .roots import build_cells
 from .wide import collapse, enclose
 
-LEAF_WIDTH = 8.0  # a voxel's longest edge in mean support radii
+LEAF_WIDTH = 8.0  # a voxel's longest edge in mean support radii, at most
 
 
 class Splats(NamedTuple):
@@ -47,7 +47,7 @@ class TreeSettings(NamedTuple):
     refine : secant steps after the bracket
     trim : largest |x - P(x)| of a hit in local radii, inf for no limit
     overhang : how far a hit may lie out of an open border, in local radii, inf for no limit
-    leaf_width : a voxel's longest edge in mean radii
+    leaf_width : a voxel's longest edge in mean radii, or down to half of this where costs say so
     cut : False leaves slabs unlimited and boxes as large as their voxels, to test the others against
     """
 
@@ -58,28 +58,6 @@ class TreeSettings(NamedTuple):
     overhang: float = float("inf")
     leaf_width: float = LEAF_WIDTH
     cut: bool = True
-
-
-def _cells(blocks: NDArray[np.float32], settings: TreeSettings, threads: int | None) -> Cells:
-    """The binary kd-tree; the arrays grow until they hold it."""
-    count = len(blocks) // 28
-    nodes, refs = count // 2 + 64, 8 * count + 4096
-    step = longest_step(settings.samples)
-    while True:
-        cells = Cells(
-            np.empty((nodes, 2), np.int32),
-            np.empty((nodes, 6), np.float32),
-            np.zeros((nodes, 2), np.int64),
-            np.empty(refs, np.int32),
-            np.empty(nodes, np.float32),
-        )
-        built = run(build_cells, 1, blocks, float(settings.leaf_width), step, cells, threads=threads)[0]
-        if built == STOPPED:
-            raise KeyboardInterrupt
-        if built != FULL:
-            children, boxes, spans, found, least = cells
-            return Cells(children[:built], boxes[:built], spans[:built], found, least[:built])
-        nodes, refs = 2 * nodes, 2 * refs
 
 
 def build_tree(
@@ -98,7 +76,7 @@ def build_tree(
     say(0.3)
     blocks, bounds = make_blocks(splats.positions, splats.normals, splats.radii, order, threads)
     say(0.4)
-    cells = _cells(blocks, settings, threads)
+    cells = build_cells(blocks, bounds, settings.leaf_width, longest_step(settings.samples), threads)
     say(0.7)
 
     nodes = np.flatnonzero(cells.children[:, 0] < 0).astype(np.int32)

@@ -1,5 +1,8 @@
 """The kd-tree: space is cut into voxels, each of which knows every splat whose support overlaps it (part III).
 
+Whether a voxel is cut is a matter of costs: what its two halves, and a node above them, take of the rays that meet
+them, in proportion to the surfaces of their boxes, against what the whole takes.
+
 A voxel also knows the splats within one step of a ray's samples around it. So a ray's samples are the same whatever
 the voxels: those next to a voxel's border are evaluated in full from both sides of it.
 """
@@ -10,22 +13,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import cancelled, inline, kernel
+from ..jit import cancelled, inline, kernel, take
 from ..records import BLOCK, INV_R2, PX, Array
 from .blocks import PER_BLOCK
 
 FEW = 3  # a voxel that so few blocks reach is not cut further
-DEEPEST = 60
+DEEPEST = 60  # cuts below a root
 STEP_WIDTH = 8.0  # mean radii: where a voxel's ancestor is no wider, it decides the step of the samples in it
-FULL = -2  # what build_cells returns when the arrays are too small
-STOPPED = -1
+FREEDOM = 2.0  # voxels may be this much narrower than asked for, where the costs say so
+# What a ray that meets them takes, in nanoseconds: a node, a leaf, a block that the leaf knows, samples a least radius
+# apart. Rounded between what profiles say of rays in tiles (3, 10, 0.5, 40) and alone (35, 20, 3, 50): times do not
+# depend on them much (10, 30, 1, 50: within 2%), but half as much for samples costs 1 million points from afar 4%.
+NODE_COST, LEAF_COST, BLOCK_COST, LOOK_COST = 10.0, 10.0, 1.0, 50.0
+FULL = -1  # the number of nodes of a root whose room was too small
 
 
 class Cells(NamedTuple):
     """The binary kd-tree as it is built; children come after their parent.
 
     children : (nodes, 2) int32, -1 for a leaf
-    boxes : (nodes, 6) float32, the voxel, shrunk to what the supports in it reach
+    boxes : (nodes, 6) float32, of leaves the voxel, shrunk to what the supports in it reach
     spans : (nodes, 2) int64, a leaf's part of refs
     refs : (references,) int32, numbers of blocks
     least : (nodes,) float32, least support radius over the voxel of STEP_WIDTH around: the same for voxels of any size
@@ -86,23 +93,48 @@ def _gather(blocks, sources, cell, around, refs, start):  # type: ignore[no-unty
     return end, total / max(count, 1), shortest, np.float64(longest)
 
 
-@kernel
-def build_cells(work, blocks, width, step, out):  # type: ignore[no-untyped-def]
-    """Cut the voxels in the middle of their longest edge until none is wider than `width` mean radii.
+@inline
+def _area(box):  # type: ignore[no-untyped-def]
+    """Half the surface of a box, in proportion to which rays meet it; 0 for an empty one."""
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    return x * y + y * z + z * x if x >= 0 and y >= 0 and z >= 0 else np.float32(0.0)
 
-    step : longest step of the samples, in radii
 
-    Voxels are first shrunk to the supports they contain: what no support reaches is never looked at again.
-    Returns the number of nodes, FULL or STOPPED.
+@inline
+def _cost(box, count, mean, least):  # type: ignore[no-untyped-def]
+    """What a leaf with `count` blocks takes; samples are the closer, the smaller the least radius is."""
+    return _area(box) * (LEAF_COST + BLOCK_COST * count + LOOK_COST * mean / max(abs(least), 1e-30))
+
+
+@inline
+def _longest_edge(box):  # type: ignore[no-untyped-def]
+    """Its axis and its length."""
+    axis = 0
+    for c in range(1, 3):
+        if box[3 + c] - box[c] > box[3 + axis] - box[axis]:
+            axis = c
+    return axis, box[3 + axis] - box[axis]
+
+
+@inline
+def _decide(blocks, sources, box, mean, step, refs):  # type: ignore[no-untyped-def]
+    """The least radius around a voxel, which decides the step of its samples, and the end of the blocks that matter.
+
+    The voxel's blocks were found with the step of the greatest radius; those that a mean step reaches stay.
+    """
+    end, _, shortest, _ = _gather(blocks, sources, box.copy(), np.float32(step * mean), refs, sources[0])
+    return end, min(shortest, np.float32(mean))
+
+
+@inline
+def _cut_root(work, blocks, count, limits, out):  # type: ignore[no-untyped-def]
+    """Cut the voxel boxes[0], whose blocks are among the first `count` of refs; returns the number of nodes or FULL.
+
+    limits : width and step, see `cut_roots`, and by how much the voxel is grown for its blocks
     """
     children, boxes, spans, refs, least = out
-    count = blocks.size // BLOCK
-    if count > refs.size:
-        return FULL
-    for b in range(count):
-        refs[b] = b
-    boxes[0, :3], boxes[0, 3:] = np.float32(-1e14), np.float32(1e14)
-    _, mean, shortest, longest = _gather(blocks, (0, count), boxes[0], np.float32(0.0), refs, 0)
+    width, step, around = limits
+    count, mean, shortest, longest = _gather(blocks, (0, count), boxes[0], np.float32(around), refs, 0)
     least[0] = -shortest  # negative until it is decided
     top = 1
     pending = np.empty((2 * DEEPEST + 2, 4), np.int64)  # node, span of its refs in the work area, depth
@@ -111,49 +143,87 @@ def build_cells(work, blocks, width, step, out):  # type: ignore[no-untyped-def]
     waiting = 1
     # Finished leaves grow from the end of refs downwards; the work area is a stack from its start upwards.
     floor = refs.size
-    while waiting > 0:
+    while waiting > 0 and not cancelled(work):
         waiting -= 1
         node, begin, end, depth = pending[waiting]
         mean, longest = radii[waiting]
-        if cancelled(work):
-            return STOPPED
-        cell = boxes[node]
-        axis = 0
-        for c in range(1, 3):
-            if cell[3 + c] - cell[c] > cell[3 + axis] - cell[axis]:
-                axis = c
-        edge = cell[3 + axis] - cell[axis]
-        ends = edge <= width * mean or end - begin <= FEW or depth >= DEEPEST
-        if least[node] < 0.0 and (ends or edge <= STEP_WIDTH * mean):
-            # Found with the step of the greatest radius: of those that a mean step reaches the least decides.
-            cell = cell.copy()
-            end, _, shortest, _ = _gather(blocks, (begin, end), cell, np.float32(step * mean), refs, begin)
-            least[node] = shortest
-        decided = least[node] > 0.0
-        if ends:
+        axis, edge = _longest_edge(boxes[node])
+        leaf = edge * FREEDOM <= width * mean or depth >= DEEPEST
+        if least[node] < 0.0 and (leaf or end - begin <= FEW or edge <= STEP_WIDTH * mean):
+            end, least[node] = _decide(blocks, (begin, end), boxes[node], mean, step, refs)
+        leaf |= end - begin <= FEW
+        if top + 2 > children.shape[0] or end + 2 * (end - begin) > floor:
+            return FULL
+        halves = (end, end, end)
+        if not leaf:
+            # Before the step is decided, the greatest radius bounds it.
+            around = np.float32(step * (least[node] if least[node] > 0.0 else longest))
+            for side in range(2):
+                child = top + side
+                boxes[child] = boxes[node]
+                boxes[child, axis if side == 1 else 3 + axis] = np.float32(0.5) * (
+                    boxes[node, axis] + boxes[node, 3 + axis]
+                )
+                stop, mean_of_half, shortest, longest_of_half = _gather(
+                    blocks, (begin, end), boxes[child], around, refs, halves[side]
+                )
+                halves = (end, stop, stop) if side == 0 else (end, halves[1], stop)
+                least[child] = least[node] if least[node] > 0.0 else -shortest
+                radii[waiting + side] = mean_of_half, longest_of_half
+            if edge <= width * mean:
+                parts = NODE_COST * _area(boxes[node])
+                for side in range(2):
+                    child = top + side
+                    parts += _cost(
+                        boxes[child], halves[side + 1] - halves[side], radii[waiting + side, 0], least[child]
+                    )
+                leaf = _cost(boxes[node], end - begin, mean, least[node]) <= parts
+        if leaf:
+            if least[node] < 0.0:
+                end, least[node] = _decide(blocks, (begin, end), boxes[node], mean, step, refs)
             children[node] = -1
-            if floor - (end - begin) < end:
-                return FULL
             floor -= end - begin
             refs[floor : floor + end - begin] = refs[begin:end]
             spans[node, 0], spans[node, 1] = floor, floor + end - begin
             continue
-        if top + 2 > children.shape[0] or end + 2 * (end - begin) > floor:
-            return FULL
-        cut = np.float32(0.5) * (cell[axis] + cell[3 + axis])
-        start = end
-        # Before the step is decided, the greatest radius bounds it.
-        around = np.float32(step * (least[node] if decided else longest))
         for side in range(2):
-            child = top + side
-            children[node, side] = child
-            boxes[child] = cell
-            boxes[child, axis if side == 1 else 3 + axis] = cut
-            stop, mean, shortest, longest = _gather(blocks, (begin, end), boxes[child], around, refs, start)
-            least[child] = least[node] if decided else -shortest
-            pending[waiting] = (child, start, stop, depth + 1)
-            radii[waiting] = mean, longest
-            waiting += 1
-            start = stop
+            children[node, side] = top + side
+            pending[waiting + side] = (top + side, halves[side], halves[side + 1], depth + 1)
+        waiting += 2
         top += 2
     return top
+
+
+@kernel
+def cut_roots(work, blocks, roots, limits, out):  # type: ignore[no-untyped-def]
+    """Cut voxels in the middle of their longest edges, each root in its own part of the arrays.
+
+    roots : as in `tree/roots.py`: the first node, the first reference, the first of `groups`; groups; how far around
+    limits : greatest width of the voxels in mean radii; longest step of the samples in radii; blocks
+        of a group
+    out : a `Cells` whose boxes hold the roots', and the number of nodes of each root, or FULL
+
+    Voxels are first shrunk to the supports they contain: what no support reaches is never looked at again.
+    """
+    firsts, groups, around = roots
+    width, step, per_group = limits
+    cells, used = out
+    root = take(work)
+    while root >= 0:
+        a, b = firsts[root], firsts[root + 1]
+        refs = cells.refs[a[1] : b[1]]
+        count = 0
+        for g in groups[a[2] : b[2]]:
+            for block in range(g * per_group, min((g + 1) * per_group, blocks.size // BLOCK)):
+                refs[count] = block
+                count += 1
+        nodes = slice(a[0], b[0])
+        used[root] = _cut_root(
+            work,
+            blocks,
+            count,
+            (width, step, around[root]),
+            (cells.children[nodes], cells.boxes[nodes], cells.spans[nodes], refs, cells.least[nodes]),
+        )
+        root = take(work)
+    return 0
