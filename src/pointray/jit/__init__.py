@@ -1,0 +1,34 @@
+"""The engine room: how kernels are compiled, cached on disk and run on all cores.
+
+This folder and `simd` are the only ones that import Numba. A *kernel* is called from Python and is cached on disk;
+an *inline* is a piece of a kernel and is compiled into it.
+"""
+
+from __future__ import annotations
+
+from .arrays import array_at, borrow, intrinsic, keep
+from .disk import CHECK, cache_folder, cpu_features, cpu_name
+from .kernels import KERNELS, compilations, compile_seconds, inline, kernel, on_first_compilation, routine
+from .threads import cancelled, run, take, thread_count
+
+__all__ = [
+    "CHECK",
+    "KERNELS",
+    "array_at",
+    "borrow",
+    "cache_folder",
+    "cancelled",
+    "compilations",
+    "compile_seconds",
+    "cpu_features",
+    "cpu_name",
+    "inline",
+    "intrinsic",
+    "keep",
+    "kernel",
+    "on_first_compilation",
+    "routine",
+    "run",
+    "take",
+    "thread_count",
+]

@@ -1,0 +1,87 @@
+"""Arrays in kernels: from an address, without counting references, and numbers that threads share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic as _intrinsic
+
+intrinsic: Any = _intrinsic  # its type describes the definition, not the call in a kernel
+
+
+@intrinsic
+def fetch_add(typingctx, array, index, value):  # type: ignore[no-untyped-def]
+    """array[index] += value as one atomic step; returns the value before."""
+    if not (isinstance(array, types.Array) and array.dtype == types.int64):
+        return None
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        pointer = builder.gep(data, [args[1]])
+        return builder.atomic_rmw("add", pointer, args[2], "monotonic")
+
+    return types.int64(array, types.int64, types.int64), codegen
+
+
+@intrinsic
+def peek(typingctx, array, index):  # type: ignore[no-untyped-def]
+    """array[index], read afresh from memory."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        pointer = builder.gep(data, [args[1]])
+        return builder.load_atomic(pointer, "monotonic", 8, typ=llvmlite.ir.IntType(64))
+
+    return types.int64(array, types.int64), codegen
+
+
+@intrinsic
+def array_at(typingctx, address, length, like):  # type: ignore[no-untyped-def]
+    """The one-dimensional array of `length` items of the type of `like` that lies at an address; owns nothing."""
+    array = types.Array(like, 1, "C")
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        item = context.get_abi_sizeof(context.get_data_type(array.dtype))
+        size = context.get_constant(types.intp, item)
+        out = context.make_array(array)(context, builder)
+        pointer = builder.inttoptr(args[0], out.data.type)
+        context.populate_array(
+            out,
+            data=pointer,
+            shape=cgutils.pack_array(builder, [args[1]]),
+            strides=cgutils.pack_array(builder, [size]),
+            itemsize=size,
+            meminfo=None,
+        )
+        return out._getvalue()
+
+    return array(types.int64, types.int64, like), codegen
+
+
+@intrinsic
+def borrow(typingctx, array):  # type: ignore[no-untyped-def]
+    """The same array without a reference to its memory, which its owner must keep alive.
+
+    Numba counts references with atomic additions at every use of an array that owns its memory; two threads that share
+    one then wait for each other. Rays that meet nothing took 160 ns before and 35 ns without.
+    """
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        out = context.make_array(signature.return_type)(context, builder, args[0])
+        out.meminfo = cgutils.get_null_value(out.meminfo.type)
+        out.parent = cgutils.get_null_value(out.parent.type)
+        return out._getvalue()
+
+    return array(array), codegen
+
+
+@intrinsic
+def keep(typingctx, value):  # type: ignore[no-untyped-def]
+    """Keeps arrays alive up to here: the last line of a kernel that lends out arrays it made."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return context.get_dummy_value()
+
+    return types.none(value), codegen

@@ -1,0 +1,129 @@
+"""The disk cache: where compiled kernels lie, and what they depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding
+import numba
+import numpy as np
+import platformdirs
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+
+# Check every array access and every SIMD load (slow): the suite runs once with it. Part of the cache key.
+CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
+
+NO_KERNELS = ("cli", "report.py", "demonstration.py", "benchmark")  # an edit there compiles nothing anew
+KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
+
+
+def cpu_name() -> str:
+    """The processor that kernels are compiled for: this one, or Numba's NUMBA_CPU_NAME."""
+    return os.environ.get("NUMBA_CPU_NAME") or str(llvmlite.binding.get_host_cpu_name())
+
+
+def cpu_features() -> str:
+    """What that processor can do beyond its name, as Numba takes it: NUMBA_CPU_FEATURES may be empty."""
+    features = os.environ.get("NUMBA_CPU_FEATURES")
+    if features is None and cpu_name() == "generic":
+        return ""
+    return str(llvmlite.binding.get_host_cpu_features().flatten()) if features is None else features
+
+
+@cache
+def source_key() -> str:
+    """Name of the cache folder: a hash of everything that compiled code depends on.
+
+    Numba looks at the file of the function only, so that an edit of `vec.py` would leave stale kernels behind.
+    """
+    digest = hashlib.sha256()
+    root = Path(__file__).parent.parent
+    for path in sorted(root.rglob("*.py")):
+        if path.relative_to(root).parts[0] in NO_KERNELS:
+            continue
+        digest.update(str(path.relative_to(root)).encode())
+        digest.update(path.read_bytes())
+    facts = (numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2], CHECK)
+    digest.update(repr((facts, cpu_name(), cpu_features())).encode())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Folder of the compiled kernels (`POINTRAY_CACHE`, else the user's cache); None where nothing can be written."""
+    base = Path(os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False))
+    folder = base / f"kernels-{source_key()}"
+    try:
+        fresh = not folder.exists()
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f".probe-{os.getpid()}-{threading.get_ident()}"
+        probe.touch()
+        probe.unlink()
+        if fresh:
+            others = sorted(base.glob("kernels-*"), key=lambda p: p.stat().st_mtime)
+            for old in others[: -KEEP_CACHES - 1]:
+                shutil.rmtree(old, ignore_errors=True)
+    except OSError:
+        return None
+    return folder
+
+
+class _Locator:
+    """Tells Numba where one kernel's compiled code lies: all of them in `cache_folder()`."""
+
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        self._line = py_func.__code__.co_firstlineno
+        # A kernel of a benchmark or a test lies outside of the package: its own file counts too.
+        own = Path(py_file)
+        self._stamp = source_key() + (hashlib.sha256(own.read_bytes()).hexdigest()[:16] if own.exists() else "")
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator:
+        return cls(py_func, py_file)
+
+    def get_cache_path(self) -> str:
+        return str(cache_folder())
+
+    def ensure_cache_path(self) -> None:
+        pass
+
+    def get_source_stamp(self) -> str:
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _CacheImpl(CompileResultCacheImpl):
+    _locator_classes = [_Locator]
+
+
+class KernelCache(FunctionCache):
+    """Numba's cache in our folder; a cache that cannot be read or written is no error."""
+
+    _impl_class = _CacheImpl
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception:  # a damaged or half-written file: compile again
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):
+            try:
+                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+            except OSError:
+                raise
+            except Exception:  # a damaged index: begin a new one
+                self.flush()  # type: ignore[no-untyped-call]
+                super().save_overload(sig, data)  # type: ignore[no-untyped-call]

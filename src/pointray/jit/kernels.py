@@ -1,0 +1,127 @@
+"""How kernels are compiled: the decorators, and what was compiled so far."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba.core import event, types
+from numba.core.codegen import JITCodeLibrary
+
+from .disk import CHECK, KernelCache, cache_folder
+
+njit: Any = numba.njit
+
+# No `nnan` and `ninf`: a miss is inf. No `reassoc`: positions are summed as (near part) + small part on purpose.
+FASTMATH = {"nsz", "arcp", "contract", "afn"}
+
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH, "boundscheck": CHECK}
+
+KERNELS: dict[str, Any] = {}
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function that Python calls: without the interpreter lock, cached on disk, one signature."""
+    dispatcher = njit(**_OPTIONS)(function)
+    if cache_folder() is not None:
+        dispatcher._cache = KernelCache(function)
+    KERNELS[f"{function.__module__}.{function.__qualname__}"] = dispatcher
+    return dispatcher
+
+
+def inline(function: Callable[..., Any]) -> Any:
+    """Compile a piece of a kernel; LLVM inlines it where it is called."""
+    return _piece(function, inlined=True)
+
+
+def routine(function: Callable[..., Any]) -> Any:
+    """Compile a piece of a kernel that is too large, or called from too many places, to be inlined."""
+    return _piece(function, inlined=False)
+
+
+class _PieceLibrary(JITCodeLibrary):
+    """The code of a piece, which kernels take over as it is: optimized there, and nowhere else."""
+
+    def finalize(self) -> None:
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalized = True
+
+
+def _piece(function: Callable[..., Any], inlined: bool) -> Any:
+    """Compile for other compiled code only: no wrappers for Python and C, no machine code of its own.
+
+    The render kernel has 80 pieces: it takes 12 s to compile, and 48 s if each piece is optimized and becomes machine
+    code by itself, twice over where an argument is once a constant and once not.
+    """
+    # Said in so many words: a piece inherits what is not said from the one that calls it.
+    options = {"forceinline": inlined, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    dispatcher = njit(**_OPTIONS, **options)(function)
+    template = dispatcher.get_call_template
+
+    def customize(flags: Any) -> Any:
+        flags.no_compile = True
+        return flags
+
+    def add(result: Any) -> None:
+        library = result.library
+        library.__class__ = _PieceLibrary
+        if not inlined:
+            library._final_module.get_function(result.fndesc.llvm_func_name).add_function_attribute("noinline")
+        # Callers look a piece up by its address: it has none, its Python function stands in.
+        result = result._replace(entry_point=function)
+        result.target_context.insert_user_function(function, result.fndesc, [library])
+        dispatcher.overloads[tuple(result.signature.args)] = result
+
+    def without_constants(args: Any, kws: Any) -> Any:
+        return template([types.unliteral(a) for a in args], {k: types.unliteral(a) for k, a in kws.items()})
+
+    dispatcher._compiler._customize_flags = customize
+    dispatcher.add_overload = add
+    dispatcher.get_call_template = without_constants
+    return dispatcher
+
+
+def compilations() -> int:
+    """Number of kernels that this process has compiled, not loaded from the cache."""
+    return sum(sum(k.stats.cache_misses.values()) for k in KERNELS.values()) if cache_folder() else _Listener.count
+
+
+def compile_seconds() -> float:
+    """How long this process has compiled kernels."""
+    return _Listener.seconds
+
+
+class _Listener(event.Listener):  # type: ignore[misc]
+    """Counts and times compilations, and says once that the first one takes a moment."""
+
+    count = 0
+    seconds = 0.0
+    notice: Callable[[], None] | None = None
+    since: dict[Any, float] = {}  # noqa: RUF012
+
+    def on_start(self, event: Any) -> None:
+        kernel = event.data["dispatcher"]
+        if kernel not in KERNELS.values():
+            return
+        _Listener.count += 1
+        _Listener.since[kernel] = time.perf_counter()
+        if _Listener.notice is not None:
+            notice, _Listener.notice = _Listener.notice, None
+            notice()
+
+    def on_end(self, event: Any) -> None:
+        start = _Listener.since.pop(event.data["dispatcher"], None)
+        if start is not None:
+            _Listener.seconds += time.perf_counter() - start
+
+
+event.register("numba:compile", _Listener())
+
+
+def on_first_compilation(notice: Callable[[], None] | None) -> None:
+    """Call `notice` when the next kernel has to be compiled."""
+    _Listener.notice = notice

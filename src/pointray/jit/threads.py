@@ -1,0 +1,95 @@
+"""All cores: tiles from a shared counter, progress, Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .arrays import fetch_add, peek
+from .kernels import inline
+
+# What a kernel and its caller share: int64 slots, a cache line apart.
+NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24
+
+
+@inline
+def take(work):  # type: ignore[no-untyped-def]
+    """The number of the next tile, or -1: none left, or cancelled."""
+    if peek(work, CANCEL) != 0:
+        return -1
+    tile = fetch_add(work, NEXT, 1)
+    return tile if tile < work[TOTAL] else -1
+
+
+@inline
+def cancelled(work):  # type: ignore[no-untyped-def]
+    """Whether the caller wants the kernel to stop."""
+    return peek(work, CANCEL) != 0
+
+
+def thread_count(threads: int | None = None) -> int:
+    """Threads to use: the argument, else `POINTRAY_THREADS`, else all processors this process may use."""
+    if threads is None:
+        text = os.environ.get("POINTRAY_THREADS", "")
+        if not text:
+            return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        try:
+            threads = int(text)
+        except ValueError:
+            raise ValueError(f"POINTRAY_THREADS must be a whole number, not {text!r}") from None
+    if threads < 1:
+        raise ValueError(f"threads must be at least 1, not {threads}")
+    return threads
+
+
+def run(
+    kernel: Callable[..., Any],
+    tiles: int,
+    *args: Any,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> list[Any]:
+    """Run `kernel(work, *args)` in worker threads that `take(work)` tiles until none is left.
+
+    The caller only waits, so that Ctrl-C gets through: it cancels the kernels between two tiles.
+    `progress` is called with the share done, some ten times a second. Returns what each worker returned.
+    """
+    work = np.zeros(SLOTS, np.int64)
+    work[TOTAL] = tiles
+    results: list[Any] = []
+    errors: list[BaseException] = []
+    done = threading.Semaphore(0)
+
+    def worker() -> None:
+        try:
+            results.append(kernel(work, *args))
+        except BaseException as error:
+            errors.append(error)
+            work[CANCEL] = 1
+        finally:
+            done.release()
+
+    workers = [threading.Thread(target=worker, daemon=True) for _ in range(min(thread_count(threads), max(tiles, 1)))]
+    for thread in workers:
+        thread.start()
+    try:
+        for _ in workers:
+            # Not Thread.join: an interrupt in it marks the thread as ended, and nobody waits for it any more.
+            while not done.acquire(timeout=0.1):
+                if progress is not None:
+                    progress(min(work[NEXT] / max(tiles, 1), 1.0))
+    except BaseException:
+        # A worker may be inside the compiler, which nothing interrupts: wait a little and leave it behind.
+        work[CANCEL] = 1
+        end = time.monotonic() + 0.3
+        for _ in workers:
+            done.acquire(timeout=max(0.0, end - time.monotonic()))
+        raise
+    if errors:
+        raise errors[0]
+    return results
