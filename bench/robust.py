@@ -16,7 +16,6 @@ import numpy as np
 
 import pointray as pr
 from pointray.records import Tree
-from pointray.splats import sheets
 from pointray.tree.build import LEAF_WIDTH, Splats, build_tree
 
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.2, 1.0, -0.3), (0.1, 0.2, 1.0))
@@ -33,7 +32,7 @@ def splats_of(model: pr.Model) -> Splats:
         rows,
         None,
         borders_of(model.tree),
-        sheets_of(model.tree, blocks[:, 3:6]),
+        sheets_of(model.tree),
     )
 
 
@@ -42,12 +41,11 @@ def borders_of(tree: Tree) -> np.ndarray | None:
     return np.float32(tree.borders.reshape(-1, 3)[tree.order >= 0]) / 127 if tree.borders.size else None
 
 
-def sheets_of(tree: Tree, normals: np.ndarray) -> np.ndarray | None:
-    """The way each splat of two sheets faces."""
+def sheets_of(tree: Tree) -> np.ndarray | None:
+    """Which splats are of sheets close together."""
     if not tree.facing.size:
         return None
-    used = np.repeat(tree.facing.reshape(-1, 3).any(axis=1), 4)[tree.order >= 0]
-    return np.where(used, sheets.facing_of(normals), 0).astype(np.int8)
+    return tree.facing.reshape(-1, 3).any(axis=1)[tree.order >= 0].astype(np.int8)
 
 
 def rebuilt(model: pr.Model, **changes: object) -> pr.Model:

@@ -30,7 +30,7 @@ class Twin(NamedTuple):
 def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
     """(f, |x - P|, local radius, border splats' share of the weight, distance out of them) at x; NaN without support.
 
-    splats : rows x y z nx ny nz r, the way out of the border x y z, and the way its block faces of two sheets x y z
+    splats : rows x y z nx ny nz r, the way out of the border x y z, and its normal where it is of two sheets x y z
     """
     w_sum, r_sum, b_sum, out, qn, qq = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     q, n = np.zeros(3), np.zeros(3)
@@ -167,7 +167,7 @@ def walk(model, origins, directions):  # type: ignore[no-untyped-def]
         splats[:, 7:10] = tree.borders.reshape(-1, 3)[used] / 127
     if not tree.facing.size:
         return _walk_one(model, splats, origins, directions, 0.0)
-    splats[:, 10:] = np.repeat(tree.facing.reshape(-1, 3), 4, axis=0)[used]
+    splats[:, 10:] = tree.facing.reshape(-1, 3)[used]
     toward, away = (_walk_one(model, splats, origins, directions, way) for way in (1.0, -1.0))
     first = (toward.t <= away.t)[:, None]
     return Twin(*(np.where(first[:, 0], a, b) for a, b in zip(toward, away, strict=True)))

@@ -103,7 +103,7 @@ def test_other_files_are_an_error(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"version": 1', '"version": 9', "another version"),
+        ('"version": 2', '"version": 9', "another version"),
         ('"pointray model"', '"mesh"', "not a saved model"),
         ('"tree.refs"', '"tree.rags"', "tree.refs is missing"),
         ('"surface": "apss"', '"surface": "none"', "settings"),

@@ -147,8 +147,8 @@ def test_the_validator_sees_a_corrupted_tree(torus, corrupt):
     assert any(CORRUPTIONS[corrupt] in problem for problem in check_tree(tree, places=4000))
 
 
-def seen(cloud, **changes):
-    """t of random rays through the cloud's bounds."""
+def scene_of(cloud, **changes):
+    """The cloud under a tree of its own."""
     model = object.__new__(pr.Model)
     model.points, model.radii = pr.Points(cloud.positions, cloud.normals), cloud.radii
     model.surface = "apss"
@@ -156,8 +156,13 @@ def seen(cloud, **changes):
     model.tree = build_tree(cloud, TreeSettings("apss", trim=0.6, **changes))
     scene = pr.Scene()
     scene.add(model)
-    rng = np.random.default_rng(3)
-    low, high = model.bounds
+    return scene
+
+
+def seen(cloud, **changes):
+    """t of random rays through the cloud's bounds."""
+    scene, rng = scene_of(cloud, **changes), np.random.default_rng(3)
+    low, high = pr.Points(cloud.positions).bounds
     a, b = (rng.uniform(low, high, (200_000, 3)) for _ in range(2))
     origins = a - 3 * (b - a)
     return scene.intersect(origins, b - a).t * np.linalg.norm(b - a, axis=1)
@@ -180,6 +185,31 @@ def test_the_size_of_voxels_changes_nothing(name, factor):
     assert (np.isfinite(one) != np.isfinite(other)).sum() <= 2
     both = np.isfinite(one) & np.isfinite(other)
     assert (np.abs(one[both] - other[both]) > 0.02 * np.median(cloud.radii)).sum() <= 20
+
+
+def crumpled(extra):
+    """Splats of a noisy double wall, and some of them once more far away, which shifts all blocks."""
+    rng = np.random.default_rng(5)
+    x, side = rng.uniform(0, 1, (20_000, 3)), rng.choice([-1.0, 1.0], (20_000, 1))
+    u, v = 9 * x[:, 0], 7 * x[:, 1]
+    x[:, 2] = 0.05 * np.sin(u) * np.cos(v) + 0.006 * side[:, 0]
+    n = side * np.column_stack([-0.45 * np.cos(u) * np.cos(v), 0.35 * np.sin(u) * np.sin(v), np.ones(len(x))])
+    n += 0.3 * rng.normal(size=n.shape)
+    x, n = np.concatenate([x, x[:extra] + [5, 0, 0]]), np.concatenate([n, n[:extra]])
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    rows = np.arange(len(x), dtype=np.int32)
+    radii, sheets = np.full(len(x), 0.02, np.float32), np.ones(len(x), np.int8)
+    return Splats(x.astype(np.float32), n.astype(np.float32), radii, rows, None, None, sheets)
+
+
+def test_which_sheet_is_seen_does_not_depend_on_blocks():
+    rng = np.random.default_rng(3)
+    above, below = (np.c_[rng.uniform(0, 1, (100_000, 2)), np.full(100_000, z)] for z in (1.0, 0.0))
+    one, other = (scene_of(crumpled(extra)).intersect(above, below - above).t for extra in (0, 777))
+    assert np.isfinite(one).mean() > 0.99
+    assert (np.isfinite(one) != np.isfinite(other)).sum() <= 2
+    both = np.isfinite(one) & np.isfinite(other)
+    assert (np.abs(one[both] - other[both]) > 1e-3).sum() <= 2  # 363 where whole blocks are left out
 
 
 def test_coincident_and_huge_supports_are_no_trouble():

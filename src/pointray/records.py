@@ -71,7 +71,7 @@ class Tree(NamedTuple):
     order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
     borders : (blocks * 4 * 3,) int8, for a splat on an open border the direction out of the surface (unit, in 127ths),
         else zero; or length 0: none is
-    facing : (blocks * 3,) int8, for a block of splats with another sheet close by the mean normal (unit, in 127ths),
+    facing : (blocks * 4 * 3,) int8, for a splat with another sheet close by its normal (unit, in 127ths),
         else zero; or length 0: there is none
     colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; or length 0: the points have none
     """

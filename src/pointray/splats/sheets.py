@@ -43,7 +43,7 @@ def find_sheets(
     radii: NDArray[np.float32],
     near: NDArray[np.integer[Any]],
 ) -> NDArray[np.int8] | None:
-    """1 to 6 for splats of sheets close together, see `facing_of`, 0 for all others; None where there are none.
+    """1 for splats of sheets close together, 0 for all others; None where there are none.
 
     Parameters
     ----------
@@ -62,11 +62,4 @@ def find_sheets(
     run(_find, -(-len(found) // TILE), *flat, np.ascontiguousarray(radii), np.ascontiguousarray(near), found)
     # And those beside them: a part of a sheet that stays while the rest is left out is seen by itself.
     found |= found[near[:, : BESIDE + 1]].any(axis=1)
-    return np.where(found, facing_of(normals), 0).astype(np.int8) if found.any() else None
-
-
-def facing_of(normals: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
-    """1 to 6: the face of a cube that each normal points through. The two sides of a wall never share one."""
-    axis = np.abs(normals).argmax(axis=1)
-    forward: NDArray[np.bool_] = normals[np.arange(len(normals)), axis] > 0
-    return np.asarray(1 + 2 * axis + forward, np.int64)
+    return found if found.any() else None

@@ -21,7 +21,7 @@ class Support(NamedTuple):
 
     radii : (n,) float32
     borders : (n, 3) float32, the direction out of the surface on an open border, else zero; or None: not looked for
-    sheets : (n,) int8, 1 to 6 for the way that sheets close together face, else 0; or None: there are none
+    sheets : (n,) int8, 1 for splats of sheets close together, else 0; or None: there are none
     tight : whether many radii are too small to cover the surface
     places : (n,) int64, equal for splats at one place
     """

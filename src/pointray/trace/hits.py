@@ -23,7 +23,7 @@ from ..scratch import (
 )
 from ..simd import greatest, lowest, quarters, repeat4, select, spread16, store, vmax, vsqrt
 from ..vec import transform
-from .near import Capsule, keep_sheet, list_blocks
+from .near import Capsule, list_blocks
 from .surface import ONE, ZERO, weights_of_block
 from .world import matrix_at
 
@@ -48,7 +48,7 @@ def _next_of_leaf(numbers, left, i):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _list_around(world, tree, four, scratch):  # type: ignore[no-untyped-def]
+def _list_around(tree, four, scratch):  # type: ignore[no-untyped-def]
     """List the blocks near the places where four rays have hit a leaf; returns these, a quarter each."""
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
@@ -65,17 +65,24 @@ def _list_around(world, tree, four, scratch):  # type: ignore[no-untyped-def]
     spread = greatest(vsqrt((x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz)))
     leaf = numbers[LEAF_OF + four[0]]
     list_blocks(tree, leaf, Capsule(px, py, pz, ONE, ZERO, ZERO, ZERO, spread), scratch)
-    if tree.leaves[leaf * LEAF + SHEETED] != ZERO:
-        v = transform(matrix_at(world, numbers[INSTANCE_OF + four[0]] * INSTANCE), row(wide, NORMAL + four[0]))
-        keep_sheet(tree, scratch, (-v[0], -v[1], -v[2]))
     return x, y, z
 
 
 @inline
-def _weigh(tree, places, tone, scratch):  # type: ignore[no-untyped-def]
+def _seen(tree, block, v, part):  # type: ignore[no-untyped-def]
+    """For each splat of a block 1, or 0 where it is of a sheet that faces away from v; in all quarters."""
+    for j in range(4):
+        at = 3 * (4 * block + j)
+        along = tree.facing[at] * v[0] + tree.facing[at + 1] * v[1] + tree.facing[at + 2] * v[2]
+        part[j] = ONE if along >= 0.0 else ZERO
+    return repeat4(part, 0)
+
+
+@inline
+def _weigh(tree, places, sheet, tone, scratch):  # type: ignore[no-untyped-def]
     """Greatest weight in each lane, of which listed block, and colours: the sums of weights and of weighted levels.
 
-    Lane 4 r + j is splat j of a block at place r.
+    Lane 4 r + j is splat j of a block at place r. sheet : whether sheets are close together, and the normal of the hit
     """
     x, y, z = places
     part = scratch.part
@@ -83,6 +90,8 @@ def _weigh(tree, places, tone, scratch):  # type: ignore[no-untyped-def]
     for k in range(scratch.counts[COUNT_NEAR]):
         block = np.int64(scratch.near[k])
         w = weights_of_block(tree, block, x, y, z)
+        if sheet[0]:
+            w = w * _seen(tree, block, sheet[1], part)
         block_of_most = select(w > most, spread16(np.float32(k)), block_of_most)
         most = vmax(w, most)
         if tree.colors.size > 0:
@@ -102,7 +111,9 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     at = numbers[INSTANCE_OF + four[0]] * INSTANCE
     tree = tree_at(world.table, np.int64(world.instances[at + MODEL_ROW]))
-    sums = _weigh(tree, _list_around(world, tree, four, scratch), world.tone, scratch)
+    v = transform(matrix_at(world, at), row(wide, NORMAL + four[0]))
+    sheet = tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO, v
+    sums = _weigh(tree, _list_around(tree, four, scratch), sheet, world.tone, scratch)
     for k in range(6):
         store(part, k * LANES, sums[k])
     for r in range(4):

@@ -105,30 +105,16 @@ def list_blocks(tree, leaf, capsule, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def keep_sheet(tree, scratch, d):  # type: ignore[no-untyped-def]
-    """Drop the listed blocks of sheets that face along d: of two sheets close together one is seen at a time."""
-    n = 0
-    for k in range(scratch.counts[COUNT_NEAR]):
-        block = scratch.near[k]
-        at = 3 * np.int64(block)
-        along = tree.facing[at] * d[0] + tree.facing[at + 1] * d[1] + tree.facing[at + 2] * d[2]
-        if along <= ZERO:
-            scratch.near[n] = block
-            n += 1
-    scratch.counts[COUNT_NEAR] = n
+def keep_sheet(tree, scratch, frame, way, rays):  # type: ignore[no-untyped-def]
+    """Drop the listed splats of sheets that the first of some rays (4 bits) does not see; returns who sees the same.
 
-
-@inline
-def keep_alike(tree, scratch, frame, way, rays):  # type: ignore[no-untyped-def]
-    """Drop the listed splats of sheets that the first of some rays (4 bits) does not see, as `keep_sheet` does.
-
-    way : 1 where sheets count that face a ray, -1 where those that face away
-    Returns the rays that see the same.
+    Of two sheets close together one is seen at a time.
+    way : 1 where those are seen that face a ray, -1 where those that face away
     """
     first, n = lowest(rays), 0
     for k in range(scratch.counts[COUNT_SPLATS]):
         place = np.int64(scratch.listed[k])
-        at = 3 * (slot_of(scratch, place) // 4)
+        at = 3 * slot_of(scratch, place)
         along = frame.dx * tree.facing[at] + frame.dy * tree.facing[at + 1] + frame.dz * tree.facing[at + 2]
         seeing = bits(along * way <= ZERO)
         if (seeing >> first) & 1 != 0:

@@ -42,7 +42,7 @@ from ..scratch import (
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, spread16, store_packed
 from .disc import search_discs
 from .leaf import Reach, lattice, search
-from .near import around, gather, keep_alike, keep_sheet, list_blocks, list_splats, list_splats_of, segment
+from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, segment
 from .root import Frame, all_samples
 from .surface import HALF, INF, ONE, ZERO
 
@@ -86,12 +86,12 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
     )
     lift = spread16(scratch.lift[0])
     way = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
+    list_blocks(tree, leaf, capsule, scratch)
+    gather(tree, scratch)
     while True:
-        list_blocks(tree, leaf, capsule, scratch)
-        if way != ZERO:
-            keep_sheet(tree, scratch, (way * d[0], way * d[1], way * d[2]))
-        gather(tree, scratch)
         list_splats(scratch, capsule)
+        if way != ZERO:
+            keep_sheet(tree, scratch, frame, way, 1)
         if scratch.counts[COUNT_SPLATS] > 0:
             found = search(tree, leaf, frame, reach, 1, (way, lift), scratch)
             lifted = max(lifted, lane(found.lift, 0))
@@ -229,7 +229,7 @@ def search_together(tree, leaf, passing, side, scratch):  # type: ignore[no-unty
         way, waiting = (ONE if sheeted else ZERO), rays
         while waiting != 0:
             _list_for(scratch, capsule, least, (at, at + count_bits(four)))
-            now = keep_alike(tree, scratch, frame, way, waiting) if sheeted else waiting
+            now = keep_sheet(tree, scratch, frame, way, waiting) if sheeted else waiting
             waiting &= ~now
             found = search(tree, leaf, frame, reach, now, (way, none), scratch)
             if bits((found.t < INF) | (found.lift > ZERO)) != 0:

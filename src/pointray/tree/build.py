@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..jit import run
 from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
-from .blocks import PER_BLOCK, make_blocks, sort_splats
+from .blocks import make_blocks, sort_splats
 from .leaves import fill_groups, fill_leaves, longest_step
 from .roots import build_cells
 from .wide import collapse, enclose
@@ -27,7 +27,7 @@ class Splats(NamedTuple):
     rows : (n,) int32, the caller's row of each
     colors : (n, 3) uint8, sRGB, or None
     borders : (n, 3) float32, the direction out of the surface on an open border, else zero; or None: there is none
-    sheets : (n,) int8, 1 to 6 for the way that sheets close together face, else 0; or None: there are none
+    sheets : (n,) int8, 1 for splats of sheets close together, else 0; or None: there are none
     """
 
     positions: NDArray[np.float32]
@@ -72,7 +72,7 @@ def build_tree(
     conservative test tells where the surface can be; the voxels' tight boxes are gathered into nodes of eight.
     """
     say = progress or (lambda share: None)
-    order = _order(splats, threads)
+    order = sort_splats(splats.positions, threads)
     say(0.3)
     blocks, bounds = make_blocks(splats.positions, splats.normals, splats.radii, order, threads)
     say(0.4)
@@ -130,29 +130,13 @@ def build_tree(
     )
 
 
-def _order(splats: Splats, threads: int | None) -> NDArray[np.int32]:
-    """The splat in each slot, -1 for none: neighbours together, and no block with splats of two sheets."""
-    if splats.sheets is None:
-        return sort_splats(splats.positions, threads)
-    parts = []
-    for facing in range(7):
-        rows = np.flatnonzero(splats.sheets == facing).astype(np.int32)
-        if len(rows):
-            order = rows[sort_splats(splats.positions[rows], threads)]
-            parts.append(np.concatenate([order, np.full(-len(order) % PER_BLOCK, -1, np.int32)]))
-    return np.concatenate(parts)
-
-
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
-    """The mean normal of each block of a sheet, in 127ths; nothing where there is none."""
+    """The normal of each slot's splat that is of a sheet, in 127ths; nothing where none is."""
     if splats.sheets is None or not splats.sheets.any():
         return np.zeros(0, np.int8)
-    used = np.where((order >= 0) & (splats.sheets[order] != 0), order, -1)
-    normals = np.zeros((slots, 3), np.float32)
-    normals[: len(order)] = np.where(used[:, None] >= 0, splats.normals[order], 0)
-    mean = normals.reshape(-1, PER_BLOCK, 3).sum(axis=1)
-    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), np.float32(1e-30))
-    return np.ascontiguousarray(np.rint(127 * mean), np.int8).reshape(-1)
+    out = np.zeros((slots, 3), np.int8)
+    out[: len(order)] = np.where(splats.sheets[order, None] != 0, np.rint(127 * splats.normals[order]), 0)
+    return out.reshape(-1)
 
 
 def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:

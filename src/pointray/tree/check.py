@@ -72,7 +72,7 @@ def _check_lengths(tree: Tree) -> list[str]:
         wrong.append("spans, spheres or order are of the wrong length")
     if tree.colors.size not in (0, tree.order.size) or tree.borders.size not in (0, 3 * tree.order.size):
         wrong.append("colors or borders is of the wrong length")
-    if tree.facing.size not in (0, 3 * tree.order.size // 4):
+    if tree.facing.size not in (0, 3 * tree.order.size):
         wrong.append("facing is of the wrong length")
     if tree.refs.size and not 0 <= tree.refs.min() <= tree.refs.max() < blocks:
         wrong.append("a reference is no block")

@@ -141,27 +141,15 @@ def _cut_by_slab(slab, box):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _is_bordered(borders, refs, span):  # type: ignore[no-untyped-def]
-    """Whether one of the blocks of a voxel has a splat on an open border."""
-    if borders.size == 0:
+def _is_marked(marks, refs, span):  # type: ignore[no-untyped-def]
+    """Whether one of the splats in the blocks of a voxel is marked: marks is (blocks * 4 * 3,), or of length 0."""
+    if marks.size == 0:
         return False
     for s in range(span[0], span[1]):
         at = np.int64(refs[s]) * 3 * PER_BLOCK
         for c in range(3 * PER_BLOCK):
-            if borders[at + c] != 0:
+            if marks[at + c] != 0:
                 return True
-    return False
-
-
-@inline
-def _is_sheeted(facing, refs, span):  # type: ignore[no-untyped-def]
-    """Whether one of the blocks of a voxel belongs to one of two sheets close together."""
-    if facing.size == 0:
-        return False
-    for s in range(span[0], span[1]):
-        at = np.int64(refs[s]) * 3
-        if facing[at] != 0 or facing[at + 1] != 0 or facing[at + 2] != 0:
-            return True
     return False
 
 
@@ -203,8 +191,8 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
                 2.0 * reference / samples * 2.0 ** math.floor(math.log2(max(least, 1e-30) / reference) + LEEWAY)
             )
             record[RADIUS], record[LEAST] = mean, least
-            record[BORDERED] = 1.0 if _is_bordered(borders, refs, spans[nodes[leaf]]) else 0.0
-            record[SHEETED] = 1.0 if _is_sheeted(facing, refs, spans[nodes[leaf]]) else 0.0
+            record[BORDERED] = 1.0 if _is_marked(borders, refs, spans[nodes[leaf]]) else 0.0
+            record[SHEETED] = 1.0 if _is_marked(facing, refs, spans[nodes[leaf]]) else 0.0
             if cut == 0:
                 continue
             slab = _slab(members, APSS_REACH if surface == APSS else 1.0)
