@@ -185,6 +185,13 @@ def test_random_damage_is_an_error_or_leads_no_ray_astray(tmp_path, saved):
     assert loaded > 0
 
 
+def test_bits_above_a_color_lead_no_ray_astray(tmp_path, saved):
+    model = pr.Model.load(saved[1])
+    model.tree = model.tree._replace(colors=model.tree.colors | (1 << 30))
+    model.save(tmp_path / "m")
+    assert np.array_equal(hits_of(pr.Model.load(tmp_path / "m")).color, hits_of(saved[0]).color)
+
+
 def test_wrong_lengths_are_an_error(tmp_path, saved):
     for name in Tree._fields:
         model = pr.Model.load(saved[1])

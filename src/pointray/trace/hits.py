@@ -97,7 +97,8 @@ def _weigh(tree, places, sheet, tone, scratch):  # type: ignore[no-untyped-def]
         if tree.colors.size > 0:
             for j in range(4):
                 packed = tree.colors[4 * block + j]
-                part[j], part[4 + j], part[8 + j] = tone[packed & 255], tone[(packed >> 8) & 255], tone[packed >> 16]
+                part[j], part[4 + j] = tone[packed & 255], tone[(packed >> 8) & 255]
+                part[8 + j] = tone[(packed >> 16) & 255]  # a damaged file may have more bits
             red = red + w * repeat4(part, 0)
             green = green + w * repeat4(part, 4)
             blue = blue + w * repeat4(part, 8)
