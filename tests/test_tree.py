@@ -34,7 +34,7 @@ def test_trees_are_whole(name, surface):
 
 
 @pytest.mark.parametrize("width", [LEAF_WIDTH / 4, LEAF_WIDTH / 2, LEAF_WIDTH])
-@pytest.mark.parametrize("name", ["stanford_bunny", "nefertiti_50k"])
+@pytest.mark.parametrize("name", ["stanford_bunny", "nefertiti_50k", "stanford_dragon_stand_rangescans"])
 def test_trees_over_uneven_splats_are_whole(name, width):
     cloud = splats(name)
     radii = cloud.radii.copy()

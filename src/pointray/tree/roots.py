@@ -60,19 +60,17 @@ def cut_top(blocks: Array, bounds: Array, step: float) -> Top:
     pending = [(np.arange(len(boxes)), everything, -1, 0)]
     while pending:
         rows, cell, parent, side = pending.pop()
-        cell = np.concatenate(
-            [np.maximum(cell[:3], boxes[rows, :3].min(axis=0)), np.minimum(cell[3:], boxes[rows, 3:].max(axis=0))]
-        )
-        around = step * float(longest[rows].max())
+        # A part that nothing reaches becomes a root with an inverted box.
+        low, high = boxes[rows, :3].min(axis=0, initial=FAR), boxes[rows, 3:].max(axis=0, initial=-FAR)
+        cell = np.concatenate([np.maximum(cell[:3], low), np.minimum(cell[3:], high)])
+        around = step * float(longest[rows].max(initial=0.0))
         axis = int(np.argmax(cell[3:] - cell[:3]))
         parts = []
         for half, face in ((0, 3 + axis), (1, axis)):
             part = cell.copy()
             part[face] = (cell[axis] + cell[3 + axis]) / 2
-            near = (boxes[rows, :3] <= part[3:] + around).all(axis=1) & (boxes[rows, 3:] >= part[:3] - around).all(
-                axis=1
-            )
-            parts.append((rows[near], part, len(top.children), half))
+            meets = (boxes[rows, :3] <= part[3:] + around) & (boxes[rows, 3:] >= part[:3] - around)
+            parts.append((rows[meets.all(axis=1)], part, len(top.children), half))
         whole = len(rows) <= most or max(len(part[0]) for part in parts) == len(rows)
         number = ~len(top.boxes) if whole else len(top.children)
         if parent >= 0:
