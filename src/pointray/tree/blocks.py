@@ -120,8 +120,6 @@ def _fill_blocks(work, order, positions, normals, radii, out):  # type: ignore[n
     while tile >= 0:
         for b in range(tile * TILE, min((tile + 1) * TILE, bounds.size // 4)):
             count = min(PER_BLOCK, order.size - b * PER_BLOCK)
-            while count > 1 and order[b * PER_BLOCK + count - 1] < 0:
-                count -= 1
             for k in range(PER_BLOCK):
                 i = order[b * PER_BLOCK + k] if k < count else -1
                 for c in range(3):
@@ -155,7 +153,7 @@ def make_blocks(
     order: NDArray[np.int32],
     threads: int | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Blocks (see `records.BLOCK`) of the splats in the given order (-1 for none), and each block's bounding sphere.
+    """Blocks (see `records.BLOCK`) of the splats in the given order, and each block's bounding sphere.
 
     Returns
     -------

@@ -142,7 +142,7 @@ def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.
 def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
     """The caller's row of each slot, -1 where it is empty."""
     out = np.full(slots, -1, np.int32)
-    out[: len(order)] = np.where(order >= 0, rows[order], -1)
+    out[: len(order)] = rows[order]
     return out
 
 

@@ -23,7 +23,7 @@ STEP_WIDTH = 8.0  # mean radii: where a voxel's ancestor is no wider, it decides
 FREEDOM = 2.0  # voxels may be this much narrower than asked for, where the costs say so
 # What a ray that meets them takes, in nanoseconds: a node, a leaf, a block that the leaf knows, samples a least radius
 # apart. Rounded between what profiles say of rays in tiles (3, 10, 0.5, 40) and alone (35, 20, 3, 50): times do not
-# depend on them much (10, 30, 1, 50: within 2%), but half as much for samples costs 1 million points from afar 4%.
+# depend on them much (10, 30, 1, 50: within 2%); with 5, 10, 1, 20 1 million points from afar take 4% longer.
 NODE_COST, LEAF_COST, BLOCK_COST, LOOK_COST = 10.0, 10.0, 1.0, 50.0
 FULL = -1  # the number of nodes of a root whose room was too small
 
@@ -199,8 +199,7 @@ def cut_roots(work, blocks, roots, limits, out):  # type: ignore[no-untyped-def]
     """Cut voxels in the middle of their longest edges, each root in its own part of the arrays.
 
     roots : as in `tree/roots.py`: the first node, the first reference, the first of `groups`; groups; how far around
-    limits : greatest width of the voxels in mean radii; longest step of the samples in radii; blocks
-        of a group
+    limits : greatest width of the voxels in mean radii; longest step of the samples in radii; blocks of a group
     out : a `Cells` whose boxes hold the roots', and the number of nodes of each root, or FULL
 
     Voxels are first shrunk to the supports they contain: what no support reaches is never looked at again.

@@ -15,8 +15,8 @@ from ..jit import run
 from ..records import BLOCK, INV_R2, Array
 from .cells import FULL, Cells, cut_roots
 
-GROUP = 64  # blocks
-ROOTS = 128  # about how many; of fewer than GROUP groups one root is made
+PER_GROUP = 64  # blocks
+ROOTS = 128  # about how many; of fewer than PER_GROUP groups one root is made
 FAR = np.float32(1e14)  # nothing is beyond
 
 
@@ -36,7 +36,7 @@ class Top(NamedTuple):
 def _groups(blocks: Array, bounds: Array) -> tuple[Array, Array]:
     """Boxes (g, 6) around the supports of each group, and the greatest radius in it."""
     spheres = bounds.reshape(-1, 4)
-    starts = np.arange(0, len(spheres), GROUP)
+    starts = np.arange(0, len(spheres), PER_GROUP)
     low = np.minimum.reduceat(spheres[:, :3] - spheres[:, 3:], starts)
     high = np.maximum.reduceat(spheres[:, :3] + spheres[:, 3:], starts)
     splats = blocks.reshape(-1, BLOCK)
@@ -54,7 +54,7 @@ def cut_top(blocks: Array, bounds: Array, step: float) -> Top:
         Longest step of the samples, in radii.
     """
     boxes, longest = _groups(blocks, bounds)
-    most = max(len(boxes) // ROOTS, GROUP)
+    most = max(len(boxes) // ROOTS, PER_GROUP)
     top = Top([], [], [], [])
     everything = np.array([-FAR] * 3 + [FAR] * 3)
     pending = [(np.arange(len(boxes)), everything, -1, 0)]
@@ -99,7 +99,7 @@ def build_cells(
         Longest step of the samples, in radii.
     """
     top = cut_top(blocks, bounds, step)
-    sizes = np.array([len(groups) * GROUP for groups in top.groups])
+    sizes = np.array([len(groups) * PER_GROUP for groups in top.groups])
     room = np.stack([sizes // 2 + 64, 8 * sizes + 4096], axis=1)  # nodes, references
     while True:
         firsts = np.zeros((len(sizes) + 1, 3), np.int64)
@@ -116,7 +116,7 @@ def build_cells(
         cells.boxes[firsts[:-1, 0]] = top.boxes
         used = np.zeros(len(sizes), np.int64)
         roots = firsts, np.concatenate(top.groups), np.array(top.around)
-        run(cut_roots, len(sizes), blocks, roots, (float(width), step, GROUP), (cells, used), threads=threads)
+        run(cut_roots, len(sizes), blocks, roots, (float(width), step, PER_GROUP), (cells, used), threads=threads)
         if (used != FULL).all():
             return _joined(top, cells, firsts, used)
         room[used == FULL] *= 2
