@@ -37,21 +37,24 @@ from ..simd import (
     vabs,
     vmax,
     vmin,
+    vsqrt,
     whole,
 )
 from .root import (
     Pair,
     all_samples,
-    choose_means,
+    choose,
     crossing,
     evaluate,
     first_samples,
     fold,
+    foot_of,
     look_into,
     means_at,
     sample,
+    unit,
 )
-from .surface import INF, NAN, ONE, ZERO, local_radius, normal, offset, overhang, value
+from .surface import INF, NAN, ONE, ZERO, local_radius, overhang, value
 
 START, START_UNREFINED = np.float32(0.01), np.float32(0.05)  # radii; the latter where refine is 0
 BORDER_SHARE = np.float32(0.4)  # of the weight: from here on a hit counts as one on a border
@@ -107,14 +110,16 @@ def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped
     """
     way, lift = limits
     asked = bits(root.t < INF)
-    joined, means = root.joined, root.means
+    joined, foot, gap = root.joined, root.foot, vabs(root.rise)
+    good = asked
     if bits(joined) & asked != asked:
-        means = choose_means(joined, means, means_at(scratch, frame, root.t))
-    f, u4 = value(int(tree.head[SURFACE]), means)
-    good = bits(means.weight > ZERO) & asked
+        means = means_at(scratch, frame, root.t)
+        f, u4 = value(int(tree.head[SURFACE]), means)
+        foot, gap = choose(joined, foot, foot_of(means, u4)), select(joined, gap, vabs(f) - lift)
+        good &= bits(joined | (means.weight > ZERO))
     if way != ZERO:
         good &= bits(way * root.rise * frame.side <= ZERO)
-    away, gap = offset(means), select(joined, vabs(root.rise), vabs(f) - lift)
+    away = vsqrt(foot.away)
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     trim = tree.head[TRIM]
     s = root.t - frame.center
@@ -129,7 +134,7 @@ def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped
         if border:
             share, out = overhang(tree, scratch, x, y, z)
             good &= ~bits((share > BORDER_SHARE) & (out > tree.head[OVERHANG] * radius))
-    nx, ny, nz = normal(means, u4)
+    nx, ny, nz = unit(foot)
     return fold(good), nx, ny, nz
 
 

@@ -22,8 +22,9 @@ from ..simd import (
     sum_over_quarters,
     vmax,
     vmin,
+    vsqrt,
 )
-from .surface import HALF, INF, ONE, ZERO, Means, sums, value
+from .surface import HALF, INF, ONE, TWO, ZERO, sums, value
 
 # Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
 # interpolation is exact to a thousandth of the radius, and two farther out for where the estimate is off.
@@ -61,16 +62,25 @@ class Pair(NamedTuple):
     slope_b: Any
 
 
-class Root(NamedTuple):
-    """What is found between two samples: t (inf: nothing), half of what f rises by in the last part, and the means.
+class Foot(NamedTuple):
+    """What is known of a place besides f: the direction in which f rises, and the squared distance |x - P(x)|^2."""
 
-    joined : mask, the means are those between two close samples; else they are not known
+    nx: Any
+    ny: Any
+    nz: Any
+    away: Any
+
+
+class Root(NamedTuple):
+    """What is found between two samples: t (inf: nothing), half of what f rises by in the last part, and the foot.
+
+    joined : mask, the foot is interpolated between two close samples; else it is not known
     """
 
     t: Any
     rise: Any
     joined: Any
-    means: Any
+    foot: Any
 
 
 @inline
@@ -122,38 +132,43 @@ def crossing(a, b):  # type: ignore[no-untyped-def]
 
 
 @inline
-def means_between(means, after, share):  # type: ignore[no-untyped-def]
-    """The means between a sample, as bits with one a ray, and the one before it; not of those that have none before."""
-    before, after = mask16(after >> 4), mask16(after)
-    weight = select(before, ONE - share, select(after, share, spread16(ZERO)))
-    both = before | after
-    nothing = spread16(ZERO)
-    return Means(
-        sum_over_quarters(select(both, means.qx * weight, nothing)),
-        sum_over_quarters(select(both, means.qy * weight, nothing)),
-        sum_over_quarters(select(both, means.qz * weight, nothing)),
-        sum_over_quarters(select(both, means.nx * weight, nothing)),
-        sum_over_quarters(select(both, means.ny * weight, nothing)),
-        sum_over_quarters(select(both, means.nz * weight, nothing)),
-        sum_over_quarters(select(both, means.qn * weight, nothing)),
-        sum_over_quarters(select(both, means.qq * weight, nothing)),
-        sum_over_quarters(select(both, means.weight * weight, nothing)),
+def foot_of(means, u4):  # type: ignore[no-untyped-def]
+    """The mean normals, for apss the gradient of the fitted sphere; and how far from the middle of its splats x is."""
+    bend = TWO * u4
+    return Foot(
+        means.nx - bend * means.qx,
+        means.ny - bend * means.qy,
+        means.nz - bend * means.qz,
+        means.qx * means.qx + means.qy * means.qy + means.qz * means.qz,
     )
 
 
 @inline
-def choose_means(mask, a, b):  # type: ignore[no-untyped-def]
-    """Lane by lane those of a where the mask holds, else of b."""
-    return Means(
-        select(mask, a.qx, b.qx),
-        select(mask, a.qy, b.qy),
-        select(mask, a.qz, b.qz),
-        select(mask, a.nx, b.nx),
-        select(mask, a.ny, b.ny),
-        select(mask, a.nz, b.nz),
-        select(mask, a.qn, b.qn),
-        select(mask, a.qq, b.qq),
-        select(mask, a.weight, b.weight),
+def unit(foot):  # type: ignore[no-untyped-def]
+    """Unit normals."""
+    scale = ONE / vsqrt(vmax(foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz, spread16(np.float32(1e-30))))
+    return foot.nx * scale, foot.ny * scale, foot.nz * scale
+
+
+@inline
+def _between(foot, after, share):  # type: ignore[no-untyped-def]
+    """The foot between a sample, as bits with one a ray, and the one before it; 0 for rays without such a bit."""
+    before, after = mask16(after >> 4), mask16(after)
+    nothing = spread16(ZERO)
+    weight, both = select(after, share, ONE - share), before | after
+    return Foot(
+        sum_over_quarters(select(both, foot.nx * weight, nothing)),
+        sum_over_quarters(select(both, foot.ny * weight, nothing)),
+        sum_over_quarters(select(both, foot.nz * weight, nothing)),
+        sum_over_quarters(select(both, foot.away * weight, nothing)),
+    )
+
+
+@inline
+def choose(mask, a, b):  # type: ignore[no-untyped-def]
+    """Lane by lane the foot a where the mask holds, else b."""
+    return Foot(
+        select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
     )
 
 
@@ -181,19 +196,17 @@ def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[
     ta, fa, tb, fb = pair.ta, pair.fa, pair.tb, pair.fb
     steps = tree.head[REFINE]
     most = steps + MORE if steps > ZERO else ZERO
-    # Without a crossing: the slopes' zero by linear interpolation, the lowest place of a parabola; or evenly.
-    grazes = (fa * pair.slope_a < ZERO) & (fb * pair.slope_b > ZERO)
-    estimate = select(grazes, pair.slope_a / (pair.slope_a - pair.slope_b), spread16(HALF))
-    wide = mask16(bits(crosses | grazes) ^ 0xFFFF)
-    inner, outer = (
-        select(wide, spread16(EVEN[0]), spread16(CLOSE[0])),
-        select(wide, spread16(EVEN[1]), spread16(CLOSE[1])),
-    )
-    step = select(crosses, spread16(ZERO), spread16(-ONE))
-    share = select(crosses, fa / (fa - fb), estimate)
+    inner, outer, step, share = spread16(CLOSE[0]), spread16(CLOSE[1]), spread16(ZERO), fa / (fa - fb)
+    if bits(crosses) & todo != todo:
+        # Without a crossing: the slopes' zero by linear interpolation, the lowest place of a parabola; or evenly.
+        grazes = (fa * pair.slope_a < ZERO) & (fb * pair.slope_b > ZERO)
+        estimate = select(grazes, pair.slope_a / (pair.slope_a - pair.slope_b), spread16(HALF))
+        wide = mask16(bits(crosses | grazes) ^ 0xFFFF)
+        inner, outer = select(wide, spread16(EVEN[0]), inner), select(wide, spread16(EVEN[1]), outer)
+        step, share = select(crosses, step, spread16(-ONE)), select(crosses, share, estimate)
     span = tb - ta
     none = spread16(ZERO)
-    means = Means(none, none, none, none, none, none, none, none, none)
+    foot = Foot(none, none, none, none)
     joined = 0
     while True:
         go = (step < steps) | ((step < most) & (tb - ta > np.float32(3.0) * CLOSE[0] * span))
@@ -204,7 +217,7 @@ def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[
         t = _places(ta, tb, share, inner, outer)
         inner, outer = spread16(CLOSE[0]), spread16(CLOSE[1])
         fresh = means_at(scratch, frame, t)
-        f, _ = value(int(tree.head[SURFACE]), fresh)
+        f, u4 = value(int(tree.head[SURFACE]), fresh)
         f = f * frame.side + lift
         before, t_before = shift_quarter(fa, f), shift_quarter(ta, t)
         one = first_samples(bits(crossing(before, f)) & doing)
@@ -221,12 +234,12 @@ def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[
         span = select(go & (step < ZERO), tb - ta, span)
         todo &= ~(fold(doing) & ~found & ~fold(behind))
         share = fa / (fa - fb)
-        # Between two close samples the means are joined by a line too: 15% of the time. But not where supports begin
+        # Between two close samples the foot is joined by a line too: 15% of the time. But not where supports begin
         # and end; there they are evaluated afresh.
         firm = (fresh.weight > FAINT) & (shift_quarter(none, fresh.weight) > FAINT)
         line = one & bits(firm)
         joined = (joined & ~fold(doing)) | fold(line)
-        means = choose_means(all_samples(fold(line)), means_between(fresh, line, share), means)
+        foot = choose(all_samples(fold(line)), _between(foot_of(fresh, u4), line, share), foot)
         step = step + select(go, spread16(ONE), none)
     t = select(all_samples(todo), ta + (tb - ta) * share, spread16(INF))
-    return Root(t, HALF * (fb - fa), all_samples(joined & todo), means)
+    return Root(t, HALF * (fb - fa), all_samples(joined & todo), foot)

@@ -107,21 +107,6 @@ def value(surface, means):  # type: ignore[no-untyped-def]
 
 
 @inline
-def normal(means, u4):  # type: ignore[no-untyped-def]
-    """Unit normals: the mean normal, for apss the gradient of the fitted sphere."""
-    bend = TWO * u4
-    nx, ny, nz = means.nx - bend * means.qx, means.ny - bend * means.qy, means.nz - bend * means.qz
-    scale = ONE / vsqrt(vmax(nx * nx + ny * ny + nz * nz, spread16(np.float32(1e-30))))
-    return nx * scale, ny * scale, nz * scale
-
-
-@inline
-def offset(means):  # type: ignore[no-untyped-def]
-    """|x - P(x)|: how far outside of its splats' middle a point lies."""
-    return vsqrt(means.qx * means.qx + means.qy * means.qy + means.qz * means.qz)
-
-
-@inline
 def _weight(scratch, at, x, y, z):  # type: ignore[no-untyped-def]
     """Weights of one listed splat at sixteen points."""
     splats = scratch.splats
