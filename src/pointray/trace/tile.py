@@ -54,7 +54,7 @@ from ..simd import (
     vmin,
 )
 from .surface import ONE, ZERO
-from .traverse import FLAT, far_planes, insert, near_planes
+from .traverse import FLAT, expect, far_planes, insert, near_planes
 from .voxel import search_alone, search_together, together
 
 ALL = -1  # rays as bits of an int64
@@ -180,19 +180,6 @@ def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _expect(tree, child):  # type: ignore[no-untyped-def]
-    """Ask for what the walk will read of a child: far views wait for memory a quarter of their time."""
-    if child < 0:
-        leaf = np.int64(~child)
-        prefetch(tree.leaves, leaf * LEAF)
-        prefetch(tree.spans, 2 * leaf)
-    else:
-        for k in range(0, NODE, 16):
-            prefetch(tree.boxes, np.int64(child) * NODE + k)
-        prefetch(tree.children, np.int64(child) * WIDTH)
-
-
-@inline
 def _expect_search(tree, child):  # type: ignore[no-untyped-def]
     """Ask for what a search of the next leaf will read first."""
     if child < 0:
@@ -242,7 +229,7 @@ def closest_of_tile(table, model, side, some, scratch):  # type: ignore[no-untyp
             k = lowest(left)
             left &= left - 1
             top = insert(stack, stack_near, bottom, top, np.int32(node * WIDTH + k), lane(near, k))
-            _expect(tree, tree.children[node * WIDTH + k])
+            expect(tree, tree.children[node * WIDTH + k])
         while True:
             if top == 0:
                 return lifted
