@@ -7,7 +7,7 @@ What 'none' means
 -----------------
 - A ray that misses has t = inf; a degenerate ray (a direction that is zero or not finite) misses.
 - An empty box is lo = +inf, hi = -inf: no ray enters it. Every box test must get this right without a special case.
-- An empty slot of a block is a splat 1e15 away with radius 1: its weight is 0 at every point.
+- An empty slot of a block is a splat at EMPTY (1e15) with radius 1: its weight is 0 everywhere. No other is beyond FAR.
 - An empty slot of a group of spheres has a squared radius of -1: no ray is near it.
 - The surface function is NaN where no support reaches; a comparison with it is false, so that no sign change counts.
 """
@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from .jit import array_at, borrow, inline
 
 Array = NDArray[Any]
+
+EMPTY, FAR = np.float32(1e15), np.float32(1e14)
 
 # A block: 4 splats in structure-of-arrays order, 7 rows of 4 float32 (28 bytes a splat).
 BLOCK = 28

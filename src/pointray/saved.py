@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from .data import Points
 from .points.files import check_regular, replacing
 from .records import BLOCK, GROUP, HEAD, LEAF, NODE, Tree
-from .tree.check import check_indices
+from .tree.indices import check_indices
 
 FORMAT, VERSION = "pointray model", 2
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD]  # of the records: another layout is another tree

@@ -112,9 +112,10 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     at = numbers[INSTANCE_OF + four[0]] * INSTANCE
     tree = tree_at(world.table, np.int64(world.instances[at + MODEL_ROW]))
-    v = transform(matrix_at(world, at), row(wide, NORMAL + four[0]))
-    sheet = tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO, v
-    sums = _weigh(tree, _list_around(tree, four, scratch), sheet, world.tone, scratch)
+    v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
+    if sheeted:
+        v = transform(matrix_at(world, at), row(wide, NORMAL + four[0]))
+    sums = _weigh(tree, _list_around(tree, four, scratch), (sheeted, v), world.tone, scratch)
     for k in range(6):
         store(part, k * LANES, sums[k])
     for r in range(4):

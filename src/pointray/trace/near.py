@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inline
-from ..records import BLOCK, GROUP, INV_R2, PX, PY, PZ
+from ..records import BLOCK, EMPTY, GROUP, INV_R2, PX, PY, PZ
 from ..scratch import AT_DX, AT_DY, AT_DZ, AT_HALF, AT_X, AT_Y, AT_Z, COUNT_NEAR, COUNT_SPLATS, GATHERED, LANES, slot_of
 from ..simd import (
     bits,
@@ -139,7 +139,7 @@ def gather(tree, scratch):  # type: ignore[no-untyped-def]
     for k in range(n, groups * 4):
         at = k // 4 * GATHERED + k % 4 * 4
         for i in range(4):
-            scratch.splats[at + i] = np.float32(1e15)
+            scratch.splats[at + i] = EMPTY
             scratch.splats[at + 4 * INV_R2 + i] = ONE
     for group in range(groups):
         at = group * GATHERED

@@ -17,18 +17,11 @@ from ..records import (
     KIND,
     MODEL,
     MODEL_ROW,
-    PLANE_CHECKER,
-    PLANE_COLOR,
-    PLANE_NORMAL,
-    PLANE_POINT,
-    PLANE_U,
-    PLANE_V,
     TO_MODEL,
     lend_world,
     tree_at,
 )
 from ..scratch import (
-    COLOR,
     DIRECTION,
     DX,
     END,
@@ -57,12 +50,12 @@ from ..scratch import (
 )
 from ..simd import load16, lowest, select, spread16, store
 from ..vec import add, dot, length, scale, sub, transform, transform_transposed, triple
+from .plane import tile_on_plane
 from .surface import ONE, ZERO
 from .tile import ALL, bits_of_row, closest_of_tile, coherent, tile_ray
 from .traverse import closest, make_ray
 
 NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for places in a tile that are free
-ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
 
 @inline
@@ -115,33 +108,6 @@ def into_model(matrix, bounds, ray):  # type: ignore[no-untyped-def]
     span = _clip(span, (bounds[0][2], bounds[1][2]), o[2], d[2])
     end = span[1] if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has squeezed the direction away
     return add(o, scale(d, span[0])), d, span[0], end, speed
-
-
-@inline
-def _plane_hit(world, at, ray, side):  # type: ignore[no-untyped-def]
-    """t of a ray with a plane; a ray that starts on the plane is on `side` of it."""
-    o, d, t_min, t_max = ray
-    normal, point = triple(world.instances, at + PLANE_NORMAL), triple(world.instances, at + PLANE_POINT)
-    start = add(o, scale(d, t_min))
-    height, rise = dot(normal, sub(start, point)), dot(normal, d)
-    if abs(height) <= ON_PLANE * (length(start) + length(point)):
-        return t_min if rise * side < 0.0 and t_min <= t_max else np.inf
-    t = t_min - height / rise
-    return t if t >= t_min and t <= t_max else np.inf
-
-
-@inline
-def plane_color(world, at, x):  # type: ignore[no-untyped-def]
-    """A plane's colour at a point: plain, or a checker with every other square at half."""
-    color = triple(world.instances, at + PLANE_COLOR)
-    edge = world.instances[at + PLANE_CHECKER]
-    if edge > 0.0:
-        v = sub(x, triple(world.instances, at + PLANE_POINT))
-        a = math.floor(dot(v, triple(world.instances, at + PLANE_U)) / edge)
-        b = math.floor(dot(v, triple(world.instances, at + PLANE_V)) / edge)
-        if int(a + b) % 2 != 0:
-            return scale(color, 0.5)
-    return color
 
 
 @inline
@@ -251,20 +217,6 @@ def _keep_nearest(world, at, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _tile_on_plane(world, at, side, scratch):  # type: ignore[no-untyped-def]
-    """Nearest hits of the tile's rays with a plane."""
-    wide, numbers = scratch.world, scratch.numbers
-    for i in range(TILE):
-        o, d = row(wide, ORIGIN + i), row(wide, DIRECTION + i)
-        t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), side)
-        if t < np.inf:
-            wide[NEAREST + i] = t
-            put(wide, NORMAL + i, triple(world.instances, at + PLANE_NORMAL))
-            put(wide, COLOR + i, plane_color(world, at, add(o, scale(d, t))))
-            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, -1
-
-
-@inline
 def aim(scratch, i, ray):  # type: ignore[no-untyped-def]
     """Ray i of the tile becomes (o, d, t_min, t_max)."""
     wide = scratch.world
@@ -298,4 +250,4 @@ def trace_tile(world, side, scratch):  # type: ignore[no-untyped-def]
         if world.instances[at + KIND] == MODEL:
             _tile_through_model(world, at, side, scratch)
         else:
-            _tile_on_plane(world, at, side, scratch)
+            tile_on_plane(world, at, side, scratch)

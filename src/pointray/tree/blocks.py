@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import cancelled, inline, kernel, run, take
-from ..records import BLOCK, INV_R2, NX, PX
+from ..records import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
 TILE = 4096  # blocks that a thread fills at a time
-EMPTY = np.float32(1e15)  # position of an empty slot
 
 
 @inline

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import cancelled, inline, kernel, take
-from ..records import BLOCK, INV_R2, PX, Array
+from ..records import BLOCK, FAR, INV_R2, PX, Array
 from .blocks import PER_BLOCK
 
 FEW = 3  # a voxel that so few blocks reach is not cut further
@@ -75,7 +75,7 @@ def _gather(blocks, sources, cell, around, refs, start):  # type: ignore[no-unty
         for k in range(PER_BLOCK):
             slot = b * BLOCK + k
             r2, distance = overlap(blocks, slot, grown)
-            if distance <= r2 and blocks[slot] < np.float32(1e14):
+            if distance <= r2 and blocks[slot] < FAR:
                 reached = True
                 r = np.sqrt(r2)
                 total += r
@@ -127,6 +127,28 @@ def _decide(blocks, sources, box, mean, step, refs):  # type: ignore[no-untyped-
 
 
 @inline
+def _halve(blocks, span, cut, around, radii, out):  # type: ignore[no-untyped-def]
+    """Make the two halves of a voxel, whose blocks are the span of refs; theirs follow, and are returned as three ends.
+
+    cut : the voxel's node, the first half's, the axis; around : by how much they are grown for their blocks
+    radii : mean and greatest of each half are written here
+    """
+    boxes, refs, least = out[1], out[3], out[4]
+    node, first, axis = cut
+    middle = np.float32(0.5) * (boxes[node, axis] + boxes[node, 3 + axis])
+    ends = (span[1], span[1], span[1])
+    for side in range(2):
+        child = first + side
+        boxes[child] = boxes[node]
+        boxes[child, axis if side == 1 else 3 + axis] = middle
+        end, mean, shortest, longest = _gather(blocks, span, boxes[child], around, refs, ends[side])
+        ends = (span[1], end, end) if side == 0 else (span[1], ends[1], end)
+        least[child] = least[node] if least[node] > 0.0 else -shortest
+        radii[side] = mean, longest
+    return ends
+
+
+@inline
 def _cut_root(work, blocks, count, limits, out):  # type: ignore[no-untyped-def]
     """Cut the voxel boxes[0], whose blocks are among the first `count` of refs; returns the number of nodes or FULL.
 
@@ -158,25 +180,12 @@ def _cut_root(work, blocks, count, limits, out):  # type: ignore[no-untyped-def]
         if not leaf:
             # Before the step is decided, the greatest radius bounds it.
             around = np.float32(step * (least[node] if least[node] > 0.0 else longest))
-            for side in range(2):
-                child = top + side
-                boxes[child] = boxes[node]
-                boxes[child, axis if side == 1 else 3 + axis] = np.float32(0.5) * (
-                    boxes[node, axis] + boxes[node, 3 + axis]
-                )
-                stop, mean_of_half, shortest, longest_of_half = _gather(
-                    blocks, (begin, end), boxes[child], around, refs, halves[side]
-                )
-                halves = (end, stop, stop) if side == 0 else (end, halves[1], stop)
-                least[child] = least[node] if least[node] > 0.0 else -shortest
-                radii[waiting + side] = mean_of_half, longest_of_half
+            halves = _halve(blocks, (begin, end), (node, top, axis), around, radii[waiting : waiting + 2], out)
             if edge <= width * mean:
                 parts = NODE_COST * _area(boxes[node])
                 for side in range(2):
-                    child = top + side
-                    parts += _cost(
-                        boxes[child], halves[side + 1] - halves[side], radii[waiting + side, 0], least[child]
-                    )
+                    child, count = top + side, halves[side + 1] - halves[side]
+                    parts += _cost(boxes[child], count, radii[waiting + side, 0], least[child])
                 leaf = _cost(boxes[node], end - begin, mean, least[node]) <= parts
         if leaf:
             if least[node] < 0.0:

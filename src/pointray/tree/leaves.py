@@ -24,6 +24,7 @@ from ..records import (
     BLOCK,
     BORDERED,
     CELL,
+    FAR,
     GROUP,
     LEAF,
     LEAST,
@@ -57,7 +58,7 @@ def _members(blocks, refs, span, cell, out):  # type: ignore[no-untyped-def]
         for k in range(PER_BLOCK):
             slot = refs[s] * BLOCK + k
             r2, distance = overlap(blocks, slot, cell)
-            if distance <= r2 and blocks[slot] < np.float32(1e14):
+            if distance <= r2 and blocks[slot] < FAR:
                 for c in range(3):
                     out[count, c] = blocks[slot + PX + 4 * c]
                     out[count, 3 + c] = blocks[slot + NX + 4 * c]

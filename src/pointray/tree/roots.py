@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import run
-from ..records import BLOCK, INV_R2, Array
+from ..records import BLOCK, FAR, INV_R2, Array
 from .cells import FULL, Cells, cut_roots
 
 PER_GROUP = 64  # blocks
 ROOTS = 128  # about how many; of fewer than PER_GROUP groups one root is made
-FAR = np.float32(1e14)  # nothing is beyond
 
 
 class Top(NamedTuple):

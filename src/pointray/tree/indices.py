@@ -1,0 +1,106 @@
+"""Whether every index of a tree leads to where something is: asked of a tree from a file before the first ray."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..records import (
+    BLOCK,
+    BORDERED,
+    BOUNDS,
+    GROUP,
+    HEAD,
+    LEAF,
+    LEAST,
+    NO_CHILD,
+    NODE,
+    OVERHANG,
+    REFINE,
+    SHEETED,
+    STEP,
+    SURFACE,
+    SURFACES,
+    TRIM,
+    WIDTH,
+    Tree,
+)
+
+DEEPEST = 64  # nodes of eight: 7 children wait on each level, and a ray's stack has room for 512
+LARGEST_SAMPLES = 64  # in a radius
+
+
+def check_lengths(tree: Tree) -> list[str]:
+    """Lengths fit together and indices point inside."""
+    leaves, groups, blocks = tree.leaves.size // LEAF, tree.refs.size // 16, tree.blocks.size // BLOCK
+    wrong = []
+    if tree.boxes.size * WIDTH != tree.children.size * NODE:
+        wrong.append("boxes and children are of different lengths")
+    if tree.spans.size != 2 * leaves or tree.spheres.size != groups * GROUP or tree.order.size != 4 * blocks:
+        wrong.append("spans, spheres or order are of the wrong length")
+    if tree.colors.size not in (0, tree.order.size) or tree.borders.size not in (0, 3 * tree.order.size):
+        wrong.append("colors or borders is of the wrong length")
+    if tree.facing.size not in (0, 3 * tree.order.size):
+        wrong.append("facing is of the wrong length")
+    if tree.refs.size and not 0 <= tree.refs.min() <= tree.refs.max() < blocks:
+        wrong.append("a reference is no block")
+    first, count = tree.spans.reshape(-1, 2).T
+    if ((count < 0) | (first < 0) | (first + count > groups)).any():
+        wrong.append("a leaf's span lies outside of the groups")
+    return wrong
+
+
+def check_indices(tree: Tree, points: int) -> list[str]:
+    """What could lead a ray astray: out of an array, round in a circle, or past the end of its stack.
+
+    Parameters
+    ----------
+    points : int
+        Rows of the caller's points.
+    """
+    if tree.head.size != HEAD or tree.children.size == 0:
+        return ["it has no head or no node"]
+    lengths = {"boxes": NODE, "leaves": LEAF, "spheres": GROUP, "blocks": BLOCK, "spans": 2, "refs": 16, "order": 4}
+    if any(getattr(tree, name).size % length for name, length in lengths.items()) or tree.children.size % WIDTH:
+        return ["a record is cut off"]
+    problems = check_lengths(tree)
+    if problems:
+        return problems
+    head = tree.head
+    if not (0 <= head[SURFACE] < len(SURFACES) and head[SURFACE] % 1 == 0 and 0 <= head[REFINE] <= 16):
+        return ["the surface or its refinement is unknown"]
+    if not (head[TRIM] > 0 and head[OVERHANG] > 0 and np.isfinite(head[BOUNDS : BOUNDS + 6]).all()):
+        return ["trim, overhang or bounds are no numbers"]
+    if tree.order.min(initial=-1) < -1 or tree.order.max(initial=-1) >= points:
+        return ["a slot names a row that is none"]
+    if (16 * tree.spans[1::2].astype(np.int64)).max(initial=0) > tree.refs.size:
+        return ["a leaf is longer than all groups"]
+    flags = tree.leaves.reshape(-1, LEAF)
+    if (flags[:, BORDERED].any() and not tree.borders.size) or (flags[:, SHEETED].any() and not tree.facing.size):
+        return ["a leaf speaks of borders or sheets that are not there"]
+    if not (flags[:, STEP] >= flags[:, LEAST] / LARGEST_SAMPLES).all():
+        return ["a leaf's samples are too close"]
+    return _check_children(tree)
+
+
+def _check_children(tree: Tree) -> list[str]:
+    """Each child is a node further on, a leaf, or none with an empty box; nodes hang together, not too deep."""
+    children = tree.children.reshape(-1, WIDTH)
+    number = np.arange(len(children))[:, None]
+    none, inner = children == NO_CHILD, children >= 0
+    leaf = ~none & (children < 0) & (~children < tree.leaves.size // LEAF)
+    if not (none | leaf | (inner & (children > number) & (children < len(children)))).all():
+        return ["a node's child is none"]
+    boxes = tree.boxes.reshape(-1, 6, WIDTH)
+    empty = (boxes[:, :3] == np.inf).all(axis=1) & (boxes[:, 3:] == -np.inf).all(axis=1)
+    if (none & ~empty).any():
+        return ["a child that is none has a box"]
+    if np.bincount(children[inner], minlength=len(children)).max(initial=0) > 1:
+        return ["a node hangs in two places"]
+    level, depth = np.array([0]), 0
+    while len(level):
+        depth += 1
+        if depth > DEEPEST:
+            return ["the tree is too deep"]
+        below = children[level]
+        level = below[below >= 0]
+    return []
