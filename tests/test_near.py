@@ -6,20 +6,8 @@ import pytest
 import pointray as pr
 from pointray.jit import keep, kernel
 from pointray.records import CELL, LEAF
-from pointray.scratch import (
-    AT_DX,
-    AT_DY,
-    AT_DZ,
-    AT_HALF,
-    AT_X,
-    AT_Y,
-    AT_Z,
-    COUNT_SPLATS,
-    lend_scratch,
-    new_scratch,
-    slot_of,
-)
-from pointray.trace.near import gather, list_blocks, list_blocks_of, list_splats, list_splats_of, segment
+from pointray.scratch import COUNT_SPLATS, lend_scratch, new_scratch, slot_of
+from pointray.trace.near import gather, list_blocks, list_splats, segment
 
 
 @kernel
@@ -30,28 +18,6 @@ def _near(tree, leaf, ray, longest, out):
     list_blocks(tree, leaf, capsule, scratch)
     gather(tree, scratch)
     list_splats(scratch, capsule)
-    count = scratch.counts[COUNT_SPLATS]
-    for k in range(count):
-        out[k] = slot_of(scratch, scratch.listed[k])
-    keep(memory)
-    return count
-
-
-@kernel
-def _near_some(tree, leaf, rays, longest, out):
-    """As `_near`, of several rays that need not be near each other."""
-    memory = new_scratch(longest)
-    scratch = lend_scratch(memory)
-    part = scratch.part
-    for k in range(len(rays)):
-        ray = rays[k]
-        capsule = segment((ray[0], ray[1], ray[2]), (ray[3], ray[4], ray[5]), ray[6], ray[7])
-        part[AT_X + k], part[AT_Y + k], part[AT_Z + k] = capsule.x, capsule.y, capsule.z
-        part[AT_DX + k], part[AT_DY + k], part[AT_DZ + k] = capsule.dx, capsule.dy, capsule.dz
-        part[AT_HALF + k] = capsule.half
-    list_blocks_of(tree, leaf, (0, len(rays)), scratch)
-    gather(tree, scratch)
-    list_splats_of(scratch, (0, len(rays)))
     count = scratch.counts[COUNT_SPLATS]
     for k in range(count):
         out[k] = slot_of(scratch, scratch.listed[k])
@@ -85,20 +51,15 @@ def test_every_splat_over_a_ray_is_listed(ratio):
     leaves = model.tree.leaves.reshape(-1, LEAF)
     longest = 16 * int(model.tree.spans[1::2].max())
     out, found = np.empty(4 * longest + 64, np.int64), 0
-    for _ in range(1000):
+    for _ in range(2000):
         leaf = int(rng.integers(len(leaves)))
+        middle = positions[800 + rng.integers(400)] + rng.normal(size=3) * radii[-1] * 0.4
+        d = rng.normal(size=3)
+        d /= np.linalg.norm(d)
         reach = np.linalg.norm(leaves[leaf, CELL + 3 : CELL + 6] - leaves[leaf, CELL : CELL + 3])
-        middle = positions[800 + rng.integers(400, size=3)] + rng.normal(size=(3, 3)) * radii[-1] * 0.4
-        d = rng.normal(size=(3, 3))
-        d /= np.linalg.norm(d, axis=1, keepdims=True)
-        ends = np.tile([0.0, reach], (3, 1))
-        rays = np.concatenate([middle - reach * rng.random((3, 1)) * d, d, ends], axis=1).astype(np.float32)
-        wanted, known = zip(*(over(model, leaf, ray.astype(np.float64)) for ray in rays), strict=True)
-        alone = [set(out[: _near(model.tree, leaf, ray, longest, out)].tolist()) for ray in rays]
-        assert all(some <= listed <= known[0] for some, listed in zip(wanted, alone, strict=True))
-        listed = out[: _near_some(model.tree, leaf, rays, longest, out)].tolist()
-        # The same arithmetic, but compiled apart: a splat at the very edge may be in one only.
-        assert set().union(*wanted) <= set(listed) and len(set(listed) ^ set().union(*alone)) <= 1
-        assert len(set(listed)) == len(listed)
-        found += sum(map(len, wanted))
+        ray = np.array([*(middle - reach * rng.random() * d), *d, 0.0, reach], np.float32)
+        wanted, known = over(model, leaf, ray.astype(np.float64))
+        listed = out[: _near(model.tree, leaf, ray, longest, out)].tolist()
+        assert wanted <= set(listed) <= known and len(set(listed)) == len(listed)
+        found += len(wanted)
     assert found > 2000

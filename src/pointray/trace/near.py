@@ -159,46 +159,25 @@ def list_splats(scratch, capsule):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _distances_of(part, rays, x, y, z):  # type: ignore[no-untyped-def]
-    """Squared distances of 16 places from the nearest of some rays, (first, end), in `scratch.part`."""
-    square = spread16(INF)
-    for k in range(rays[0], rays[1]):
-        ray = Capsule(
-            part[AT_X + k],
-            part[AT_Y + k],
-            part[AT_Z + k],
-            part[AT_DX + k],
-            part[AT_DY + k],
-            part[AT_DZ + k],
-            part[AT_HALF + k],
-            ZERO,
-        )
-        square = vmin(square, _distances(ray, x, y, z))
-    return square
-
-
-@inline
-def list_blocks_of(tree, leaf, rays, scratch):  # type: ignore[no-untyped-def]
-    """List the leaf's blocks whose bounding sphere meets one of some rays in `scratch.part`."""
-    first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
-    n, spheres = 0, tree.spheres
-    for group in range(first, first + count):
-        at = np.int64(group) * GROUP
-        x, y, z = load16(spheres, at), load16(spheres, at + 16), load16(spheres, at + 32)
-        reach = SLACK * vsqrt(load16(spheres, at + 48))  # NaN in an empty slot
-        square = _distances_of(scratch.part, rays, x, y, z)
-        n += pack(square < reach * reach, tree.refs, np.int64(group) * 16, scratch.near, n)
-    scratch.counts[COUNT_NEAR] = n
-
-
-@inline
-def list_splats_of(scratch, rays):  # type: ignore[no-untyped-def]
-    """List the gathered splats whose support meets one of some rays in `scratch.part`."""
-    n, splats = 0, scratch.splats
+def list_splats_of(scratch, first, end):  # type: ignore[no-untyped-def]
+    """List the gathered splats whose support meets one of the rays in `scratch.part`."""
+    n, splats, part = 0, scratch.splats, scratch.part
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
         at = group * GATHERED
         x, y, z = load16(splats, at + 4 * PX), load16(splats, at + 4 * PY), load16(splats, at + 4 * PZ)
         reach = load16(splats, at + 4 * RADIUS_ROW)
-        square = _distances_of(scratch.part, rays, x, y, z)
+        square = spread16(INF)
+        for k in range(first, end):
+            ray = Capsule(
+                part[AT_X + k],
+                part[AT_Y + k],
+                part[AT_Z + k],
+                part[AT_DX + k],
+                part[AT_DY + k],
+                part[AT_DZ + k],
+                part[AT_HALF + k],
+                ZERO,
+            )
+            square = vmin(square, _distances(ray, x, y, z))
         n += pack(square < reach * reach, scratch.places, group * LANES, scratch.listed, n)
     scratch.counts[COUNT_SPLATS] = n

@@ -42,7 +42,7 @@ from ..scratch import (
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, spread16, store_packed
 from .disc import search_discs
 from .leaf import Reach, lattice, search
-from .near import around, gather, keep_sheet, list_blocks, list_blocks_of, list_splats, list_splats_of, segment
+from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, segment
 from .root import Frame, all_samples
 from .surface import HALF, INF, ONE, ZERO
 
@@ -139,7 +139,7 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
 
 @inline
 def _gather_for(tree, leaf, at, count, side, scratch):  # type: ignore[no-untyped-def]
-    """List and gather the blocks near up to 16 rays that search a leaf, or near each where they are far apart."""
+    """List and gather the blocks near up to 16 rays that search a leaf."""
     part = scratch.part
     frame = Frame(
         load16(part, AT_X + at),
@@ -151,12 +151,8 @@ def _gather_for(tree, leaf, at, count, side, scratch):  # type: ignore[no-untype
         load16(part, AT_CENTER + at),
         side,
     )
-    count = min(count, LANES)
-    capsule = around(part, at, frame, load16(part, AT_HALF + at), mask16((1 << count) - 1))
-    if capsule.spread > APART * tree.leaves[leaf * LEAF + LEAST]:  # 3 to 7% of far views
-        list_blocks_of(tree, leaf, (at, at + count), scratch)
-    else:
-        list_blocks(tree, leaf, capsule, scratch)
+    active = mask16((1 << min(count, LANES)) - 1)
+    list_blocks(tree, leaf, around(part, at, frame, load16(part, AT_HALF + at), active), scratch)
     gather(tree, scratch)
 
 
@@ -186,7 +182,7 @@ def _four(part, at, side):  # type: ignore[no-untyped-def]
 def _list_for(scratch, capsule, least, rays):  # type: ignore[no-untyped-def]
     """List the splats near up to four rays, (first, end): of each, where they are far apart."""
     if capsule.spread > APART * least:
-        list_splats_of(scratch, rays)
+        list_splats_of(scratch, rays[0], rays[1])
     else:
         list_splats(scratch, capsule)
 
