@@ -1,4 +1,4 @@
-"""Where samples lie: numbers in 0..1 that depend on the pixel, the sample, the dimension and the seed, and on nothing else.
+"""Where samples lie: numbers in 0..1 that depend on pixel, sample, dimension and seed, and on nothing else.
 
 Pairs of dimensions are each the first two of Sobol's sequence, in an order and with digits shuffled by a hash of their
 own (Owen scrambling by hashing: Burley 2020; permutation after Laine and Karras 2011). So every pair is stratified by
