@@ -49,7 +49,7 @@ def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
             for k in range(TILE):
                 i = min(first + k, end - 1)
                 aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), 0.0, np.inf))
-            trace_tile(world, 1.0, scratch)
+            trace_tile(world, scratch)
             for i in range(first, min(first + TILE, end)):
                 t[i] = tile_hit(scratch, i - first).t
         block = take(work)

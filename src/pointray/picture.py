@@ -96,7 +96,7 @@ def cost(world, ray, scratch):  # type: ignore[no-untyped-def]
     aim(scratch, 0, (ray[0], ray[1], 0.0, np.inf))
     for k in range(1, TILE):
         aim(scratch, k, NOWHERE)
-    trace_tile(world, 1.0, scratch)
+    trace_tile(world, scratch)
     nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
     return nodes, leaves, (nodes + leaves) / 64.0
 
@@ -131,7 +131,7 @@ def _trace_pixels(world, camera, image, corner, sample, how, scratch):  # type: 
         pixel = min(corner[0] + x, width - 1), min(corner[1] + y, height - 1)
         o, d = camera_ray(camera, (width, height), pixel, sample, how)
         aim(scratch, i, (o, d, 0.0, np.inf))
-    trace_tile(world, 1.0, scratch)
+    trace_tile(world, scratch)
 
 
 @inline

@@ -17,7 +17,8 @@ NORMAL, COLOR, LOCAL = 8 * TILE, 11 * TILE, 14 * TILE  # of that hit, 3 rows eac
 # The ray in the current model: where it begins and its unit direction, 3 rows each; the length that the direction had
 # before; where it enters and leaves the bounds.
 START, HEADING, SPEED, LOW, HIGH = 17 * TILE, 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
-WORLD_ROWS = 26
+SIDE_OF = 26 * TILE  # +1 where a ray that starts on a surface is outside of it, -1 where it is inside
+WORLD_ROWS = 27
 INSTANCE_OF, LEAF_OF, SLOT_OF = 0, TILE, 2 * TILE  # int64: of the nearest hit, -1 for none
 FOUND = 3 * TILE  # leaf of the hit in the current model, -1 for none
 NUMBER_ROWS = 4
@@ -27,13 +28,15 @@ LENGTH = 9 * TILE  # where its nearest hit in this model is, at first where it e
 NX, NY, NZ = 10 * TILE, 11 * TILE, 12 * TILE  # unit normal of that hit
 ENTER, LEAVE, FIRST, LAST = 13 * TILE, 14 * TILE, 15 * TILE, 16 * TILE
 END = 17 * TILE  # where it ends, whatever it hits: what is found in one leaf must not depend on what was in another
-MODEL_ROWS = 18
+SIDE = 18 * TILE  # see SIDE_OF
+MODEL_ROWS = 19
 # float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
-# looked at and the direction; t there, half its length; the first and the last sample, where they are; the nearest hit.
+# looked at and the direction; t there, half its length; the first and the last sample, where they are; the nearest hit;
+# the side.
 PART = TILE + LANES  # the length of such a row: what follows the last ray is written over
 AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (k * PART for k in range(6))
-AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_LOW, AT_HIGH, AT_LENGTH = (k * PART for k in range(6, 13))
-PART_ROWS = 13
+AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_LOW, AT_HIGH, AT_LENGTH, AT_SIDE = (k * PART for k in range(6, 14))
+PART_ROWS = 14
 
 # float64: of the surface points of a tile that are shaded, see `shade/direct.py`: where they are, the normal turned to
 # the eye, the direction to the eye, the colour, 3 rows each; the instance, -1 for none; the side of the surface the eye

@@ -37,7 +37,7 @@ from ..scratch import (
     put,
     row,
 )
-from ..trace.world import NOWHERE, aim, trace_tile
+from ..trace.world import NOWHERE, aim, aim_from, trace_tile
 from ..vec import add, dot, length, multiply, scale, sub, triple, unit
 
 BLACK = (0.0, 0.0, 0.0)
@@ -106,11 +106,8 @@ def _spot(spots, i):  # type: ignore[no-untyped-def]
 
 @inline
 def _light_from(world, at, scratch):  # type: ignore[no-untyped-def]
-    """What one light adds where nothing is in its way. Returns from which sides of surfaces it is seen, as bits.
-
-    1 : from the outer side, 2 : from the inner side
-    """
-    spots, sides = scratch.spots, 0
+    """What one light adds where nothing is in its way; returns whether it adds anything."""
+    spots, lit = scratch.spots, False
     for i in range(TILE):
         put(spots, GAIN + i, BLACK)
         if spots[SPOT_INSTANCE + i] < 0.0:
@@ -119,23 +116,23 @@ def _light_from(world, at, scratch):  # type: ignore[no-untyped-def]
         gain = multiply(reflectance(world, _spot(spots, i), to_light), irradiance)
         put(spots, GAIN + i, gain)
         if gain[0] + gain[1] + gain[2] > 0.0:
-            sides |= 1 if spots[SPOT_SIDE + i] > 0.0 else 2
-    return sides
+            lit = True
+    return lit
 
 
 @inline
-def _shade_from(world, at, side, scratch):  # type: ignore[no-untyped-def]
-    """Take away the gain where something is between surface points on one side of their surface and a light."""
+def _shade_from(world, at, scratch):  # type: ignore[no-untyped-def]
+    """Take away the gain where something is between a surface point and a light."""
     spots = scratch.spots
     for i in range(TILE):
         gain = row(spots, GAIN + i)
-        if gain[0] + gain[1] + gain[2] > 0.0 and spots[SPOT_SIDE + i] == side:
+        if gain[0] + gain[1] + gain[2] > 0.0:
             x = row(spots, SPOT + i)
             to_light, distance, _ = towards_light(world, at, x)
-            aim(scratch, i, (x, to_light, 0.0, distance))
+            aim_from(scratch, i, (x, to_light, 0.0, distance), spots[SPOT_SIDE + i])
         else:
             aim(scratch, i, NOWHERE)
-    trace_tile(world, side, scratch)
+    trace_tile(world, scratch)
     for i in range(TILE):
         if scratch.numbers[INSTANCE_OF + i] >= 0:
             put(spots, GAIN + i, BLACK)
@@ -154,10 +151,7 @@ def light_tile(world, shadows, scratch):  # type: ignore[no-untyped-def]
                 put(spots, RADIANCE + i, scale(reflectance(world, _spot(spots, i), row(spots, SPOT_EYE + i)), math.pi))
         return
     for k in range(world.lights.size // LIGHT):
-        sides = _light_from(world, k * LIGHT, scratch)
-        if shadows:
-            for j in range(2):
-                if (sides >> j) & 1 != 0:
-                    _shade_from(world, k * LIGHT, 1.0 - 2.0 * j, scratch)
+        if _light_from(world, k * LIGHT, scratch) and shadows:
+            _shade_from(world, k * LIGHT, scratch)
         for i in range(TILE):
             put(spots, RADIANCE + i, add(row(spots, RADIANCE + i), row(spots, GAIN + i)))

@@ -51,7 +51,7 @@ def _trace_rays(world, rays, shape, place, scratch):  # type: ignore[no-untyped-
             aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
         else:
             aim(scratch, k, NOWHERE)
-    trace_tile(world, 1.0, scratch)
+    trace_tile(world, scratch)
 
 
 @kernel

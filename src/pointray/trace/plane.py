@@ -8,7 +8,7 @@ import numpy as np
 
 from ..jit import inline
 from ..records import INSTANCE, PLANE_CHECKER, PLANE_COLOR, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
-from ..scratch import COLOR, DIRECTION, INSTANCE_OF, LEAF_OF, NEAREST, NORMAL, ORIGIN, T_MIN, TILE, put, row
+from ..scratch import COLOR, DIRECTION, INSTANCE_OF, LEAF_OF, NEAREST, NORMAL, ORIGIN, SIDE_OF, T_MIN, TILE, put, row
 from ..vec import add, dot, length, scale, sub, triple
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
@@ -42,12 +42,12 @@ def plane_color(world, at, x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def tile_on_plane(world, at, side, scratch):  # type: ignore[no-untyped-def]
+def tile_on_plane(world, at, scratch):  # type: ignore[no-untyped-def]
     """Nearest hits of the tile's rays with a plane."""
     wide, numbers = scratch.world, scratch.numbers
     for i in range(TILE):
         o, d = row(wide, ORIGIN + i), row(wide, DIRECTION + i)
-        t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), side)
+        t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), wide[SIDE_OF + i])
         if t < np.inf:
             wide[NEAREST + i] = t
             put(wide, NORMAL + i, triple(world.instances, at + PLANE_NORMAL))

@@ -38,7 +38,7 @@ class Frame(NamedTuple):
     """Rays in a voxel, in vectors, four as lane 4 s + r, or sixteen: x = middle + (t - center) d.
 
     (x, y, z) : the middle of the part that is looked at; center : t there; (dx, dy, dz) : unit direction
-    side : +1 where a ray that starts on the surface is outside, -1 where it is inside; of all
+    side : +1 where a ray that starts on the surface is outside, -1 where it is inside
     """
 
     x: Any

@@ -34,6 +34,7 @@ from ..scratch import (
     OX,
     OY,
     OZ,
+    SIDE,
     TILE,
 )
 from ..simd import (
@@ -103,7 +104,7 @@ def bounds_of_planes(rows, at, inverse, some):  # type: ignore[no-untyped-def]
 
 
 @inline
-def tile_ray(rows, i, side):  # type: ignore[no-untyped-def]
+def tile_ray(rows, i):  # type: ignore[no-untyped-def]
     """Ray i of the tile."""
     return Ray(
         rows[OX + i],
@@ -117,7 +118,7 @@ def tile_ray(rows, i, side):  # type: ignore[no-untyped-def]
         rows[IZ + i],
         ZERO,
         rows[END + i],
-        side,
+        rows[SIDE + i],
     )
 
 
@@ -159,10 +160,10 @@ def _leaf_intervals(tree, leaf, box, planes, rows, v):  # type: ignore[no-untype
 
 
 @inline
-def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
+def _search(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
     """Search a leaf for the rays that pass; returns those that the start rule lifted."""
     if together(tree, leaf):
-        return search_together(tree, leaf, passing, side, scratch)
+        return search_together(tree, leaf, passing, scratch)
     rows = scratch.model
     lifted = np.int64(0)
     while passing != 0:
@@ -170,7 +171,7 @@ def _search(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
         passing &= passing - 1
         scratch.lift[0] = ZERO
         interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
-        hit = search_alone(tree, leaf, tile_ray(rows, i, side), scratch, interval)
+        hit = search_alone(tree, leaf, tile_ray(rows, i), scratch, interval)
         if scratch.lift[0] != ZERO:
             lifted |= np.int64(1) << i
         if hit.leaf >= 0 and hit.t < rows[LENGTH + i]:
@@ -191,7 +192,7 @@ def _expect_search(tree, child):  # type: ignore[no-untyped-def]
 
 
 @inline
-def closest_of_tile(table, model, side, some, scratch):  # type: ignore[no-untyped-def]
+def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def]
     """First hits of some of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
 
     Returns the rays (as bits) that the start rule lifted: what it did depends on the order of the leaves, so that the
@@ -249,5 +250,5 @@ def closest_of_tile(table, model, side, some, scratch):  # type: ignore[no-untyp
             for v in range(some[0], some[1], LANES):
                 passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:
-                lifted |= _search(tree, leaf, passing, side, scratch)
+                lifted |= _search(tree, leaf, passing, scratch)
                 farthest = range_of(rows, LENGTH, some)[1]

@@ -17,6 +17,7 @@ from ..scratch import (
     AT_LAST,
     AT_LENGTH,
     AT_LOW,
+    AT_SIDE,
     AT_X,
     AT_Y,
     AT_Z,
@@ -37,6 +38,7 @@ from ..scratch import (
     OX,
     OY,
     OZ,
+    SIDE,
     TILE,
 )
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, spread16, store_packed
@@ -132,13 +134,14 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
         store_packed(part, AT_LOW + n, active, reach.t_low)
         store_packed(part, AT_HIGH + n, active, reach.t_high)
         store_packed(part, AT_LENGTH + n, active, load16(rows, LENGTH + v))
+        store_packed(part, AT_SIDE + n, active, load16(rows, SIDE + v))
         n += count_bits(word)
         taken |= word << v
     return taken
 
 
 @inline
-def _gather_for(tree, leaf, at, count, side, scratch):  # type: ignore[no-untyped-def]
+def _gather_for(tree, leaf, at, count, scratch):  # type: ignore[no-untyped-def]
     """List and gather the blocks near up to 16 rays that search a leaf."""
     part = scratch.part
     frame = Frame(
@@ -149,7 +152,7 @@ def _gather_for(tree, leaf, at, count, side, scratch):  # type: ignore[no-untype
         load16(part, AT_DY + at),
         load16(part, AT_DZ + at),
         load16(part, AT_CENTER + at),
-        side,
+        load16(part, AT_SIDE + at),
     )
     active = mask16((1 << min(count, LANES)) - 1)
     list_blocks(tree, leaf, around(part, at, frame, load16(part, AT_HALF + at), active), scratch)
@@ -157,7 +160,7 @@ def _gather_for(tree, leaf, at, count, side, scratch):  # type: ignore[no-untype
 
 
 @inline
-def _four(part, at, side):  # type: ignore[no-untyped-def]
+def _four(part, at):  # type: ignore[no-untyped-def]
     """Rays at to at + 3 of those that search a leaf: frame, samples, half lengths."""
     frame = Frame(
         repeat4(part, AT_X + at),
@@ -167,7 +170,7 @@ def _four(part, at, side):  # type: ignore[no-untyped-def]
         repeat4(part, AT_DY + at),
         repeat4(part, AT_DZ + at),
         repeat4(part, AT_CENTER + at),
-        spread16(side),
+        repeat4(part, AT_SIDE + at),
     )
     reach = Reach(
         repeat4(part, AT_FIRST + at),
@@ -207,7 +210,7 @@ def _keep(leaf, found, asked, rays, at, scratch):  # type: ignore[no-untyped-def
 
 
 @inline
-def search_together(tree, leaf, passing, side, scratch):  # type: ignore[no-untyped-def]
+def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
     """Search a leaf for the rays of a tile that pass (bits), four by four; returns those that the start rule lifted.
 
     Of two sheets close together each ray sees one at a time, see `search_alone`: those that see the same go together.
@@ -218,13 +221,13 @@ def search_together(tree, leaf, passing, side, scratch):  # type: ignore[no-unty
     least, sheeted = tree.leaves[leaf * LEAF + LEAST], tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
         if at % LANES == 0:
-            _gather_for(tree, leaf, at, count_bits(left), side, scratch)
+            _gather_for(tree, leaf, at, count_bits(left), scratch)
         four = np.int64(0)
         for _ in range(4):
             four |= left & -left
             left &= left - 1
         rays = (1 << count_bits(four)) - 1
-        frame, reach, half = _four(part, at, side)
+        frame, reach, half = _four(part, at)
         capsule = around(part, at, frame, half, all_samples(rays))
         way, waiting = (ONE if sheeted else ZERO), rays
         while waiting != 0:

@@ -40,6 +40,8 @@ from ..scratch import (
     NX,
     ORIGIN,
     OX,
+    SIDE,
+    SIDE_OF,
     SPEED,
     START,
     T_MIN,
@@ -140,7 +142,7 @@ def _tile_into_model(world, at, head, scratch):  # type: ignore[no-untyped-def]
         put(rows, OX + i, (ray.ox, ray.oy, ray.oz))
         put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
         put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
-        rows[END + i] = rows[LENGTH + i]
+        rows[END + i], rows[SIDE + i] = rows[LENGTH + i], np.float32(wide[SIDE_OF + i])
         scratch.numbers[FOUND + i] = -1
     if meeting != ALL:
         # Rays that miss the bounds stand where another one does, so that they do not widen the tile.
@@ -153,28 +155,27 @@ def _tile_into_model(world, at, head, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _tile_through_model(world, at, side, scratch):  # type: ignore[no-untyped-def]
+def _tile_through_model(world, at, scratch):  # type: ignore[no-untyped-def]
     """Nearest hits of the tile's rays with one model, where they are nearer than what was found before."""
     model = np.int64(world.instances[at + MODEL_ROW])
     tree = tree_at(world.table, model)
     if _tile_into_model(world, at, tree.head, scratch) == 0:
         return
     rows, numbers = scratch.model, scratch.numbers
-    side = np.float32(side)
     alone = np.int64(0)
     if coherent(tree.head, rows, 0, TILE):
-        alone = closest_of_tile(world.table, model, side, (0, TILE), scratch)
+        alone = closest_of_tile(world.table, model, (0, TILE), scratch)
     else:
         for v in range(0, TILE, LANES):
             if coherent(tree.head, rows, v, v + LANES):
-                alone |= closest_of_tile(world.table, model, side, (v, v + LANES), scratch)
+                alone |= closest_of_tile(world.table, model, (v, v + LANES), scratch)
             else:
                 alone |= np.int64(0xFFFF) << v
     while alone != 0:
         i = lowest(alone)
         alone &= alone - 1
         if rows[LENGTH + i] >= ZERO:
-            hit = closest(world.table, model, tile_ray(rows, i, side), scratch)
+            hit = closest(world.table, model, tile_ray(rows, i), scratch)
             numbers[FOUND + i] = hit.leaf
             rows[LENGTH + i] = hit.t
             put(rows, NX + i, (hit.nx, hit.ny, hit.nz))
@@ -218,8 +219,15 @@ def _keep_nearest(world, at, scratch):  # type: ignore[no-untyped-def]
 
 @inline
 def aim(scratch, i, ray):  # type: ignore[no-untyped-def]
-    """Ray i of the tile becomes (o, d, t_min, t_max)."""
+    """Ray i of the tile becomes (o, d, t_min, t_max), outside of what it may start on."""
+    aim_from(scratch, i, ray, 1.0)
+
+
+@inline
+def aim_from(scratch, i, ray, side):  # type: ignore[no-untyped-def]
+    """Ray i of the tile becomes (o, d, t_min, t_max), on one side of the surface that it may start on: +1, -1."""
     wide = scratch.world
+    wide[SIDE_OF + i] = side
     put(wide, ORIGIN + i, ray[0])
     put(wide, DIRECTION + i, ray[1])
     wide[T_MIN + i], wide[NEAREST + i] = ray[2], ray[3]
@@ -240,7 +248,7 @@ def _settle(scratch):  # type: ignore[no-untyped-def]
 
 
 @routine
-def trace_tile(world, side, scratch):  # type: ignore[no-untyped-def]
+def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
     """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
     # Lent once more: a routine sees that nothing owns this memory only if it is said in it.
     scratch, world = lend_scratch(scratch), lend_world(world)
@@ -248,6 +256,6 @@ def trace_tile(world, side, scratch):  # type: ignore[no-untyped-def]
     for k in range(world.instances.size // INSTANCE):
         at = k * INSTANCE
         if world.instances[at + KIND] == MODEL:
-            _tile_through_model(world, at, side, scratch)
+            _tile_through_model(world, at, scratch)
         else:
-            tile_on_plane(world, at, side, scratch)
+            tile_on_plane(world, at, scratch)
