@@ -1,8 +1,9 @@
-"""Instances: a model or a plane at its place, with its material; and the record that kernels read of it."""
+"""Instances: models and planes at their places, with their materials; and the records that kernels read of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,15 +12,18 @@ from .model import Model
 from .records import (
     INSTANCE,
     KIND,
+    MATERIAL,
     MODEL,
-    MODEL_ROW,
     PLANE,
     PLANE_CHECKER,
     PLANE_COLOR,
+    PLANE_INSTANCE,
     PLANE_NORMAL,
     PLANE_POINT,
+    PLANE_SIZE,
     PLANE_U,
     PLANE_V,
+    SHAPE_ROW,
     TO_MODEL,
 )
 from .shade.lights import rgb, vector
@@ -52,45 +56,142 @@ class Plane:
             raise ValueError(f"checker must be a positive length, not {self.checker!r}")
 
 
-@dataclass(frozen=True)
-class Instance:
-    """One thing in a scene."""
+class Instances:
+    """Everything in a scene, a row each: arrays that grow, some 200 bytes an instance of a model.
 
-    shape: Model | Plane
-    transform: NDArray[np.float64]
-    material: Material
+    Attributes
+    ----------
+    records : (n, 16) float64
+        What kernels read, see `records.INSTANCE`.
+    boxes : (n, 6) float64
+        World bounds of models, lo x y z, hi x y z; of planes zero.
+    numbers : (n,) int64
+        What `Scene.add` returned, rising.
+    shapes, materials : list
+        Of each row.
+    """
 
+    def __init__(self) -> None:
+        self._records, self._boxes = np.zeros((8, INSTANCE)), np.zeros((8, 6))
+        self._numbers = np.zeros(8, np.int64)
+        self.shapes: list[Model | Plane] = []
+        self.materials: list[Material] = []
+        self._next = 0
+        self._looks: dict[bytes, Material] = {}  # one of those that look the same
 
-def record_of(instance: Instance, row: dict[int, int]) -> NDArray[np.float64]:
-    """An instance as kernels read it, see `records.INSTANCE`."""
-    out = np.zeros(INSTANCE)
-    shape, matrix = instance.shape, instance.transform
-    inverse = np.linalg.inv(matrix)
-    if isinstance(shape, Model):
-        out[KIND], out[MODEL_ROW] = MODEL, row[id(shape)]
-        to_model = inverse[:3].copy()
+    def __len__(self) -> int:
+        return len(self.shapes)
+
+    @property
+    def records(self) -> NDArray[np.float64]:
+        return self._records[: len(self)]
+
+    @property
+    def boxes(self) -> NDArray[np.float64]:
+        return self._boxes[: len(self)]
+
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        return self._numbers[: len(self)]
+
+    def add(self, shape: Model | Plane, matrix: NDArray[np.float64], material: Material) -> int:
+        """A new row; returns its number."""
+        row = len(self)
+        if row == len(self._numbers):
+            self._records, self._boxes = _grown(self._records), _grown(self._boxes)
+            self._numbers = _grown(self._numbers)
+        self.shapes.append(shape)
+        self.materials.append(material)
+        self.paint(row, material)
+        self._numbers[row] = self._next
+        self._next += 1
+        self.place(row, matrix)
+        return int(self._numbers[row])
+
+    def row_of(self, number: int) -> int:
+        """The row of what `add` returned; ValueError if it is not there."""
+        row = int(np.searchsorted(self.numbers, number)) if isinstance(number, int | np.integer) else len(self)
+        if row == len(self) or self.numbers[row] != number:
+            raise ValueError(f"the scene has no instance {number!r}")
+        return row
+
+    def paint(self, row: int, material: Material) -> None:
+        """Give a row a material; those that look the same are kept once."""
+        self.materials[row] = self._looks.setdefault(material.record().tobytes(), material)
+
+    def place(self, row: int, matrix: NDArray[np.float64]) -> None:
+        """Move a row to where a transform puts it."""
+        shape = self.shapes[row]
+        self._records[row, :TO_MODEL] = 0.0
+        if isinstance(shape, Plane):
+            self._records[row, KIND] = PLANE
+            self._records[row, TO_MODEL:] = matrix[:3].reshape(-1)  # of a plane from its own space to the world
+            return
+        to_model = np.linalg.inv(matrix)[:3]
         to_model[:, 3] -= shape.points.origin
-        out[TO_MODEL : TO_MODEL + 12] = to_model.reshape(-1)
-        return out
-    normal = inverse[:3, :3].T @ vector(shape.normal, "normal")
+        self._records[row, KIND] = MODEL
+        self._records[row, TO_MODEL:] = to_model.reshape(-1)
+        low, high = shape.bounds
+        corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
+        world = corners @ matrix[:3, :3].T + matrix[:3, 3]
+        self._boxes[row, :3], self._boxes[row, 3:] = world.min(axis=0), world.max(axis=0)
+
+    def detach(self) -> None:
+        """Leave the records to those who hold them: what changes from now on, changes in a copy."""
+        self._records = self._records.copy()
+
+    def remove(self, row: int) -> None:
+        """Take a row out."""
+        for array in (self._records, self._boxes, self._numbers):
+            array[row : len(self) - 1] = array[row + 1 : len(self)]
+        del self.shapes[row], self.materials[row]
+
+    def finish(self) -> tuple[list[Model], NDArray[np.float64], NDArray[np.float64]]:
+        """Write into the records which model or plane, and which material, each is; returns models, planes, materials.
+
+        Returns
+        -------
+        models : list of Model
+        planes, materials : (m,) float64, see `records.PLANE_SIZE`, `records.MATERIAL_SIZE`
+        """
+        models, rows = _distinct([shape for shape in self.shapes if isinstance(shape, Model)])
+        materials, kinds = _distinct(self.materials)
+        is_model = self.records[:, KIND] == MODEL
+        self.records[is_model, SHAPE_ROW] = rows
+        self.records[:, MATERIAL] = kinds
+        flat = np.flatnonzero(~is_model)
+        self.records[flat, SHAPE_ROW] = np.arange(len(flat))
+        planes = [_plane_record(self.shapes[row], self.records[row, TO_MODEL:], int(row)) for row in flat]
+        return models, np.concatenate([*planes, []]), np.concatenate([*(m.record() for m in materials), []])
+
+
+def _grown(array: NDArray[Any]) -> NDArray[Any]:
+    """The array with as much room again."""
+    return np.concatenate([array, np.zeros_like(array)])
+
+
+def _distinct(things: list[Any]) -> tuple[list[Any], list[int]]:
+    """The things without repetition, and which of these each is."""
+    place: dict[int, int] = {}
+    rows = [place.setdefault(id(thing), len(place)) for thing in things]
+    return list({id(thing): thing for thing in things}.values()), rows
+
+
+def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArray[np.float64]:
+    """A plane in the world, see `records.PLANE_SIZE`."""
+    matrix = transform.reshape(3, 4)
+    normal = np.linalg.inv(matrix[:, :3]).T @ vector(shape.normal, "normal")
     normal /= np.linalg.norm(normal)
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     u /= np.linalg.norm(u)
-    out[KIND] = PLANE
-    out[PLANE_POINT : PLANE_POINT + 3] = matrix[:3, :3] @ vector(shape.point, "point") + matrix[:3, 3]
+    out = np.zeros(PLANE_SIZE)
+    out[PLANE_POINT : PLANE_POINT + 3] = matrix[:, :3] @ vector(shape.point, "point") + matrix[:, 3]
     out[PLANE_NORMAL : PLANE_NORMAL + 3] = normal
     out[PLANE_COLOR : PLANE_COLOR + 3] = rgb(shape.color, "color")
     out[PLANE_CHECKER] = shape.checker or 0.0
     out[PLANE_U : PLANE_U + 3], out[PLANE_V : PLANE_V + 3] = u, np.cross(normal, u)
+    out[PLANE_INSTANCE] = row
     return out
-
-
-def corners_of(instance: Instance) -> NDArray[np.float64]:
-    """World positions of the corners of a model's bounds, (8, 3)."""
-    assert isinstance(instance.shape, Model)
-    low, high = instance.shape.bounds
-    corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
-    return np.asarray(corners @ instance.transform[:3, :3].T + instance.transform[:3, 3])
 
 
 def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:

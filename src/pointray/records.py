@@ -152,16 +152,26 @@ class Hit(NamedTuple):
     leaf: int
 
 
-# An instance: 40 float64.
-INSTANCE = 40
+# An instance: 16 float64.
+INSTANCE = 16
 KIND = 0  # MODEL or PLANE
 MODEL, PLANE = 0, 1
-MODEL_ROW = 1  # which model of the table
+SHAPE_ROW = 1  # which model of the table, or which plane
 MATERIAL = 2  # which material
-TO_MODEL = 4  # 4..15: world to model space, row-major 3x4
-PLANE_POINT, PLANE_NORMAL, PLANE_COLOR = 4, 7, 10  # of a plane: 3 each
-PLANE_CHECKER = 13  # edge of a checker's square, 0: plain
-PLANE_U, PLANE_V = 16, 19  # the checker's axes, 3 each
+TO_MODEL = 4  # 4..15: of a model world to model space, row-major 3x4
+
+# A plane: 20 float64, in the world.
+PLANE_SIZE = 20
+PLANE_POINT, PLANE_NORMAL, PLANE_COLOR = 0, 3, 6  # 3 each
+PLANE_CHECKER = 9  # edge of a checker's square, 0: plain
+PLANE_U, PLANE_V = 10, 13  # the checker's axes, 3 each
+PLANE_INSTANCE = 16  # which instance it is
+
+# The tree over the instances that are models: binary, the boxes of both children (lo x y z, hi x y z) in a node.
+TOP_NODE = 12
+# Where it is, 9 float64: what its boxes are about, and the bounds of all of them (lo x y z, hi x y z) about it.
+TOP_CENTER, TOP_BOUNDS = 0, 3
+TOP_PLACE = 9
 
 # A light: 8 float64.
 LIGHT = 8
@@ -182,12 +192,19 @@ SPECULAR, EXPONENT = 5, 6
 class World(NamedTuple):
     """All that a scene's rays can meet, for kernels.
 
-    table : (models * ROW,) int64, see `model_table`; instances, lights, materials : float64, see above
+    table : (models * ROW,) int64, see `model_table`; instances, planes, lights, materials : float64, see above
+    top : (9,) float64, where the tree over the instances is; top_boxes : (nodes * 12,) float32
+    top_children : (nodes * 2,) int32, a child >= 0 is a node, a child < 0 is instance ~child; a tree of no nodes: there
+        are so few models that each is tried
     tone : (256,) float32, linear value of each sRGB level; longest : blocks of the longest leaf
     """
 
     table: Array
     instances: Array
+    planes: Array
+    top: Array
+    top_boxes: Array
+    top_children: Array
     lights: Array
     materials: Array
     tone: Array
@@ -197,7 +214,18 @@ class World(NamedTuple):
 @inline
 def lend_world(w):  # type: ignore[no-untyped-def]
     """The world without references to its arrays (see `jit.borrow`)."""
-    return World(borrow(w.table), borrow(w.instances), borrow(w.lights), borrow(w.materials), borrow(w.tone), w.longest)
+    return World(
+        borrow(w.table),
+        borrow(w.instances),
+        borrow(w.planes),
+        borrow(w.top),
+        borrow(w.top_boxes),
+        borrow(w.top_children),
+        borrow(w.lights),
+        borrow(w.materials),
+        borrow(w.tone),
+        w.longest,
+    )
 
 
 class WorldHit(NamedTuple):

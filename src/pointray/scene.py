@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .image.tone import srgb_to_linear
-from .instances import Instance, Plane, check_material, check_transform, corners_of, record_of
+from .instances import Instances, Plane, check_material, check_transform
 from .model import Model
 from .rays import Hits, check_rays
-from .records import INSTANCE, KIND, MATERIAL, MODEL, MODEL_ROW, World, model_table
+from .records import KIND, MODEL, SHAPE_ROW, World, model_table
 from .shade.lights import PointLight, SunLight, rgb
 from .shade.materials import Material
 from .trace.cast import blend_attribute, closest_hits, occlusions
+from .tree.top import build_top
 
 
 class Scene:
@@ -30,11 +30,10 @@ class Scene:
     """
 
     def __init__(self) -> None:
-        self._instances: dict[int, Instance] = {}
+        self._instances = Instances()
         self._lights: dict[int, PointLight | SunLight] = {}
         self._background: NDArray[np.float64] | None = None
-        self._next = 0
-        self._built: tuple[World, list[int], list[Model]] | None = None
+        self._built: tuple[World, list[Model]] | None = None
 
     def add(self, shape: Model | Plane, transform: ArrayLike | None = None, material: Material | None = None) -> int:
         """Put a model or a plane into the scene.
@@ -53,27 +52,27 @@ class Scene:
         """
         if not isinstance(shape, Model | Plane):
             raise ValueError(f"a scene holds Model and Plane, not {type(shape).__name__}")
-        number = self._next
-        self._instances[number] = Instance(shape, check_transform(transform), check_material(material))
-        self._next += 1
-        self._built = None
+        matrix, looks = check_transform(transform), check_material(material)
+        self._change()
+        number = self._instances.add(shape, matrix, looks)
         return number
 
     def update(self, id: int, transform: ArrayLike | None = None, material: Material | None = None) -> None:
         """Move an instance, or give it another material; None leaves either as it is."""
-        old = self._find(id)
-        if transform is not None:
-            old = replace(old, transform=check_transform(transform))
-        if material is not None:
-            old = replace(old, material=check_material(material))
-        self._instances[id] = old
-        self._built = None
+        row = self._instances.row_of(id)
+        matrix = None if transform is None else check_transform(transform)
+        looks = None if material is None else check_material(material)
+        self._change()
+        if looks is not None:
+            self._instances.paint(row, looks)
+        if matrix is not None:
+            self._instances.place(row, matrix)
 
     def remove(self, id: int) -> None:
         """Take an instance out."""
-        self._find(id)
-        del self._instances[id]
-        self._built = None
+        row = self._instances.row_of(id)
+        self._change()
+        self._instances.remove(row)
 
     def add_light(self, light: PointLight | SunLight) -> int:
         """Put a light into the scene; without any there is a headlight at the camera."""
@@ -81,8 +80,8 @@ class Scene:
             raise ValueError(f"a light is a PointLight or a SunLight, not {type(light).__name__}")
         light.record()
         number = len(self._lights)
+        self._change()
         self._lights[number] = light
-        self._built = None
         return number
 
     @property
@@ -97,11 +96,10 @@ class Scene:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Least and greatest world coordinates of all models, (2, 3) float64; ValueError if there is none."""
-        corners = [corners_of(i) for i in self._instances.values() if isinstance(i.shape, Model)]
-        if not corners:
+        boxes = self._instances.boxes[self._instances.records[:, KIND] == MODEL]
+        if len(boxes) == 0:
             raise ValueError("the scene holds no model")
-        all_corners = np.concatenate(corners)
-        return np.stack([all_corners.min(axis=0), all_corners.max(axis=0)])
+        return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
 
     def intersect(
         self,
@@ -132,11 +130,11 @@ class Scene:
             If shapes do not broadcast, a dtype is no number, or no model has an attribute of that name.
         """
         shape, rays = check_rays(origins, directions, t_min, t_max)
-        world, numbers, _ = self._world()
+        world = self._world()[0]
         found = closest_hits(world, shape, *rays)
         row = found["instance"]
         blended = {name: self._blend(name, found, shape) for name in attributes}
-        instance = np.append(np.array(numbers, np.int32), np.int32(-1))[row]
+        instance = np.append(self._instances.numbers, -1).astype(np.int32)[row]
         return Hits(
             found["t"].reshape(shape),
             found["position"].reshape(*shape, 3),
@@ -155,7 +153,7 @@ class Scene:
         return occlusions(self._world()[0], shape, *rays).reshape(shape)
 
     def _blend(self, name: str, found: dict[str, Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
-        world, _, models = self._world()
+        world, models = self._world()
         known = {a for m in models for a in m.points.attributes}
         if name not in known:
             raise ValueError(f"no model has an attribute {name!r}; there are: {', '.join(sorted(known)) or 'none'}")
@@ -163,37 +161,38 @@ class Scene:
         if len(widths) > 1:
             raise ValueError(f"attribute {name!r} has not the same number of columns in all models")
         out = np.full((len(found["t"]), *widths.pop()), np.nan, np.float32)
-        kinds = world.instances.reshape(-1, INSTANCE)
-        for i, kind in enumerate(kinds):
-            rows = np.flatnonzero(found["instance"] == i)
-            model = int(kind[MODEL_ROW])
-            if kind[KIND] == MODEL and len(rows) and name in models[model].points.attributes:
-                out[rows] = blend_attribute(world, found, rows, model, models[model].points.attributes[name])
+        kinds = np.append(self._instances.records[:, SHAPE_ROW], -1)
+        kinds[:-1][self._instances.records[:, KIND] != MODEL] = -1
+        of_model = kinds[found["instance"]]
+        for k, model in enumerate(models):
+            rows = np.flatnonzero(of_model == k)
+            if len(rows) and name in model.points.attributes:
+                out[rows] = blend_attribute(world, found, rows, k, model.points.attributes[name])
         return out.reshape(*shape, *out.shape[1:])
 
-    def _find(self, id: int) -> Instance:
-        if id not in self._instances:
-            raise ValueError(f"the scene has no instance {id!r}")
-        return self._instances[id]
+    def _change(self) -> None:
+        """Called before anything changes: a picture that is being made goes on with what was there."""
+        if self._built is not None:
+            self._instances.detach()
+        self._built = None
 
-    def _world(self) -> tuple[World, list[int], list[Model]]:
-        """What kernels read, the instances' numbers in its order, and the models (kept alive)."""
+    def _world(self) -> tuple[World, list[Model]]:
+        """What kernels read, and the models (kept alive)."""
         if self._built is None:
-            models = list(
-                {id(i.shape): i.shape for i in self._instances.values() if isinstance(i.shape, Model)}.values()
-            )
-            row = {id(model): k for k, model in enumerate(models)}
-            records = [record_of(i, row) for i in self._instances.values()]
-            for k, record in enumerate(records):
-                record[MATERIAL] = k
-            empty = np.zeros(0)
+            models, planes, materials = self._instances.finish()
+            of_models = np.flatnonzero(self._instances.records[:, KIND] == MODEL)
+            top, top_boxes, top_children = build_top(self._instances.boxes[of_models], of_models)
             world = World(
                 model_table([m.tree for m in models]),
-                np.concatenate([*records, empty]),
-                np.concatenate([*(light.record() for light in self._lights.values()), empty]),
-                np.concatenate([*(i.material.record() for i in self._instances.values()), empty]),
+                self._instances.records.reshape(-1),
+                planes,
+                top,
+                top_boxes,
+                top_children,
+                np.concatenate([*(light.record() for light in self._lights.values()), []]),
+                materials,
                 srgb_to_linear(np.arange(256, dtype=np.uint8)),
                 16 * max([int(m.tree.spans[1::2].max()) for m in models], default=1),
             )
-            self._built = world, list(self._instances), models
+            self._built = world, models
         return self._built

@@ -15,10 +15,11 @@ DIRECTION, ORIGIN = 0, 3 * TILE  # world, float64, 3 rows each: the ray as asked
 T_MIN, NEAREST = 6 * TILE, 7 * TILE  # where it begins; the nearest hit so far, at first where it ends
 NORMAL, COLOR, LOCAL = 8 * TILE, 11 * TILE, 14 * TILE  # of that hit, 3 rows each
 # The ray in the current model: where it begins and its unit direction, 3 rows each; the length that the direction had
-# before; where it enters and leaves the bounds.
-START, HEADING, SPEED, LOW, HIGH = 17 * TILE, 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
-SIDE_OF = 26 * TILE  # +1 where a ray that starts on a surface is outside of it, -1 where it is inside
-WORLD_ROWS = 27
+# before; where it enters the bounds.
+START, HEADING, SPEED, LOW = 17 * TILE, 20 * TILE, 23 * TILE, 24 * TILE
+SIDE_OF = 25 * TILE  # +1 where a ray that starts on a surface is outside of it, -1 where it is inside
+TOP_LOW, TOP_SPEED = 26 * TILE, 27 * TILE  # the ray in the tree over the instances, as LOW and SPEED
+WORLD_ROWS = 28
 INSTANCE_OF, LEAF_OF, SLOT_OF = 0, TILE, 2 * TILE  # int64: of the nearest hit, -1 for none
 FOUND = 3 * TILE  # leaf of the hit in the current model, -1 for none
 NUMBER_ROWS = 4
@@ -29,7 +30,8 @@ NX, NY, NZ = 10 * TILE, 11 * TILE, 12 * TILE  # unit normal of that hit
 ENTER, LEAVE, FIRST, LAST = 13 * TILE, 14 * TILE, 15 * TILE, 16 * TILE
 END = 17 * TILE  # where it ends, whatever it hits: what is found in one leaf must not depend on what was in another
 SIDE = 18 * TILE  # see SIDE_OF
-MODEL_ROWS = 19
+TOP_OX, TOP_IX, TOP_LENGTH = 19 * TILE, 22 * TILE, 25 * TILE  # in the tree over the instances, 3, 3 and 1
+MODEL_ROWS = 26
 # float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
 # looked at and the direction; t there, half its length; the first and the last sample, where they are; the nearest hit;
 # the side.
@@ -76,6 +78,8 @@ class Scratch(NamedTuple):
     listed : (4 n,) int32, the places of those near the rays that are evaluated
     world, model, numbers : the rows of a tile, float64, float32 and int64; part : float32, of those that search a leaf
     spots : float64, rows of the surface points that are shaded
+    top_what : (128,) int32, entries of the tree over the instances still to visit; top_rays : (128,)
+    int64, the rays that enter them; top_near : (128,) float32, where the first of these does
     """
 
     stack: Array
@@ -91,6 +95,9 @@ class Scratch(NamedTuple):
     numbers: Array
     part: Array
     spots: Array
+    top_what: Array
+    top_rays: Array
+    top_near: Array
 
 
 @inline
@@ -114,6 +121,9 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
         np.zeros(NUMBER_ROWS * TILE, np.int64),
         np.zeros(PART_ROWS * PART, np.float32),
         np.zeros(SPOT_ROWS * TILE, np.float64),
+        np.empty(128, np.int32),
+        np.empty(128, np.int64),
+        np.empty(128, np.float32),
     )
 
 
@@ -134,6 +144,9 @@ def lend_scratch(s):  # type: ignore[no-untyped-def]
         borrow(s.numbers),
         borrow(s.part),
         borrow(s.spots),
+        borrow(s.top_what),
+        borrow(s.top_rays),
+        borrow(s.top_near),
     )
 
 

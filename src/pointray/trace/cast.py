@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, keep, kernel, run, take
-from ..records import INSTANCE, MODEL_ROW, Array, World, lend_world, tree_at
+from ..records import INSTANCE, SHAPE_ROW, Array, World, lend_world, tree_at
 from ..scratch import COUNT_NEAR, INSTANCE_OF, TILE, lend_scratch, new_scratch
 from ..simd import lane
 from ..vec import add, along_curve, scale, triple
@@ -80,7 +80,7 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
                     local[3 * i + c] = hit.local[c]
                 point[i] = -1
                 if hit.slot >= 0:
-                    tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + MODEL_ROW]))
+                    tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + SHAPE_ROW]))
                     point[i] = tree.order[hit.slot]
         batch = take(work)
     keep(memory)

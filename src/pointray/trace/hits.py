@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline, routine
-from ..records import INSTANCE, LEAF, MODEL_ROW, SHEETED, WorldHit, lend_world, tree_at
+from ..records import INSTANCE, LEAF, SHAPE_ROW, SHEETED, WorldHit, lend_world, tree_at
 from ..scratch import (
     COLOR,
     COUNT_NEAR,
@@ -24,8 +24,8 @@ from ..scratch import (
 from ..simd import greatest, lowest, quarters, repeat4, select, spread16, store, vmax, vsqrt
 from ..vec import transform
 from .near import Capsule, list_blocks
+from .space import matrix_at
 from .surface import ONE, ZERO, weights_of_block
-from .world import matrix_at
 
 
 @inline
@@ -111,7 +111,7 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
     """Colour (by the surface's own weights; 1 without colours) and slot of most weight of four hits in one leaf."""
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     at = numbers[INSTANCE_OF + four[0]] * INSTANCE
-    tree = tree_at(world.table, np.int64(world.instances[at + MODEL_ROW]))
+    tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
     v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
     if sheeted:
         v = transform(matrix_at(world, at), row(wide, NORMAL + four[0]))
@@ -144,7 +144,7 @@ def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
     while left != 0:
         a = lowest(left)
         left &= left - 1
-        tree = tree_at(world.table, np.int64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + MODEL_ROW]))
+        tree = tree_at(world.table, np.int64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + SHAPE_ROW]))
         b = c = d = a
         # Of two sheets close together each ray sees its own.
         if tree.leaves[numbers[LEAF_OF + a] * LEAF + SHEETED] == ZERO:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import INSTANCE, PLANE_CHECKER, PLANE_COLOR, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
+from ..records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
 from ..scratch import COLOR, DIRECTION, INSTANCE_OF, LEAF_OF, NEAREST, NORMAL, ORIGIN, SIDE_OF, T_MIN, TILE, put, row
 from ..vec import add, dot, length, scale, sub, triple
 
@@ -18,7 +18,7 @@ ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 def _plane_hit(world, at, ray, side):  # type: ignore[no-untyped-def]
     """t of a ray with a plane; a ray that starts on the plane is on `side` of it."""
     o, d, t_min, t_max = ray
-    normal, point = triple(world.instances, at + PLANE_NORMAL), triple(world.instances, at + PLANE_POINT)
+    normal, point = triple(world.planes, at + PLANE_NORMAL), triple(world.planes, at + PLANE_POINT)
     start = add(o, scale(d, t_min))
     height, rise = dot(normal, sub(start, point)), dot(normal, d)
     if abs(height) <= ON_PLANE * (length(start) + length(point)):
@@ -30,12 +30,12 @@ def _plane_hit(world, at, ray, side):  # type: ignore[no-untyped-def]
 @inline
 def plane_color(world, at, x):  # type: ignore[no-untyped-def]
     """A plane's colour at a point: plain, or a checker with every other square at half."""
-    color = triple(world.instances, at + PLANE_COLOR)
-    edge = world.instances[at + PLANE_CHECKER]
+    color = triple(world.planes, at + PLANE_COLOR)
+    edge = world.planes[at + PLANE_CHECKER]
     if edge > 0.0:
-        v = sub(x, triple(world.instances, at + PLANE_POINT))
-        a = math.floor(dot(v, triple(world.instances, at + PLANE_U)) / edge)
-        b = math.floor(dot(v, triple(world.instances, at + PLANE_V)) / edge)
+        v = sub(x, triple(world.planes, at + PLANE_POINT))
+        a = math.floor(dot(v, triple(world.planes, at + PLANE_U)) / edge)
+        b = math.floor(dot(v, triple(world.planes, at + PLANE_V)) / edge)
         if int(a + b) % 2 != 0:
             return scale(color, 0.5)
     return color
@@ -50,6 +50,6 @@ def tile_on_plane(world, at, scratch):  # type: ignore[no-untyped-def]
         t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), wide[SIDE_OF + i])
         if t < np.inf:
             wide[NEAREST + i] = t
-            put(wide, NORMAL + i, triple(world.instances, at + PLANE_NORMAL))
+            put(wide, NORMAL + i, triple(world.planes, at + PLANE_NORMAL))
             put(wide, COLOR + i, plane_color(world, at, add(o, scale(d, t))))
-            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, -1
+            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = np.int64(world.planes[at + PLANE_INSTANCE]), -1

@@ -1,0 +1,200 @@
+"""The rays of a tile through one instance of a model: into its space, together or alone, and the nearer hits back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inline
+from ..records import INSTANCE, SHAPE_ROW, tree_at
+from ..scratch import (
+    DIRECTION,
+    DX,
+    END,
+    FOUND,
+    HEADING,
+    INSTANCE_OF,
+    IX,
+    LANES,
+    LEAF_OF,
+    LENGTH,
+    LOCAL,
+    LOW,
+    NEAREST,
+    NORMAL,
+    NX,
+    ORIGIN,
+    OX,
+    SIDE,
+    SIDE_OF,
+    SPEED,
+    START,
+    T_MIN,
+    TILE,
+    put,
+    row,
+)
+from ..simd import count_bits, load16, lowest, select, spread16, store
+from ..vec import add, dot, scale, transform_transposed
+from .space import either, into_model, matrix_at, model_bounds
+from .surface import ONE, ZERO
+from .tile import ALL, bits_of_row, closest_of_tile, coherent, tile_ray
+from .traverse import closest, make_ray
+
+LONELY = 4  # so many rays of a tile at most are put into a model's space one by one, not all 64 as vectors
+
+
+@inline
+def _enter(matrix, bounds, i, scratch):  # type: ignore[no-untyped-def]
+    """Ray i in a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them."""
+    wide = scratch.world
+    ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
+    start, d, low, high, speed = into_model(matrix, bounds, ray)
+    put(wide, START + i, start)
+    put(wide, HEADING + i, d)
+    wide[LOW + i], wide[SPEED + i] = low, speed
+    scratch.model[LENGTH + i] = np.float32(high - low) if low <= high else -ONE
+
+
+@inline
+def _narrow(i, scratch):  # type: ignore[no-untyped-def]
+    """Ray i of the model's space as float32; nothing is found yet."""
+    wide, rows = scratch.world, scratch.model
+    ray = make_ray(row(wide, START + i), row(wide, HEADING + i), 0.0, 1.0)
+    put(rows, OX + i, (ray.ox, ray.oy, ray.oz))
+    put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
+    put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
+    rows[END + i], rows[SIDE + i] = rows[LENGTH + i], np.float32(wide[SIDE_OF + i])
+    scratch.numbers[FOUND + i] = -1
+
+
+@inline
+def _some_enter(matrix, bounds, some, scratch):  # type: ignore[no-untyped-def]
+    """Put some rays (bits) into a model's space, one by one; returns those that meet its bounds."""
+    meeting = np.int64(0)
+    while some != 0:
+        i = lowest(some)
+        some &= some - 1
+        _enter(matrix, bounds, i, scratch)
+        if scratch.model[LENGTH + i] >= ZERO:
+            _narrow(i, scratch)
+            meeting |= np.int64(1) << i
+    return meeting
+
+
+@inline
+def _all_enter(matrix, bounds, some, scratch):  # type: ignore[no-untyped-def]
+    """Put the tile's rays into a model's space; returns those of some (bits) that meet its bounds.
+
+    No branches but for tiles of which not all do: the rays go through it as vectors.
+    """
+    rows = scratch.model
+    for i in range(TILE):
+        _enter(matrix, bounds, i, scratch)
+    if some != ALL:
+        for i in range(TILE):
+            rows[LENGTH + i] = rows[LENGTH + i] if (some >> i) & 1 != 0 else -ONE
+    meeting = bits_of_row(rows, LENGTH)
+    if meeting == 0:
+        return meeting
+    for i in range(TILE):
+        _narrow(i, scratch)
+    if meeting != ALL:
+        # Rays that miss the bounds stand where another one does, so that they do not widen the tile.
+        first = lowest(meeting)
+        for at in range(0, TILE, LANES):
+            meet = load16(rows, LENGTH + at) >= ZERO
+            for k in range(0, 9 * TILE, TILE):
+                store(rows, k + at, select(meet, load16(rows, k + at), spread16(rows[k + first])))
+    return meeting
+
+
+@inline
+def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
+    """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before."""
+    model = np.int64(world.instances[at + SHAPE_ROW])
+    tree = tree_at(world.table, model)
+    matrix, bounds = matrix_at(world, at), model_bounds(tree.head)
+    rows, numbers = scratch.model, scratch.numbers
+    few = count_bits(some) <= LONELY
+    alone = _some_enter(matrix, bounds, some, scratch) if few else _all_enter(matrix, bounds, some, scratch)
+    if alone == 0:
+        return
+    entered = alone
+    if not few:
+        if coherent(tree.head, rows, 0, TILE):
+            alone = closest_of_tile(world.table, model, (0, TILE), scratch)
+        else:
+            alone = np.int64(0)
+            for v in range(0, TILE, LANES):
+                if coherent(tree.head, rows, v, v + LANES):
+                    alone |= closest_of_tile(world.table, model, (v, v + LANES), scratch)
+                else:
+                    alone |= np.int64(0xFFFF) << v
+        alone &= entered
+    while alone != 0:
+        i = lowest(alone)
+        alone &= alone - 1
+        hit = closest(world.table, model, tile_ray(rows, i), scratch)
+        numbers[FOUND + i] = hit.leaf
+        rows[LENGTH + i] = hit.t
+        put(rows, NX + i, (hit.nx, hit.ny, hit.nz))
+    if few:
+        while entered != 0:
+            i = lowest(entered)
+            entered &= entered - 1
+            if numbers[FOUND + i] >= 0:
+                _keep_t(i, scratch)
+                _keep_place(matrix, i, scratch)
+                _keep_leaf(at, i, scratch)
+    else:
+        _keep_nearest(matrix, at, scratch)
+
+
+@inline
+def _keep_t(i, scratch):  # type: ignore[no-untyped-def]
+    """Keep t of ray i's hit where it is nearer than what was hit before; else FOUND is -1."""
+    wide, numbers = scratch.world, scratch.numbers
+    t = (wide[LOW + i] + np.float64(scratch.model[LENGTH + i])) / wide[SPEED + i]
+    better = (numbers[FOUND + i] >= 0) & (t <= wide[NEAREST + i])
+    wide[NEAREST + i] = t if better else wide[NEAREST + i]
+    numbers[FOUND + i] = numbers[FOUND + i] if better else -1
+
+
+@inline
+def _keep_place(matrix, i, scratch):  # type: ignore[no-untyped-def]
+    """Keep normal and place of a hit that is nearer."""
+    wide, rows = scratch.world, scratch.model
+    n = row(rows, NX + i)
+    n = transform_transposed(matrix, (np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
+    n = scale(n, 1.0 / math.sqrt(dot(n, n)))
+    x = add(row(wide, START + i), scale(row(wide, HEADING + i), np.float64(rows[LENGTH + i])))
+    better = scratch.numbers[FOUND + i] >= 0
+    old_n, old_x = row(wide, NORMAL + i), row(wide, LOCAL + i)
+    put(wide, NORMAL + i, either(better, n, old_n))
+    put(wide, LOCAL + i, either(better, x, old_x))
+
+
+@inline
+def _keep_leaf(at, i, scratch):  # type: ignore[no-untyped-def]
+    """Keep what a hit that is nearer belongs to."""
+    numbers = scratch.numbers
+    if numbers[FOUND + i] >= 0:
+        numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, numbers[FOUND + i]
+
+
+@inline
+def _keep_nearest(matrix, at, scratch):  # type: ignore[no-untyped-def]
+    """Of the hits in a model keep those that are nearer than what was hit before. No branches: the rays as vectors."""
+    found = False
+    for i in range(TILE):
+        found |= scratch.numbers[FOUND + i] >= 0
+    if not found:
+        return
+    for i in range(TILE):
+        _keep_t(i, scratch)
+    for i in range(TILE):
+        _keep_place(matrix, i, scratch)
+    for i in range(TILE):
+        _keep_leaf(at, i, scratch)

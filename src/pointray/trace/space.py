@@ -1,0 +1,70 @@
+"""From the world into a model's space: rays get unit length and start where they enter the model's bounds.
+
+So a far camera costs no precision when they become float32.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline
+from ..records import BOUNDS, TO_MODEL
+from ..vec import add, length, scale, sub, transform, triple
+
+
+@inline
+def model_bounds(head):  # type: ignore[no-untyped-def]
+    """A model's bounds (lo x y z, hi x y z) in float64, padded against rounding."""
+    lows, highs = triple(head, BOUNDS), triple(head, BOUNDS + 3)
+    lows = np.float64(lows[0]), np.float64(lows[1]), np.float64(lows[2])
+    highs = np.float64(highs[0]), np.float64(highs[1]), np.float64(highs[2])
+    x, y, z = abs(lows[0]) + abs(highs[0]), abs(lows[1]) + abs(highs[1]), abs(lows[2]) + abs(highs[2])
+    pad = 1e-6 * x, 1e-6 * y, 1e-6 * z
+    return sub(lows, pad), add(highs, pad)
+
+
+@inline
+def _clip(span, edges, o, d):  # type: ignore[no-untyped-def]
+    """The part of a span of a ray between two planes across an axis, where o and d are its components."""
+    inverse = 1.0 / (d if abs(d) > 1e-300 else 1e-300)
+    a, b = (edges[0] - o) * inverse, (edges[1] - o) * inverse
+    near, far = (a if a < b else b), (b if a < b else a)
+    return (near if near > span[0] else span[0]), (far if far < span[1] else span[1])
+
+
+@inline
+def matrix_at(world, at):  # type: ignore[no-untyped-def]
+    """An instance's transform from the world to its model: three rows of four."""
+    m, k = world.instances, at + TO_MODEL
+    return (
+        (m[k], m[k + 1], m[k + 2], m[k + 3]),
+        (m[k + 4], m[k + 5], m[k + 6], m[k + 7]),
+        (m[k + 8], m[k + 9], m[k + 10], m[k + 11]),
+    )
+
+
+@inline
+def into_model(matrix, bounds, ray):  # type: ignore[no-untyped-def]
+    """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
+
+    Returns (start, unit direction, low, high, speed): low and high along the unit direction, low > high for a ray
+    that misses the bounds; speed is how much longer the direction was. No branches: the rays of a tile go through it
+    as vectors.
+    """
+    d = transform(matrix, ray[1])
+    speed = length(d)
+    d = scale(d, 1.0 / speed)
+    o = transform(matrix, ray[0])
+    o = o[0] + matrix[0][3], o[1] + matrix[1][3], o[2] + matrix[2][3]
+    span = (ray[2] * speed, ray[3] * speed)
+    span = _clip(span, (bounds[0][0], bounds[1][0]), o[0], d[0])
+    span = _clip(span, (bounds[0][1], bounds[1][1]), o[1], d[1])
+    span = _clip(span, (bounds[0][2], bounds[1][2]), o[2], d[2])
+    end = span[1] if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has squeezed the direction away
+    return add(o, scale(d, span[0])), d, span[0], end, speed
+
+
+@inline
+def either(first, a, b):  # type: ignore[no-untyped-def]
+    """a or b, component by component: no branch."""
+    return a[0] if first else b[0], a[1] if first else b[1], a[2] if first else b[2]

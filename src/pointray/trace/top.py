@@ -1,0 +1,130 @@
+"""Which instances the rays of a tile may meet: a walk through the tree over all of them, the nearest first.
+
+Each box is tested for the very rays that have entered the one around it, sixteen at once; so rays that go all ways are
+no worse off than alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline
+from ..records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE
+from ..scratch import (
+    DIRECTION,
+    LANES,
+    NEAREST,
+    ORIGIN,
+    T_MIN,
+    TILE,
+    TOP_IX,
+    TOP_LENGTH,
+    TOP_LOW,
+    TOP_OX,
+    TOP_SPEED,
+    put,
+    row,
+)
+from ..simd import bits, least, load16, mask16, select, spread16, vmax, vmin
+from ..vec import triple
+from .space import into_model
+from .surface import INF, ONE, ZERO
+from .tile import ALL, bits_of_row
+from .traverse import make_ray
+
+
+@inline
+def begin_walk(world, scratch):  # type: ignore[no-untyped-def]
+    """Put the first entries on the stack: the root, or all models where there are few. Returns their number."""
+    if world.top_children.size > 0:
+        rays = _rays_to_top(world, scratch)
+        scratch.top_what[0], scratch.top_rays[0], scratch.top_near[0] = 0, rays, ZERO
+        return 1 if rays != 0 else 0
+    count = 0
+    for k in range(world.instances.size // INSTANCE - 1, -1, -1):
+        if world.instances[k * INSTANCE + KIND] == MODEL:
+            scratch.top_what[count], scratch.top_rays[count], scratch.top_near[count] = ~k, ALL, ZERO
+            count += 1
+    return count
+
+
+@inline
+def _rays_to_top(world, scratch):  # type: ignore[no-untyped-def]
+    """Put the tile's rays into the tree's space, from where they enter all bounds on; returns those that do."""
+    x, y, z = triple(world.top, TOP_CENTER)
+    matrix = (1.0, 0.0, 0.0, -x), (0.0, 1.0, 0.0, -y), (0.0, 0.0, 1.0, -z)
+    bounds = triple(world.top, TOP_BOUNDS), triple(world.top, TOP_BOUNDS + 3)
+    wide, rows = scratch.world, scratch.model
+    for i in range(TILE):
+        ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
+        start, d, low, high, speed = into_model(matrix, bounds, ray)
+        wide[TOP_LOW + i], wide[TOP_SPEED + i] = low, speed
+        ray = make_ray(start, d, high - low, 1.0)
+        put(rows, TOP_OX + i, (ray.ox, ray.oy, ray.oz))
+        put(rows, TOP_IX + i, (ray.ix, ray.iy, ray.iz))
+        rows[TOP_LENGTH + i] = np.float32(high - low) if low <= high else -ONE
+    return bits_of_row(rows, TOP_LENGTH)
+
+
+@inline
+def shorten(world, scratch):  # type: ignore[no-untyped-def]
+    """After hits in an instance: rays end there."""
+    if world.top_children.size > 0:
+        wide, rows = scratch.world, scratch.model
+        for i in range(TILE):
+            rows[TOP_LENGTH + i] = np.float32(wide[NEAREST + i] * wide[TOP_SPEED + i] - wide[TOP_LOW + i])
+
+
+@inline
+def _enter(world, at, rays, scratch):  # type: ignore[no-untyped-def]
+    """Which of some rays enter a box before they end, and the least t at which one does."""
+    boxes, rows = world.top_boxes, scratch.model
+    entering, nearest = np.int64(0), INF
+    for v in range(0, TILE, LANES):
+        word = (rays >> v) & 0xFFFF
+        if word == 0:
+            continue
+        ox, oy, oz = load16(rows, TOP_OX + v), load16(rows, TOP_OX + TILE + v), load16(rows, TOP_OX + 2 * TILE + v)
+        ix, iy, iz = load16(rows, TOP_IX + v), load16(rows, TOP_IX + TILE + v), load16(rows, TOP_IX + 2 * TILE + v)
+        ax, bx = (boxes[at] - ox) * ix, (boxes[at + 3] - ox) * ix
+        ay, by = (boxes[at + 1] - oy) * iy, (boxes[at + 4] - oy) * iy
+        az, bz = (boxes[at + 2] - oz) * iz, (boxes[at + 5] - oz) * iz
+        near = vmax(vmax(vmin(ax, bx), vmin(ay, by)), vmax(vmin(az, bz), spread16(ZERO)))
+        far = vmin(vmin(vmax(ax, bx), vmax(ay, by)), vmin(vmax(az, bz), load16(rows, TOP_LENGTH + v)))
+        word &= bits(near <= far)
+        if word != 0:
+            nearest = min(nearest, least(select(mask16(word), near, spread16(INF))))
+            entering |= word << v
+    return entering, nearest
+
+
+@inline
+def open_node(world, node, rays, top, scratch):  # type: ignore[no-untyped-def]
+    """Put the children of a node that some rays enter on the stack, the nearer one last; returns the new top."""
+    at = node * TOP_NODE
+    a, near_a = _enter(world, at, rays, scratch)
+    b, near_b = _enter(world, at + TOP_NODE // 2, rays, scratch)
+    what_a, what_b = world.top_children[2 * node], world.top_children[2 * node + 1]
+    if near_a < near_b:
+        a, near_a, what_a, b, near_b, what_b = b, near_b, what_b, a, near_a, what_a
+    if a != 0:
+        scratch.top_what[top], scratch.top_rays[top], scratch.top_near[top] = what_a, a, near_a
+        top += 1
+    if b != 0:
+        scratch.top_what[top], scratch.top_rays[top], scratch.top_near[top] = what_b, b, near_b
+        top += 1
+    return top
+
+
+@inline
+def still_open(world, top, scratch):  # type: ignore[no-untyped-def]
+    """The rays of a stack's entry that have not ended before its box begins."""
+    rays, near = scratch.top_rays[top], scratch.top_near[top]
+    if world.top_children.size == 0:
+        return rays
+    left = np.int64(0)
+    for v in range(0, TILE, LANES):
+        word = (rays >> v) & 0xFFFF
+        if word != 0:
+            left |= (word & bits(load16(scratch.model, TOP_LENGTH + v) >= spread16(near))) << v
+    return left

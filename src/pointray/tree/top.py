@@ -1,0 +1,165 @@
+"""The tree over a scene's instances: a binary one of their world boxes, split by the surface area heuristic.
+
+It is small and built anew whenever an instance comes, goes or moves.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import inline, kernel
+from ..records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_PLACE
+
+FEW = 3  # so many models are tried one after the other
+BINS = 16
+DEEP = 48  # from here on halves of equal number, so that a walk's stack is bounded
+PAD = 4e-6  # of the size of everything, by which boxes grow: rays are float32 there
+
+
+@inline
+def _half_area(low, high):  # type: ignore[no-untyped-def]
+    """Half the surface of a box."""
+    x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
+    return x * y + y * z + z * x
+
+
+@inline
+def _bin_of(x, low, width):  # type: ignore[no-untyped-def]
+    """Which bin a box's middle falls into."""
+    return min(int((x - low) * BINS / width), BINS - 1) if width > 0.0 else 0
+
+
+@inline
+def _costs(bins, out):  # type: ignore[no-untyped-def]
+    """Add the costs of all bins up to each to its place in out: area times number. bins : counts, boxes."""
+    counts, boxes = bins
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    number = 0
+    for k in range(BINS):
+        number += counts[k]
+        for c in range(3):
+            low[c], high[c] = min(low[c], boxes[k, c]), max(high[c], boxes[k, 3 + c])
+        out[k] += _half_area(low, high) * number if number > 0 else 0.0
+
+
+@inline
+def _fill(boxes, rows, axis, span):  # type: ignore[no-untyped-def]
+    """Numbers and boxes of the bins along an axis. span : least middle and width."""
+    counts, held = np.zeros(BINS, np.int64), np.empty((BINS, 6))
+    held[:, :3], held[:, 3:] = np.inf, -np.inf
+    for i in rows:
+        k = _bin_of(0.5 * (boxes[i, axis] + boxes[i, 3 + axis]), span[0], span[1])
+        counts[k] += 1
+        for c in range(3):
+            held[k, c], held[k, 3 + c] = min(held[k, c], boxes[i, c]), max(held[k, 3 + c], boxes[i, 3 + c])
+    return counts, held
+
+
+@inline
+def _split(boxes, rows, depth):  # type: ignore[no-untyped-def]
+    """Put the rows in an order and return how many go to the first half: at least one, and not all."""
+    best, where, along, base, size = np.inf, -1, 0, 0.0, 0.0
+    widest = -1.0
+    for axis in range(3):
+        low, high = np.inf, -np.inf
+        for i in rows:
+            middle = 0.5 * (boxes[i, axis] + boxes[i, 3 + axis])
+            low, high = min(low, middle), max(high, middle)
+        if high - low > widest:
+            widest = high - low
+            if best == np.inf:
+                along, base, size = axis, low, high - low
+        if not high > low or depth >= DEEP:
+            continue
+        counts, held = _fill(boxes, rows, axis, (low, high - low))
+        before, after = np.zeros(BINS), np.zeros(BINS)
+        _costs((counts, held), before)
+        _costs((counts[::-1].copy(), held[::-1].copy()), after)
+        for k in range(BINS - 1):
+            cost = before[k] + after[BINS - 2 - k]
+            if cost < best and 0 < counts[: k + 1].sum() < len(rows):
+                best, where, along, base, size = cost, k, axis, low, high - low
+    if where < 0:  # all in one place, or too deep: halves
+        middles = 0.5 * (boxes[rows, along] + boxes[rows, 3 + along])
+        rows[:] = rows[np.argsort(middles)]
+        return len(rows) // 2
+    first, end = 0, len(rows)
+    while first < end:
+        i = rows[first]
+        if _bin_of(0.5 * (boxes[i, along] + boxes[i, 3 + along]), base, size) <= where:
+            first += 1
+        else:
+            end -= 1
+            rows[first], rows[end] = rows[end], i
+    return first
+
+
+@inline
+def _enclose(boxes, rows, out):  # type: ignore[no-untyped-def]
+    """The box around some boxes."""
+    for c in range(3):
+        out[c], out[3 + c] = np.float32(np.inf), np.float32(-np.inf)
+    for i in rows:
+        for c in range(3):
+            out[c] = min(out[c], np.float32(boxes[i, c]))
+            out[3 + c] = max(out[3 + c], np.float32(boxes[i, 3 + c]))
+
+
+@kernel
+def _build(boxes, numbers, out):  # type: ignore[no-untyped-def]
+    """boxes : (n, 6) float64, of instances `numbers`, n > 1; out : boxes and children of n - 1 nodes."""
+    out_boxes, out_children = out
+    rows = np.arange(len(boxes))
+    pending = np.empty((len(boxes), 4), np.int64)  # node, the part of the rows, depth
+    pending[0] = (0, 0, len(boxes), 0)
+    waiting, nodes = 1, 1
+    while waiting > 0:
+        waiting -= 1
+        node, first, end, depth = pending[waiting]
+        middle = first + (1 if end - first == 2 else _split(boxes, rows[first:end], depth))
+        for half in range(2):
+            low, high = (first, middle) if half == 0 else (middle, end)
+            at = node * TOP_NODE + half * (TOP_NODE // 2)
+            _enclose(boxes, rows[low:high], out_boxes[at : at + TOP_NODE // 2])
+            if high - low == 1:
+                out_children[2 * node + half] = ~numbers[rows[low]]
+                continue
+            out_children[2 * node + half] = nodes
+            pending[waiting] = (nodes, low, high, depth + 1)
+            waiting, nodes = waiting + 1, nodes + 1
+
+
+def build_top(
+    boxes: NDArray[np.float64], numbers: NDArray[np.integer[Any]]
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """The tree over the world boxes of the instances that are models.
+
+    Parameters
+    ----------
+    boxes : (n, 6) float64
+        lo x y z, hi x y z; n may be 0.
+    numbers : (n,) int64
+        Which instances they are.
+
+    Returns
+    -------
+    top, top_boxes, top_children
+        See `records.World`.
+    """
+    top = np.zeros(TOP_PLACE)
+    nodes = max(len(boxes) - 1, 0) if len(boxes) > FEW else 0
+    top_boxes, top_children = np.zeros(nodes * TOP_NODE, np.float32), np.zeros(nodes * 2, np.int32)
+    if len(boxes) == 0:
+        return top, top_boxes, top_children
+    low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+    center = 0.5 * (low + high)
+    pad = PAD * (np.abs(high - low).max() + np.abs(center).max() * 1e-6)
+    top[TOP_CENTER : TOP_CENTER + 3] = center
+    top[TOP_BOUNDS : TOP_BOUNDS + 6] = [*(low - center - 2 * pad), *(high - center + 2 * pad)]
+    if nodes > 0:
+        around = np.concatenate([boxes[:, :3] - center - pad, boxes[:, 3:] - center + pad], axis=1)
+        _build(around, numbers, (top_boxes, top_children))
+    return top, top_boxes, top_children

@@ -1,0 +1,160 @@
+"""Many instances: the tree over them, what rays meet against each instance alone, moving, and what it all costs."""
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from pointray.records import MATERIAL_SIZE, ROW, TOP_BOUNDS, TOP_CENTER, TOP_NODE
+from pointray.tree.top import DEEP, FEW, build_top
+
+RNG = np.random.default_rng(11)
+
+
+@pytest.fixture(scope="module")
+def models():
+    return pr.Model(pr.procedural("sphere", 3000)), pr.Model(pr.procedural("torus", 5000))
+
+
+def random_transform(spread):
+    out = np.eye(4)
+    out[:3, :3] = np.linalg.qr(RNG.normal(size=(3, 3)))[0] @ np.diag(RNG.uniform(0.3, 1.5, 3))
+    out[:3, 3] = RNG.uniform(-spread, spread, 3)
+    return out
+
+
+def scene_of(models, transforms):
+    scene = pr.Scene()
+    for k, transform in enumerate(transforms):
+        scene.add(models[k % 2], transform)
+    return scene
+
+
+def random_rays(count, spread):
+    origins, towards = RNG.uniform(-2 * spread, 2 * spread, (count, 3)), RNG.uniform(-spread, spread, (count, 3))
+    return origins, (towards - origins) * RNG.uniform(0.3, 3, (count, 1))
+
+
+@pytest.mark.parametrize("shift", [0, 4e6])
+def test_many_are_as_the_nearest_of_each(models, shift):
+    """Rays of a picture, and rays that go all ways, in tiles and by few; also where coordinates are those of maps."""
+    transforms = [random_transform(5) for _ in range(60)]
+    for transform in transforms:
+        transform[:3, 3] += shift
+    scene = scene_of(models, transforms)
+    camera = pr.Camera.frame(scene.bounds, size=(80, 60))
+    origins, directions = random_rays(3000, 6)
+    rays = [camera.rays(), (origins + shift, directions)]
+    for origins, directions in rays:
+        hits = scene.intersect(origins, directions)
+        t, instance = np.full(hits.t.shape, np.inf), np.full(hits.t.shape, -1)
+        normal = np.zeros((*t.shape, 3))
+        for k, transform in enumerate(transforms):
+            alone = scene_of(models[k % 2 :], [transform]).intersect(origins, directions)
+            nearer = alone.t < t
+            t[nearer], instance[nearer], normal[nearer] = alone.t[nearer], k, alone.normal[nearer]
+        assert 0.1 < np.isfinite(t).mean() < 0.9
+        assert np.array_equal(hits.instance, instance)
+        hit = instance >= 0
+        assert np.allclose(hits.t[hit], t[hit], rtol=1e-6)  # alone or in a tile: the last bit
+        assert np.abs(hits.normal - normal).max() < 1e-5
+        assert np.array_equal(scene.occluded(origins, directions), hit)
+
+
+def test_the_interval_of_a_ray_counts(models):
+    scene = scene_of(models, [random_transform(9) for _ in range(40)])
+    origins, directions = random_rays(2000, 12)
+    first = scene.intersect(origins, directions)
+    hit = np.flatnonzero(first.instance >= 0)
+    before, behind = first.t[hit] * 0.999, first.t[hit] * 1.001
+    assert not scene.occluded(origins[hit], directions[hit], t_max=before).any()
+    assert scene.occluded(origins[hit], directions[hit], t_max=behind).all()
+    second = scene.intersect(origins[hit], directions[hit], t_min=behind)
+    assert (second.t > behind).all() and np.isfinite(second.t).mean() > 0.7
+
+
+@pytest.mark.parametrize("count", range(FEW - 1, FEW + 4))
+def test_any_number(models, count):
+    transforms = [np.eye(4) for _ in range(count)]
+    for k, transform in enumerate(transforms):
+        transform[0, 3] = 4 * k
+    scene = scene_of(models[:1] * 2, transforms)
+    hits = scene.intersect(np.array([[4 * k, -5, 0] for k in range(-1, count + 1)]), [0, 1, 0])
+    assert hits.instance.tolist() == [-1, *range(count), -1]
+
+
+def test_moving_one_of_many(models):
+    scene = scene_of(models[:1] * 2, [np.eye(4)] * 10)
+    away = np.eye(4)
+    for number in range(10):
+        away[0, 3] = 5 * (number + 1)
+        scene.update(number, away)
+    origins = np.array([[5 * k, -9, 0] for k in range(11)])
+    assert scene.intersect(origins, [0, 1, 0]).instance.tolist() == [-1, *range(10)]
+    scene.remove(4)
+    scene.add(models[0])
+    assert scene.intersect(origins, [0, 1, 0]).instance.tolist() == [10, 0, 1, 2, 3, -1, 5, 6, 7, 8, 9]
+
+
+def test_a_picture_under_way_keeps_its_scene(models):
+    """What is changed while kernels read it changes in a copy."""
+    scene = scene_of(models, [np.eye(4)] * 5)
+    world = scene._world()[0]
+    before = world.instances.copy()
+    scene.update(2, random_transform(3))
+    scene.remove(0)
+    scene.add(models[0], random_transform(3))
+    scene._world()
+    assert np.array_equal(world.instances, before)
+
+
+def leaves_of(boxes, children, node, low, high, seen, depth=0):
+    """Walk down and check that each child's box holds what is below it; returns the depth."""
+    deepest = depth
+    for half in range(2):
+        at = node * TOP_NODE + half * 6
+        box = boxes[at : at + 6]
+        child = children[2 * node + half]
+        assert (box[:3] >= low).all() and (box[3:] <= high).all()
+        if child < 0:
+            seen[~child] = box
+        else:
+            deepest = max(deepest, leaves_of(boxes, children, child, box[:3], box[3:], seen, depth + 1))
+    return deepest
+
+
+CLOUDS = {
+    "random": RNG.uniform(-1, 1, (500, 3)),
+    "one place": np.zeros((200, 3)),
+    "a line": np.linspace(0, 1, 300)[:, None] * [1, 0, 0],
+    "ever farther": 1.5 ** np.arange(120)[:, None] * [1.0, 1, 0],
+}
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+def test_the_tree_over_instances(name):
+    middles = CLOUDS[name]
+    n = len(middles)
+    half = RNG.uniform(0, 0.2, (n, 3))
+    given = np.concatenate([middles - half, middles + half], axis=1)
+    top, boxes, children = build_top(given, np.arange(7, 7 + n))
+    seen = {}
+    low, high = top[TOP_BOUNDS : TOP_BOUNDS + 3], top[TOP_BOUNDS + 3 : TOP_BOUNDS + 6]
+    deepest = leaves_of(boxes, children, 0, low, high, seen)
+    assert deepest <= DEEP + np.log2(n) + 1
+    assert sorted(seen) == list(range(7, 7 + n))
+    held = np.array([seen[k] for k in range(7, 7 + n)]) + np.tile(top[TOP_CENTER : TOP_CENTER + 3], 2)
+    assert (held[:, :3] <= given[:, :3]).all() and (held[:, 3:] >= given[:, 3:]).all()
+
+
+def test_memory_of_an_instance(models):
+    """The issue's measure: one model, and at most 300 bytes an instance, with what kernels read."""
+    scene, transform = pr.Scene(), np.eye(4)
+    count = 2048
+    for k in range(count):
+        transform[:3, 3] = k % 40 * 3, k // 40 * 3, 0
+        scene.add(models[0], transform)
+    world, instances = scene._world()[0], scene._instances
+    held = [world.instances, world.top_boxes, world.top_children, instances._boxes, instances._numbers]
+    pointers = 2 * 8 * count
+    assert (sum(array.nbytes for array in held) + pointers) / count <= 300
+    assert world.table.size == ROW and world.materials.size == MATERIAL_SIZE
