@@ -18,11 +18,15 @@ __version__ = "0.1.0"
 _HOME = {
     "Camera": "camera",
     "Diffuse": "shade.materials",
+    "DiskLight": "shade.lights",
+    "EnvironmentLight": "shade.environment",
     "Hits": "rays",
     "Model": "model",
     "Phong": "shade.materials",
     "Plane": "instances",
     "PointLight": "shade.lights",
+    "RectLight": "shade.lights",
+    "SphereLight": "shade.lights",
     "Points": "data",
     "Scene": "scene",
     "Settings": "picture",
@@ -58,7 +62,11 @@ if TYPE_CHECKING:
     from .points.cleaning import find_flaws as find_flaws
     from .rays import Hits as Hits
     from .scene import Scene as Scene
+    from .shade.environment import EnvironmentLight as EnvironmentLight
+    from .shade.lights import DiskLight as DiskLight
     from .shade.lights import PointLight as PointLight
+    from .shade.lights import RectLight as RectLight
+    from .shade.lights import SphereLight as SphereLight
     from .shade.lights import SunLight as SunLight
     from .shade.materials import Diffuse as Diffuse
     from .shade.materials import Phong as Phong

@@ -173,12 +173,24 @@ TOP_NODE = 12
 TOP_CENTER, TOP_BOUNDS = 0, 3
 TOP_PLACE = 9
 
-# A light: 8 float64.
-LIGHT = 8
+# A light: 18 float64.
+LIGHT = 18
 LIGHT_KIND = 0
-POINT_LIGHT, SUN_LIGHT = 0, 1
-LIGHT_PLACE = 1  # position, or direction of travel
-LIGHT_POWER = 4  # RGB: intensity in W/sr, or irradiance in W/m2
+POINT_LIGHT, SUN_LIGHT, RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT = range(5)
+LIGHT_PLACE = 1  # 1..3: position or middle, or direction of travel
+LIGHT_POWER = 4  # RGB: intensity in W/sr, of the sun irradiance in W/m2, of what has a size radiance in W/(m2 sr)
+LIGHT_U, LIGHT_V = 7, 10  # 3 each, of a rectangle and a disk: from the middle to the edge
+LIGHT_FACING = 13  # 13..15, of these two: unit, the side that shines
+LIGHT_RADIUS = 16  # of a sphere; of the sun 1 - cosine of half the angle it fills
+LIGHT_AREA = 17
+
+# The light from all around, if there is any: 20 float64, and the tables of a picture.
+SKY = 20
+SKY_KIND = 0
+NO_SKY, GRADIENT_SKY, PICTURE_SKY = range(3)
+SKY_X, SKY_Y, SKY_Z = 1, 4, 7  # its axes in the world, 3 each, unit: to the right of the picture's middle, it, and up
+SKY_ZENITH, SKY_HORIZON, SKY_GROUND = 10, 13, 16  # RGB radiance of a gradient
+SKY_WIDTH = 19  # of the picture, in pixels
 
 # A material: 8 float64.
 MATERIAL_SIZE = 8
@@ -196,6 +208,10 @@ class World(NamedTuple):
     top : (9,) float64, where the tree over the instances is; top_boxes : (nodes * 12,) float32
     top_children : (nodes * 2,) int32, a child >= 0 is a node, a child < 0 is instance ~child; a tree of no nodes: there
         are so few models that each is tried
+    sky : (20,) float64, see `SKY`; sky_colors : (h * w * 3,) float32, its picture's radiance, row 0 on top
+    sky_rows : (h + 1,) float64, share of the light above each row; sky_columns : (h * (w + 1),) float64, of each row's
+        light that to the left of each pixel
+    sky_mean : (27,) float64, its irradiance as spherical harmonics, 9 times RGB
     tone : (256,) float32, linear value of each sRGB level; longest : blocks of the longest leaf
     """
 
@@ -207,6 +223,11 @@ class World(NamedTuple):
     top_children: Array
     lights: Array
     materials: Array
+    sky: Array
+    sky_colors: Array
+    sky_rows: Array
+    sky_columns: Array
+    sky_mean: Array
     tone: Array
     longest: int
 
@@ -223,6 +244,11 @@ def lend_world(w):  # type: ignore[no-untyped-def]
         borrow(w.top_children),
         borrow(w.lights),
         borrow(w.materials),
+        borrow(w.sky),
+        borrow(w.sky_colors),
+        borrow(w.sky_rows),
+        borrow(w.sky_columns),
+        borrow(w.sky_mean),
         borrow(w.tone),
         w.longest,
     )

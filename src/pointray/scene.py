@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,8 @@ from .instances import Instances, Plane, check_material, check_transform
 from .model import Model
 from .rays import Hits, check_rays
 from .records import KIND, MODEL, SHAPE_ROW, World, model_table
-from .shade.lights import PointLight, SunLight, rgb
+from .shade.environment import EnvironmentLight, no_sky
+from .shade.lights import Light, rgb
 from .shade.materials import Material
 from .trace.cast import blend_attribute, closest_hits, occlusions
 from .tree.top import build_top
@@ -31,7 +32,7 @@ class Scene:
 
     def __init__(self) -> None:
         self._instances = Instances()
-        self._lights: dict[int, PointLight | SunLight] = {}
+        self._lights: list[Light | EnvironmentLight] = []
         self._background: NDArray[np.float64] | None = None
         self._built: tuple[World, list[Model]] | None = None
 
@@ -74,15 +75,19 @@ class Scene:
         self._change()
         self._instances.remove(row)
 
-    def add_light(self, light: PointLight | SunLight) -> int:
-        """Put a light into the scene; without any there is a headlight at the camera."""
-        if not isinstance(light, PointLight | SunLight):
-            raise ValueError(f"a light is a PointLight or a SunLight, not {type(light).__name__}")
-        light.record()
-        number = len(self._lights)
+    def add_light(self, light: Light | EnvironmentLight) -> int:
+        """Put a light into the scene, at most one `EnvironmentLight`; without any there is a headlight at the camera."""
+        if not isinstance(light, Light | EnvironmentLight):
+            known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
+            raise ValueError(f"a light is one of {known}, not {type(light).__name__}")
+        if isinstance(light, EnvironmentLight):
+            if any(isinstance(other, EnvironmentLight) for other in self._lights):
+                raise ValueError("the scene has an EnvironmentLight already")
+        else:
+            light.record()
         self._change()
-        self._lights[number] = light
-        return number
+        self._lights.append(light)
+        return len(self._lights) - 1
 
     @property
     def background(self) -> NDArray[np.float64] | None:
@@ -181,6 +186,9 @@ class Scene:
         if self._built is None:
             models, planes, materials = self._instances.finish()
             of_models = np.flatnonzero(self._instances.records[:, KIND] == MODEL)
+            lights = [light for light in self._lights if not isinstance(light, EnvironmentLight)]
+            skies = [light.tables() for light in self._lights if isinstance(light, EnvironmentLight)]
+            sky, sky_colors, sky_rows, sky_columns, sky_mean = skies[0] if skies else no_sky()
             top, top_boxes, top_children = build_top(self._instances.boxes[of_models], of_models)
             world = World(
                 model_table([m.tree for m in models]),
@@ -189,8 +197,13 @@ class Scene:
                 top,
                 top_boxes,
                 top_children,
-                np.concatenate([*(light.record() for light in self._lights.values()), []]),
+                np.concatenate([*(light.record() for light in lights), []]),
                 materials,
+                sky,
+                sky_colors,
+                sky_rows,
+                sky_columns,
+                sky_mean,
                 srgb_to_linear(np.arange(256, dtype=np.uint8)),
                 16 * max([int(m.tree.spans[1::2].max()) for m in models], default=1),
             )

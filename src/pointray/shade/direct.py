@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ..jit import inline
 from ..records import (
     BASE_COLOR,
     EXPONENT,
     INSTANCE,
     LIGHT,
-    LIGHT_KIND,
-    LIGHT_PLACE,
-    LIGHT_POWER,
     MATERIAL,
     MATERIAL_KIND,
     MATERIAL_SIZE,
     OWN_COLOR,
     PHONG,
-    POINT_LIGHT,
     SPECULAR,
 )
 from ..scratch import (
@@ -38,21 +32,8 @@ from ..scratch import (
     row,
 )
 from ..trace.world import NOWHERE, aim, aim_from, trace_tile
-from ..vec import add, dot, length, multiply, scale, sub, triple, unit
-
-BLACK = (0.0, 0.0, 0.0)
-
-
-@inline
-def towards_light(world, at, x):  # type: ignore[no-untyped-def]
-    """(unit direction to the light, distance, irradiance on a surface that faces it)."""
-    power = triple(world.lights, at + LIGHT_POWER)
-    place = triple(world.lights, at + LIGHT_PLACE)
-    if world.lights[at + LIGHT_KIND] == POINT_LIGHT:
-        v = sub(place, x)
-        distance = length(v)
-        return scale(v, 1.0 / max(distance, 1e-300)), distance, scale(power, 1.0 / max(distance * distance, 1e-300))
-    return scale(place, -1.0), np.inf, power
+from ..vec import add, dot, multiply, scale, sub, triple, unit
+from .emitters import BLACK, from_middle
 
 
 @inline
@@ -112,8 +93,8 @@ def _light_from(world, at, scratch):  # type: ignore[no-untyped-def]
         put(spots, GAIN + i, BLACK)
         if spots[SPOT_INSTANCE + i] < 0.0:
             continue
-        to_light, _, irradiance = towards_light(world, at, row(spots, SPOT + i))
-        gain = multiply(reflectance(world, _spot(spots, i), to_light), irradiance)
+        arrival = from_middle(world, at, row(spots, SPOT + i))
+        gain = multiply(reflectance(world, _spot(spots, i), arrival.to_light), arrival.light)
         put(spots, GAIN + i, gain)
         if gain[0] + gain[1] + gain[2] > 0.0:
             lit = True
@@ -128,8 +109,8 @@ def _shade_from(world, at, scratch):  # type: ignore[no-untyped-def]
         gain = row(spots, GAIN + i)
         if gain[0] + gain[1] + gain[2] > 0.0:
             x = row(spots, SPOT + i)
-            to_light, distance, _ = towards_light(world, at, x)
-            aim_from(scratch, i, (x, to_light, 0.0, distance), spots[SPOT_SIDE + i])
+            arrival = from_middle(world, at, x)
+            aim_from(scratch, i, (x, arrival.to_light, 0.0, arrival.distance), spots[SPOT_SIDE + i])
         else:
             aim(scratch, i, NOWHERE)
     trace_tile(world, scratch)

@@ -1,4 +1,4 @@
-"""Lights. Colours are linear RGB; a number means grey."""
+"""Lights of a place or a direction. Colours are linear RGB; a number means grey. All of them show no back."""
 
 from __future__ import annotations
 
@@ -7,15 +7,45 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..records import LIGHT, LIGHT_KIND, LIGHT_PLACE, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT
+from ..records import (
+    DISK_LIGHT,
+    LIGHT,
+    LIGHT_AREA,
+    LIGHT_FACING,
+    LIGHT_KIND,
+    LIGHT_PLACE,
+    LIGHT_POWER,
+    LIGHT_RADIUS,
+    LIGHT_U,
+    LIGHT_V,
+    POINT_LIGHT,
+    RECT_LIGHT,
+    SPHERE_LIGHT,
+    SUN_LIGHT,
+)
+
+LEAST_LENGTH = 1e-100  # shorter ones have no square in float64
 
 
 def vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
     """Three finite numbers."""
-    array = np.asarray(value, np.float64)
+    try:
+        array = np.asarray(value, np.float64)
+    except (ValueError, TypeError):
+        raise ValueError(f"{name} must be three finite numbers, not {value!r}") from None
     if array.shape != (3,) or not np.isfinite(array).all():
         raise ValueError(f"{name} must be three finite numbers, not {value!r}")
     return array
+
+
+def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Three finite numbers that are not all zero, as a unit vector."""
+    array = vector(value, name)
+    most = np.abs(array).max()
+    if most < LEAST_LENGTH:
+        raise ValueError(f"{name} must not be zero")
+    array = array / most
+    return np.asarray(array / np.linalg.norm(array))
 
 
 def rgb(value: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -27,6 +57,32 @@ def rgb(value: ArrayLike, name: str) -> NDArray[np.float64]:
     if not np.isfinite(array).all() or (array < 0).any():
         raise ValueError(f"{name} must be finite and not negative, not {value!r}")
     return array
+
+
+def length_of(value: float, name: str) -> float:
+    """A positive, finite length."""
+    if not isinstance(value, int | float | np.number) or not LEAST_LENGTH < value < np.inf:
+        raise ValueError(f"{name} must be a positive length, not {value!r}")
+    return float(value)
+
+
+def _record(kind: int, place: NDArray[np.float64], power: NDArray[np.float64]) -> NDArray[np.float64]:
+    out = np.zeros(LIGHT)
+    out[LIGHT_KIND] = kind
+    out[LIGHT_PLACE : LIGHT_PLACE + 3], out[LIGHT_POWER : LIGHT_POWER + 3] = place, power
+    return out
+
+
+def _flat_record(
+    kind: int, center: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64], radiance: ArrayLike
+) -> NDArray[np.float64]:
+    """A light that lies between u and v; it shines to the side of their cross product."""
+    out = _record(kind, center, rgb(radiance, "radiance"))
+    cross = np.cross(u, v)
+    out[LIGHT_U : LIGHT_U + 3], out[LIGHT_V : LIGHT_V + 3] = u, v
+    out[LIGHT_FACING : LIGHT_FACING + 3] = cross / np.linalg.norm(cross)
+    out[LIGHT_AREA] = np.linalg.norm(cross) * (4.0 if kind == RECT_LIGHT else np.pi)
+    return out
 
 
 @dataclass(frozen=True)
@@ -44,17 +100,13 @@ class PointLight:
     intensity: ArrayLike
 
     def record(self) -> NDArray[np.float64]:
-        """The light as kernels read it, (8,) float64."""
-        out = np.zeros(LIGHT)
-        out[LIGHT_KIND] = POINT_LIGHT
-        out[LIGHT_PLACE : LIGHT_PLACE + 3] = vector(self.position, "position")
-        out[LIGHT_POWER : LIGHT_POWER + 3] = rgb(self.intensity, "intensity")
-        return out
+        """The light as kernels read it, (18,) float64."""
+        return _record(POINT_LIGHT, vector(self.position, "position"), rgb(self.intensity, "intensity"))
 
 
 @dataclass(frozen=True)
 class SunLight:
-    """Parallel light with hard shadows.
+    """Parallel light, or nearly: from a disk at infinity.
 
     Parameters
     ----------
@@ -62,19 +114,97 @@ class SunLight:
         The way the light travels.
     irradiance : float or (3,) float
         On a surface that faces it, W/m2. A white diffuse surface under irradiance pi has radiance 1.
+    angle : float
+        How wide the disk is, degrees, 0 to 180: the path tracer's shadows have soft edges. 0.53 is the sun's.
     """
 
     direction: ArrayLike
     irradiance: ArrayLike = np.pi
+    angle: float = 0.53
 
     def record(self) -> NDArray[np.float64]:
-        """The light as kernels read it, (8,) float64."""
-        direction = vector(self.direction, "direction")
-        length = np.linalg.norm(direction)
-        if length == 0:
-            raise ValueError("direction must not be zero")
-        out = np.zeros(LIGHT)
-        out[LIGHT_KIND] = SUN_LIGHT
-        out[LIGHT_PLACE : LIGHT_PLACE + 3] = direction / length
-        out[LIGHT_POWER : LIGHT_POWER + 3] = rgb(self.irradiance, "irradiance")
+        """The light as kernels read it, (18,) float64."""
+        if not isinstance(self.angle, int | float | np.number) or not 0 <= self.angle <= 180:
+            raise ValueError(f"angle must lie between 0 and 180 degrees, not {self.angle!r}")
+        out = _record(SUN_LIGHT, unit_vector(self.direction, "direction"), rgb(self.irradiance, "irradiance"))
+        out[LIGHT_RADIUS] = 2.0 * np.sin(np.radians(self.angle) / 4.0) ** 2
         return out
+
+
+@dataclass(frozen=True)
+class RectLight:
+    """A parallelogram that shines to the side of u x v, evenly in all directions.
+
+    Parameters
+    ----------
+    center : (3,) float, world
+    u, v : (3,) float, world
+        From the middle to the middles of two edges.
+    radiance : float or (3,) float
+        W/(m2 sr).
+    """
+
+    center: ArrayLike
+    u: ArrayLike
+    v: ArrayLike
+    radiance: ArrayLike
+
+    def record(self) -> NDArray[np.float64]:
+        """The light as kernels read it, (18,) float64."""
+        u, v = vector(self.u, "u"), vector(self.v, "v")
+        across = np.cross(unit_vector(u, "u"), unit_vector(v, "v"))
+        if np.linalg.norm(across) < 1e-9:
+            raise ValueError(f"u and v must not be parallel: the light has no area ({self.u!r}, {self.v!r})")
+        return _flat_record(RECT_LIGHT, vector(self.center, "center"), u, v, self.radiance)
+
+
+@dataclass(frozen=True)
+class DiskLight:
+    """A disk that shines to the side of its normal, evenly in all directions.
+
+    Parameters
+    ----------
+    center, normal : (3,) float, world
+    radius : float
+    radiance : float or (3,) float
+        W/(m2 sr).
+    """
+
+    center: ArrayLike
+    normal: ArrayLike
+    radius: float
+    radiance: ArrayLike
+
+    def record(self) -> NDArray[np.float64]:
+        """The light as kernels read it, (18,) float64."""
+        normal, radius = unit_vector(self.normal, "normal"), length_of(self.radius, "radius")
+        u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        u *= radius / np.linalg.norm(u)
+        return _flat_record(DISK_LIGHT, vector(self.center, "center"), u, np.cross(normal, u), self.radiance)
+
+
+@dataclass(frozen=True)
+class SphereLight:
+    """A sphere that shines outwards, evenly in all directions.
+
+    Parameters
+    ----------
+    center : (3,) float, world
+    radius : float
+    radiance : float or (3,) float
+        W/(m2 sr).
+    """
+
+    center: ArrayLike
+    radius: float
+    radiance: ArrayLike
+
+    def record(self) -> NDArray[np.float64]:
+        """The light as kernels read it, (18,) float64."""
+        out = _record(SPHERE_LIGHT, vector(self.center, "center"), rgb(self.radiance, "radiance"))
+        out[LIGHT_RADIUS] = radius = length_of(self.radius, "radius")
+        out[LIGHT_AREA] = 4.0 * np.pi * radius * radius
+        return out
+
+
+Light = PointLight | SunLight | RectLight | DiskLight | SphereLight

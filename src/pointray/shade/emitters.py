@@ -1,0 +1,200 @@
+"""Lights as rays meet them: what arrives from one, a place on it chosen at random, and where a ray hits it.
+
+Densities are per solid angle; 0 stands for a light that is met with a density of 0, because it has no size.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import inline
+from ..records import (
+    DISK_LIGHT,
+    LIGHT_AREA,
+    LIGHT_FACING,
+    LIGHT_KIND,
+    LIGHT_PLACE,
+    LIGHT_POWER,
+    LIGHT_RADIUS,
+    LIGHT_U,
+    LIGHT_V,
+    POINT_LIGHT,
+    SPHERE_LIGHT,
+    SUN_LIGHT,
+)
+from ..sampling import on_disc
+from ..vec import add, dot, length, scale, sub, tangents, triple
+
+BLACK = (0.0, 0.0, 0.0)
+TINY = 1e-300
+
+
+class Arrival(NamedTuple):
+    """Light at a surface point: unit direction to the light and the distance.
+
+    light : RGB, radiance over the density; of a light without size, and of a whole one seen from afar, the irradiance
+        of a surface that faces it
+    density : with which the direction was chosen
+    """
+
+    to_light: tuple[float, float, float]
+    distance: float
+    light: tuple[float, float, float]
+    density: float
+
+
+@inline
+def _nothing():  # type: ignore[no-untyped-def]
+    return Arrival((0.0, 0.0, 1.0), 0.0, BLACK, 0.0)
+
+
+@inline
+def _in_cone(axis, missing, u, v):  # type: ignore[no-untyped-def]
+    """A direction within a cone about an axis, evenly. missing : 1 - cosine of the cone's half angle."""
+    x, y = on_disc(u, v)
+    square = x * x + y * y
+    drop = missing * square  # 1 - cosine, without cancellation
+    wide = math.sqrt(max(missing * (2.0 - drop), 0.0))
+    first, second = tangents(axis)
+    return add(scale(axis, 1.0 - drop), add(scale(first, wide * x), scale(second, wide * y)))
+
+
+@inline
+def _cone_of_sphere(world, at, x):  # type: ignore[no-untyped-def]
+    """(unit direction to a sphere's middle, distance, 1 - cosine of half the angle it fills; 0 from inside of it)."""
+    v = sub(triple(world.lights, at + LIGHT_PLACE), x)
+    distance, radius = length(v), world.lights[at + LIGHT_RADIUS]
+    if distance <= radius:
+        return v, distance, 0.0
+    share = (radius / distance) ** 2
+    return scale(v, 1.0 / distance), distance, share / (1.0 + math.sqrt(1.0 - share))
+
+
+@inline
+def from_middle(world, at, x):  # type: ignore[no-untyped-def]
+    """What arrives at x if all of a light were in its middle: hard shadows."""
+    place, power = triple(world.lights, at + LIGHT_PLACE), triple(world.lights, at + LIGHT_POWER)
+    kind = world.lights[at + LIGHT_KIND]
+    if kind == SUN_LIGHT:
+        return Arrival(scale(place, -1.0), np.inf, power, 0.0)
+    v = sub(place, x)
+    square = max(dot(v, v), TINY)
+    distance = math.sqrt(square)
+    to_light = scale(v, 1.0 / distance)
+    if kind == POINT_LIGHT:
+        return Arrival(to_light, distance, scale(power, 1.0 / square), 0.0)
+    if kind == SPHERE_LIGHT:
+        radius = world.lights[at + LIGHT_RADIUS]
+        if distance <= radius:
+            return _nothing()
+        return Arrival(to_light, distance - radius, scale(power, math.pi * radius * radius / square), 0.0)
+    cosine = max(-dot(triple(world.lights, at + LIGHT_FACING), to_light), 0.0)
+    # A disk seen from its axis has pi r^2 / (d^2 + r^2): close to a light the square of the distance alone is too much.
+    area = world.lights[at + LIGHT_AREA]
+    return Arrival(to_light, distance, scale(power, area * cosine / (square + area / math.pi)), 0.0)
+
+
+@inline
+def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
+    """What arrives at x from a place on a light that two numbers in 0..1 choose."""
+    kind, power = world.lights[at + LIGHT_KIND], triple(world.lights, at + LIGHT_POWER)
+    place = triple(world.lights, at + LIGHT_PLACE)
+    if kind == POINT_LIGHT:
+        return from_middle(world, at, x)
+    if kind == SUN_LIGHT:
+        missing = world.lights[at + LIGHT_RADIUS]
+        if missing == 0.0:
+            return from_middle(world, at, x)
+        to_light = _in_cone(scale(place, -1.0), missing, u, v)
+        return Arrival(to_light, np.inf, _sun_share(power, missing), 1.0 / (2.0 * math.pi * missing))
+    if kind == SPHERE_LIGHT:
+        axis, distance, missing = _cone_of_sphere(world, at, x)
+        if missing == 0.0:
+            return _nothing()
+        to_light = _in_cone(axis, missing, u, v)
+        density = 1.0 / (2.0 * math.pi * missing)
+        t = _meet_sphere(scale(axis, distance), world.lights[at + LIGHT_RADIUS], to_light)
+        return Arrival(to_light, min(t, distance), scale(power, 1.0 / density), density)
+    a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
+    if kind == DISK_LIGHT:
+        a, b = on_disc(u, v)
+    to_place = add(sub(place, x), add(scale(triple(world.lights, at + LIGHT_U), a), scale(triple(world.lights, at + LIGHT_V), b)))
+    distance = length(to_place)
+    if distance == 0.0:
+        return _nothing()
+    to_light = scale(to_place, 1.0 / distance)
+    density = _density_of_flat(world, at, to_light, distance)
+    if density == 0.0:
+        return _nothing()
+    return Arrival(to_light, distance, scale(power, 1.0 / density), density)
+
+
+@inline
+def _sun_share(irradiance, missing):  # type: ignore[no-untyped-def]
+    """Radiance over the density of directions towards the sun's disk: its projected solid angle is pi sin^2."""
+    sine_square = missing * (2.0 - missing)
+    return scale(irradiance, 2.0 * missing / sine_square)
+
+
+@inline
+def _density_of_flat(world, at, to_light, distance):  # type: ignore[no-untyped-def]
+    """Density of a direction to a place on a flat light at a distance; 0 behind it."""
+    cosine = -dot(triple(world.lights, at + LIGHT_FACING), to_light)
+    return distance * distance / (cosine * world.lights[at + LIGHT_AREA]) if cosine > 1e-12 else 0.0
+
+
+@inline
+def _meet_sphere(to_middle, radius, d):  # type: ignore[no-untyped-def]
+    """t of a ray of unit direction with a sphere whose middle is at to_middle, from outside; inf."""
+    along = dot(to_middle, d)
+    aside = sub(to_middle, scale(d, along))
+    rest = radius * radius - dot(aside, aside)
+    t = along - math.sqrt(max(rest, 0.0))
+    return t if rest >= 0.0 and t > 0.0 else np.inf
+
+
+@inline
+def meet_light(world, at, o, d):  # type: ignore[no-untyped-def]
+    """t of a ray of unit direction with the side of a light that shines; inf for none, and for lights without size."""
+    kind, place = world.lights[at + LIGHT_KIND], triple(world.lights, at + LIGHT_PLACE)
+    if kind in (POINT_LIGHT, SUN_LIGHT):
+        return np.inf
+    if kind == SPHERE_LIGHT:
+        return _meet_sphere(sub(place, o), world.lights[at + LIGHT_RADIUS], d)
+    facing = triple(world.lights, at + LIGHT_FACING)
+    fall = -dot(facing, d)
+    if fall <= 1e-12:
+        return np.inf
+    t = dot(facing, sub(o, place)) / fall
+    x = sub(add(o, scale(d, t)), place)
+    u, v = triple(world.lights, at + LIGHT_U), triple(world.lights, at + LIGHT_V)
+    # The place in u and v, which need not be at right angles.
+    uu, uv, vv, xu, xv = dot(u, u), dot(u, v), dot(v, v), dot(x, u), dot(x, v)
+    whole = uu * vv - uv * uv
+    a, b = (xu * vv - xv * uv) / whole, (xv * uu - xu * uv) / whole
+    inside = a * a + b * b <= 1.0 if kind == DISK_LIGHT else max(abs(a), abs(b)) <= 1.0
+    return t if t > 0.0 and inside else np.inf
+
+
+@inline
+def density_of_light(world, at, o, d, t):  # type: ignore[no-untyped-def]
+    """The density with which `sample_light` at o would have chosen the direction d, in which the light is met at t."""
+    if world.lights[at + LIGHT_KIND] == SPHERE_LIGHT:
+        missing = _cone_of_sphere(world, at, o)[2]
+        return 1.0 / (2.0 * math.pi * missing) if missing > 0.0 else 0.0
+    return _density_of_flat(world, at, d, t)
+
+
+@inline
+def sun_in(world, at, d):  # type: ignore[no-untyped-def]
+    """(radiance, density) of the sun's disk in a direction; black outside of it, and for a sun without size."""
+    missing = world.lights[at + LIGHT_RADIUS]
+    if world.lights[at + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:
+        return BLACK, 0.0
+    if 1.0 + dot(triple(world.lights, at + LIGHT_PLACE), d) > missing:
+        return BLACK, 0.0
+    density = 1.0 / (2.0 * math.pi * missing)
+    return scale(_sun_share(triple(world.lights, at + LIGHT_POWER), missing), density), density

@@ -1,0 +1,187 @@
+"""The light from all around: constant, a gradient from the ground to the zenith, or a picture of the whole sphere."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..records import (
+    GRADIENT_SKY,
+    NO_SKY,
+    PICTURE_SKY,
+    SKY,
+    SKY_GROUND,
+    SKY_HORIZON,
+    SKY_KIND,
+    SKY_WIDTH,
+    SKY_X,
+    SKY_Y,
+    SKY_Z,
+    SKY_ZENITH,
+)
+from .lights import rgb, unit_vector
+from .pictures import read_picture
+
+Floats = NDArray[np.float64]
+
+LARGEST = 16384  # pixels a side
+BRIGHTEST = 1e9
+FINE = 64  # rows of the grid over which a gradient is summed
+# The share of each degree of spherical harmonics that a cosine lobe keeps (Ramamoorthi and Hanrahan 2001).
+COSINE_LOBE = np.repeat([np.pi, 2 * np.pi / 3, np.pi / 4], [1, 3, 5])
+
+
+@dataclass(frozen=True, eq=False)
+class EnvironmentLight:
+    """Light from all around, infinitely far.
+
+    Parameters
+    ----------
+    radiance : float or (3,) float
+        W/(m2 sr), from everywhere; with `horizon` or `ground` from the zenith only. It scales an image.
+    horizon, ground : float or (3,) float, optional
+        Makes a gradient: from the horizon, changing evenly with the height's sine to the zenith's above, and from
+        everywhere below it. None: the other one; without both it is constant.
+    image : (h, w, 3) float array_like, or path of an .hdr or .exr file, optional
+        Linear radiance of the whole sphere, equirectangular: row 0 is up, the middle column ahead (+y where up is z),
+        what lies to the right of the middle is to the right of who looks ahead.
+    up : (3,) float, world
+
+    Raises
+    ------
+    ValueError
+        If a value is negative, NaN, infinite or beyond 1e9, or an image has another shape.
+    """
+
+    radiance: ArrayLike = 1.0
+    horizon: ArrayLike | None = None
+    ground: ArrayLike | None = None
+    image: ArrayLike | str | os.PathLike[str] | None = None
+    up: ArrayLike = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if self.image is not None and (self.horizon is not None or self.ground is not None):
+            raise ValueError("an environment is an image or a gradient, not both")
+        rgb(self.radiance, "radiance")
+        unit_vector(self.up, "up")
+        for name in ("horizon", "ground"):
+            if getattr(self, name) is not None:
+                rgb(getattr(self, name), name)
+        if self.image is not None:
+            object.__setattr__(self, "image", _check_image(self.image))
+
+    def tables(self) -> tuple[NDArray[Any], ...]:
+        """What kernels read: sky, sky_colors, sky_rows, sky_columns, sky_mean, see `records.World`."""
+        sky, scale = np.zeros(SKY), rgb(self.radiance, "radiance")
+        x, y, z = _axes(unit_vector(self.up, "up"))
+        sky[SKY_X : SKY_X + 3], sky[SKY_Y : SKY_Y + 3], sky[SKY_Z : SKY_Z + 3] = x, y, z
+        if self.image is None:
+            sky[SKY_KIND] = GRADIENT_SKY
+            ground = self.horizon if self.ground is None else self.ground
+            horizon = self.ground if self.horizon is None else self.horizon
+            sky[SKY_ZENITH : SKY_ZENITH + 3] = scale
+            sky[SKY_HORIZON : SKY_HORIZON + 3] = scale if horizon is None else rgb(horizon, "horizon")
+            sky[SKY_GROUND : SKY_GROUND + 3] = scale if ground is None else rgb(ground, "ground")
+            return sky, np.zeros(0, np.float32), np.zeros(0), np.zeros(0), _irradiance(_gradient(sky), (x, y, z))
+        colors = np.asarray(self.image, np.float32) * scale.astype(np.float32)
+        sky[SKY_KIND], sky[SKY_WIDTH] = PICTURE_SKY, colors.shape[1]
+        rows, columns = _shares(colors)
+        if rows[-1] == 0.0:  # a black picture gives no light
+            sky[SKY_KIND] = NO_SKY
+        return sky, colors.reshape(-1), rows, columns, _irradiance(colors, (x, y, z))
+
+
+def no_sky() -> tuple[NDArray[Any], ...]:
+    """The tables of a scene without light from all around."""
+    return np.zeros(SKY), np.zeros(0, np.float32), np.zeros(0), np.zeros(0), np.zeros(27)
+
+
+def _check_image(image: Any) -> NDArray[np.float32]:
+    """A picture of the sphere as (h, w, 3) float32."""
+    name = "image"
+    if isinstance(image, str | os.PathLike):
+        name, image = os.fspath(image), read_picture(image)
+    array = np.asarray(image)
+    if array.dtype.kind not in "fiu" or array.ndim != 3 or array.shape[2] not in (3, 4):
+        raise ValueError(f"{name}: a picture of the sphere has the shape (h, w, 3), not {array.shape} of {array.dtype}")
+    height, width = array.shape[:2]
+    if not (2 <= height <= LARGEST and 2 <= width <= LARGEST):
+        raise ValueError(f"{name}: a picture of the sphere has 2 to {LARGEST} pixels a side, not {width}x{height}")
+    colors = np.ascontiguousarray(array[..., :3], np.float32)
+    bad = ~((colors >= 0) & (colors <= BRIGHTEST))  # true for NaN
+    if bad.any():
+        row, column, channel = np.argwhere(bad)[0]
+        where = f"row {row}, column {column} has {colors[row, column, channel]}"
+        raise ValueError(f"{name}: radiance must lie between 0 and {BRIGHTEST:g}; {where}")
+    return colors
+
+
+def _axes(up: Floats) -> tuple[Floats, Floats, Floats]:
+    """x, y and z turned the shortest way that takes z to up."""
+    if up[2] < -1.0 + 1e-12:
+        return np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0]), up
+    x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    half = up + (0.0, 0.0, 1.0)
+    return x - up[0] / (1.0 + up[2]) * half, y - up[1] / (1.0 + up[2]) * half, up
+
+
+def _gradient(sky: Floats) -> Floats:
+    """The gradient as a picture, for its sums: (rows, 2 rows, 3)."""
+    height = np.cos((np.arange(FINE) + 0.5) / FINE * np.pi)[:, None]
+    zenith, horizon, ground = (sky[k : k + 3] for k in (SKY_ZENITH, SKY_HORIZON, SKY_GROUND))
+    rows = np.where(height >= 0, horizon + height * (zenith - horizon), ground)
+    return np.repeat(rows[:, None], 2 * FINE, axis=1)
+
+
+def _solid_angles(height: int, width: int) -> Floats:
+    """Of the pixels of each row, (h,)."""
+    edges = np.cos(np.arange(height + 1) / height * np.pi)
+    return np.asarray((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)
+
+
+def _shares(colors: NDArray[np.float32]) -> tuple[Floats, Floats]:
+    """The running shares of light by rows and within each row. Neighbours count too: radiance is interpolated."""
+    light = colors.max(axis=2).astype(np.float64)
+    light = np.maximum.reduce([light, np.roll(light, 1, axis=1), np.roll(light, -1, axis=1)])
+    light = np.maximum.reduce([light, np.concatenate([light[:1], light[:-1]]), np.concatenate([light[1:], light[-1:]])])
+    light *= _solid_angles(*light.shape)[:, None]
+    columns = np.concatenate([np.zeros((len(light), 1)), np.cumsum(light, axis=1)], axis=1)
+    rows = np.concatenate([[0.0], np.cumsum(columns[:, -1])])
+    columns /= np.where(columns[:, -1:] > 0, columns[:, -1:], 1.0)
+    return rows / (rows[-1] or 1.0), columns.reshape(-1)
+
+
+def harmonics(d: Floats) -> Floats:
+    """The nine spherical harmonics up to degree 2 for unit directions (..., 3): (9, ...)."""
+    x, y, z = np.moveaxis(d, -1, 0)
+    return np.stack(
+        [
+            np.full_like(x, 0.282095),
+            0.488603 * y,
+            0.488603 * z,
+            0.488603 * x,
+            1.092548 * x * y,
+            1.092548 * y * z,
+            0.315392 * (3.0 * z * z - 1.0),
+            1.092548 * x * z,
+            0.546274 * (x * x - y * y),
+        ]
+    )
+
+
+def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Floats:
+    """Irradiance by the normal as spherical harmonics in the world, 9 times RGB: (27,)."""
+    height, width = colors.shape[:2]
+    polar = (np.arange(height) + 0.5) / height * np.pi
+    around = ((np.arange(width) + 0.5) / width - 0.5) * 2.0 * np.pi
+    total = np.zeros((9, 3))
+    angles = _solid_angles(height, width)
+    for k in range(height):  # a row at a time: pictures are large
+        s, c = np.sin(polar[k]), np.cos(polar[k])
+        d = (np.sin(around) * s)[:, None] * axes[0] + (np.cos(around) * s)[:, None] * axes[1] + c * axes[2]
+        total += angles[k] * harmonics(d) @ colors[k].astype(np.float64)
+    return (COSINE_LOBE[:, None] * total).reshape(-1)

@@ -1,0 +1,46 @@
+"""Pictures of light, from files: Radiance .hdr and .exr, by OpenImageIO."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+    """The pixels of a picture as they are, linear.
+
+    Returns
+    -------
+    (h, w, channels) float32
+
+    Raises
+    ------
+    OSError
+        If there is no such file.
+    ValueError
+        If it is no picture, or a damaged one, or OpenImageIO is not installed.
+    """
+    with open(path, "rb"):  # says what is wrong in the system's words
+        pass
+    name = os.fspath(path)
+    try:
+        import OpenImageIO
+    except ImportError:
+        raise ValueError(f"{name}: pictures of light need OpenImageIO: pip install 'pointray[files]'") from None
+    oiio: Any = OpenImageIO
+    source = oiio.ImageInput.open(name)
+    if source is None:
+        raise ValueError(f"{name}: {_reason(oiio.geterror())}")
+    pixels = source.read_image("float")
+    if pixels is None:
+        raise ValueError(f"{name}: {_reason(source.geterror())}")
+    source.close()
+    return np.atleast_3d(np.asarray(pixels, np.float32))
+
+
+def _reason(text: str) -> str:
+    """The first line of an error."""
+    return text.strip().splitlines()[0] if text.strip() else "not a picture that can be read"

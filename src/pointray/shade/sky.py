@@ -1,0 +1,160 @@
+"""The light from all around, for rays: its radiance, a direction chosen by it, and its irradiance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inline
+from ..records import (
+    NO_SKY,
+    PICTURE_SKY,
+    SKY_GROUND,
+    SKY_HORIZON,
+    SKY_KIND,
+    SKY_WIDTH,
+    SKY_X,
+    SKY_Y,
+    SKY_Z,
+    SKY_ZENITH,
+)
+from ..vec import add, dot, scale, sub, triple
+from .emitters import BLACK, Arrival
+
+
+@inline
+def has_sky(world):  # type: ignore[no-untyped-def]
+    """Whether light comes from all around."""
+    return world.sky[SKY_KIND] != NO_SKY
+
+
+@inline
+def is_chosen(world):  # type: ignore[no-untyped-def]
+    """Whether directions are chosen by the sky's light: a picture's. Of others a path's own directions are as good."""
+    return world.sky[SKY_KIND] == PICTURE_SKY
+
+
+@inline
+def _size(world):  # type: ignore[no-untyped-def]
+    """Height and width of the picture."""
+    return world.sky_rows.size - 1, int(world.sky[SKY_WIDTH])
+
+
+@inline
+def _place_of(world, d):  # type: ignore[no-untyped-def]
+    """Where a unit direction is in the picture, in pixels from the upper left corner: (row, column)."""
+    height, width = _size(world)
+    x, y, z = dot(triple(world.sky, SKY_X), d), dot(triple(world.sky, SKY_Y), d), dot(triple(world.sky, SKY_Z), d)
+    polar = math.acos(min(max(z, -1.0), 1.0))
+    return polar / math.pi * height, (math.atan2(x, y) / (2.0 * math.pi) + 0.5) * width
+
+
+@inline
+def _pixel(world, row, column):  # type: ignore[no-untyped-def]
+    """Radiance of a pixel; beyond the edge the one across it."""
+    height, width = _size(world)
+    row = min(max(row, 0), height - 1)
+    column = column % width
+    at = 3 * (row * width + column)
+    return np.float64(world.sky_colors[at]), np.float64(world.sky_colors[at + 1]), np.float64(world.sky_colors[at + 2])
+
+
+@inline
+def sky_radiance(world, d):  # type: ignore[no-untyped-def]
+    """Radiance that comes from a unit direction."""
+    if world.sky[SKY_KIND] != PICTURE_SKY:
+        if world.sky[SKY_KIND] == NO_SKY:
+            return BLACK
+        up = dot(triple(world.sky, SKY_Z), d)
+        horizon = triple(world.sky, SKY_HORIZON)
+        if up < 0.0:
+            return triple(world.sky, SKY_GROUND)
+        return add(horizon, scale(sub(triple(world.sky, SKY_ZENITH), horizon), up))
+    row, column = _place_of(world, d)
+    row, column = row - 0.5, column - 0.5
+    top, left = math.floor(row), math.floor(column)
+    down, right = row - top, column - left
+    top, left = int(top), int(left)
+    upper = add(scale(_pixel(world, top, left), 1.0 - right), scale(_pixel(world, top, left + 1), right))
+    lower = add(scale(_pixel(world, top + 1, left), 1.0 - right), scale(_pixel(world, top + 1, left + 1), right))
+    return add(scale(upper, 1.0 - down), scale(lower, down))
+
+
+@inline
+def sky_density(world, d):  # type: ignore[no-untyped-def]
+    """The density with which `sample_sky` chooses a direction; 0 where it chooses none."""
+    if world.sky[SKY_KIND] != PICTURE_SKY:
+        return 0.0
+    height, width = _size(world)
+    row, column = _place_of(world, d)
+    row, column = min(int(row), height - 1), min(int(column), width - 1)
+    at = row * (width + 1) + column
+    share = (world.sky_rows[row + 1] - world.sky_rows[row]) * (world.sky_columns[at + 1] - world.sky_columns[at])
+    return share / _solid_angle(row, height, width)
+
+
+@inline
+def _solid_angle(row, height, width):  # type: ignore[no-untyped-def]
+    """Of a pixel of a row."""
+    above, below = math.cos(row * math.pi / height), math.cos((row + 1) * math.pi / height)
+    return (above - below) * 2.0 * math.pi / width
+
+
+@inline
+def _find(table, first, count, share):  # type: ignore[no-untyped-def]
+    """The last k of a rising part of a table, of count + 1 numbers from first on, at which it is not above share."""
+    low, high = 0, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if table[first + middle] <= share:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@inline
+def sample_sky(world, u, v):  # type: ignore[no-untyped-def]
+    """Light from a direction that two numbers in 0..1 choose, by the picture's own light."""
+    height, width = _size(world)
+    row = _find(world.sky_rows, 0, height, v)
+    at = row * (width + 1)
+    column = _find(world.sky_columns, at, width, u)
+    low, high = world.sky_rows[row], world.sky_rows[row + 1]
+    down = (v - low) / (high - low) if high > low else 0.5
+    left, right = world.sky_columns[at + column], world.sky_columns[at + column + 1]
+    along = (u - left) / (right - left) if right > left else 0.5
+    # Evenly over the pixel's solid angle: between the cosines of its edges.
+    above, below = math.cos(row * math.pi / height), math.cos((row + 1) * math.pi / height)
+    z = above + (below - above) * down
+    s = math.sqrt(max(1.0 - z * z, 0.0))
+    around = ((column + along) / width - 0.5) * 2.0 * math.pi
+    x, y = s * math.sin(around), s * math.cos(around)
+    d = add(
+        scale(triple(world.sky, SKY_X), x), add(scale(triple(world.sky, SKY_Y), y), scale(triple(world.sky, SKY_Z), z))
+    )
+    density = (high - low) * (right - left) / _solid_angle(row, height, width)
+    if density <= 0.0:
+        return Arrival(d, np.inf, BLACK, 0.0)
+    return Arrival(d, np.inf, scale(sky_radiance(world, d), 1.0 / density), density)
+
+
+@inline
+def sky_irradiance(world, n):  # type: ignore[no-untyped-def]
+    """Irradiance from all around of a surface with a unit normal, nothing in the way: spherical harmonics of degree 2.
+
+    Off by 1% for light from one half, by some 5% and more for small bright spots (Ramamoorthi and Hanrahan 2001).
+    """
+    x, y, z = n
+    m = world.sky_mean
+    total = scale(triple(m, 0), 0.282095)
+    total = add(total, scale(triple(m, 3), 0.488603 * y))
+    total = add(total, scale(triple(m, 6), 0.488603 * z))
+    total = add(total, scale(triple(m, 9), 0.488603 * x))
+    total = add(total, scale(triple(m, 12), 1.092548 * x * y))
+    total = add(total, scale(triple(m, 15), 1.092548 * y * z))
+    total = add(total, scale(triple(m, 18), 0.315392 * (3.0 * z * z - 1.0)))
+    total = add(total, scale(triple(m, 21), 1.092548 * x * z))
+    total = add(total, scale(triple(m, 24), 0.546274 * (x * x - y * y)))
+    return max(total[0], 0.0), max(total[1], 0.0), max(total[2], 0.0)
