@@ -105,6 +105,34 @@ def test_ground_and_lights(scan: Path) -> None:
     assert mean(*sun, "--light", "point:-4,-4,4", "--background", "0,0,0", "--ground") > ground + 5
 
 
+def test_projections(scan: Path) -> None:
+    """The sphere framed orthographically is as wide as its box allows; a panorama is taken inside of it."""
+    covered = {}
+    for projection in ("perspective", "orthographic", "panorama"):
+        picture = scan.with_name("a.png")
+        more = ["--size", "60x60", "--background", "none", "--projection", projection]
+        assert execute(["render", str(scan), "-o", str(picture), "--spp", "1", *more]) == 0
+        covered[projection] = (np.asarray(Image.open(picture).convert("RGBA"))[..., 3] > 0).mean()
+    assert covered["panorama"] == 1
+    assert 0.1 < covered["perspective"] != covered["orthographic"] > 0.1
+
+
+def test_aperture_focus_and_filter(scan: Path) -> None:
+    """The camera stands 4 before the sphere: a lens blurs its outline, unless that is where it is sharp."""
+
+    def half_covered(*more: str) -> float:
+        picture = scan.with_name("a.png")
+        view = ["--eye", "0,-4,0", "--target", "0,0,0", "--size", "48x48", "--background", "none", "--spp", "16"]
+        assert execute(["render", str(scan), "-o", str(picture), *view, *more]) == 0
+        alpha = np.asarray(Image.open(picture))[..., 3]
+        return float(((alpha > 20) & (alpha < 235)).mean())
+
+    sharp = half_covered("--filter", "box")
+    assert half_covered("--filter", "box", "--aperture", "0.5", "--focus", "3.75") < 1.5 * sharp
+    assert half_covered("--filter", "box", "--aperture", "0.5", "--focus", "2") > 3 * sharp
+    assert half_covered("--filter", "gaussian") > 1.2 * sharp
+
+
 def test_threads_and_seed_do_what_they_say(scan: Path) -> None:
     pictures = []
     for threads in ("1", "2"):
@@ -211,6 +239,13 @@ def test_the_output_is_checked_first(output: str, tmp_path: Path, capsys: pytest
         ("--fov", "wide"),
         ("--size", "640"),
         ("--size", "0x480"),
+        ("--projection", "fisheye"),
+        ("--aperture", "-1"),
+        ("--aperture", "nan"),
+        ("--aperture", "1 --projection panorama"),
+        ("--focus", "0 --aperture 1"),
+        ("--focus", "2"),
+        ("--filter", "sinc"),
         ("--integrator", "magic"),
         ("--spp", "0"),
         ("--seed", "-1"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pointray.jit import kernel
-from pointray.sampling import _second, pixel_key, sample_pair
+from pointray.sampling import _second, on_disc, pixel_key, sample_pair
 
 
 @kernel
@@ -24,6 +24,12 @@ def _seconds(out):
 def _keys(width, seed, out):
     for i in range(out.size):
         out[i] = pixel_key(i % width, i // width, seed)
+
+
+@kernel
+def _on_disc(square, out):
+    for i in range(square.shape[0]):
+        out[i, 0], out[i, 1] = on_disc(square[i, 0], square[i, 1])
 
 
 def keys(count, seed=0):
@@ -77,3 +83,19 @@ def test_sums_converge_faster_than_at_random():
     x, y = np.moveaxis(places(256, 3), 2, 0)
     error = (x * y).mean(axis=1) - 0.25
     assert np.sqrt((error**2).mean()) < 0.0015
+
+
+def test_equal_areas_of_the_square_are_equal_areas_of_the_disc():
+    """A grid of points: shares within each circle and each sector; and neighbours stay neighbours."""
+    side = (np.arange(400) + 0.5) / 400
+    square = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
+    out = np.empty((400 * 400, 2))
+    _on_disc(np.ascontiguousarray(square.reshape(-1, 2)), out)
+    radius, angle = np.hypot(*out.T), np.arctan2(out[:, 1], out[:, 0])
+    assert radius.max() <= 1 + 1e-15
+    for share in np.linspace(0, 1, 21):
+        assert (radius**2 <= share + 1e-12).mean() == pytest.approx(share, abs=0.005)  # a ring is 0.004
+        assert (angle <= (2 * share - 1) * np.pi).mean() == pytest.approx(share, abs=0.003)
+    disc = out.reshape(400, 400, 2)
+    for axis in (0, 1):
+        assert np.linalg.norm(np.diff(disc, axis=axis), axis=-1).max() < 2.55 / 400  # 2 sqrt(1 + (pi / 4)^2)

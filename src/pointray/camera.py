@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from .records import (
+    ACROSS,
+    CAMERA,
+    EYE,
+    FORWARD,
+    LENS_RADIUS,
+    NEARNESS,
+    ORTHOGRAPHIC,
+    PANORAMA,
+    PROJECTION,
+    PROJECTIONS,
+    UPWARD,
+)
 
 Vector = tuple[float, float, float]
 
@@ -19,7 +34,7 @@ THREE_QUARTER = (0.45, -1.0, 0.35)  # from the front, a little to the right and 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A pinhole camera; make it with `look_at` or `frame`.
+    """Where a picture is taken from, and how; make it with `look_at` or `frame`, which say what the parts mean.
 
     Attributes
     ----------
@@ -31,6 +46,11 @@ class Camera:
         Vertical field of view, degrees.
     size : (2,) int
         Width and height in pixels.
+    projection : {"perspective", "orthographic", "panorama"}
+    aperture : float
+        Diameter of the lens in world units; 0: a pinhole.
+    focus : float, optional
+        Distance along the view of the plane that is sharp; None: the target's.
     """
 
     eye: Vector
@@ -39,23 +59,24 @@ class Camera:
     fov: float = 40.0
     size: tuple[int, int] = SIZE
     projection: str = "perspective"
+    aperture: float = 0.0
+    focus: float | None = None
 
     def __post_init__(self) -> None:
         checked = {
             "eye": _check_vector(self.eye, "eye"),
             "target": _check_vector(self.target, "target"),
-            "up": _check_vector(self.up, "up"),
+            "up": _check_direction(self.up, "up"),
             "fov": _check_fov(self.fov),
             "size": _check_size(self.size),
+            "projection": _check_projection(self.projection),
+            "aperture": _check_aperture(self.aperture, self.projection),
+            "focus": _check_focus(self.focus),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        if self.projection != "perspective":
-            raise ValueError(f"unknown projection {self.projection!r}: only 'perspective' is known")
         if self.eye == self.target:
             raise ValueError(f"eye and target are the same point, {self.eye}: there is no direction to look in")
-        if not any(self.up):
-            raise ValueError("up must not be zero")
 
     @classmethod
     def look_at(
@@ -66,6 +87,8 @@ class Camera:
         fov: float = 40,
         size: tuple[int, int] = SIZE,
         projection: str = "perspective",
+        aperture: float = 0.0,
+        focus: float | None = None,
     ) -> Camera:
         """A camera at `eye` that has `target` in the middle of its picture.
 
@@ -76,17 +99,29 @@ class Camera:
         up : (3,) array_like
             Which way is up in the picture; where it is parallel to the view, another axis is taken.
         fov : float
-            Vertical field of view, degrees, between 0 and 180.
+            Vertical field of view, degrees, between 0 and 180; a panorama has none.
         size : (int, int)
             Width and height in pixels, 1 to 32768.
-        projection : {"perspective"}
+        projection : {"perspective", "orthographic", "panorama"}
+            Orthographic rays are parallel; they begin in the plane through the eye across the view, and what is behind
+            it is not seen. The picture is as high as a perspective one is at the target, 2 tan(fov / 2) times the
+            distance of eye and target, so that one can be exchanged for the other.
+            A panorama is the whole sphere around the eye, 360 degrees across and 180 high (equirectangular), with the
+            target in its middle; `up`, made perpendicular to the view, is its upper edge. 2 : 1 gives square degrees.
+        aperture : float
+            Diameter of the lens in world units, not negative; 0: a pinhole, all is sharp. A thin lens: a point at
+            distance z along the view is spread over a disc of aperture |z - focus| / focus, in the world at its own
+            distance (the circle of confusion). In an orthographic picture each ray has such a lens around its origin;
+            a panorama has none. Seen only with several samples a pixel.
+        focus : float, optional
+            Distance along the view of the plane that is sharp, positive, inf: the farthest; None: the target's.
 
         Raises
         ------
         ValueError
-            If eye and target are the same, or a value is not finite or out of its range.
+            If eye and target are the same, a panorama has an aperture, or a value is not finite or out of its range.
         """
-        return cls(eye, target, up, fov, size, projection)  # type: ignore[arg-type]  # checked and converted there
+        return cls(eye, target, up, fov, size, projection, aperture, focus)  # type: ignore[arg-type]  # checked there
 
     @classmethod
     def frame(
@@ -96,8 +131,9 @@ class Camera:
         fov: float = 40,
         size: tuple[int, int] = SIZE,
         up: ArrayLike = (0, 0, 1),
+        projection: str = "perspective",
     ) -> Camera:
-        """A camera that sees a whole box, as large as fits with a margin of 5%.
+        """A camera that sees a whole box, as large as fits with a margin of 5%; a panorama from the box's middle.
 
         Parameters
         ----------
@@ -105,45 +141,59 @@ class Camera:
             Least and greatest world coordinates; a box without size is seen from one unit away.
         direction : (3,) array_like
             From the box towards the camera. Default: from the front, a little from the right and from above, whichever
-            way is `up`; the front is -y where z is up, and +z where y is.
-        fov, size, up
-            As for `look_at`.
+            way is `up`; the front is -y where z is up, and +z where y is. A panorama looks the opposite way, level.
+        fov, size, up, projection
+            As for `look_at`. The eye of an orthographic camera stays out of the box: where `fov` is wide, the target,
+            whose distance gives the picture's height, lies before the box's middle.
+
+        Raises
+        ------
+        ValueError
+            If a value is not finite or out of its range, or up or direction is zero.
         """
         box = np.asarray(bounds, np.float64)
         if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
             raise ValueError(f"bounds must be finite, (2, 3), the least row first, not {box.tolist()}")
         middle = (box[0] + box[1]) / 2
-        above = np.asarray(_check_vector(up, "up"))
-        towards = _upright(above) if direction is None else np.asarray(_check_vector(direction, "direction"))
-        if not towards.any():
-            raise ValueError("direction must not be zero")
+        above = np.asarray(_check_direction(up, "up"))
+        towards = _upright(above) if direction is None else np.asarray(_check_direction(direction, "direction"))
         forward, right, top = _axes(-towards, above)
         width, height = _check_size(size)
         half = np.tan(np.radians(_check_fov(fov)) / 2) / MARGIN
         corners = np.stack(np.meshgrid(*(box - middle).T), axis=-1).reshape(-1, 3)
         depth = corners @ forward
+        nearest = float(-depth.min())  # the eye stays in front of this corner, also where the box is only a line
+        if _check_projection(projection) == "panorama":
+            ahead = np.cross(_unit(above), right) * (nearest or 1.0)
+            return cls.look_at(middle, middle + ahead, up, fov, size, projection)
+        if projection == "orthographic":
+            tall = max(np.abs(corners @ right).max() * height / width, np.abs(corners @ top).max())
+            distance = float(tall / half) or MARGIN * nearest or 1.0
+            eye = middle - max(distance, MARGIN * nearest) * forward
+            return cls.look_at(eye, eye + distance * forward, up, fov, size, projection)
         across, far_across = _fit(corners @ right, depth, half * width / height)
         upwards, far_up = _fit(corners @ top, depth, half)
-        nearest = float(-depth.min())  # the eye stays in front of this corner, also where the box is only a line
         distance = max(far_across, far_up, MARGIN * nearest) or 1.0
         aim = middle + across * right + upwards * top
         return cls.look_at(aim - distance * forward, aim, up, fov, size)
 
-    @property
-    def basis(self) -> NDArray[np.float64]:
-        """What kernels take, (4, 3) float64: eye, forward, right, up.
-
-        The ray through (u, v), both -1 to 1 from left to right and from bottom to top, has the direction
-        forward + u right + v up, not normalised.
-        """
+    def record(self) -> NDArray[np.float64]:
+        """The camera as kernels read it, (16,) float64: see `records.CAMERA`."""
+        out = np.zeros(CAMERA)
         eye = np.asarray(self.eye)
         forward, right, up = _axes(np.asarray(self.target) - eye, np.asarray(self.up))
         width, height = self.size
-        half = np.tan(np.radians(self.fov) / 2)
-        return np.stack([eye, forward, right * (half * width / height), up * half])
+        distance = math.dist(self.eye, self.target)
+        half = np.tan(np.radians(self.fov) / 2) * (distance if self.projection == "orthographic" else 1.0)
+        across, upward = (1.0, 1.0) if self.projection == "panorama" else (half * width / height, half)
+        out[EYE : EYE + 3], out[FORWARD : FORWARD + 3] = eye, forward
+        out[ACROSS : ACROSS + 3], out[UPWARD : UPWARD + 3] = right * across, up * upward
+        out[PROJECTION] = PROJECTIONS.index(self.projection)
+        out[LENS_RADIUS], out[NEARNESS] = self.aperture / 2, 1 / (self.focus or distance)
+        return out
 
     def rays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The ray through the middle of each pixel.
+        """The ray through the middle of each pixel, and of the lens.
 
         Returns
         -------
@@ -151,11 +201,19 @@ class Camera:
         directions : (h, w, 3) float64
             Unit; row 0 is the top of the picture.
         """
-        eye, forward, right, up = self.basis
+        record = self.record()
+        eye, forward, right, up = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
         width, height = self.size
-        u = (2 * np.arange(width) + 1) / width - 1
-        v = 1 - (2 * np.arange(height) + 1) / height
-        directions = forward + u[None, :, None] * right + v[:, None, None] * up
+        u = ((2 * np.arange(width) + 1) / width - 1)[None, :, None]
+        v = (1 - (2 * np.arange(height) + 1) / height)[:, None, None]
+        if record[PROJECTION] == ORTHOGRAPHIC:
+            origins = eye + u * right + v * up
+            return origins, np.broadcast_to(forward, origins.shape).copy()
+        if record[PROJECTION] == PANORAMA:
+            turn, tilt = np.pi * u, np.pi / 2 * v
+            directions = np.cos(tilt) * (np.cos(turn) * forward + np.sin(turn) * right) + np.sin(tilt) * up
+        else:
+            directions = forward + u * right + v * up
         directions /= np.linalg.norm(directions, axis=2, keepdims=True)
         return np.broadcast_to(eye, directions.shape).copy(), directions
 
@@ -180,7 +238,7 @@ def _axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[n
 
 def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """THREE_QUARTER, turned the shortest way that takes z to up; about x where that is down."""
-    way, up = np.array(THREE_QUARTER), _unit(up) if up.any() else up
+    way, up = np.array(THREE_QUARTER), _unit(up)
     if np.abs(up[:2]).max() < 1e-6:
         return way if up[2] >= 0 else way * (1.0, -1.0, -1.0)
     half = up + (0.0, 0.0, 1.0)
@@ -202,10 +260,39 @@ def _check_vector(value: Any, name: str) -> Vector:
     return x, y, z
 
 
+def _check_direction(value: Any, name: str) -> Vector:
+    direction = _check_vector(value, name)
+    if not any(direction):
+        raise ValueError(f"{name} must not be zero")
+    return direction
+
+
 def _check_fov(fov: float) -> float:
     if not isinstance(fov, int | float | np.number) or not 0 < fov < 180:  # false for NaN
         raise ValueError(f"fov must lie between 0 and 180 degrees, not {fov}")
     return float(fov)
+
+
+def _check_projection(projection: Any) -> str:
+    if projection not in PROJECTIONS:
+        raise ValueError(f"unknown projection {projection!r}: one of {', '.join(PROJECTIONS)}")
+    return str(projection)
+
+
+def _check_aperture(aperture: Any, projection: str) -> float:
+    if not isinstance(aperture, int | float | np.number) or not 0 <= aperture < np.inf:  # false for NaN
+        raise ValueError(f"aperture must be a finite number, not negative, not {aperture}")
+    if aperture and projection == "panorama":
+        raise ValueError("a panorama has no lens: aperture must be 0")
+    return float(aperture)
+
+
+def _check_focus(focus: Any) -> float | None:
+    if focus is None:
+        return None
+    if not isinstance(focus, int | float | np.number) or not focus > 0:
+        raise ValueError(f"focus must be a positive distance, not {focus}")
+    return float(focus)
 
 
 def _check_size(size: Any) -> tuple[int, int]:

@@ -200,6 +200,19 @@ OWN_COLOR = 1  # 1: the points' own colour
 BASE_COLOR = 2  # 2..4: else this, linear
 SPECULAR, EXPONENT = 5, 6
 
+# A camera: 16 float64.
+CAMERA = 16
+EYE = 0  # 0..2: world
+FORWARD = 3  # 3..5: unit
+# 6..8 and 9..11, half the picture's width to the right, half its height up: of a perspective at distance 1; of a
+# panorama, whose picture has no size in the world, unit vectors.
+ACROSS, UPWARD = 6, 9
+PROJECTION = 12  # one of the next three
+PERSPECTIVE, ORTHOGRAPHIC, PANORAMA = 0, 1, 2
+PROJECTIONS = ("perspective", "orthographic", "panorama")
+LENS_RADIUS = 13  # world; 0: a pinhole
+NEARNESS = 14  # 1 / distance along the view of the plane that is sharp
+
 
 class World(NamedTuple):
     """All that a scene's rays can meet, for kernels.

@@ -7,6 +7,8 @@ itself at any number of samples, best at powers of two, and the picture is the s
 
 from __future__ import annotations
 
+import math
+
 from .jit import inline
 
 # The pairs of dimensions that are asked for; those of a path repeat for each scattering.
@@ -69,3 +71,14 @@ def sample_pair(key, sample, pair):  # type: ignore[no-untyped-def]
     u = _reverse(_permute(place, hash32(key ^ 0x2C1B3C6D)))
     v = _reverse(_permute(_second(place), hash32(key ^ 0x297A2D39)))
     return u * _TO_ONE, v * _TO_ONE
+
+
+@inline
+def on_disc(u, v):  # type: ignore[no-untyped-def]
+    """The point of the unit disc for a point of the square: equal areas, rings to rings (Shirley and Chiu 1997)."""
+    a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
+    if abs(a) > abs(b):
+        radius, angle = a, 0.25 * math.pi * b / a
+    else:
+        radius, angle = b, math.pi * (0.5 - 0.25 * a / b) if b != 0.0 else 0.0
+    return radius * math.cos(angle), radius * math.sin(angle)

@@ -20,6 +20,8 @@ app = typer.Typer(
 
 Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
 Integrator = StrEnum("Integrator", ["phong", "normal", "depth", "color", "cost"])
+Projection = StrEnum("Projection", ["perspective", "orthographic", "panorama"])
+Filter = StrEnum("Filter", ["box", "tent", "gaussian", "blackman-harris"])
 
 SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
 ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
@@ -34,8 +36,14 @@ def render(
     up: Annotated[str, typer.Option(help="Which way is up, x,y,z.")] = "0,0,1",
     fov: Annotated[float, typer.Option(help="Vertical field of view, degrees.")] = 40.0,
     size: SizeOption = "800x600",
+    projection: Annotated[
+        Projection, typer.Option(help="Orthographic: as high at the target; panorama: 360 x 180 degrees.")
+    ] = Projection.perspective,
+    aperture: Annotated[float, typer.Option(help="Diameter of the lens, in the scan's units; 0: all is sharp.")] = 0.0,
+    focus: Annotated[float | None, typer.Option(help="How far away it is sharp; default: the target.")] = None,
     integrator: Annotated[Integrator, typer.Option(help="What is shown.")] = Integrator.phong,
     spp: Annotated[int, typer.Option(help="Samples a pixel.")] = 4,
+    filter: Annotated[Filter, typer.Option(help="How a pixel is made of its samples.")] = Filter["blackman-harris"],
     seed: Annotated[int, typer.Option(help="Of the samples' places.")] = 0,
     threads: ThreadsOption = None,
     surface: Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")] = None,
@@ -62,8 +70,8 @@ def render(
     from ..picture import Settings
     from ..picture import render as trace  # pr.render may be the module, by now
 
-    view = View(size, fov, up, eye, target)
-    settings = Settings(integrator.value, spp=spp, seed=seed, threads=use_threads(threads))
+    view = View(size, fov, up, eye, target, projection.value, aperture, focus)
+    settings = Settings(integrator.value, spp=spp, seed=seed, threads=use_threads(threads), filter=filter.value)
     lights = [light_of(text) for text in light or []]
     scene = pr.Scene()
     scene.background = None if background == "none" else numbers(background, "--background")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 SUN = 3.0  # irradiance of a light without a strength
@@ -66,7 +67,15 @@ class View:
     """Where the camera is: where the options say, else where the whole scan is seen. Raises what is wrong at once."""
 
     def __init__(
-        self, size: str, fov: float = 40.0, up: str = "0,0,1", eye: str | None = None, target: str | None = None
+        self,
+        size: str,
+        fov: float = 40.0,
+        up: str = "0,0,1",
+        eye: str | None = None,
+        target: str | None = None,
+        projection: str = "perspective",
+        aperture: float = 0.0,
+        focus: float | None = None,
     ) -> None:
         self.up = numbers(up, "--up")
         if not any(self.up):
@@ -74,7 +83,9 @@ class View:
         self.size = size_of(size)
         self._eye = None if eye is None else numbers(eye, "--eye")
         self._target = None if target is None else numbers(target, "--target")
-        self._fov = fov
+        if focus is not None and not aperture:
+            raise ValueError("--focus is for --aperture, which is not given")
+        self._lens: dict[str, Any] = {"fov": fov, "projection": projection, "aperture": aperture, "focus": focus}
         near = self._eye or (0.0, 0.0, 0.0)
         self.camera([near, [x + 1 + abs(x) for x in near]])  # some box that the eye is not in the middle of
 
@@ -82,13 +93,14 @@ class View:
         """The camera for a box."""
         from ..camera import Camera
 
-        framed = Camera.frame(bounds, fov=self._fov, size=self.size, up=self.up)
+        fov, projection = self._lens["fov"], self._lens["projection"]
+        framed = Camera.frame(bounds, fov=fov, size=self.size, up=self.up, projection=projection)
         if self._eye is None and self._target is None:
-            return framed
+            return replace(framed, **self._lens)
         target = self._target or [(low + high) / 2 for low, high in zip(*bounds, strict=True)]
         # Without an eye: as far away, and on the same side, as to frame the box.
         eye = self._eye or [e + a - t for e, a, t in zip(framed.eye, target, framed.target, strict=True)]
-        return Camera.look_at(eye, target, self.up, self._fov, self.size)
+        return Camera.look_at(eye, target, self.up, size=self.size, **self._lens)
 
 
 def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:

@@ -1,0 +1,137 @@
+"""From a pixel to a ray, for kernels: the place in the pixel, the projection, the lens.
+
+Pixels are filtered by where their samples lie, not by weights (filter importance sampling: Ernst, Stamminger and
+Greiner 2006): places are drawn from the filter, all samples count the same, no pixel needs another one's.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .jit import inline
+from .records import (
+    ACROSS,
+    EYE,
+    FORWARD,
+    LENS_RADIUS,
+    NEARNESS,
+    ORTHOGRAPHIC,
+    PANORAMA,
+    PROJECTION,
+    UPWARD,
+    Array,
+)
+from .sampling import IN_PIXEL, ON_LENS, on_disc, pixel_key, sample_pair
+from .vec import add, dot, scale, sub, triple, unit
+
+FILTERS = ("box", "tent", "gaussian", "blackman-harris")
+BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = range(4)
+
+# In pixels, from the pixel's middle. The box ends at 0.5, the tent at 1.
+SIGMA, GAUSSIAN_END = 0.5, 1.5
+BLACKMAN_HARRIS_END = 1.5
+WINDOW = (0.35875, 0.48829, 0.14128, 0.01168)  # a0 to a3 (Harris 1978)
+
+_WITHIN = 1.0 - math.exp(-0.5 * (GAUSSIAN_END / SIGMA) ** 2)  # share of the Gaussian that is kept
+_STEPS = 64
+
+
+def _quantiles() -> Array:
+    """How far out, in pixels, a share w^2 of one half of the Blackman-Harris window lies still farther: w = 0 .. 1.
+
+    Against the root of the share, as the window is flat at its ends; interpolated, shares are right to 3e-5.
+    """
+    x = np.linspace(0.0, 1.0, 4097)  # from the end to the middle
+    share = x + sum((-1) ** k * WINDOW[k] / WINDOW[0] * np.sin(k * np.pi * x) / (k * np.pi) for k in (1, 2, 3))
+    return BLACKMAN_HARRIS_END * (1.0 - np.interp(np.linspace(0.0, 1.0, _STEPS + 1) ** 2, share, x))
+
+
+_QUANTILES = _quantiles()
+
+
+@inline
+def _tent(u):  # type: ignore[no-untyped-def]
+    """The place of a share u of the tent."""
+    return math.sqrt(2.0 * u) - 1.0 if u < 0.5 else 1.0 - math.sqrt(2.0 - 2.0 * u)
+
+
+@inline
+def _gaussian(u, v):  # type: ignore[no-untyped-def]
+    """A place of the Gaussian that ends on a circle (Box and Muller 1958)."""
+    radius = SIGMA * math.sqrt(-2.0 * math.log(1.0 - u * _WITHIN))
+    return radius * math.cos(2.0 * math.pi * v), radius * math.sin(2.0 * math.pi * v)
+
+
+@inline
+def _blackman_harris(u):  # type: ignore[no-untyped-def]
+    """The place of a share u of the Blackman-Harris window."""
+    w = _STEPS * math.sqrt(2.0 * min(u, 1.0 - u))
+    k = min(int(w), _STEPS - 1)
+    away = _QUANTILES[k] + (w - k) * (_QUANTILES[k + 1] - _QUANTILES[k])
+    return -away if u < 0.5 else away
+
+
+@inline
+def place_in_pixel(key, sample, how):  # type: ignore[no-untyped-def]
+    """Where a sample lies, in pixels from the pixel's middle, to the right and down. how : as for `camera_ray`."""
+    _, spp, shape = how
+    if spp == 1:
+        return 0.0, 0.0
+    u, v = sample_pair(key, sample, IN_PIXEL)
+    if shape == TENT:
+        return _tent(u), _tent(v)
+    if shape == GAUSSIAN:
+        return _gaussian(u, v)
+    if shape == BLACKMAN_HARRIS:
+        return _blackman_harris(u), _blackman_harris(v)
+    return u - 0.5, v - 0.5
+
+
+@inline
+def _project(camera, u, v):  # type: ignore[no-untyped-def]
+    """(o, d) through the lens's middle at (u, v) of the picture, -1 to 1 from left to right and from bottom to top.
+
+    d goes on by 1 along the view; of a panorama it is a unit vector.
+    """
+    eye, forward = triple(camera, EYE), triple(camera, FORWARD)
+    across, upward = triple(camera, ACROSS), triple(camera, UPWARD)
+    if camera[PROJECTION] == PANORAMA:
+        turn, tilt = math.pi * u, 0.5 * math.pi * v
+        level = add(scale(forward, math.cos(turn)), scale(across, math.sin(turn)))
+        return eye, add(scale(level, math.cos(tilt)), scale(upward, math.sin(tilt)))
+    aside = add(scale(across, u), scale(upward, v))
+    if camera[PROJECTION] == ORTHOGRAPHIC:
+        return add(eye, aside), forward
+    return eye, add(forward, aside)
+
+
+@inline
+def _through_lens(camera, ray, place):  # type: ignore[no-untyped-def]
+    """A ray (o, d) through another place of the lens, on the unit disc: they meet in the plane that is sharp."""
+    x, y = place[0] * camera[LENS_RADIUS], place[1] * camera[LENS_RADIUS]
+    aside = add(scale(unit(triple(camera, ACROSS)), x), scale(unit(triple(camera, UPWARD)), y))
+    return add(ray[0], aside), sub(ray[1], scale(aside, camera[NEARNESS]))
+
+
+@inline
+def camera_ray(camera, size, pixel, sample, how):  # type: ignore[no-untyped-def]
+    """(o, d), d a unit vector, of a sample of a pixel (x, y); a single sample goes through the middles.
+
+    camera : see `records.CAMERA`; size : width, height of the image; how : seed, samples a pixel, filter
+    """
+    key = pixel_key(pixel[0], pixel[1], how[0])
+    right, down = place_in_pixel(key, sample, how)
+    u, v = 2.0 * (pixel[0] + 0.5 + right) / size[0] - 1.0, 1.0 - 2.0 * (pixel[1] + 0.5 + down) / size[1]
+    o, d = _project(camera, u, v)
+    if camera[LENS_RADIUS] > 0.0 and how[1] > 1:
+        a, b = sample_pair(key, sample, ON_LENS)
+        o, d = _through_lens(camera, (o, d), on_disc(a, b))
+    return o, unit(d)
+
+
+@inline
+def depth_of(camera, ray, t):  # type: ignore[no-untyped-def]
+    """How far a place on a camera ray (o, d) is along the view; in a panorama, which has none, from the eye."""
+    return t if camera[PROJECTION] == PANORAMA else t * dot(ray[1], triple(camera, FORWARD))
