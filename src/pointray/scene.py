@@ -76,7 +76,7 @@ class Scene:
         self._instances.remove(row)
 
     def add_light(self, light: Light | EnvironmentLight) -> int:
-        """Put a light into the scene, at most one `EnvironmentLight`; without any there is a headlight at the camera."""
+        """Put a light into the scene, at most one `EnvironmentLight`; without any the camera has a headlight."""
         if not isinstance(light, Light | EnvironmentLight):
             known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
             raise ValueError(f"a light is one of {known}, not {type(light).__name__}")

@@ -121,7 +121,8 @@ def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
     a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
     if kind == DISK_LIGHT:
         a, b = on_disc(u, v)
-    to_place = add(sub(place, x), add(scale(triple(world.lights, at + LIGHT_U), a), scale(triple(world.lights, at + LIGHT_V), b)))
+    aside = add(scale(triple(world.lights, at + LIGHT_U), a), scale(triple(world.lights, at + LIGHT_V), b))
+    to_place = add(sub(place, x), aside)
     distance = length(to_place)
     if distance == 0.0:
         return _nothing()
