@@ -17,8 +17,11 @@ __version__ = "0.1.0"
 # Where each public name lives; loaded when first asked for, so that `import pointray` costs nothing.
 _HOME = {
     "Camera": "camera",
+    "Dielectric": "shade.materials",
     "Diffuse": "shade.materials",
+    "Emissive": "shade.materials",
     "Hits": "rays",
+    "Mirror": "shade.materials",
     "Model": "model",
     "Phong": "shade.materials",
     "Plane": "instances",
@@ -60,7 +63,10 @@ if TYPE_CHECKING:
     from .scene import Scene as Scene
     from .shade.lights import PointLight as PointLight
     from .shade.lights import SunLight as SunLight
+    from .shade.materials import Dielectric as Dielectric
     from .shade.materials import Diffuse as Diffuse
+    from .shade.materials import Emissive as Emissive
+    from .shade.materials import Mirror as Mirror
     from .shade.materials import Phong as Phong
     from .splats.subsample import subsample as subsample
 

@@ -43,8 +43,8 @@ class Scene:
         ----------
         transform : (4, 4) array_like, optional
             To world space, for column vectors: rigid, scaled, mirrored or sheared, not singular.
-        material : Diffuse or Phong, optional
-            None: diffuse in the points' own colours.
+        material : Material, optional
+            `Diffuse`, `Phong`, `Mirror`, `Dielectric`, `Emissive`; None: diffuse in the points' own colours.
 
         Returns
         -------

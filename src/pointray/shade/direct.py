@@ -1,4 +1,4 @@
-"""Direct light at the hits of a tile: each light, the shadow rays to it together, and the material's BRDF (Phong)."""
+"""Direct light at the hits of a tile: each light, the shadow rays to it together, and what the material scatters."""
 
 from __future__ import annotations
 
@@ -7,22 +7,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import (
-    BASE_COLOR,
-    EXPONENT,
-    INSTANCE,
-    LIGHT,
-    LIGHT_KIND,
-    LIGHT_PLACE,
-    LIGHT_POWER,
-    MATERIAL,
-    MATERIAL_KIND,
-    MATERIAL_SIZE,
-    OWN_COLOR,
-    PHONG,
-    POINT_LIGHT,
-    SPECULAR,
-)
+from ..records import LIGHT, LIGHT_KIND, LIGHT_PLACE, LIGHT_POWER, POINT_LIGHT
 from ..scratch import (
     GAIN,
     INSTANCE_OF,
@@ -39,8 +24,7 @@ from ..scratch import (
 )
 from ..trace.world import NOWHERE, aim, trace_tile
 from ..vec import add, dot, length, multiply, scale, sub, triple, unit
-
-BLACK = (0.0, 0.0, 0.0)
+from .bsdf import BLACK, Place, base_color, emitted, material_at, scatter
 
 
 @inline
@@ -57,22 +41,10 @@ def towards_light(world, at, x):  # type: ignore[no-untyped-def]
 
 @inline
 def reflectance(world, spot, to_light):  # type: ignore[no-untyped-def]
-    """BRDF times the cosine at the light's side. spot : normal and direction to the eye, colour, instance."""
-    normal, to_eye, color, instance = spot
-    cosine = dot(normal, to_light)
-    if cosine <= 0.0:
-        return BLACK
-    at = int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
-    if world.materials[at + OWN_COLOR] == 0.0:
-        color = triple(world.materials, at + BASE_COLOR)
-    specular = world.materials[at + SPECULAR]
-    diffuse = scale(color, (1.0 - specular) * cosine / math.pi)
-    if world.materials[at + MATERIAL_KIND] != PHONG or specular == 0.0:
-        return diffuse
-    mirrored = sub(scale(normal, 2.0 * cosine), to_light)
-    exponent = world.materials[at + EXPONENT]
-    lobe = max(dot(mirrored, to_eye), 0.0) ** exponent * (exponent + 2.0) / (2.0 * math.pi) * specular * cosine
-    return add(diffuse, (lobe, lobe, lobe))
+    """BRDF times the cosine at the light's side. spot : see `_spot`."""
+    normal, to_eye, color, side, instance = spot
+    at = material_at(world, instance)
+    return scatter(world, at, Place(normal, to_eye, base_color(world, at, color), side), to_light)[0]
 
 
 @inline
@@ -95,11 +67,12 @@ def keep_spot(scratch, i, hit, ray):  # type: ignore[no-untyped-def]
 
 @inline
 def _spot(spots, i):  # type: ignore[no-untyped-def]
-    """What `reflectance` needs of a surface point."""
+    """Normal and direction to the eye, the surface's own colour, the side the eye is on, the instance."""
     return (
         row(spots, SPOT_NORMAL + i),
         row(spots, SPOT_EYE + i),
         row(spots, SPOT_COLOR + i),
+        spots[SPOT_SIDE + i],
         int(spots[SPOT_INSTANCE + i]),
     )
 
@@ -148,10 +121,14 @@ def light_tile(world, shadows, scratch):  # type: ignore[no-untyped-def]
     A scene without lights has a headlight: at the eye, without fall-off and shadows, irradiance pi.
     """
     spots = scratch.spots
+    for i in range(TILE):
+        if spots[SPOT_INSTANCE + i] >= 0.0:
+            put(spots, RADIANCE + i, emitted(world, material_at(world, int(spots[SPOT_INSTANCE + i]))))
     if world.lights.size == 0:
         for i in range(TILE):
             if spots[SPOT_INSTANCE + i] >= 0.0:
-                put(spots, RADIANCE + i, scale(reflectance(world, _spot(spots, i), row(spots, SPOT_EYE + i)), math.pi))
+                lit = scale(reflectance(world, _spot(spots, i), row(spots, SPOT_EYE + i)), math.pi)
+                put(spots, RADIANCE + i, add(row(spots, RADIANCE + i), lit))
         return
     for k in range(world.lights.size // LIGHT):
         sides = _light_from(world, k * LIGHT, scratch)
