@@ -27,6 +27,7 @@ _HOME = {
     "Plane": "instances",
     "PointLight": "shade.lights",
     "Points": "data",
+    "Principled": "shade.materials",
     "Scene": "scene",
     "Settings": "picture",
     "SunLight": "shade.lights",
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from .shade.materials import Emissive as Emissive
     from .shade.materials import Mirror as Mirror
     from .shade.materials import Phong as Phong
+    from .shade.materials import Principled as Principled
     from .splats.subsample import subsample as subsample
 
 

@@ -170,14 +170,16 @@ POINT_LIGHT, SUN_LIGHT = 0, 1
 LIGHT_PLACE = 1  # position, or direction of travel
 LIGHT_POWER = 4  # RGB: intensity in W/sr, or irradiance in W/m2
 
-# A material: 8 float64; what its last three places hold depends on the kind.
-MATERIAL_SIZE = 8
+# A material: 10 float64; what its last five places hold depends on the kind.
+MATERIAL_SIZE = 10
 MATERIAL_KIND = 0
-DIFFUSE, PHONG, MIRROR, DIELECTRIC, EMISSIVE = range(5)
+DIFFUSE, PHONG, MIRROR, DIELECTRIC, PRINCIPLED, EMISSIVE = range(6)
 OWN_COLOR = 1  # 1: the points' own colour
 BASE_COLOR = 2  # 2..4: else this, linear
 SPECULAR, EXPONENT = 5, 6  # of Phong
 IOR = 5  # of Dielectric: index of refraction of the inside over that of the outside
+ALPHA, METALLIC = 5, 6  # of Principled: width of the facets' distribution, share of metal
+COAT = 7  # 7..9: what its facets reflect if dielectric, at normal incidence, how much more at 90 degrees, the power
 EMITTED = 5  # 5..7, of Emissive: radiance, linear RGB
 
 

@@ -44,7 +44,8 @@ class Scene:
         transform : (4, 4) array_like, optional
             To world space, for column vectors: rigid, scaled, mirrored or sheared, not singular.
         material : Material, optional
-            `Diffuse`, `Phong`, `Mirror`, `Dielectric`, `Emissive`; None: diffuse in the points' own colours.
+            `Diffuse`, `Phong`, `Principled`, `Mirror`, `Dielectric` or `Emissive`; None: diffuse in the points' own
+            colours.
 
         Returns
         -------

@@ -23,8 +23,10 @@ from ..records import (
     MIRROR,
     OWN_COLOR,
     PHONG,
+    PRINCIPLED,
 )
 from ..vec import dot, scale, triple
+from .microfacet import sample_principled, scatter_principled
 from .phong import sample_diffuse, sample_phong, scatter_diffuse, scatter_phong
 from .specular import glass, sample_specular
 
@@ -86,16 +88,22 @@ def scatter(world, at, place, to_light):  # type: ignore[no-untyped-def]
     cosine = dot(place.normal, to_light)
     if cosine <= 0.0 or dot(place.normal, place.to_eye) <= 0.0 or is_specular(world, at):
         return BLACK, 0.0
-    if world.materials[at + MATERIAL_KIND] == PHONG:
+    kind = world.materials[at + MATERIAL_KIND]
+    if kind == PHONG:
         return scatter_phong(world, at, place, to_light, cosine)
+    if kind == PRINCIPLED:
+        return scatter_principled(world, at, place, to_light, cosine)
     return scatter_diffuse(place, cosine)
 
 
 @inline
 def _direction(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
     """A direction chosen with the density that `scatter` tells; it may lie below the surface."""
-    if world.materials[at + MATERIAL_KIND] == PHONG:
+    kind = world.materials[at + MATERIAL_KIND]
+    if kind == PHONG:
         return sample_phong(world, at, place, which, u, v)
+    if kind == PRINCIPLED:
+        return sample_principled(world, at, place, which, u, v)
     return sample_diffuse(place.normal, u, v)
 
 

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..records import (
+    ALPHA,
     BASE_COLOR,
+    COAT,
     DIELECTRIC,
     DIFFUSE,
     EMISSIVE,
@@ -20,14 +22,17 @@ from ..records import (
     IOR,
     MATERIAL_KIND,
     MATERIAL_SIZE,
+    METALLIC,
     MIRROR,
     OWN_COLOR,
     PHONG,
+    PRINCIPLED,
     SPECULAR,
 )
 from .lights import rgb
 
 MOST_EXPONENT = 1e8  # half a hundredth of a degree wide: a narrower highlight is lost in rounding
+LEAST_ALPHA = 1e-3  # a twentieth of a degree: a narrower lobe is hit by no sample of a light
 
 
 def _number(value: float, name: str, low: float, high: float) -> float:
@@ -60,7 +65,7 @@ class Material:
         self.record()
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (8,) float64; ValueError if a value is out of range."""
+        """The material as kernels read it, (10,) float64; ValueError if a value is out of range."""
         raise NotImplementedError
 
 
@@ -76,7 +81,7 @@ class Diffuse(Material):
     color: ArrayLike | None = None
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (8,) float64."""
+        """The material as kernels read it, (10,) float64."""
         return _record(DIFFUSE, self.color)
 
 
@@ -86,7 +91,7 @@ class Phong(Material):
 
     BRDF (1 - specular) color / pi + specular (exponent + 2) / (2 pi) cos^exponent, of the angle between the eye and the
     mirrored direction to the light (Lafortune and Willems 1994). The highlight reflects `specular` of the light at
-    normal incidence, and less the more it grazes, where a part of the lobe lies below the surface.
+    normal incidence and less at others, a narrow one the cosine of it.
 
     Parameters
     ----------
@@ -102,7 +107,7 @@ class Phong(Material):
     exponent: float = 20
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (8,) float64."""
+        """The material as kernels read it, (10,) float64."""
         out = _record(PHONG, self.color)
         out[SPECULAR] = _number(self.specular, "specular", 0, 1)
         out[EXPONENT] = min(_number(self.exponent, "exponent", 0, np.inf), MOST_EXPONENT)
@@ -121,7 +126,7 @@ class Mirror(Material):
     color: ArrayLike | None = 1.0
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (8,) float64."""
+        """The material as kernels read it, (10,) float64."""
         return _record(MIRROR, self.color)
 
 
@@ -144,9 +149,57 @@ class Dielectric(Material):
     ior: float = 1.5
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (8,) float64."""
+        """The material as kernels read it, (10,) float64."""
         out = _record(DIELECTRIC, 1.0)
         out[IOR] = _number(self.ior, "ior", 0.01, 100)
+        return out
+
+
+def _coat(alpha: float) -> tuple[float, float, float]:
+    """(a, b, p): dielectric facets reflect a + b (1 - c)^p of the light that meets them with cosine c to the normal.
+
+    Fitted to integrals of F D G2 / (4 c), never below them by over 1e-4, so that facets and base reflect at most all;
+    above them by at most 0.015 where c > 0.2, 0.05 where c > 0.1.
+    """
+    rough = alpha**0.5
+    least = 0.04 - 0.0261 * rough**3.62
+    rise = 0.0556 + 0.9044 / (1.0 + (rough / 0.305) ** 3.53)
+    return least, rise, 2.89 + 2.11 / (1.0 + (rough / 0.292) ** 3.53)
+
+
+@dataclass(frozen=True)
+class Principled(Material):
+    """A rough glossy surface over a diffuse base, or metal: base colour, roughness and metallic as in glTF 2.0.
+
+    BRDF F D G2 / (4 c c') + (1 - metallic) base_color / pi t(c) t(c') / t', of the cosines c and c' of eye and light to
+    the normal. D : GGX (Walter et al. 2007) with alpha = roughness^2, at least 0.001; G2 : Smith's, correlated by
+    height (Heitz 2014); F : Schlick's, from (1 - metallic) 0.04 + metallic base_color at normal incidence to 1;
+    t : share of the light from one direction that dielectric facets let through, t' its mean (Kelemen and
+    Szirmay-Kalos 2001).
+
+    Light that meets several facets is lost (single scattering): white metal reflects 99.9% at roughness 0.1, 92% at
+    0.5, 31% at 1 and normal incidence. A white dielectric reflects at least 98% up to 78 degrees, 95% up to 84.
+
+    Parameters
+    ----------
+    base_color : float or (3,) float, 0 to 1, optional
+        Of the diffuse base, and of the metal's reflection at normal incidence.
+    roughness : float
+        0 (nearly a mirror: a lobe of a tenth of a degree) to 1.
+    metallic : float
+        0 (dielectric) to 1 (metal); between them the BRDFs are blended.
+    """
+
+    base_color: ArrayLike | None = None
+    roughness: float = 0.5
+    metallic: float = 0.0
+
+    def record(self) -> NDArray[np.float64]:
+        """The material as kernels read it, (10,) float64."""
+        out = _record(PRINCIPLED, self.base_color, "base_color")
+        alpha = max(_number(self.roughness, "roughness", 0, 1) ** 2, LEAST_ALPHA)
+        out[ALPHA], out[METALLIC] = alpha, _number(self.metallic, "metallic", 0, 1)
+        out[COAT : COAT + 3] = _coat(alpha)
         return out
 
 
@@ -166,7 +219,7 @@ class Emissive(Material):
     color: ArrayLike | None = 0.0
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (8,) float64."""
+        """The material as kernels read it, (10,) float64."""
         out = _record(EMISSIVE, self.color)
         out[EMITTED : EMITTED + 3] = rgb(self.radiance, "radiance")
         return out
