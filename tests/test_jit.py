@@ -188,13 +188,27 @@ def test_every_public_name_is_there():
 
 
 # From above to below; a file imports only what stands above it, or in its own folder.
-ROOMS = ["jit", "simd", "vec", "sampling", "records", "scratch", "data", "neighbors", "camera", "lens", *STAGES]
+ROOMS = [
+    "jit",
+    "simd",
+    "vec",
+    "sampling",
+    "records",
+    "scratch",
+    "data",
+    "neighbors",
+    "camera",
+    "lens",
+    "settings",
+    *STAGES,
+]
 ROOMS += [
     "rays",
     "saved",
     "model",
     "instances",
     "scene",
+    "frames",
     "picture",
     "view",
     "report",

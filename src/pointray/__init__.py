@@ -17,10 +17,13 @@ __version__ = "0.1.0"
 # Where each public name lives; loaded when first asked for, so that `import pointray` costs nothing.
 _HOME = {
     "Camera": "camera",
+    "Dielectric": "shade.materials",
     "Diffuse": "shade.materials",
     "DiskLight": "shade.lights",
     "EnvironmentLight": "shade.environment",
+    "Emissive": "shade.materials",
     "Hits": "rays",
+    "Mirror": "shade.materials",
     "Model": "model",
     "Phong": "shade.materials",
     "Plane": "instances",
@@ -28,8 +31,9 @@ _HOME = {
     "RectLight": "shade.lights",
     "SphereLight": "shade.lights",
     "Points": "data",
+    "Principled": "shade.materials",
     "Scene": "scene",
-    "Settings": "picture",
+    "Settings": "settings",
     "SunLight": "shade.lights",
     "clean": "points.cleaning",
     "estimate_normals": "points",
@@ -51,7 +55,6 @@ if TYPE_CHECKING:
     from .image import write_image as write_image
     from .instances import Plane as Plane
     from .model import Model as Model
-    from .picture import Settings as Settings
     from .picture import render as render
     from .points import estimate_normals as estimate_normals
     from .points import procedural as procedural
@@ -62,14 +65,19 @@ if TYPE_CHECKING:
     from .points.cleaning import find_flaws as find_flaws
     from .rays import Hits as Hits
     from .scene import Scene as Scene
+    from .settings import Settings as Settings
     from .shade.environment import EnvironmentLight as EnvironmentLight
     from .shade.lights import DiskLight as DiskLight
     from .shade.lights import PointLight as PointLight
     from .shade.lights import RectLight as RectLight
     from .shade.lights import SphereLight as SphereLight
     from .shade.lights import SunLight as SunLight
+    from .shade.materials import Dielectric as Dielectric
     from .shade.materials import Diffuse as Diffuse
+    from .shade.materials import Emissive as Emissive
+    from .shade.materials import Mirror as Mirror
     from .shade.materials import Phong as Phong
+    from .shade.materials import Principled as Principled
     from .splats.subsample import subsample as subsample
 
 

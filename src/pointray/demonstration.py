@@ -13,9 +13,10 @@ from .image import write_image
 from .instances import Plane
 from .jit import compilations, compile_seconds, thread_count
 from .model import Model
-from .picture import Settings, render
+from .picture import render
 from .points import procedural
 from .scene import Scene
+from .settings import Settings
 from .shade.lights import SunLight
 from .shade.materials import Phong
 

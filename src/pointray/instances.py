@@ -215,6 +215,7 @@ def check_material(material: Material | None) -> Material:
     """A material whose record can be made; None: diffuse."""
     material = Diffuse() if material is None else material
     if not isinstance(material, Material):
-        raise ValueError(f"a material is a Diffuse or a Phong, not {type(material).__name__}")
+        kinds = ", ".join(sorted(kind.__name__ for kind in Material.__subclasses__()))
+        raise ValueError(f"a material is one of {kinds}, not {type(material).__name__}")
     material.record()
     return material

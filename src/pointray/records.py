@@ -192,13 +192,17 @@ SKY_X, SKY_Y, SKY_Z = 1, 4, 7  # its axes in the world, 3 each, unit: to the rig
 SKY_ZENITH, SKY_HORIZON, SKY_GROUND = 10, 13, 16  # RGB radiance of a gradient
 SKY_WIDTH = 19  # of the picture, in pixels
 
-# A material: 8 float64.
-MATERIAL_SIZE = 8
+# A material: 10 float64; what its last five places hold depends on the kind.
+MATERIAL_SIZE = 10
 MATERIAL_KIND = 0
-DIFFUSE, PHONG = 0, 1
+DIFFUSE, PHONG, MIRROR, DIELECTRIC, PRINCIPLED, EMISSIVE = range(6)
 OWN_COLOR = 1  # 1: the points' own colour
 BASE_COLOR = 2  # 2..4: else this, linear
-SPECULAR, EXPONENT = 5, 6
+SPECULAR, EXPONENT = 5, 6  # of Phong
+IOR = 5  # of Dielectric: index of refraction of the inside over that of the outside
+ALPHA, METALLIC = 5, 6  # of Principled: width of the facets' distribution, share of metal
+COAT = 7  # 7..9: what its facets reflect if dielectric, at normal incidence, how much more at 90 degrees, the power
+EMITTED = 5  # 5..7, of Emissive: radiance, linear RGB
 
 # A camera: 16 float64.
 CAMERA = 16

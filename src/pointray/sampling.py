@@ -13,7 +13,7 @@ from .jit import inline
 
 # The pairs of dimensions that are asked for; those of a path repeat for each scattering.
 IN_PIXEL, ON_LENS, ON_PATH = 0, 1, 2
-WHICH_LIGHT, ON_LIGHT, WHICH_LOBE, DIRECTION_OF, ROULETTE, PER_SCATTERING = range(6)
+WHICH, ON_LIGHT, DIRECTION_OF, ROULETTE, PER_SCATTERING = range(5)  # the first: which light, which lobe
 
 _WORD = 0xFFFFFFFF
 _TO_ONE = 2.0**-32

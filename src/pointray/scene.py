@@ -34,6 +34,7 @@ class Scene:
         self._instances = Instances()
         self._lights: list[Light | EnvironmentLight] = []
         self._background: NDArray[np.float64] | None = None
+        self.shows_sky = False
         self._built: tuple[World, list[Model]] | None = None
 
     def add(self, shape: Model | Plane, transform: ArrayLike | None = None, material: Material | None = None) -> int:
@@ -43,8 +44,9 @@ class Scene:
         ----------
         transform : (4, 4) array_like, optional
             To world space, for column vectors: rigid, scaled, mirrored or sheared, not singular.
-        material : Diffuse or Phong, optional
-            None: diffuse in the points' own colours.
+        material : Material, optional
+            `Diffuse`, `Phong`, `Principled`, `Mirror`, `Dielectric` or `Emissive`; None: diffuse in the points' own
+            colours.
 
         Returns
         -------
@@ -91,12 +93,13 @@ class Scene:
 
     @property
     def background(self) -> NDArray[np.float64] | None:
-        """Linear RGB behind everything, or None: transparent."""
+        """Linear RGB behind everything, or None: transparent. To set it to "environment" shows the light around."""
         return self._background
 
     @background.setter
     def background(self, color: ArrayLike | None) -> None:
-        self._background = None if color is None else rgb(color, "background")
+        self.shows_sky = isinstance(color, str) and color == "environment"
+        self._background = None if color is None or self.shows_sky else rgb(color, "background")
 
     @property
     def bounds(self) -> NDArray[np.float64]:

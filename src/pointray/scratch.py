@@ -22,7 +22,8 @@ TOP_LOW, TOP_SPEED = 26 * TILE, 27 * TILE  # the ray in the tree over the instan
 WORLD_ROWS = 28
 INSTANCE_OF, LEAF_OF, SLOT_OF = 0, TILE, 2 * TILE  # int64: of the nearest hit, -1 for none
 FOUND = 3 * TILE  # leaf of the hit in the current model, -1 for none
-NUMBER_ROWS = 4
+WAITING_COUNT = 4 * TILE  # rays that wait at each place
+NUMBER_ROWS = 5
 # float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * TILE for k in range(9))
 LENGTH = 9 * TILE  # where its nearest hit in this model is, at first where it ends; below 0 where it misses the bounds
@@ -45,7 +46,13 @@ PART_ROWS = 14
 # is on; the radiance to the eye so far, and what the current light adds where nothing is in its way, 3 rows each.
 SPOT, SPOT_NORMAL, SPOT_EYE, SPOT_COLOR = 0, 3 * TILE, 6 * TILE, 9 * TILE
 SPOT_INSTANCE, SPOT_SIDE, RADIANCE, GAIN = 12 * TILE, 13 * TILE, 14 * TILE, 17 * TILE
-SPOT_ROWS = 20
+# How much radiance along the ray counts in the pixel, RGB; how many scatterings lie behind. Of a path: the key of its
+# numbers, the density with which its ray's direction was chosen (0: no other way finds it); the same of the next ray.
+SPOT_WEIGHT, SPOT_DEPTH, KEY, DENSITY = 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
+NEXT, NEXT_SIDE, NEXT_WEIGHT, NEXT_DENSITY = 26 * TILE, 29 * TILE, 30 * TILE, 33 * TILE
+SPOT_ROWS = 34
+# Rays that wait, see `shade/onward.py`: origin, direction, how much each counts, 3 each, side, depth.
+WAITING, MOST_WAITING = 11, 33
 
 COUNT_NEAR = 0  # blocks listed near the current rays
 COUNT_NODES, COUNT_LEAVES = 1, 2  # visited
@@ -78,6 +85,7 @@ class Scratch(NamedTuple):
     listed : (4 n,) int32, the places of those near the rays that are evaluated
     world, model, numbers : the rows of a tile, float64, float32 and int64; part : float32, of those that search a leaf
     spots : float64, rows of the surface points that are shaded
+    waiting : float64, rays that mirrors and glass send on
     top_what : (128,) int32, entries of the tree over the instances still to visit; top_rays : (128,)
     int64, the rays that enter them; top_near : (128,) float32, where the first of these does
     """
@@ -95,6 +103,7 @@ class Scratch(NamedTuple):
     numbers: Array
     part: Array
     spots: Array
+    waiting: Array
     top_what: Array
     top_rays: Array
     top_near: Array
@@ -121,6 +130,7 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
         np.zeros(NUMBER_ROWS * TILE, np.int64),
         np.zeros(PART_ROWS * PART, np.float32),
         np.zeros(SPOT_ROWS * TILE, np.float64),
+        np.empty(TILE * MOST_WAITING * WAITING, np.float64),
         np.empty(128, np.int32),
         np.empty(128, np.int64),
         np.empty(128, np.float32),
@@ -144,6 +154,7 @@ def lend_scratch(s):  # type: ignore[no-untyped-def]
         borrow(s.numbers),
         borrow(s.part),
         borrow(s.spots),
+        borrow(s.waiting),
         borrow(s.top_what),
         borrow(s.top_rays),
         borrow(s.top_near),

@@ -82,6 +82,20 @@ def tangents(n):  # type: ignore[no-untyped-def]
 
 
 @inline
+def mirrored(a, n):  # type: ignore[no-untyped-def]
+    """A vector turned half around a unit vector: where light from a goes that a mirror with normal n reflects."""
+    return sub(scale(n, 2.0 * dot(n, a)), a)
+
+
+@inline
+def around(axis, cosine, turn):  # type: ignore[no-untyped-def]
+    """The unit vector at an angle of that cosine from a unit vector; turn : 0..1, how far around it."""
+    s, t = tangents(axis)
+    sine, angle = math.sqrt(max(1.0 - cosine * cosine, 0.0)), 2.0 * math.pi * turn
+    return add(scale(axis, cosine), add(scale(s, sine * math.cos(angle)), scale(t, sine * math.sin(angle))))
+
+
+@inline
 def along_curve(k):  # type: ignore[no-untyped-def]
     """(x, y) of place k on a Morton curve, 0..255: the even and the odd bits."""
     return _even_bits(k), _even_bits(k >> 1)

@@ -13,9 +13,10 @@ from ..camera import Camera
 from ..data import Points
 from ..jit import compile_seconds
 from ..model import Model
-from ..picture import Settings, render
+from ..picture import render
 from ..points import procedural
 from ..scene import Scene
+from ..settings import Settings
 from ..shade.lights import SunLight
 from ..splats.subsample import subsample
 from .views import far_view, near_view

@@ -67,8 +67,8 @@ def render(
     (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
     import pointray as pr
 
-    from ..picture import Settings
     from ..picture import render as trace  # pr.render may be the module, by now
+    from ..settings import Settings
 
     view = View(size, fov, up, eye, target, projection.value, aperture, focus)
     settings = Settings(integrator.value, spp=spp, seed=seed, threads=use_threads(threads), filter=filter.value)

@@ -190,6 +190,12 @@ def density_of_light(world, at, o, d, t):  # type: ignore[no-untyped-def]
 
 
 @inline
+def light_radiance(world, at):  # type: ignore[no-untyped-def]
+    """Radiance of a light that rays meet."""
+    return triple(world.lights, at + LIGHT_POWER)
+
+
+@inline
 def sun_in(world, at, d):  # type: ignore[no-untyped-def]
     """(radiance, density) of the sun's disk in a direction; black outside of it, and for a sun without size."""
     missing = world.lights[at + LIGHT_RADIUS]

@@ -1,0 +1,134 @@
+"""How light is scattered at a surface point: what every integrator asks of a material, whichever it is.
+
+BSDFs are reciprocal, colours linear RGB, densities per solid angle. What rays carry is radiance divided by the square
+of the index of refraction, which refraction does not change (Nicodemus 1963, 'basic radiance'): so no weight has a
+factor (n1 / n2)^2. In the air, where eyes and lights are, it is the radiance itself. With the factor a path would
+lose n^2 where it enters a closed body and gain it where it leaves: the same picture, unless a light is inside.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ..jit import inline
+from ..records import (
+    BASE_COLOR,
+    DIELECTRIC,
+    EMISSIVE,
+    EMITTED,
+    INSTANCE,
+    MATERIAL,
+    MATERIAL_KIND,
+    MATERIAL_SIZE,
+    MIRROR,
+    OWN_COLOR,
+    PHONG,
+    PRINCIPLED,
+    SPECULAR,
+)
+from ..vec import dot, scale, triple
+from .microfacet import sample_principled, scatter_principled
+from .phong import sample_diffuse, sample_phong, scatter_diffuse, scatter_phong
+from .specular import glass, sample_specular
+
+BLACK = (0.0, 0.0, 0.0)
+LEAST_DENSITY = 1e-200  # below it a quotient by the density may overflow
+
+
+class Place(NamedTuple):
+    """A surface point as a material sees it.
+
+    normal : unit, turned to the side the eye is on; to_eye : unit
+    color : linear RGB of the surface there, see `base_color`
+    side : +1.0 where the eye is on the outer side, to which normals point, else -1.0
+    """
+
+    normal: tuple[float, float, float]
+    to_eye: tuple[float, float, float]
+    color: tuple[float, float, float]
+    side: float
+
+
+@inline
+def material_at(world, instance):  # type: ignore[no-untyped-def]
+    """Where an instance's material begins in world.materials."""
+    return int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
+
+
+@inline
+def base_color(world, at, color):  # type: ignore[no-untyped-def]
+    """The material's colour, or the surface's own, which is given."""
+    if world.materials[at + OWN_COLOR] != 0.0:
+        return color
+    return triple(world.materials, at + BASE_COLOR)
+
+
+@inline
+def emitted(world, at):  # type: ignore[no-untyped-def]
+    """Radiance that the surface emits by itself, to both sides."""
+    if world.materials[at + MATERIAL_KIND] == EMISSIVE:
+        return triple(world.materials, at + EMITTED)
+    return BLACK
+
+
+@inline
+def is_specular(world, at):  # type: ignore[no-untyped-def]
+    """Whether light is scattered to one or two directions only."""
+    kind = world.materials[at + MATERIAL_KIND]
+    return kind in (MIRROR, DIELECTRIC)
+
+
+@inline
+def ambient(world, at, place):  # type: ignore[no-untyped-def]
+    """The share of even light from all around that comes back, highlights left out."""
+    if is_specular(world, at):
+        return BLACK
+    share = 1.0 - world.materials[at + SPECULAR] if world.materials[at + MATERIAL_KIND] == PHONG else 1.0
+    return scale(place.color, share)
+
+
+@inline
+def scatter(world, at, place, to_light):  # type: ignore[no-untyped-def]
+    """(BSDF times cosine as RGB, density with which `sample_scatter` would choose this direction).
+
+    to_light : unit. Black and 0 where light or eye is not on the normal's side, and for specular materials.
+    """
+    cosine = dot(place.normal, to_light)
+    if cosine <= 0.0 or dot(place.normal, place.to_eye) <= 0.0 or is_specular(world, at):
+        return BLACK, 0.0
+    kind = world.materials[at + MATERIAL_KIND]
+    if kind == PHONG:
+        return scatter_phong(world, at, place, to_light, cosine)
+    if kind == PRINCIPLED:
+        return scatter_principled(world, at, place, to_light, cosine)
+    return scatter_diffuse(place, cosine)
+
+
+@inline
+def _direction(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
+    """A direction chosen with the density that `scatter` tells; it may lie below the surface."""
+    kind = world.materials[at + MATERIAL_KIND]
+    if kind == PHONG:
+        return sample_phong(world, at, place, which, u, v)
+    if kind == PRINCIPLED:
+        return sample_principled(world, at, place, which, u, v)
+    return sample_diffuse(place.normal, u, v)
+
+
+@inline
+def sample_scatter(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
+    """Choose where a path goes on: (unit direction, weight, density, side).
+
+    which : chooses the lobe; u, v : the direction; all 0 <= x < 1
+    weight : BSDF times cosine over the density, RGB; black where nothing is scattered
+    density : 0.0 where the lobe is specular; side : of the surface, +1.0 or -1.0, on which the new ray leaves
+    """
+    if dot(place.normal, place.to_eye) <= 0.0:
+        return place.normal, BLACK, 0.0, place.side
+    if is_specular(world, at):
+        return sample_specular(world, at, place, which)
+    direction = _direction(world, at, place, which, u, v)
+    rgb, density = scatter(world, at, place, direction)
+    if density < LEAST_DENSITY:
+        return direction, BLACK, 0.0, place.side
+    return direction, scale(rgb, 1.0 / density), density, place.side

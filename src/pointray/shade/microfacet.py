@@ -1,0 +1,102 @@
+"""Principled: a rough specular surface of small facets (GGX) over a diffuse base, or of metal.
+
+Facets after Walter et al. (2007), masking and shadowing after Smith, correlated by height (Heitz 2014), sampled by the
+visible normals (Heitz 2018) with the spherical caps of Dupuy and Benyoub (2023). cosine : between normal and light,
+positive. Densities are per solid angle. The formulas are said in `materials.py`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import inline
+from ..records import ALPHA, COAT, METALLIC
+from ..vec import add, around, dot, mirrored, scale, triple, unit
+from .phong import sample_diffuse
+
+F0 = 0.04  # of a dielectric of index 1.5, at normal incidence
+
+
+@inline
+def _mean(color):  # type: ignore[no-untyped-def]
+    return (color[0] + color[1] + color[2]) / 3.0
+
+
+@inline
+def _schlick(at_normal, cosine):  # type: ignore[no-untyped-def]
+    """Fresnel's share reflected, RGB (Schlick 1994)."""
+    x = max(1.0 - cosine, 0.0)
+    rise = x * x * (x * x) * x
+    return add(scale(at_normal, 1.0 - rise), (rise, rise, rise))
+
+
+@inline
+def _let_in(coat, cosine):  # type: ignore[no-untyped-def]
+    """Share of the light from one direction that the facets of a dielectric let through to the base."""
+    return 1.0 - coat[0] - coat[1] * max(1.0 - cosine, 0.0) ** coat[2]
+
+
+@inline
+def _let_in_on_average(coat):  # type: ignore[no-untyped-def]
+    """The mean of `_let_in` over the hemisphere, weighted by the cosine."""
+    return 1.0 - coat[0] - 2.0 * coat[1] / ((coat[2] + 1.0) * (coat[2] + 2.0))
+
+
+@inline
+def _smith(alpha, cosine):  # type: ignore[no-untyped-def]
+    """The root in Smith's masking: G1 = 2 cosine / (cosine + root)."""
+    return math.sqrt(alpha * alpha + (1.0 - alpha * alpha) * cosine * cosine)
+
+
+@inline
+def _facets(alpha, cosine, to_eye, half):  # type: ignore[no-untyped-def]
+    """(D G2 / (4 cosine to_eye) times cosine, density of visible normals); cosines with the normal.
+
+    D : density of the facets' normals; G2 : share of them that both eye and light see
+    """
+    spread = 1.0 + (alpha * alpha - 1.0) * half * half
+    facets = alpha * alpha / (math.pi * spread * spread)
+    both = 0.5 * cosine / (cosine * _smith(alpha, to_eye) + to_eye * _smith(alpha, cosine))
+    return facets * both, 0.5 * facets / (to_eye + _smith(alpha, to_eye))
+
+
+@inline
+def _share_of_facets(world, at, place, to_eye):  # type: ignore[no-untyped-def]
+    """How often the facets are sampled, not the base: roughly by what they reflect."""
+    metallic, through = world.materials[at + METALLIC], _let_in(triple(world.materials, at + COAT), to_eye)
+    gray = _mean(place.color)
+    reflected = (1.0 - metallic) * (1.0 - through) + metallic * gray + 1e-6  # black metal reflects at grazing angles
+    return reflected / (reflected + (1.0 - metallic) * gray * through)
+
+
+@inline
+def scatter_principled(world, at, place, to_light, cosine):  # type: ignore[no-untyped-def]
+    """(BRDF times cosine, density)."""
+    metallic, coat = world.materials[at + METALLIC], triple(world.materials, at + COAT)
+    to_eye = dot(place.normal, place.to_eye)
+    normal = unit(add(place.to_eye, to_light))
+    lobe, visible = _facets(world.materials[at + ALPHA], cosine, to_eye, dot(place.normal, normal))
+    plain = F0 * (1.0 - metallic)
+    at_normal = add((plain, plain, plain), scale(place.color, metallic))
+    gloss = scale(_schlick(at_normal, dot(place.to_eye, normal)), lobe)
+    through = _let_in(coat, to_eye) * _let_in(coat, cosine) / _let_in_on_average(coat)
+    density = cosine / math.pi
+    share = _share_of_facets(world, at, place, to_eye)
+    both = add(gloss, scale(place.color, (1.0 - metallic) * through * density))
+    return both, share * visible + (1.0 - share) * density
+
+
+@inline
+def sample_principled(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
+    """A direction by the base's cosine, or mirrored at a visible facet: that may lie below the surface."""
+    normal, to_eye = place.normal, dot(place.normal, place.to_eye)
+    if which >= _share_of_facets(world, at, place, to_eye):
+        return sample_diffuse(normal, u, v)
+    alpha = world.materials[at + ALPHA]
+    # Stretched along the normal, the facets are a hemisphere's; what the eye sees of it is a cap about the stretched
+    # direction, whose points mirror it evenly.
+    eye = unit(add(scale(place.to_eye, alpha), scale(normal, (1.0 - alpha) * to_eye)))
+    height = dot(normal, eye)
+    facet = add(around(normal, (1.0 - u) * (1.0 + height) - height, v), eye)
+    facet = unit(add(scale(facet, alpha), scale(normal, (1.0 - alpha) * dot(normal, facet))))
+    return mirrored(place.to_eye, facet)

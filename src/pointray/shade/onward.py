@@ -1,0 +1,85 @@
+"""What mirrors and glass send on: rays that wait on a stack of each place in the tile, until all are traced."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline
+from ..records import DIELECTRIC, MATERIAL_KIND
+from ..scratch import (
+    MOST_WAITING,
+    SPOT,
+    SPOT_DEPTH,
+    SPOT_SIDE,
+    SPOT_WEIGHT,
+    TILE,
+    WAITING,
+    WAITING_COUNT,
+    put,
+    row,
+)
+from ..trace.world import NOWHERE, aim, aim_from
+from ..vec import multiply, scale, triple
+from .bsdf import glass, is_specular, sample_scatter
+from .spots import is_spot, place_of
+
+FAINT = 1e-3  # a ray that counts less is not traced
+
+
+@inline
+def begin_onward(scratch):  # type: ignore[no-untyped-def]
+    """Nothing waits."""
+    for i in range(TILE):
+        scratch.numbers[WAITING_COUNT + i] = 0
+        scratch.spots[SPOT_DEPTH + i] = 0.0
+
+
+@inline
+def _wait(scratch, i, d, weight, side):  # type: ignore[no-untyped-def]
+    """Let a ray from surface point i wait: unit direction, how much it counts, the side of the surface it leaves on."""
+    count = scratch.numbers[WAITING_COUNT + i]
+    if max(weight[0], weight[1], weight[2]) < FAINT or count == MOST_WAITING:
+        return
+    at, x = (i * MOST_WAITING + count) * WAITING, row(scratch.spots, SPOT + i)
+    for c in range(3):
+        scratch.waiting[at + c], scratch.waiting[at + 3 + c], scratch.waiting[at + 6 + c] = x[c], d[c], weight[c]
+    scratch.waiting[at + 9], scratch.waiting[at + 10] = side, scratch.spots[SPOT_DEPTH + i] + 1.0
+    scratch.numbers[WAITING_COUNT + i] = count + 1
+
+
+@inline
+def send_onward(world, most, scratch):  # type: ignore[no-untyped-def]
+    """From the tile's specular surface points send rays on, up to a depth; both ways through glass."""
+    for i in range(TILE):
+        if not is_spot(scratch, i) or scratch.spots[SPOT_DEPTH + i] >= most:
+            continue
+        at, place = place_of(world, scratch, i)
+        if not is_specular(world, at):
+            continue
+        weight, side = row(scratch.spots, SPOT_WEIGHT + i), scratch.spots[SPOT_SIDE + i]
+        if world.materials[at + MATERIAL_KIND] == DIELECTRIC:
+            reflected, refracted, share = glass(world, at, place)
+            _wait(scratch, i, reflected, scale(weight, share), side)
+            _wait(scratch, i, refracted, scale(weight, 1.0 - share), -side)
+        else:
+            d, tint, _, side = sample_scatter(world, at, place, 0.0, 0.0, 0.0)
+            _wait(scratch, i, d, multiply(weight, tint), side)
+
+
+@inline
+def aim_onward(scratch):  # type: ignore[no-untyped-def]
+    """The tile's rays become those that wait, one of each place; returns whether there is any."""
+    some = False
+    for i in range(TILE):
+        count = scratch.numbers[WAITING_COUNT + i] - 1
+        if count < 0:
+            aim(scratch, i, NOWHERE)
+            continue
+        some = True
+        scratch.numbers[WAITING_COUNT + i] = count
+        at = (i * MOST_WAITING + count) * WAITING
+        ray = triple(scratch.waiting, at), triple(scratch.waiting, at + 3), 0.0, np.inf
+        aim_from(scratch, i, ray, scratch.waiting[at + 9])
+        put(scratch.spots, SPOT_WEIGHT + i, triple(scratch.waiting, at + 6))
+        scratch.spots[SPOT_DEPTH + i] = scratch.waiting[at + 10]
+    return some

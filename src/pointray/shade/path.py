@@ -1,0 +1,219 @@
+"""Path tracing (Kajiya 1986): 64 paths of a tile together, scattering after scattering.
+
+At each surface point one light is chosen and a place on it, and the material chooses where the path goes on. Light that
+both ways can find counts by the power heuristic (Veach and Guibas 1995); paths that carry little end by chance, and
+those that go on count for them. So the mean is exact for any number of samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline
+from ..records import LIGHT
+from ..sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, ROULETTE, WHICH, sample_pair
+from ..scratch import (
+    DENSITY,
+    DIRECTION,
+    GAIN,
+    KEY,
+    NEXT,
+    NEXT_DENSITY,
+    NEXT_SIDE,
+    NEXT_WEIGHT,
+    ORIGIN,
+    SPOT,
+    SPOT_INSTANCE,
+    SPOT_WEIGHT,
+    TILE,
+    put,
+    row,
+)
+from ..trace.hits import describe_tile, tile_hit
+from ..trace.world import NOWHERE, aim, aim_from, trace_tile
+from ..vec import add, multiply, scale
+from .bsdf import emitted, is_specular, sample_scatter, scatter
+from .direct import shade_gains
+from .emitters import density_of_light, light_radiance, meet_light, sample_light, sun_in
+from .sky import is_chosen, sample_sky, sky_density, sky_radiance
+from .spots import BLACK, add_radiance, is_spot, keep_spot, place_of
+
+SURE = 2  # scatterings before a path may end by chance
+
+
+@inline
+def begin_paths(keys, scratch):  # type: ignore[no-untyped-def]
+    """The tile's rays are the camera's. keys : of their pixels' samples, see `sampling.pixel_key`."""
+    for i in range(TILE):
+        scratch.spots[DENSITY + i], scratch.spots[KEY + i] = 0.0, keys[i]
+
+
+@inline
+def _share(density, other):  # type: ignore[no-untyped-def]
+    """How much light counts that was found with one density and might have been with another: the power heuristic.
+
+    A density of 0 for what was found stands for a direction that only this way can choose.
+    """
+    if density == 0.0:
+        return 1.0
+    ratio = other / density
+    return 1.0 / (1.0 + ratio * ratio)
+
+
+@inline
+def _chosen_lights(world):  # type: ignore[no-untyped-def]
+    """Among how many lights one is chosen; the sky's picture is the last."""
+    return world.lights.size // LIGHT + (1 if is_chosen(world) else 0)
+
+
+@inline
+def _add_distant(world, i, ray, scratch):  # type: ignore[no-untyped-def]
+    """Light from infinitely far along ray i, which has met nothing."""
+    density, lights = scratch.spots[DENSITY + i], _chosen_lights(world)
+    light = scale(sky_radiance(world, ray[1]), _share(density, sky_density(world, ray[1]) / max(lights, 1)))
+    for at in range(0, world.lights.size, LIGHT):
+        radiance, chosen = sun_in(world, at, ray[1])
+        light = add(light, scale(radiance, _share(density, chosen / lights)))
+    add_radiance(scratch, i, light)
+
+
+@inline
+def _meet_lights(world, ray, nearest):  # type: ignore[no-untyped-def]
+    """(t, which) of the nearest light that ray meets before `nearest`; -1 for none."""
+    which = -1
+    for at in range(0, world.lights.size, LIGHT):
+        t = meet_light(world, at, ray[0], ray[1])
+        if t < nearest:
+            nearest, which = t, at
+    return nearest, which
+
+
+@inline
+def receive(world, depth, sky_shows, scratch):  # type: ignore[no-untyped-def]
+    """Add the light that the tile's rays have met, and put down where the paths go on.
+
+    sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
+    """
+    spots, met = scratch.spots, np.int64(0)
+    for i in range(TILE):
+        weight = row(spots, SPOT_WEIGHT + i)
+        if weight[0] + weight[1] + weight[2] == 0.0:
+            spots[SPOT_INSTANCE + i] = -1.0
+            continue
+        ray, hit = (row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
+        keep_spot(scratch, i, hit, ray)
+        t, light = _meet_lights(world, ray, hit.t)
+        if light >= 0:
+            chosen = density_of_light(world, light, ray[0], ray[1], t) / _chosen_lights(world)
+            radiance = light_radiance(world, light)
+            add_radiance(scratch, i, scale(radiance, _share(spots[DENSITY + i], chosen)))
+            spots[SPOT_INSTANCE + i] = -1.0
+            met |= np.int64(1) << i
+        elif hit.instance < 0:
+            if depth > 0 or sky_shows:
+                _add_distant(world, i, ray, scratch)
+                met |= np.int64(1) << i
+        else:
+            add_radiance(scratch, i, emitted(world, place_of(world, scratch, i)[0]))
+            met |= np.int64(1) << i
+    return met
+
+
+@inline
+def _pair(scratch, i, sample, depth, which):  # type: ignore[no-untyped-def]
+    """Two numbers in 0..1 for a decision at a scattering."""
+    return sample_pair(int(scratch.spots[KEY + i]), sample, ON_PATH + depth * PER_SCATTERING + which)
+
+
+@inline
+def _light_at(world, i, sample, depth, choice, scratch):  # type: ignore[no-untyped-def]
+    """What arrives at surface point i from a light that a number in 0..1 chooses; its density counts that choice."""
+    lights = _chosen_lights(world)
+    which = min(int(choice * lights), lights - 1)
+    u, v = _pair(scratch, i, sample, depth, ON_LIGHT)
+    if which * LIGHT < world.lights.size:
+        return sample_light(world, which * LIGHT, row(scratch.spots, SPOT + i), u, v)
+    return sample_sky(world, u, v)
+
+
+@inline
+def _go_on(world, i, sample, depth, lobe, scratch):  # type: ignore[no-untyped-def]
+    """Choose where a path goes on from surface point i, and whether."""
+    spots = scratch.spots
+    at, place = place_of(world, scratch, i)
+    u, v = _pair(scratch, i, sample, depth, DIRECTION_OF)
+    d, weight, density, side = sample_scatter(world, at, place, lobe, u, v)
+    weight = multiply(row(spots, SPOT_WEIGHT + i), weight)
+    most = max(weight[0], weight[1], weight[2])
+    if depth >= SURE and most < 1.0:
+        weight = scale(weight, 1.0 / most) if _pair(scratch, i, sample, depth, ROULETTE)[0] < most else BLACK
+    put(spots, NEXT + i, d)
+    put(spots, NEXT_WEIGHT + i, weight)
+    spots[NEXT_DENSITY + i], spots[NEXT_SIDE + i] = density, side
+
+
+@inline
+def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def]
+    """At the tile's surface points: light from a light, shadowed, and the rays on which the paths go on."""
+    spots, lights = scratch.spots, _chosen_lights(world)
+    lit = False
+    for i in range(TILE):
+        put(spots, GAIN + i, BLACK)
+        put(spots, NEXT_WEIGHT + i, BLACK)
+        aim(scratch, i, NOWHERE)
+        if not is_spot(scratch, i):
+            continue
+        choice, lobe = _pair(scratch, i, sample, depth, WHICH)
+        _go_on(world, i, sample, depth, lobe, scratch)
+        at, place = place_of(world, scratch, i)
+        if lights == 0 or is_specular(world, at):
+            continue
+        arrival = _light_at(world, i, sample, depth, choice, scratch)
+        share, density = scatter(world, at, place, arrival.to_light)
+        gain = multiply(share, scale(arrival.light, lights * _share(arrival.density / lights, density)))
+        if gain[0] + gain[1] + gain[2] > 0.0:
+            put(spots, GAIN + i, gain)
+            aim_from(scratch, i, (row(spots, SPOT + i), arrival.to_light, 0.0, arrival.distance), place.side)
+            lit = True
+    if lit:
+        trace_tile(world, scratch)
+        shade_gains(scratch)
+        for i in range(TILE):
+            add_radiance(scratch, i, row(spots, GAIN + i))
+
+
+@inline
+def follow(scratch):  # type: ignore[no-untyped-def]
+    """The tile's rays become those on which the paths go on; returns whether there is any."""
+    spots, some = scratch.spots, False
+    for i in range(TILE):
+        weight = row(spots, NEXT_WEIGHT + i)
+        put(spots, SPOT_WEIGHT + i, weight)
+        if weight[0] + weight[1] + weight[2] > 0.0:
+            aim_from(scratch, i, (row(spots, SPOT + i), row(spots, NEXT + i), 0.0, np.inf), spots[NEXT_SIDE + i])
+            spots[DENSITY + i] = spots[NEXT_DENSITY + i]
+            some = True
+        else:
+            aim(scratch, i, NOWHERE)
+    return some
+
+
+@inline
+def trace_paths(world, sample, most, sky_shows, scratch):  # type: ignore[no-untyped-def]
+    """From the tile's camera rays, which are aimed: radiance in RADIANCE; returns the rays that met anything (bits).
+
+    most : scatterings
+    """
+    covered = np.int64(0)
+    for depth in range(most + 1):
+        trace_tile(world, scratch)
+        describe_tile(world, scratch)
+        met = receive(world, depth, sky_shows, scratch)
+        if depth == 0:
+            covered = met
+        if depth == most:
+            break
+        scatter_paths(world, sample, depth, scratch)
+        if not follow(scratch):
+            break
+    return covered

@@ -1,0 +1,59 @@
+"""Diffuse reflection, and Phong's highlight beside it: what they scatter and how directions are chosen for them.
+
+cosine : between normal and light, positive. Densities are per solid angle. The formulas are said in `materials.py`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import inline
+from ..records import EXPONENT, SPECULAR
+from ..vec import add, around, dot, mirrored, scale
+
+
+@inline
+def scatter_diffuse(place, cosine):  # type: ignore[no-untyped-def]
+    """(BRDF times cosine, density)."""
+    density = cosine / math.pi
+    return scale(place.color, density), density
+
+
+@inline
+def sample_diffuse(normal, u, v):  # type: ignore[no-untyped-def]
+    """A direction with density cosine / pi: even on the disc below the hemisphere (Malley's method)."""
+    return around(normal, math.sqrt(1.0 - u), v)
+
+
+@inline
+def _share_of_highlight(color, specular):  # type: ignore[no-untyped-def]
+    """How often the highlight is sampled: by what each lobe reflects at most. specular > 0."""
+    return specular / (specular + (1.0 - specular) * (color[0] + color[1] + color[2]) / 3.0)
+
+
+@inline
+def scatter_phong(world, at, place, to_light, cosine):  # type: ignore[no-untyped-def]
+    """(BRDF times cosine, density)."""
+    specular = world.materials[at + SPECULAR]
+    diffuse, density = scatter_diffuse(place, cosine)
+    if specular == 0.0:  # a power is what takes long here
+        return diffuse, density
+    exponent, share = world.materials[at + EXPONENT], _share_of_highlight(place.color, specular)
+    along = dot(mirrored(to_light, place.normal), place.to_eye)
+    lobe = along**exponent / (2.0 * math.pi) if along > 0.0 else 0.0
+    gloss = specular * (exponent + 2.0) * lobe * cosine
+    both = add(scale(diffuse, 1.0 - specular), (gloss, gloss, gloss))
+    return both, share * (exponent + 1.0) * lobe + (1.0 - share) * density
+
+
+@inline
+def sample_phong(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
+    """A direction by the cosine, or by the power of the cosine about the mirrored one: that may lie below the surface.
+
+    After Lafortune and Willems (1994).
+    """
+    specular = world.materials[at + SPECULAR]
+    if specular == 0.0 or which >= _share_of_highlight(place.color, specular):
+        return sample_diffuse(place.normal, u, v)
+    cosine = (1.0 - u) ** (1.0 / (world.materials[at + EXPONENT] + 1.0))
+    return around(mirrored(place.to_eye, place.normal), cosine, v)

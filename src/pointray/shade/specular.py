@@ -1,0 +1,52 @@
+"""Smooth surfaces, which send light to one or two directions only: mirrors, and bodies that let light through."""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import inline
+from ..records import IOR, MATERIAL_KIND, MIRROR
+from ..vec import dot, mirrored, scale, sub
+
+WHITE = (1.0, 1.0, 1.0)
+
+
+@inline
+def fresnel(cosine, beyond, ratio):  # type: ignore[no-untyped-def]
+    """Share of unpolarised light that a smooth dielectric reflects.
+
+    cosine, beyond : of the angles to the normal on this side and on the other, not both 0
+    ratio : index of refraction of the other side over that of this one
+    """
+    across = (cosine - ratio * beyond) / (cosine + ratio * beyond)
+    within = (ratio * cosine - beyond) / (ratio * cosine + beyond)
+    return 0.5 * (across * across + within * within)
+
+
+@inline
+def glass(world, at, place):  # type: ignore[no-untyped-def]
+    """(reflected direction, refracted direction, share reflected) of a Dielectric; the rest is refracted.
+
+    Total reflection, and a ray that only grazes: share 1, and the refracted direction is the reflected one.
+    """
+    ior = world.materials[at + IOR]
+    ratio = ior if place.side > 0.0 else 1.0 / ior
+    cosine = min(max(dot(place.normal, place.to_eye), 0.0), 1.0)
+    reflected = mirrored(place.to_eye, place.normal)
+    square = (1.0 - cosine * cosine) / (ratio * ratio)  # of the sine on the other side: Snell's law
+    if square >= 1.0 or cosine == 0.0:
+        return reflected, reflected, 1.0
+    beyond = math.sqrt(1.0 - square)
+    refracted = sub(scale(place.normal, cosine / ratio - beyond), scale(place.to_eye, 1.0 / ratio))
+    return reflected, refracted, fresnel(cosine, beyond, ratio)
+
+
+@inline
+def sample_specular(world, at, place, which):  # type: ignore[no-untyped-def]
+    """(direction, weight, density 0, side it leaves on) of a Mirror or a Dielectric, see `bsdf.sample_scatter`."""
+    if world.materials[at + MATERIAL_KIND] == MIRROR:
+        return mirrored(place.to_eye, place.normal), place.color, 0.0, place.side
+    reflected, refracted, share = glass(world, at, place)
+    if which < share:
+        return reflected, WHITE, 0.0, place.side
+    return refracted, WHITE, 0.0, -place.side

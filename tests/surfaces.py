@@ -1,0 +1,142 @@
+"""A surface of a material for tests: what it scatters to and from an eye, and integrals over directions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import pointray as pr
+from pointray.jit import kernel
+from pointray.shade.bsdf import (
+    Place,
+    base_color,
+    emitted,
+    glass,
+    is_specular,
+    material_at,
+    sample_scatter,
+    scatter,
+)
+
+
+@kernel
+def _scatter(world, instance, eye, color, to_light, rgb, density):
+    """Scattering at a place with normal z; eye (4,): direction to it and its side; to_light, rgb (n, 3)."""
+    at = material_at(world, instance)
+    own = base_color(world, at, (color[0], color[1], color[2]))
+    place = Place((0.0, 0.0, 1.0), (eye[0], eye[1], eye[2]), own, eye[3])
+    for i in range(len(to_light)):
+        rgb[i], density[i] = scatter(world, at, place, (to_light[i, 0], to_light[i, 1], to_light[i, 2]))
+
+
+@kernel
+def _sample(world, instance, eye, color, numbers, direction, weight, density, side):
+    """Samples at a place with normal z for rows of which, u, v."""
+    at = material_at(world, instance)
+    own = base_color(world, at, (color[0], color[1], color[2]))
+    place = Place((0.0, 0.0, 1.0), (eye[0], eye[1], eye[2]), own, eye[3])
+    for i in range(len(numbers)):
+        which, u, v = numbers[i, 0], numbers[i, 1], numbers[i, 2]
+        direction[i], weight[i], density[i], side[i] = sample_scatter(world, at, place, which, u, v)
+
+
+@kernel
+def _glass(world, instance, eyes, reflected, refracted, share):
+    at = material_at(world, instance)
+    for i in range(len(eyes)):
+        place = Place((0.0, 0.0, 1.0), (eyes[i, 0], eyes[i, 1], eyes[i, 2]), (1.0, 1.0, 1.0), eyes[i, 3])
+        reflected[i], refracted[i], share[i] = glass(world, at, place)
+
+
+@kernel
+def _own_light(world, instance, out):
+    at = material_at(world, instance)
+    out[0], out[1], out[2] = emitted(world, at)
+    return is_specular(world, at)
+
+
+class Surface:
+    """A material at a place with normal z, seen by eyes at some angle in the xz plane."""
+
+    def __init__(self, material, color=(1.0, 1.0, 1.0)):
+        scene = pr.Scene()
+        scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))  # so that the material is not the first of the world
+        self.instance = scene.add(pr.Plane((0, 0, 0), (0, 0, 1)), material=material)
+        self.world = scene._world()[0]
+        self.color = np.array(color, float)
+
+    def scatter(self, eye, to_light):
+        """(rgb (n, 3), density (n,))."""
+        rgb, density = np.empty((len(to_light), 3)), np.empty(len(to_light))
+        _scatter(self.world, self.instance, eye, self.color, to_light, rgb, density)
+        return rgb, density
+
+    def sample(self, eye, numbers):
+        """(direction (n, 3), weight (n, 3), density (n,), side (n,)) for numbers (n, 3)."""
+        n = len(numbers)
+        out = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
+        _sample(self.world, self.instance, eye, self.color, numbers, *out)
+        return out
+
+    def glass(self, eyes):
+        """(reflected (n, 3), refracted (n, 3), share (n,)) for eyes (n, 4)."""
+        out = np.empty((len(eyes), 3)), np.empty((len(eyes), 3)), np.empty(len(eyes))
+        _glass(self.world, self.instance, eyes, *out)
+        return out
+
+    def own_light(self):
+        """(radiance (3,), whether specular)."""
+        out = np.empty(3)
+        specular = _own_light(self.world, self.instance, out)
+        return out, specular
+
+
+def eye_at(degrees, side=1.0):
+    """The direction to an eye at an angle from the normal, and its side."""
+    angle = np.radians(degrees)
+    return np.array([np.sin(angle), 0.0, np.cos(angle), side])
+
+
+# Directions about the one that mirrors the eye, in polar coordinates: rings that widen from it, and sectors.
+RINGS = np.append(0, np.pi * 0.5 ** np.arange(16, -1, -1.0))
+SECTORS, TURNS, NODES = 8, 720, 8
+
+
+def quadrature(eye):
+    """Directions (n, 3) and their solid angles (n,), ring by ring, in each turn by turn."""
+    x, w = np.polynomial.legendre.leggauss(NODES)
+    width = np.diff(RINGS)[:, None]
+    polar, dpolar = (RINGS[:-1, None] + width * (x + 1) / 2).ravel(), (width * w / 2).ravel()
+    turn = (np.arange(TURNS) + 0.5) * 2 * np.pi / TURNS
+    axis, side, back = frame(eye)
+    ring = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * back
+    directions = np.cos(polar)[:, None, None] * axis + np.sin(polar)[:, None, None] * ring
+    return directions.reshape(-1, 3), np.repeat(np.sin(polar) * dpolar * 2 * np.pi / TURNS, TURNS)
+
+
+def frame(eye):
+    """The direction that mirrors the eye, and two across it."""
+    x, _, z = eye[:3]
+    return np.array([-x, 0.0, z]), np.array([z, 0.0, x]), np.array([0.0, 1.0, 0.0])
+
+
+def upper(v):
+    """Unit vectors on the normal's side."""
+    v = v / np.linalg.norm(v, axis=1, keepdims=True)
+    return np.column_stack([v[:, :2], np.abs(v[:, 2])])
+
+
+def integrals(surface, eye):
+    """(albedo (3,), integral of the density) over all directions."""
+    directions, solid = quadrature(eye)
+    rgb, density = surface.scatter(eye, directions)
+    return solid @ rgb, solid @ density
+
+
+def bins_of(eye, directions):
+    """Ring and sector of directions, as one number."""
+    axis, side, back = frame(eye)
+    across = np.stack([directions @ side, directions @ back])
+    polar = np.arctan2(np.hypot(*across), directions @ axis)
+    turn = np.arctan2(across[1], across[0]) % (2 * np.pi)
+    ring = np.clip(np.searchsorted(RINGS, polar) - 1, 0, len(RINGS) - 2)
+    return ring * SECTORS + np.minimum((turn * SECTORS / (2 * np.pi)).astype(int), SECTORS - 1)
