@@ -109,7 +109,7 @@ def _plan(scene: Scene, settings: Settings) -> tuple[World, Any, tuple[tuple[Any
     background = (0.0, 0.0, 0.0, 0.0) if color is None else (*map(float, color), 1.0)
     integrator = INTEGRATORS.index(settings.integrator)
     if integrator == AO:
-        reach = settings.ao_distance or AO_SHARE * float(np.linalg.norm(np.diff(scene.bounds, axis=0)))
+        reach = float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
         return world, sampled_frame, ((integrator, reach, 1, 0), background)
     if integrator == PATH:
         return _lit(world), sampled_frame, ((integrator, 0.0, settings.depth, int(scene.shows_sky)), background)

@@ -38,7 +38,7 @@ from .emitters import density_of_light, light_radiance, meet_light, sample_light
 from .sky import is_chosen, sample_sky, sky_density, sky_radiance
 from .spots import BLACK, add_radiance, is_spot, keep_spot, place_of
 
-SURE = 2  # scatterings before a path may end by chance
+FAINT = 0.05  # a path that carries less goes on with this much, or ends by chance
 
 
 @inline
@@ -145,8 +145,9 @@ def _go_on(world, i, sample, depth, lobe, scratch):  # type: ignore[no-untyped-d
     d, weight, density, side = sample_scatter(world, at, place, lobe, u, v)
     weight = multiply(row(spots, SPOT_WEIGHT + i), weight)
     most = max(weight[0], weight[1], weight[2])
-    if depth >= SURE and most < 1.0:
-        weight = scale(weight, 1.0 / most) if _pair(scratch, i, sample, depth, ROULETTE)[0] < most else BLACK
+    if most < FAINT:
+        share = most / FAINT
+        weight = scale(weight, 1.0 / share) if _pair(scratch, i, sample, depth, ROULETTE)[0] < share else BLACK
     put(spots, NEXT + i, d)
     put(spots, NEXT_WEIGHT + i, weight)
     spots[NEXT_DENSITY + i], spots[NEXT_SIDE + i] = density, side
