@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from surfaces import NODES, RINGS, SECTORS, Surface, bins_of, eye_at, integrals, quadrature, upper
 
 import pointray as pr
+from surfaces import NODES, RINGS, SECTORS, Surface, bins_of, eye_at, integrals, quadrature, upper
 
 RNG = np.random.default_rng(11)
 
