@@ -32,7 +32,7 @@ from ..records import (
 from .lights import rgb
 
 MOST_EXPONENT = 1e8  # half a hundredth of a degree wide: a narrower highlight is lost in rounding
-LEAST_ALPHA = 1e-3  # a twentieth of a degree: a narrower lobe is hit by no sample of a light
+LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one there is Mirror
 
 
 def _number(value: float, name: str, low: float, high: float) -> float:
