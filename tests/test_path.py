@@ -234,7 +234,7 @@ def test_a_white_furnace(sphere, color):
 
 
 def test_both_ways_of_finding_a_light_agree(sphere):
-    """A glossy floor under a large light: with shadow rays only, with scattered rays only, or with both, one picture."""
+    """A glossy floor under a large light: found by shadow rays too, or by scattered ones only."""
     camera = pr.Camera.look_at((0, -3, 1), (0, 0.5, 0), size=(24, 24))
     pictures = []
     for light in (pr.RectLight((0, 2, 1.5), (1.5, 0, 0), (0, 0, 1), 2), None):

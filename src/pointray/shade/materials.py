@@ -32,7 +32,7 @@ from ..records import (
 from .lights import rgb
 
 MOST_EXPONENT = 1e8  # half a hundredth of a degree wide: a narrower highlight is lost in rounding
-LEAST_ALPHA = 1e-3  # a twentieth of a degree: a narrower lobe is hit by no sample of a light
+LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one there is Mirror
 
 
 def _number(value: float, name: str, low: float, high: float) -> float:
@@ -158,12 +158,12 @@ class Dielectric(Material):
 def _coat(alpha: float) -> tuple[float, float, float]:
     """(a, b, p): dielectric facets reflect a + b (1 - c)^p of the light that meets them with cosine c to the normal.
 
-    Fitted to integrals of F D G2 / (4 c), never below them by over 1e-4, so that facets and base reflect at most all;
+    Fitted to integrals of F D G2 / (4 c), nowhere below them, so that facets and base together reflect at most all;
     above them by at most 0.015 where c > 0.2, 0.05 where c > 0.1.
     """
     rough = alpha**0.5
-    least = 0.04 - 0.0261 * rough**3.62
-    rise = 0.0556 + 0.9044 / (1.0 + (rough / 0.305) ** 3.53)
+    least = 0.0404 - 0.0261 * rough**3.62
+    rise = 0.0556 + 0.904 / (1.0 + (rough / 0.305) ** 3.53)
     return least, rise, 2.89 + 2.11 / (1.0 + (rough / 0.292) ** 3.53)
 
 

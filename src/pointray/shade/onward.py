@@ -20,7 +20,8 @@ from ..scratch import (
 )
 from ..trace.world import NOWHERE, aim, aim_from
 from ..vec import multiply, scale, triple
-from .bsdf import glass, is_specular, sample_scatter
+from .bsdf import is_specular, sample_scatter
+from .specular import glass
 from .spots import is_spot, place_of
 
 FAINT = 1e-3  # a ray that counts less is not traced
