@@ -34,9 +34,11 @@ _HOME = {
     "procedural_distance": "points",
     "read": "points",
     "render": "picture",
+    "render_layers": "layers",
     "subsample": "splats.subsample",
     "write": "points",
     "write_image": "image",
+    "write_layers": "image",
 }
 
 __all__ = sorted([*_HOME, "__version__"])
@@ -45,7 +47,9 @@ if TYPE_CHECKING:
     from .camera import Camera as Camera
     from .data import Points as Points
     from .image import write_image as write_image
+    from .image import write_layers as write_layers
     from .instances import Plane as Plane
+    from .layers import render_layers as render_layers
     from .model import Model as Model
     from .picture import Settings as Settings
     from .picture import render as render

@@ -2,13 +2,36 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from .options import SAVED, View, ground_under, light_of, numbers, positive, use_threads
+from .options import (
+    SKY,
+    BackgroundOption,
+    ExposureOption,
+    EyeOption,
+    FovOption,
+    GroundOption,
+    Integrator,
+    IntegratorOption,
+    LightOption,
+    RadiusScaleOption,
+    SamplesOption,
+    ScanArgument,
+    SeedOption,
+    SizeOption,
+    SppOption,
+    SurfaceOption,
+    TargetOption,
+    ThreadsOption,
+    UpOption,
+    View,
+    exposure_of,
+    numbers,
+    use_threads,
+)
 from .waiting import Progress, in_background, writing
 
 app = typer.Typer(
@@ -18,91 +41,47 @@ app = typer.Typer(
     help="Ray traces point clouds: smooth, lit, shadowed surfaces straight from points.",
 )
 
-Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
-Integrator = StrEnum("Integrator", ["phong", "normal", "depth", "color", "cost"])
-
-SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
-ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
-
 
 @app.command()
 def render(
-    file: Annotated[Path, typer.Argument(help="A scan: .ply, or a model that prepare has saved: .pointray.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The picture: .png or .jpg.")],
-    eye: Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")] = None,
-    target: Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")] = None,
-    up: Annotated[str, typer.Option(help="Which way is up, x,y,z.")] = "0,0,1",
-    fov: Annotated[float, typer.Option(help="Vertical field of view, degrees.")] = 40.0,
+    file: ScanArgument,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The picture: .png or .jpg; or all its layers: .exr or .npz.")
+    ],
+    eye: EyeOption = None,
+    target: TargetOption = None,
+    up: UpOption = "0,0,1",
+    fov: FovOption = 40.0,
     size: SizeOption = "800x600",
-    integrator: Annotated[Integrator, typer.Option(help="What is shown.")] = Integrator.phong,
-    spp: Annotated[int, typer.Option(help="Samples a pixel.")] = 4,
-    seed: Annotated[int, typer.Option(help="Of the samples' places.")] = 0,
+    integrator: IntegratorOption = Integrator.phong,
+    spp: SppOption = 4,
+    seed: SeedOption = 0,
     threads: ThreadsOption = None,
-    surface: Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")] = None,
-    samples: Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")] = 4,
-    radius_scale: Annotated[float, typer.Option(help="All radii times this.")] = 1.0,
-    background: Annotated[str, typer.Option(help="Linear r,g,b, or none: transparent.")] = "0.85,0.87,0.9",
-    light: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength; repeatable. Default: a headlight."
-        ),
-    ] = None,
-    exposure: Annotated[float, typer.Option(help="Stops.")] = 0.0,
-    ground: Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")] = False,
+    surface: SurfaceOption = None,
+    samples: SamplesOption = 4,
+    radius_scale: RadiusScaleOption = 1.0,
+    background: BackgroundOption = SKY,
+    light: LightOption = None,
+    exposure: ExposureOption = 0.0,
+    ground: GroundOption = False,
 ) -> None:
     """Render a scan to a picture; camera and light place themselves."""
-    from ..image.write import check_image_path
-    from ..points.files import check_readable, check_regular
+    from .outputs import check_output, write_picture
+    from .stage import Stage, check_scan
 
-    check_image_path(output)
-    (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
-    import pointray as pr
-
+    check_output(output, exposure_of(exposure))
+    check_scan(file)
     from ..picture import Settings
-    from ..picture import render as trace  # pr.render may be the module, by now
 
     view = View(size, fov, up, eye, target)
     settings = Settings(integrator.value, spp=spp, seed=seed, threads=use_threads(threads))
-    lights = [light_of(text) for text in light or []]
-    scene = pr.Scene()
-    scene.background = None if background == "none" else numbers(background, "--background")
-    options: dict[str, Any] = {"surface": surface and surface.value, "samples": samples}
-    options["radius_scale"] = positive(radius_scale, "--radius-scale")
-    if not -100 <= exposure <= 100:
-        raise ValueError(f"--exposure must lie between -100 and 100 stops, not {exposure}")
+    shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
+    stage = Stage(file, shape, {"light": light, "background": background, "ground": ground, "up": view.up})
     with Progress() as progress:
-        model = _load(file, options, progress)
-        scene.add(model)
-        if ground:
-            scene.add(ground_under(model.bounds, view.up))
-        for make in lights:
-            scene.add_light(make(model.bounds.mean(axis=0)))
+        scene, model = stage.build(progress)
         camera = view.camera(model.bounds)
-        show = progress.show
-        image = in_background(lambda: trace(scene, camera, settings, lambda share: show("rendering", share)))
-    with writing(output):
-        pr.write_image(output, image, exposure=exposure)
-    print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points")
-
-
-def _load(file: Path, options: dict[str, Any], progress: Progress) -> Any:
-    """The model of a file: a scan's, or a saved one."""
-    import pointray as pr
-
-    from .prepare import radii_in
-
-    progress.show("reading", 0.0)
-    if file.suffix.lower() == SAVED:
-        if options != {"surface": None, "samples": 4, "radius_scale": 1.0}:
-            raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
-        return in_background(lambda: pr.Model.load(file))
-    points = in_background(lambda: pr.read(file))
-    radii = radii_in(points)
-    try:
-        return in_background(lambda: pr.Model(points, radii, **options, progress=progress.show))
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from error
+        what = write_picture(output, (scene, camera, settings), exposure, progress)
+    print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
 
 
 @app.command()

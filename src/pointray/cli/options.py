@@ -1,14 +1,46 @@
-"""What the options' texts mean; ValueError says what is wrong with one."""
+"""The options that several commands share, and what their texts mean; ValueError says what is wrong with one."""
 
 from __future__ import annotations
 
 import math
 import os
 from collections.abc import Callable
-from typing import Any
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
 
 SUN = 3.0  # irradiance of a light without a strength
 SAVED = ".pointray"  # how the name of a saved model ends
+
+Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
+Integrator = StrEnum("Integrator", ["phong", "normal", "depth", "color", "cost"])
+
+ScanArgument = Annotated[Path, typer.Argument(help="A scan: .ply, or a model that prepare has saved: .pointray.")]
+EyeOption = Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")]
+TargetOption = Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")]
+UpOption = Annotated[str, typer.Option(help="Which way is up, x,y,z.")]
+FovOption = Annotated[float, typer.Option(help="Vertical field of view, degrees.")]
+SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
+IntegratorOption = Annotated[Integrator, typer.Option(help="What is shown.")]
+SppOption = Annotated[int, typer.Option(help="Samples a pixel.")]
+SeedOption = Annotated[int, typer.Option(help="Of the samples' places.")]
+ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
+SurfaceOption = Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")]
+SamplesOption = Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")]
+RadiusScaleOption = Annotated[float, typer.Option(help="All radii times this.")]
+BackgroundOption = Annotated[str, typer.Option(help="Linear r,g,b, or none: transparent.")]
+LightOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength; repeatable. Default: a headlight."
+    ),
+]
+ExposureOption = Annotated[float, typer.Option(help="Stops.")]
+GroundOption = Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")]
+
+SKY = "0.85,0.87,0.9"  # the background where none is given
 
 
 def numbers(text: str, name: str) -> tuple[float, float, float]:
@@ -26,6 +58,13 @@ def positive(value: float, name: str) -> float:
     """A finite number greater than 0."""
     if not 0 < value < math.inf:
         raise ValueError(f"{name} must be a positive number, not {value}")
+    return value
+
+
+def exposure_of(value: float) -> float:
+    """Stops that float32 can hold."""
+    if not -100 <= value <= 100:
+        raise ValueError(f"--exposure must lie between -100 and 100 stops, not {value}")
     return value
 
 
@@ -89,13 +128,6 @@ class View:
         # Without an eye: as far away, and on the same side, as to frame the box.
         eye = self._eye or [e + a - t for e, a, t in zip(framed.eye, target, framed.target, strict=True)]
         return Camera.look_at(eye, target, self.up, self._fov, self.size)
-
-
-def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:
-    """A plane under a box."""
-    from ..instances import Plane
-
-    return Plane([low if u >= 0 else high for u, low, high in zip(up, *bounds, strict=True)], up)
 
 
 def use_threads(threads: int | None) -> int:
