@@ -188,7 +188,20 @@ def test_every_public_name_is_there():
 
 
 # From above to below; a file imports only what stands above it, or in its own folder.
-ROOMS = ["jit", "simd", "vec", "extras", "sampling", "records", "scratch", "data", "neighbors", "camera", *STAGES]
+ROOMS = [
+    "jit",
+    "simd",
+    "vec",
+    "extras",
+    "sampling",
+    "records",
+    "scratch",
+    "data",
+    "neighbors",
+    "camera",
+    "film",
+    *STAGES,
+]
 ROOMS += [
     "rays",
     "saved",

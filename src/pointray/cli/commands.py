@@ -85,6 +85,53 @@ def render(
 
 
 @app.command()
+def animate(
+    file: ScanArgument,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The film: .mp4; or pictures: a folder, or a name like %04d.png.")
+    ],
+    seconds: Annotated[float | None, typer.Option(help="How long the turntable turns; default: 6.")] = None,
+    fps: Annotated[float, typer.Option(help="Frames a second.")] = 24.0,
+    turns: Annotated[float | None, typer.Option(help="How often it turns, negative: clockwise; default: 1.")] = None,
+    keys: Annotated[
+        Path | None,
+        typer.Option(help="Fly instead: .toml or .json, a list keys of time, eye, target, perhaps up and fov."),
+    ] = None,
+    eye: EyeOption = None,
+    target: TargetOption = None,
+    up: UpOption = "0,0,1",
+    fov: FovOption = 40.0,
+    size: SizeOption = "800x600",
+    integrator: IntegratorOption = Integrator.phong,
+    spp: SppOption = 4,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    surface: SurfaceOption = None,
+    samples: SamplesOption = 4,
+    radius_scale: RadiusScaleOption = 1.0,
+    background: BackgroundOption = SKY,
+    light: LightOption = None,
+    exposure: ExposureOption = 0.0,
+    ground: GroundOption = False,
+) -> None:
+    """A film of a scan, on a turntable or along keys; started again, an interrupted one goes on where it stopped."""
+    from .animate import Way, target_of
+    from .animate import animate as work
+    from .stage import Stage, check_scan
+
+    goal = target_of(output, background)
+    check_scan(file)
+    from ..picture import Settings
+
+    view = View(size, fov, up, eye, target)
+    way = Way(view, fps, {"seconds": seconds, "turns": turns, "keys": keys, "eye": eye, "target": target})
+    settings = Settings(integrator.value, spp=spp, seed=seed, threads=use_threads(threads))
+    shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
+    stage = Stage(file, shape, {"light": light, "background": background, "ground": ground, "up": view.up})
+    print(work(goal, way, stage, settings, exposure_of(exposure)))
+
+
+@app.command()
 def prepare(
     file: Annotated[Path, typer.Argument(help="A scan: .ply.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply, or .pointray: the model, ready.")],

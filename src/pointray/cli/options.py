@@ -111,23 +111,31 @@ class View:
         if not any(self.up):
             raise ValueError("--up must not be zero")
         self.size = size_of(size)
-        self._eye = None if eye is None else numbers(eye, "--eye")
-        self._target = None if target is None else numbers(target, "--target")
-        self._fov = fov
-        near = self._eye or (0.0, 0.0, 0.0)
+        self.eye = None if eye is None else numbers(eye, "--eye")
+        self.target = None if target is None else numbers(target, "--target")
+        near = self.eye or (0.0, 0.0, 0.0)
+        self.fov = fov
         self.camera([near, [x + 1 + abs(x) for x in near]])  # some box that the eye is not in the middle of
 
     def camera(self, bounds: Any) -> Any:
         """The camera for a box."""
         from ..camera import Camera
 
-        framed = Camera.frame(bounds, fov=self._fov, size=self.size, up=self.up)
-        if self._eye is None and self._target is None:
+        framed = Camera.frame(bounds, fov=self.fov, size=self.size, up=self.up)
+        if self.eye is None and self.target is None:
             return framed
-        target = self._target or [(low + high) / 2 for low, high in zip(*bounds, strict=True)]
+        target = self.target or [(low + high) / 2 for low, high in zip(*bounds, strict=True)]
         # Without an eye: as far away, and on the same side, as to frame the box.
-        eye = self._eye or [e + a - t for e, a, t in zip(framed.eye, target, framed.target, strict=True)]
-        return Camera.look_at(eye, target, self.up, self._fov, self.size)
+        eye = self.eye or [e + a - t for e, a, t in zip(framed.eye, target, framed.target, strict=True)]
+        return Camera.look_at(eye, target, self.up, self.fov, self.size)
+
+    def turning(self, bounds: Any) -> Any:
+        """The camera for a box that turns; where the options say nothing, it stays in the picture all the way."""
+        from ..film import frame_turning
+
+        if self.eye is None and self.target is None:
+            return frame_turning(bounds, self.fov, self.size, self.up)
+        return self.camera(bounds)
 
 
 def use_threads(threads: int | None) -> int:

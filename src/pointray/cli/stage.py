@@ -32,11 +32,19 @@ class Stage:
         import pointray as pr
 
         positive(surface["radius_scale"], "--radius-scale")
+        self._place = place
         self.file, self._surface, self._ground, self._up = file, surface, place["ground"], place["up"]
         self._lights = [light_of(text) for text in place["light"] or []]
         background = place["background"]
         self._scene = pr.Scene()
         self._scene.background = None if background == "none" else numbers(background, "--background")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the scene depends on, as JSON takes it."""
+        facts = self.file.stat()
+        scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
+        return {**scan, **self._surface, **self._place}
 
     def build(self, progress: Progress) -> tuple[Any, Any]:
         """The scene, and the model in it."""
