@@ -283,13 +283,17 @@ def test_options_are_checked_first(option, words, tmp_path, capsys):
         ("no/film.mp4", "no such folder"),
         ("used.mp4", "used.mp4.frames: not of a film"),
         ("film.mp4 --background none", "transparent"),
+        ("file/film.mp4", "no such folder"),
+        ("file/%04d.png", "no such folder"),
+        ("file", "no such folder"),
     ],
 )
 def test_the_output_is_checked_first(output, words, tmp_path, capsys):
     (tmp_path / "used.mp4.frames").mkdir()
     (tmp_path / "used.mp4.frames" / "mine.txt").write_text("keep it")
+    (tmp_path / "file").write_text("in the way")
     assert words in bad_input([str(tmp_path / "missing.ply"), "-o", *f"{tmp_path}/{output}".split()], capsys)
-    assert os.listdir(tmp_path) == ["used.mp4.frames"]
+    assert sorted(os.listdir(tmp_path)) == ["file", "used.mp4.frames"]
 
 
 def test_a_broken_scan_leaves_nothing(tmp_path, capsys):

@@ -118,6 +118,15 @@ def test_a_view_that_turns_round_does_not_collapse():
     np.testing.assert_allclose(degrees_between(views(cameras)[1:], views(cameras)[:-1]), 5, atol=0.5)
 
 
+@pytest.mark.parametrize("other", [(4, 0, 0), (0, 4, 0)])  # a quarter and half a turn
+def test_between_keys_of_one_target_the_eye_goes_around_it(other):
+    keys = [(0, pr.Camera.look_at((0, -4, 0), (0, 0, 0))), (1, pr.Camera.look_at(other, (0, 0, 0)))]
+    cameras = pr.fly(keys, 36)
+    np.testing.assert_allclose([camera.target for camera in cameras], 0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm([camera.eye for camera in cameras], axis=1), 4)
+    np.testing.assert_allclose([camera.eye[2] for camera in cameras], 0, atol=1e-9)
+
+
 def test_a_pause_is_still():
     still = pr.Camera.look_at((4, -3, 2), (0, 0, 1))
     keys = [(0, KEYS[0][1]), (1, still), (2, still), (3, KEYS[3][1])]

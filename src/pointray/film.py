@@ -97,8 +97,9 @@ def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]
 
     Notes
     -----
-    The eye goes along a cubic through the keys (Catmull and Rom), and stays where two keys in a row have the same eye.
-    Directions go along the sphere, never through its middle: the view does not collapse where it turns by 180 degrees.
+    Eye and target go along cubics through the keys (Catmull and Rom), directions along the sphere: the view does not
+    collapse where it turns by 180 degrees. Between keys of the same target the eye goes around it, between keys of the
+    same eye the camera pans, between the same keys it is still; in general what moves less leads.
     Field of view and distance of the target stay between those of the keys.
     """
     times = np.array([time for time, _ in keys], np.float64)
@@ -125,15 +126,19 @@ def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camer
     """The cameras at some times, as the curves through the keys have them."""
     from scipy.interpolate import PchipInterpolator
 
-    eyes = np.array([camera.eye for camera in cameras])
-    views = np.array([camera.target for camera in cameras]) - eyes
-    distances = np.linalg.norm(views, axis=1)
+    eyes, targets, ups = (np.array([getattr(camera, name) for camera in cameras]) for name in ("eye", "target", "up"))
+    distances = np.linalg.norm(targets - eyes, axis=1)
     scalars = np.stack([np.log(distances), [camera.fov for camera in cameras]], axis=1)
-    shape = PchipInterpolator(times, scalars)(at)
-    eye, up = _curve(times, eyes, at), _way_of_directions(times, np.array([camera.up for camera in cameras]), at)
-    target = eye + np.exp(shape[:, :1]) * _way_of_directions(times, views, at)
+    logs, fov = PchipInterpolator(times, scalars)(at).T
+    view = np.exp(logs)[:, None] * _way_of_directions(times, targets - eyes, at)
+    moves = [np.linalg.norm(np.diff(places, axis=0), axis=1) for places in (eyes, targets)]
+    shares = moves[0] / np.maximum(moves[0] + moves[1], 1e-300)  # 1: the target leads, 0: the eye
+    lead = np.interp(at, (times[1:] + times[:-1]) / 2, shares)[:, None]
+    # At a key the two agree, so that who leads may change there.
+    eye = (1 - lead) * _curve(times, eyes, at) + lead * (_curve(times, targets, at) - view)
+    target, up = eye + view, _way_of_directions(times, ups, at)
     return [
-        replace(cameras[0], eye=tuple(eye[k]), target=tuple(target[k]), up=tuple(up[k]), fov=float(shape[k, 1]))
+        replace(cameras[0], eye=tuple(eye[k]), target=tuple(target[k]), up=tuple(up[k]), fov=float(fov[k]))
         for k in range(len(at))
     ]
 

@@ -98,4 +98,4 @@ def check_pattern(pattern: Path) -> None:
         extension = pattern.suffix or "a file without extension"
         raise ValueError(f"{pattern}: cannot write {extension}; can write {', '.join(SHOWN)}")
     # The folder is made when it is needed, those above it are not.
-    check_writable(pattern if pattern.parent.is_dir() else pattern.parent)
+    check_writable(pattern if pattern.parent.exists() else pattern.parent)

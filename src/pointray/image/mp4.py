@@ -10,8 +10,6 @@ from ..extras import require
 from ..points.files import check_writable, replacing
 
 CRF = "18"  # x264's quality: no difference to the pictures is seen
-# Where it is not said, players guess the matrix of the colours by the film's size.
-BT709 = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"]
 
 
 def check_mp4(path: Path) -> None:
@@ -36,10 +34,12 @@ def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int
         f"fillborders=right={width - size[0]}:bottom={height - size[1]}:mode=smear",
         "scale=out_color_matrix=bt709:out_range=tv",
         "format=yuv420p",
+        # Where it is not said, players guess the matrix of the colours by the film's size.
+        "setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709",
     ]
     command = [require("imageio_ffmpeg", "film", str(path)).get_ffmpeg_exe(), "-nostdin", "-loglevel", "error", "-y"]
     command += ["-framerate", f"{fps:.12g}", "-start_number", "0", "-i", pattern.name, "-frames:v", str(count)]
-    command += ["-vf", ",".join(filters), "-c:v", "libx264", "-crf", CRF, *BT709, "-movflags", "+faststart"]
+    command += ["-vf", ",".join(filters), "-c:v", "libx264", "-crf", CRF, "-movflags", "+faststart"]
     with replacing(path) as beside:
         # In the pictures' folder: ffmpeg would take a % in its name for a number.
         done = subprocess.run([*command, str(beside)], cwd=pattern.parent, capture_output=True, text=True)
