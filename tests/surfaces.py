@@ -10,12 +10,12 @@ from pointray.shade.bsdf import (
     Place,
     base_color,
     emitted,
-    glass,
     is_specular,
     material_at,
     sample_scatter,
     scatter,
 )
+from pointray.shade.specular import glass
 
 
 @kernel

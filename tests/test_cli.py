@@ -314,7 +314,7 @@ def test_help_and_version_import_nothing_heavy() -> None:
     program = """
 import sys
 from pointray.cli import execute
-status = [execute(arguments.split()) for arguments in ("--help", "render --help", "demo --help", "--version")]
+status = [execute(arguments.split()) for arguments in ("--help", "render --help", "animate --help", "--version")]
 heavy = {name.split(".")[0] for name in sys.modules} & {"numpy", "numba", "llvmlite", "scipy", "PIL", "plyfile"}
 print(status, sorted(heavy))
 """

@@ -192,6 +192,7 @@ ROOMS = [
     "jit",
     "simd",
     "vec",
+    "extras",
     "sampling",
     "records",
     "scratch",
@@ -200,6 +201,7 @@ ROOMS = [
     "camera",
     "lens",
     "settings",
+    "film",
     *STAGES,
 ]
 ROOMS += [
@@ -210,6 +212,7 @@ ROOMS += [
     "scene",
     "frames",
     "picture",
+    "layers",
     "view",
     "report",
     "demonstration",

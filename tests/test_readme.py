@@ -28,6 +28,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def load_film(path: Path) -> None:
+    """Raises if it is no film."""
+    import imageio_ffmpeg
+
+    assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] > 1
+
+
 def test_there_is_something_to_test() -> None:
     assert len(blocks("sh")) >= 3 and len(blocks("python")) >= 2
     assert set(re.findall(r"^```(\w+)", README, re.MULTILINE)) <= {"sh", "python"}
@@ -42,7 +49,8 @@ def test_commands(block: str, folder: Path) -> None:
         assert execute(arguments) == 0
         if "-o" in arguments:
             made = folder / arguments[arguments.index("-o") + 1]
-            {".ply": pr.read, ".pointray": pr.Model.load}.get(made.suffix, lambda path: Image.open(path).load())(made)
+            readers = {".ply": pr.read, ".pointray": pr.Model.load, ".mp4": load_film}
+            readers.get(made.suffix, lambda path: Image.open(path).load())(made)
 
 
 @pytest.mark.parametrize("block", blocks("python"))

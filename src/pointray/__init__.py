@@ -38,13 +38,17 @@ _HOME = {
     "clean": "points.cleaning",
     "estimate_normals": "points",
     "find_flaws": "points.cleaning",
+    "fly": "film",
     "procedural": "points",
     "procedural_distance": "points",
     "read": "points",
     "render": "picture",
+    "render_layers": "layers",
     "subsample": "splats.subsample",
+    "turntable": "film",
     "write": "points",
     "write_image": "image",
+    "write_layers": "image",
 }
 
 __all__ = sorted([*_HOME, "__version__"])
@@ -52,8 +56,12 @@ __all__ = sorted([*_HOME, "__version__"])
 if TYPE_CHECKING:
     from .camera import Camera as Camera
     from .data import Points as Points
+    from .film import fly as fly
+    from .film import turntable as turntable
     from .image import write_image as write_image
+    from .image import write_layers as write_layers
     from .instances import Plane as Plane
+    from .layers import render_layers as render_layers
     from .model import Model as Model
     from .picture import render as render
     from .points import estimate_normals as estimate_normals

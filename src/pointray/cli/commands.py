@@ -2,13 +2,45 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from .options import SAVED, View, ground_under, light_of, numbers, positive, use_threads
+from .options import (
+    SKY,
+    ApertureOption,
+    BackgroundOption,
+    ExposureOption,
+    EyeOption,
+    Filter,
+    FilterOption,
+    FocusOption,
+    FovOption,
+    GroundOption,
+    Integrator,
+    IntegratorOption,
+    LightOption,
+    MaxDepthOption,
+    NoiseOption,
+    Projection,
+    ProjectionOption,
+    RadiusScaleOption,
+    SamplesOption,
+    ScanArgument,
+    SeedOption,
+    SizeOption,
+    SppOption,
+    SurfaceOption,
+    TargetOption,
+    ThreadsOption,
+    TimeLimitOption,
+    UpOption,
+    View,
+    exposure_of,
+    numbers,
+    use_threads,
+)
 from .waiting import Progress, in_background, writing
 
 app = typer.Typer(
@@ -18,99 +50,105 @@ app = typer.Typer(
     help="Ray traces point clouds: smooth, lit, shadowed surfaces straight from points.",
 )
 
-Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
-Integrator = StrEnum("Integrator", ["phong", "normal", "depth", "color", "cost"])
-Projection = StrEnum("Projection", ["perspective", "orthographic", "panorama"])
-Filter = StrEnum("Filter", ["box", "tent", "gaussian", "blackman-harris"])
-
-SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
-ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
-
 
 @app.command()
 def render(
-    file: Annotated[Path, typer.Argument(help="A scan: .ply, or a model that prepare has saved: .pointray.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The picture: .png or .jpg.")],
-    eye: Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")] = None,
-    target: Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")] = None,
-    up: Annotated[str, typer.Option(help="Which way is up, x,y,z.")] = "0,0,1",
-    fov: Annotated[float, typer.Option(help="Vertical field of view, degrees.")] = 40.0,
+    file: ScanArgument,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The picture: .png or .jpg; or all its layers: .exr or .npz.")
+    ],
+    eye: EyeOption = None,
+    target: TargetOption = None,
+    up: UpOption = "0,0,1",
+    fov: FovOption = 40.0,
     size: SizeOption = "800x600",
-    projection: Annotated[
-        Projection, typer.Option(help="Orthographic: as high at the target; panorama: 360 x 180 degrees.")
-    ] = Projection.perspective,
-    aperture: Annotated[float, typer.Option(help="Diameter of the lens, in the scan's units; 0: all is sharp.")] = 0.0,
-    focus: Annotated[float | None, typer.Option(help="How far away it is sharp; default: the target.")] = None,
-    integrator: Annotated[Integrator, typer.Option(help="What is shown.")] = Integrator.phong,
-    spp: Annotated[int, typer.Option(help="Samples a pixel.")] = 4,
-    filter: Annotated[Filter, typer.Option(help="How a pixel is made of its samples.")] = Filter["blackman-harris"],
-    seed: Annotated[int, typer.Option(help="Of the samples' places.")] = 0,
+    projection: ProjectionOption = Projection.perspective,
+    aperture: ApertureOption = 0.0,
+    focus: FocusOption = None,
+    integrator: IntegratorOption = Integrator.phong,
+    spp: SppOption = 4,
+    max_depth: MaxDepthOption = 4,
+    time_limit: TimeLimitOption = None,
+    noise: NoiseOption = None,
+    filter: FilterOption = Filter["blackman-harris"],
+    seed: SeedOption = 0,
     threads: ThreadsOption = None,
-    surface: Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")] = None,
-    samples: Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")] = 4,
-    radius_scale: Annotated[float, typer.Option(help="All radii times this.")] = 1.0,
-    background: Annotated[str, typer.Option(help="Linear r,g,b, or none: transparent.")] = "0.85,0.87,0.9",
-    light: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength; repeatable. Default: a headlight."
-        ),
-    ] = None,
-    exposure: Annotated[float, typer.Option(help="Stops.")] = 0.0,
-    ground: Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")] = False,
+    surface: SurfaceOption = None,
+    samples: SamplesOption = 4,
+    radius_scale: RadiusScaleOption = 1.0,
+    background: BackgroundOption = SKY,
+    light: LightOption = None,
+    exposure: ExposureOption = 0.0,
+    ground: GroundOption = False,
 ) -> None:
     """Render a scan to a picture; camera and light place themselves."""
-    from ..image.write import check_image_path
-    from ..points.files import check_readable, check_regular
+    from .outputs import check_output, write_picture
+    from .stage import Stage, check_scan
 
-    check_image_path(output)
-    (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
-    import pointray as pr
-
-    from ..picture import render as trace  # pr.render may be the module, by now
+    check_output(output, exposure_of(exposure))
+    check_scan(file)
     from ..settings import Settings
 
     view = View(size, fov, up, eye, target, projection.value, aperture, focus)
-    settings = Settings(integrator.value, spp=spp, seed=seed, threads=use_threads(threads), filter=filter.value)
-    lights = [light_of(text) for text in light or []]
-    scene = pr.Scene()
-    scene.background = None if background == "none" else numbers(background, "--background")
-    options: dict[str, Any] = {"surface": surface and surface.value, "samples": samples}
-    options["radius_scale"] = positive(radius_scale, "--radius-scale")
-    if not -100 <= exposure <= 100:
-        raise ValueError(f"--exposure must lie between -100 and 100 stops, not {exposure}")
+    effort: dict[str, Any] = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise}
+    settings = Settings(integrator.value, seed=seed, threads=use_threads(threads), filter=filter.value, **effort)
+    shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
+    stage = Stage(file, shape, {"light": light, "background": background, "ground": ground, "up": view.up})
     with Progress() as progress:
-        model = _load(file, options, progress)
-        scene.add(model)
-        if ground:
-            scene.add(ground_under(model.bounds, view.up))
-        for make in lights:
-            scene.add_light(make(model.bounds.mean(axis=0)))
+        scene, model = stage.build(progress)
         camera = view.camera(model.bounds)
-        show = progress.show
-        image = in_background(lambda: trace(scene, camera, settings, lambda share: show("rendering", share)))
-    with writing(output):
-        pr.write_image(output, image, exposure=exposure)
-    print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points")
+        what = write_picture(output, (scene, camera, settings), exposure, progress)
+    print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
 
 
-def _load(file: Path, options: dict[str, Any], progress: Progress) -> Any:
-    """The model of a file: a scan's, or a saved one."""
-    import pointray as pr
+@app.command()
+def animate(
+    file: ScanArgument,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The film: .mp4; or pictures: a folder, or a name like %04d.png.")
+    ],
+    seconds: Annotated[float | None, typer.Option(help="How long the turntable turns; default: 6.")] = None,
+    fps: Annotated[float, typer.Option(help="Frames a second.")] = 24.0,
+    turns: Annotated[float | None, typer.Option(help="How often it turns, negative: clockwise; default: 1.")] = None,
+    keys: Annotated[
+        Path | None,
+        typer.Option(help="Fly instead: .toml or .json, a list keys of time, eye, target, perhaps up and fov."),
+    ] = None,
+    eye: EyeOption = None,
+    target: TargetOption = None,
+    up: UpOption = "0,0,1",
+    fov: FovOption = 40.0,
+    size: SizeOption = "800x600",
+    integrator: IntegratorOption = Integrator.phong,
+    spp: SppOption = 4,
+    max_depth: MaxDepthOption = 4,
+    filter: FilterOption = Filter["blackman-harris"],
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    surface: SurfaceOption = None,
+    samples: SamplesOption = 4,
+    radius_scale: RadiusScaleOption = 1.0,
+    background: BackgroundOption = SKY,
+    light: LightOption = None,
+    exposure: ExposureOption = 0.0,
+    ground: GroundOption = False,
+) -> None:
+    """A film of a scan, on a turntable or along keys; started again, an interrupted one goes on where it stopped."""
+    from .animate import Way, target_of
+    from .animate import animate as work
+    from .stage import Stage, check_scan
 
-    from .prepare import radii_in
+    goal = target_of(output, background)
+    check_scan(file)
+    from ..settings import Settings
 
-    progress.show("reading", 0.0)
-    if file.suffix.lower() == SAVED:
-        if options != {"surface": None, "samples": 4, "radius_scale": 1.0}:
-            raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
-        return in_background(lambda: pr.Model.load(file))
-    points = in_background(lambda: pr.read(file))
-    radii = radii_in(points)
-    try:
-        return in_background(lambda: pr.Model(points, radii, **options, progress=progress.show))
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from error
+    view = View(size, fov, up, eye, target)
+    way = Way(view, fps, {"seconds": seconds, "turns": turns, "keys": keys, "eye": eye, "target": target})
+    count = use_threads(threads)
+    settings = Settings(integrator.value, spp, max_depth, seed=seed, threads=count, filter=filter.value)
+    shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
+    stage = Stage(file, shape, {"light": light, "background": background, "ground": ground, "up": view.up})
+    print(work(goal, way, stage, settings, exposure_of(exposure)))
 
 
 @app.command()

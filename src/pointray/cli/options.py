@@ -1,4 +1,4 @@
-"""What the options' texts mean; ValueError says what is wrong with one."""
+"""The options that several commands share, and what their texts mean; ValueError says what is wrong with one."""
 
 from __future__ import annotations
 
@@ -6,10 +6,54 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
 
 SUN = 3.0  # irradiance of a light without a strength
 SAVED = ".pointray"  # how the name of a saved model ends
+
+Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
+Integrator = StrEnum("Integrator", ["phong", "ao", "path", "normal", "depth", "color", "cost"])
+Projection = StrEnum("Projection", ["perspective", "orthographic", "panorama"])
+Filter = StrEnum("Filter", ["box", "tent", "gaussian", "blackman-harris"])
+
+ScanArgument = Annotated[Path, typer.Argument(help="A scan: .ply, or a model that prepare has saved: .pointray.")]
+EyeOption = Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")]
+TargetOption = Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")]
+UpOption = Annotated[str, typer.Option(help="Which way is up, x,y,z.")]
+FovOption = Annotated[float, typer.Option(help="Vertical field of view, degrees.")]
+SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
+IntegratorOption = Annotated[Integrator, typer.Option(help="What is shown.")]
+SppOption = Annotated[int, typer.Option(help="Samples a pixel; 1 with a limit of time or noise: as many as it takes.")]
+ProjectionOption = Annotated[
+    Projection, typer.Option(help="Orthographic: as high at the target; panorama: 360 x 180 degrees.")
+]
+ApertureOption = Annotated[float, typer.Option(help="Diameter of the lens, in the scan's units; 0: all is sharp.")]
+FocusOption = Annotated[float | None, typer.Option(help="How far away it is sharp; default: the target.")]
+MaxDepthOption = Annotated[int, typer.Option(help="Scatterings along a path; of phong, mirrors and panes.")]
+TimeLimitOption = Annotated[float | None, typer.Option(help="Seconds after which no more samples are begun.")]
+NoiseOption = Annotated[float | None, typer.Option(help="Stop at this standard error, as a share of the mean: 0.02.")]
+FilterOption = Annotated[Filter, typer.Option(help="How a pixel is made of its samples.")]
+SeedOption = Annotated[int, typer.Option(help="Of all that is left to chance.")]
+ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
+SurfaceOption = Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")]
+SamplesOption = Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")]
+RadiusScaleOption = Annotated[float, typer.Option(help="All radii times this.")]
+BackgroundOption = Annotated[str, typer.Option(help="Linear r,g,b, none: transparent, or sky: the light all around.")]
+LightOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength; sky:r,g,b or sky:FILE (.hdr, .exr: "
+        "all around); repeatable. Default: a headlight."
+    ),
+]
+ExposureOption = Annotated[float, typer.Option(help="Stops.")]
+GroundOption = Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")]
+
+SKY = "0.85,0.87,0.9"  # the background where none is given
 
 
 def numbers(text: str, name: str) -> tuple[float, float, float]:
@@ -30,6 +74,13 @@ def positive(value: float, name: str) -> float:
     return value
 
 
+def exposure_of(value: float) -> float:
+    """Stops that float32 can hold."""
+    if not -100 <= value <= 100:
+        raise ValueError(f"--exposure must lie between -100 and 100 stops, not {value}")
+    return value
+
+
 def size_of(text: str) -> tuple[int, int]:
     """`640x480`."""
     try:
@@ -42,14 +93,19 @@ def size_of(text: str) -> tuple[int, int]:
 def light_of(text: str) -> Callable[[Any], Any]:
     """`sun:dx,dy,dz` (direction of travel) or `point:x,y,z`, either with a strength behind another colon.
 
+    Or the light from all around: `sky:r,g,b`, `sky:FILE`.
+
     Returns what makes the light, given the scan's middle: a point light without a strength is there as bright as a sun.
     """
     import pointray as pr
 
     kind, _, rest = text.partition(":")
+    if kind == "sky":
+        around = _sky_of(rest)
+        return lambda middle: around
     place, _, strength = rest.partition(":")
     if kind not in ("sun", "point"):
-        raise ValueError(f"--light must be like sun:1,1,-2 or point:0,-3,4:20, not {text!r}")
+        raise ValueError(f"--light must be like sun:1,1,-2, point:0,-3,4:20, sky:1,1,1 or sky:FILE, not {text!r}")
     at = numbers(place, "--light")
     try:
         power = float(strength) if strength else None
@@ -61,6 +117,15 @@ def light_of(text: str) -> Callable[[Any], Any]:
         return lambda middle: sun
     pr.PointLight(at, power or 1.0).record()
     return lambda middle: pr.PointLight(at, SUN * math.dist(at, middle) ** 2 if power is None else power)
+
+
+def _sky_of(text: str) -> Any:
+    """Light from all around: a radiance, or a picture."""
+    import pointray as pr
+
+    if text.lower().endswith((".hdr", ".exr")):
+        return pr.EnvironmentLight(image=Path(text))
+    return pr.EnvironmentLight(numbers(text, "--light sky"))
 
 
 class View:
@@ -81,33 +146,34 @@ class View:
         if not any(self.up):
             raise ValueError("--up must not be zero")
         self.size = size_of(size)
-        self._eye = None if eye is None else numbers(eye, "--eye")
-        self._target = None if target is None else numbers(target, "--target")
+        self.eye = None if eye is None else numbers(eye, "--eye")
+        self.target = None if target is None else numbers(target, "--target")
         if focus is not None and not aperture:
             raise ValueError("--focus is for --aperture, which is not given")
-        self._lens: dict[str, Any] = {"fov": fov, "projection": projection, "aperture": aperture, "focus": focus}
-        near = self._eye or (0.0, 0.0, 0.0)
+        self.lens: dict[str, Any] = {"fov": fov, "projection": projection, "aperture": aperture, "focus": focus}
+        near = self.eye or (0.0, 0.0, 0.0)
         self.camera([near, [x + 1 + abs(x) for x in near]])  # some box that the eye is not in the middle of
 
     def camera(self, bounds: Any) -> Any:
         """The camera for a box."""
         from ..camera import Camera
 
-        fov, projection = self._lens["fov"], self._lens["projection"]
+        fov, projection = self.lens["fov"], self.lens["projection"]
         framed = Camera.frame(bounds, fov=fov, size=self.size, up=self.up, projection=projection)
-        if self._eye is None and self._target is None:
-            return replace(framed, **self._lens)
-        target = self._target or [(low + high) / 2 for low, high in zip(*bounds, strict=True)]
+        if self.eye is None and self.target is None:
+            return replace(framed, **self.lens)
+        target = self.target or [(low + high) / 2 for low, high in zip(*bounds, strict=True)]
         # Without an eye: as far away, and on the same side, as to frame the box.
-        eye = self._eye or [e + a - t for e, a, t in zip(framed.eye, target, framed.target, strict=True)]
-        return Camera.look_at(eye, target, self.up, size=self.size, **self._lens)
+        eye = self.eye or [e + a - t for e, a, t in zip(framed.eye, target, framed.target, strict=True)]
+        return Camera.look_at(eye, target, self.up, size=self.size, **self.lens)
 
+    def turning(self, bounds: Any) -> Any:
+        """The camera for a box that turns; where the options say nothing, it stays in the picture all the way."""
+        from ..film import frame_turning
 
-def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:
-    """A plane under a box."""
-    from ..instances import Plane
-
-    return Plane([low if u >= 0 else high for u, low, high in zip(up, *bounds, strict=True)], up)
+        if self.eye is None and self.target is None:
+            return frame_turning(bounds, self.lens["fov"], self.size, self.up)
+        return self.camera(bounds)
 
 
 def use_threads(threads: int | None) -> int:

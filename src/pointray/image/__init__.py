@@ -1,6 +1,6 @@
 """Radiance -> pixels: tone and files."""
 
 from .tone import CURVES, filmic, linear_to_srgb, srgb_to_linear, tone
-from .write import write_image
+from .write import write_image, write_layers
 
-__all__ = ["CURVES", "filmic", "linear_to_srgb", "srgb_to_linear", "tone", "write_image"]
+__all__ = ["CURVES", "filmic", "linear_to_srgb", "srgb_to_linear", "tone", "write_image", "write_layers"]

@@ -44,6 +44,14 @@ def filmic(linear: Floats) -> Floats:
     return curve
 
 
+def check_tone(exposure: float, curve: str) -> None:
+    """Raise ValueError for what `tone` does not know."""
+    if curve not in CURVES:
+        raise ValueError(f"unknown curve {curve!r}: the curves are {', '.join(CURVES)}")
+    if not np.isfinite(exposure):
+        raise ValueError(f"exposure must be a finite number of stops, not {exposure}")
+
+
 def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
     """What of linear colours can be shown.
 
@@ -60,10 +68,7 @@ def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
     (..., 3) float32
         Linear, 0 to 1; NaN becomes 0.
     """
-    if curve not in CURVES:
-        raise ValueError(f"unknown curve {curve!r}: the curves are {', '.join(CURVES)}")
-    if not np.isfinite(exposure):
-        raise ValueError(f"exposure must be a finite number of stops, not {exposure}")
+    check_tone(exposure, curve)
     with np.errstate(over="ignore"):  # infinite is as bright as 1
         exposed = np.nan_to_num(linear) * np.float32(2.0 ** np.clip(exposure, -100, 100))
     return filmic(exposed) if curve == "filmic" else np.clip(exposed, 0, 1)

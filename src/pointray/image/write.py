@@ -1,18 +1,23 @@
-"""Pictures as files."""
+"""Pictures and layers as files."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from ..points.files import check_writable, replacing
-from .tone import linear_to_srgb, tone
+from .exr import channels_of, check_exr, write_exr
+from .tone import check_tone, linear_to_srgb, tone
 
-FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+SHOWN = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+FORMATS = {**SHOWN, ".exr": "EXR"}
+LAYERED = {".exr": "EXR", ".npz": "NPZ"}
 QUALITY = 92  # of JPEG
 
 Floats = NDArray[np.float32]
@@ -24,7 +29,7 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float 
     Parameters
     ----------
     path : str or path
-        Ends in .png, .jpg or .jpeg; replaced when all is written.
+        Ends in .png, .jpg, .jpeg or .exr; replaced when all is written.
     image : (h, w, 4) or (h, w, 3) float32
         Linear; with alpha premultiplied. NaN becomes 0.
     exposure : float
@@ -37,15 +42,24 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float 
     OSError
         If the file cannot be written.
     ValueError
-        If the extension, the shape, the dtype or the curve is another.
+        If the extension, the shape, the dtype or the curve is another, or the package for EXR is absent.
 
     Notes
     -----
     A PNG keeps alpha where any is below 1. A JPEG has none: it shows the image on white.
+
+    An EXR keeps the numbers themselves, float32: linear, premultiplied, alpha if the image has it, NaN and what is
+    brighter than 1 too. Exposure and curve are for looking at pictures and do not change it. It needs OpenEXR:
+    `pip install 'pointray[files]'`.
     """
     file = Path(path)
-    format = _format_of(file)
-    linear, alpha = _split(image)
+    format = _format_of(file, FORMATS)
+    array = _check_image(image)
+    check_tone(exposure, curve)
+    if format == "EXR":
+        write_layers(file, {"radiance": array})
+        return
+    linear, alpha = _split(array)
     shown = tone(linear, exposure, curve)
     if format == "JPEG":
         shown = shown * alpha + (1 - alpha)
@@ -56,29 +70,92 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float 
         Image.fromarray(picture).save(beside, format, quality=QUALITY, subsampling=0, compress_level=4)
 
 
+def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) -> None:
+    """Write layers of one picture, as `render_layers` returns them, all or some.
+
+    Parameters
+    ----------
+    path : str or path
+        Ends in .npz: arrays as they are, compressed, for `numpy.load`. Or in .exr: one file of many channels for
+        other programs, which needs OpenEXR: `pip install 'pointray[files]'`. Replaced when all is written.
+    layers : dict of str to (h, w) or (h, w, k) array_like
+        An EXR takes the names of `render_layers` only.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    ValueError
+        If the extension, a name, a shape or a dtype is another, or the package for EXR is absent.
+
+    Notes
+    -----
+    Channels of an EXR: R, G, B, A (radiance), Z (depth), normal.X to .Z, position.X to .Z, albedo.R to .B, instance,
+    point. Colours, depth, normals and positions are float32 there: of coordinates in millions of metres half a metre
+    is left, an NPZ keeps float64. Indices are uint32, exact up to 4,294,967,294 (float32 would be up to 2^24); -1,
+    which means none, becomes 4,294,967,295.
+    """
+    file = Path(path)
+    format = _format_of(file, LAYERED)
+    arrays = _check_layers(layers)
+    channels = channels_of(arrays) if format == "EXR" else {}
+    with replacing(file) as beside:
+        if format == "EXR":
+            write_exr(beside, channels)
+        else:
+            with beside.open("wb") as stream:
+                np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # its stub takes names for an option
+
+
 def check_image_path(path: str | os.PathLike[str]) -> None:
     """Raise what `write_image` would raise for this path, before the work is done."""
-    _format_of(Path(path))
-    check_writable(path)
+    _check_path(Path(path), FORMATS)
 
 
-def _format_of(file: Path) -> str:
-    format = FORMATS.get(file.suffix.lower())
+def check_layers_path(path: str | os.PathLike[str]) -> None:
+    """Raise what `write_layers` would raise for this path, before the work is done."""
+    _check_path(Path(path), LAYERED)
+
+
+def _check_path(file: Path, formats: Mapping[str, str]) -> None:
+    if _format_of(file, formats) == "EXR":
+        check_exr(file)
+    check_writable(file)
+
+
+def _format_of(file: Path, formats: Mapping[str, str]) -> str:
+    format = formats.get(file.suffix.lower())
     if format is None:
         extension = file.suffix or "a file without extension"
-        raise ValueError(f"{file}: cannot write {extension}; can write {', '.join(FORMATS)}")
+        raise ValueError(f"{file}: cannot write {extension}; can write {', '.join(formats)}")
     return format
 
 
-def _split(image: ArrayLike) -> tuple[Floats, Floats]:
-    """Colour as if everything were opaque, (h, w, 3), and alpha, (h, w, 1)."""
+def _check_layers(layers: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+    arrays = {name: np.asarray(values) for name, values in layers.items()}
+    if not arrays:
+        raise ValueError("there are no layers to write")
+    size = next(iter(arrays.values())).shape[:2]
+    for name, array in arrays.items():
+        if array.dtype.kind not in "iuf":
+            raise ValueError(f"layer {name!r} must hold real numbers, not {array.dtype}")
+        if array.ndim not in (2, 3) or array.size == 0 or array.shape[:2] != size:
+            raise ValueError(f"layers have the shape (h, w) or (h, w, k), all of one size; {name!r}: {array.shape}")
+    return arrays
+
+
+def _check_image(image: ArrayLike) -> Floats:
     array = np.asarray(image)
     if array.dtype.kind != "f":
         raise ValueError(f"an image must be float, linear, not {array.dtype}")
     if array.ndim != 3 or array.shape[2] not in (3, 4) or array.size == 0:
         raise ValueError(f"an image must have the shape (h, w, 3) or (h, w, 4), not {array.shape}")
     with np.errstate(over="ignore"):
-        linear: Floats = array.astype(np.float32, copy=False)
+        return array.astype(np.float32, copy=False)
+
+
+def _split(linear: Floats) -> tuple[Floats, Floats]:
+    """Colour as if everything were opaque, (h, w, 3), and alpha, (h, w, 1)."""
     if linear.shape[2] == 3:
         return linear, np.ones((*linear.shape[:2], 1), np.float32)
     alpha = np.clip(np.nan_to_num(linear[..., 3:]), 0, 1)

@@ -22,7 +22,8 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 # Check every array access and every SIMD load (slow): the suite runs once with it. Part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
-NO_KERNELS = ("cli", "report.py", "demonstration.py", "benchmark")  # an edit there compiles nothing anew
+# An edit there compiles nothing anew.
+NO_KERNELS = ("extras.py", "image", "layers.py", "film.py", "cli", "report.py", "demonstration.py", "benchmark")
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
 
 

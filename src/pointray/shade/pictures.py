@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..extras import require
 
 
 def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
@@ -26,11 +27,7 @@ def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     with open(path, "rb"):  # says what is wrong in the system's words
         pass
     name = os.fspath(path)
-    try:
-        import OpenImageIO
-    except ImportError:
-        raise ValueError(f"{name}: pictures of light need OpenImageIO: pip install 'pointray[files]'") from None
-    oiio: Any = OpenImageIO
+    oiio = require("OpenImageIO", "files", name)
     source = oiio.ImageInput.open(name)
     if source is None:
         raise ValueError(f"{name}: {_reason(oiio.geterror())}")

@@ -1,0 +1,163 @@
+"""pointray animate: a film of a scan, which goes on where it was interrupted."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import warnings
+from dataclasses import asdict, astuple, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from .keys import read_keys
+from .options import View, positive
+from .stage import Stage
+from .waiting import Progress, in_background, writing
+
+SECONDS, TURNS = 6.0, 1.0  # of a film that says nothing
+
+
+class Way:
+    """The way of the camera: a turntable, or along keys. Raises what is wrong with the options at once."""
+
+    def __init__(self, view: View, fps: float, wishes: dict[str, Any]) -> None:
+        self.view, self.fps = view, positive(fps, "--fps")
+        self._cameras: list[Any] = []  # of keys; a turntable's depend on the model
+        if wishes["keys"] is None:
+            seconds = SECONDS if wishes["seconds"] is None else positive(wishes["seconds"], "--seconds")
+            self._turns = TURNS if wishes["turns"] is None else wishes["turns"]
+            if not math.isfinite(self._turns):
+                raise ValueError(f"--turns must be finite, not {self._turns}")
+            self.count = _frames(seconds * fps)
+            self.settings: dict[str, Any] = {"turns": self._turns}
+            self.settings |= {"eye": view.eye, "target": view.target, "up": view.up, "fov": view.lens["fov"]}
+            return
+        from ..film import fly
+
+        for name in ("seconds", "turns", "eye", "target"):
+            if wishes[name] is not None:
+                raise ValueError(f"--{name} is not for --keys, which say it themselves")
+        keys = read_keys(wishes["keys"], view)
+        self._cameras = fly(keys, fps)
+        self.count = len(self._cameras)
+        self.settings = {"fps": fps, "keys": [[time, *astuple(camera)] for time, camera in keys]}
+
+    def cameras(self, bounds: Any) -> list[Any]:
+        """The camera of each frame, for a model with these bounds."""
+        from ..film import turntable
+
+        return self._cameras or turntable(self.view.turning(bounds), self.count, self._turns)
+
+
+def _frames(count: float) -> int:
+    from ..film import MOST_FRAMES
+
+    if not 0.5 <= count <= MOST_FRAMES:
+        raise ValueError(f"a film has 1 to {MOST_FRAMES} frames; --seconds times --fps are {count:.6g}")
+    return math.floor(count + 0.5)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where a film goes.
+
+    Attributes
+    ----------
+    pattern : path
+        Of the numbered pictures: the result, or beside the MP4 until it is made.
+    mp4 : bool
+    """
+
+    output: Path
+    pattern: Path
+    mp4: bool
+
+
+def target_of(output: Path, background: str) -> Target:
+    """What -o means; raises what would keep the film from being written."""
+    from ..image.frames import check_pattern, note_of
+    from ..image.mp4 import check_mp4
+
+    if output.suffix.lower() == ".mp4" and not output.is_dir():
+        check_mp4(output)
+        if background == "none":
+            raise ValueError("--background none: an MP4 cannot be transparent, numbered .png can")
+        pattern = Path(f"{output}.frames") / "%04d.png"
+        folder = pattern.parent
+        if folder.is_dir() and any(folder.iterdir()) and not note_of(pattern).exists():
+            raise ValueError(f"{folder}: not of a film that was interrupted, and its place is needed for frames")
+        check_pattern(pattern)
+        return Target(output, pattern, True)
+    if "%" not in output.name and output.suffix and not output.is_dir():
+        raise ValueError(f"{output}: a film is .mp4, or numbered pictures: a folder, or a name like %04d.png")
+    pattern = output if "%" in output.name else output / "%04d.png"
+    check_pattern(pattern)
+    return Target(output, pattern, False)
+
+
+def animate(target: Target, way: Way, stage: Stage, settings: Any, exposure: float) -> str:
+    """Render the frames that are not there yet, and write the film; returns a line that says what was done."""
+    from ..image.frames import Frames
+    from ..image.mp4 import even, write_mp4
+
+    size = way.view.size
+    frames = Frames(target.pattern, _settings(way, stage, settings, exposure), way.count, size)
+    missing, other = frames.find()
+    if other:
+        differ = ", ".join(name.replace("_", " ") for name in other)
+        warnings.warn(f"{frames.pattern}: all frames are rendered anew: not as before: {differ}", stacklevel=2)
+    with Progress() as progress:
+        try:
+            if missing:
+                _render(frames, missing, (way, stage, settings, exposure), progress)
+            if target.mp4:
+                progress.show("writing the film", 1.0)
+                with writing(target.output):
+                    write_mp4(target.output, target.pattern, way.count, way.fps, size)
+        except KeyboardInterrupt:
+            warnings.warn(f"{target.output}: the same command goes on where this one stopped", stacklevel=2)
+            raise
+    with writing(target.output):
+        if target.mp4:
+            shutil.rmtree(target.pattern.parent)
+        else:
+            frames.finish()
+    shape = f"{size[0]}x{size[1]}"
+    if target.mp4 and even(size) != size:
+        shape += " (an MP4 has even sides: {}x{})".format(*even(size))
+    before = way.count - len(missing)
+    known = f", {before:,} of them from before" if before else ""
+    return f"{target.output}: {shape}, {way.count:,} frames{known}, {way.count / way.fps:.3g} seconds"
+
+
+def _render(frames: Any, missing: list[int], work: tuple[Way, Stage, Any, float], progress: Progress) -> None:
+    """Render frames, one after the other: each is kept before the next one begins."""
+    from ..picture import render
+
+    way, stage, settings, exposure = work
+    scene, model = stage.build(progress)
+    cameras = way.cameras(model.bounds)
+
+    def picture(camera: Any, done: int) -> Any:
+        def show(share: float) -> None:
+            progress.show(f"frame {done + 1} of {len(missing)}", (done + share) / len(missing))
+
+        show(0.0)
+        return render(scene, camera, settings, show)
+
+    with writing(frames.pattern):
+        frames.begin()
+    for done, k in enumerate(missing):
+        image = in_background(partial(picture, cameras[k], done))
+        with writing(frames.path(k)):
+            frames.keep(k, image, exposure)
+
+
+def _settings(way: Way, stage: Stage, settings: Any, exposure: float) -> dict[str, Any]:
+    """All that the pictures depend on; not the threads, which make no difference."""
+    from .. import __version__
+
+    picture = {name: value for name, value in asdict(settings).items() if name != "threads"}
+    film = {"version": __version__, "frames": way.count, "size": way.view.size, "exposure": exposure}
+    return {**film, **way.settings, **picture, **stage.settings}

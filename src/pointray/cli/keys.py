@@ -1,0 +1,77 @@
+"""Keys of a film from a file: moments, and the camera at each; what is wrong is said with file and key."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from .options import View
+
+NEEDED = ("time", "eye", "target")
+KNOWN = (*NEEDED, "up", "fov")
+
+
+def read_keys(file: Path, view: View) -> list[tuple[float, Any]]:
+    """(seconds, Camera) of each key; size, and up and fov where a key has none, are those of the options."""
+    from ..points.files import check_regular
+
+    rows = _rows(check_regular(file))
+    keys = []
+    for number, row in enumerate(rows, 1):
+        try:
+            keys.append(_key(row, view))
+            if number > 1 and keys[-1][0] <= keys[-2][0]:
+                raise ValueError(f"its time, {keys[-1][0]:g}, is not after that of the key before, {keys[-2][0]:g}")
+        except (ValueError, OverflowError) as error:  # of a whole number of 400 digits
+            raise ValueError(f"{file}: key {number}: {error}") from None
+    if len(keys) < 2:
+        raise ValueError(f"{file}: a film needs two keys or more, not {len(keys)}")
+    return keys
+
+
+def _rows(file: Path) -> list[Any]:
+    """What the file lists under `keys`."""
+    kind = file.suffix.lower()
+    if kind not in (".toml", ".json"):
+        raise ValueError(f"{file}: keys are .toml or .json, not {file.suffix or 'a file without extension'}")
+    try:
+        text = file.read_text(encoding="utf-8")
+        data = tomllib.loads(text) if kind == ".toml" else json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{file}: this is no {kind[1:].upper()}: {error}") from None
+    if not isinstance(data, dict) or set(data) != {"keys"} or not isinstance(data["keys"], list):
+        example = "tables [[keys]]" if kind == ".toml" else 'a list, {"keys": [...]}'
+        raise ValueError(f"{file}: the keys must be {example}, and nothing else")
+    return data["keys"]
+
+
+def _key(row: Any, view: View) -> tuple[float, Any]:
+    from ..camera import Camera
+
+    if not isinstance(row, dict):
+        raise ValueError(f"it must have {', '.join(NEEDED)}, and is {row!r}")
+    unknown = [name for name in row if name not in KNOWN]
+    if unknown:
+        raise ValueError(f"unknown {unknown[0]!r}: a key has {', '.join(KNOWN)}")
+    missing = [name for name in NEEDED if name not in row]
+    if missing:
+        raise ValueError(f"{missing[0]} is missing")
+    up = _vector(row["up"], "up") if "up" in row else view.up
+    fov = _number(row["fov"], "fov") if "fov" in row else view.lens["fov"]
+    camera = Camera.look_at(_vector(row["eye"], "eye"), _vector(row["target"], "target"), up, fov, view.size)
+    return _number(row["time"], "time"), camera
+
+
+def _number(value: Any, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} must be a finite number, not {value!r}")
+    return float(value)
+
+
+def _vector(value: Any, name: str) -> list[float]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise ValueError(f"{name} must be three numbers, not {value!r}")
+    return [_number(part, name) for part in value]

@@ -1,0 +1,51 @@
+"""What `render` ends in: a picture, or all its layers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .waiting import Progress, in_background, writing
+
+
+def _layered(output: Path) -> bool:
+    from ..image.write import LAYERED
+
+    return output.suffix.lower() in LAYERED
+
+
+def check_output(output: Path, exposure: float) -> None:
+    """Raise what would keep the result from being written, before the work is done."""
+    from ..image.write import LAYERED, SHOWN, check_layers_path
+    from ..points.files import check_writable
+
+    if _layered(output):
+        check_layers_path(output)
+        if exposure != 0:
+            raise ValueError(f"{output}: layers keep the light as it is; --exposure is for {', '.join(SHOWN)}")
+        return
+    if output.suffix.lower() not in SHOWN:
+        extension = output.suffix or "a file without extension"
+        raise ValueError(f"{output}: cannot write {extension}; can write {', '.join([*SHOWN, *LAYERED])}")
+    check_writable(output)
+
+
+def write_picture(output: Path, subject: tuple[Any, Any, Any], exposure: float, progress: Progress) -> str:
+    """Render and write; returns what the message says of it. subject : scene, camera, settings"""
+    import pointray as pr
+
+    from ..layers import render_layers
+    from ..picture import render  # pr.render may be the module, by now
+
+    def show(share: float) -> None:
+        progress.show("rendering", share)
+
+    if not _layered(output):
+        image = in_background(lambda: render(*subject, show))
+        with writing(output):
+            pr.write_image(output, image, exposure=exposure)
+        return ""
+    layers = in_background(lambda: render_layers(*subject, show))
+    with writing(output):
+        pr.write_layers(output, layers)
+    return f", {len(layers)} layers"

@@ -1,0 +1,82 @@
+"""From a file and the options of `render` and `animate` to a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .options import SAVED, light_of, numbers, positive
+from .prepare import radii_in
+from .waiting import Progress, in_background
+
+
+def check_scan(file: Path) -> None:
+    """Raise what keeps a scan or a saved model from being opened."""
+    from ..points.files import check_readable, check_regular
+
+    (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
+
+
+class Stage:
+    """The scan under its lights. Raises what is wrong with an option at once, before the file is read.
+
+    Parameters
+    ----------
+    surface : dict
+        surface, samples and radius_scale, as `Model` takes them.
+    place : dict
+        The texts of the options light and background, whether there is a ground, and up, a vector.
+    """
+
+    def __init__(self, file: Path, surface: dict[str, Any], place: dict[str, Any]) -> None:
+        import pointray as pr
+
+        positive(surface["radius_scale"], "--radius-scale")
+        self._place = place
+        self.file, self._surface, self._ground, self._up = file, surface, place["ground"], place["up"]
+        self._lights = [light_of(text) for text in place["light"] or []]
+        background = place["background"]
+        self._scene = pr.Scene()
+        named = {"none": None, "sky": "environment"}
+        self._scene.background = named[background] if background in named else numbers(background, "--background")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the scene depends on, as JSON takes it."""
+        facts = self.file.stat()
+        scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
+        return {**scan, **self._surface, **self._place}
+
+    def build(self, progress: Progress) -> tuple[Any, Any]:
+        """The scene, and the model in it."""
+        model = self._load(progress)
+        self._scene.add(model)
+        if self._ground:
+            self._scene.add(ground_under(model.bounds, self._up))
+        for make in self._lights:
+            self._scene.add_light(make(model.bounds.mean(axis=0)))
+        return self._scene, model
+
+    def _load(self, progress: Progress) -> Any:
+        """The model of the file: a scan's, or a saved one."""
+        import pointray as pr
+
+        file = self.file
+        progress.show("reading", 0.0)
+        if file.suffix.lower() == SAVED:
+            if self._surface != {"surface": None, "samples": 4, "radius_scale": 1.0}:
+                raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
+            return in_background(lambda: pr.Model.load(file))
+        points = in_background(lambda: pr.read(file))
+        radii = radii_in(points)
+        try:
+            return in_background(lambda: pr.Model(points, radii, **self._surface, progress=progress.show))
+        except ValueError as error:
+            raise ValueError(f"{file}: {error}") from error
+
+
+def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:
+    """A plane under a box."""
+    from ..instances import Plane
+
+    return Plane([low if u >= 0 else high for u, low, high in zip(up, *bounds, strict=True)], up)

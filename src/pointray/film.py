@@ -1,0 +1,190 @@
+"""Films: where the camera is in each frame, on a turntable or along keys."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .camera import MARGIN, SIZE, Camera, _fit
+from .records import ACROSS, FORWARD, UPWARD
+
+Floats = NDArray[np.float64]
+
+MOST_FRAMES = 100_000
+CORNERS = 64  # of the polygon around the circle that a corner of the model goes along
+STEP = np.radians(45.0)  # a curve through directions farther apart than this gets some of the arc between them
+SAME = 1e-9  # seconds: a frame this close to a key is the key
+
+
+def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
+    """Cameras on a circle: what the first one looks at seems to turn on a table.
+
+    Parameters
+    ----------
+    camera : Camera
+        The first frame's. The axis of the circle goes through its target, along its `up`.
+    frames : int
+        The last frame is one step before the first one, so that a film of whole turns can be looped.
+    turns : float
+        Counter-clockwise as seen from above; negative: the other way.
+
+    Returns
+    -------
+    list of Camera
+
+    Examples
+    --------
+    >>> for k, camera in enumerate(pr.turntable(pr.Camera.frame(scene.bounds), 48)):
+    ...     pr.write_image(f"{k:04d}.png", pr.render(scene, camera))
+    """
+    if not isinstance(frames, int) or not 1 <= frames <= MOST_FRAMES:
+        raise ValueError(f"frames must be a whole number from 1 to {MOST_FRAMES}, not {frames!r}")
+    if not np.isfinite(turns):
+        raise ValueError(f"turns must be finite, not {turns!r}")
+    target, axis = np.asarray(camera.target), _unit(np.asarray(camera.up))
+    arm, up = np.asarray(camera.eye) - target, np.asarray(camera.up)
+    if np.linalg.norm(np.cross(_unit(arm), axis)) < 1e-6:
+        up = camera.record()[UPWARD : UPWARD + 3]  # from straight above the picture turns, as its top does
+    angles = 2 * np.pi * turns * np.arange(1, frames) / frames
+    others = [(target + _turned(arm, axis, angle), _turned(up, axis, angle)) for angle in angles]
+    return [camera, *(replace(camera, eye=tuple(eye), up=tuple(top)) for eye, top in others)]
+
+
+def frame_turning(
+    bounds: ArrayLike, fov: float = 40, size: tuple[int, int] = SIZE, up: ArrayLike = (0, 0, 1)
+) -> Camera:
+    """The camera that `Camera.frame` makes, as far away as a box needs to stay in the picture while it turns.
+
+    It looks at a place on the axis, which goes along `up` through the middle of the box; parameters as for
+    `Camera.frame`.
+    """
+    framed = Camera.frame(bounds, fov=fov, size=size, up=up)
+    forward, right, top = (_unit(framed.record()[k : k + 3]) for k in (FORWARD, ACROSS, UPWARD))
+    box = np.asarray(bounds, np.float64)
+    middle, axis = box.mean(axis=0), _unit(np.asarray(framed.up))
+    corners = np.stack(np.meshgrid(*(box - middle).T), axis=-1).reshape(-1, 3)
+    # The way of each corner, within a polygon around it.
+    corners = corners @ np.outer(axis, axis) + (corners - corners @ np.outer(axis, axis)) / np.cos(np.pi / CORNERS)
+    way = np.concatenate([_turned(corners, axis, angle) for angle in 2 * np.pi * np.arange(CORNERS) / CORNERS])
+    half = np.tan(np.radians(framed.fov) / 2) / MARGIN
+    depth, across, high = way @ forward, way @ right, way @ top
+    upwards, far_up = _fit(high, depth, half)
+    _, far_across = _fit(across, depth, half * framed.size[0] / framed.size[1])
+    distance = max(far_up, far_across, -MARGIN * float(depth.min())) or 1.0
+    eye = middle + upwards * top - distance * forward
+    # On the way forward, where it meets the axis.
+    flat = forward - axis * (forward @ axis)
+    return replace(framed, eye=tuple(eye), target=tuple(eye + forward * ((middle - eye) @ flat) / (flat @ flat)))
+
+
+def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]:
+    """Cameras along a smooth way through keys.
+
+    Parameters
+    ----------
+    keys : sequence of (float, Camera)
+        At least two: when, in seconds, rising, and the camera at that moment. All have the size of the first.
+    fps : float
+        Frames a second. The first frame is the first key; the last is the last key or less than a frame before it.
+
+    Returns
+    -------
+    list of Camera
+        Where a frame falls on a key its camera.
+
+    Notes
+    -----
+    Eye and target go along cubics through the keys (Catmull and Rom), directions along the sphere: the view does not
+    collapse where it turns by 180 degrees. Between keys of the same target the eye goes around it, between keys of the
+    same eye the camera pans, between the same keys it is still; in general what moves less leads.
+    Field of view and distance of the target stay between those of the keys.
+    """
+    times = np.array([time for time, _ in keys], np.float64)
+    if len(times) < 2:
+        raise ValueError(f"a film needs two keys or more, not {len(times)}")
+    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+        raise ValueError(f"the times of keys must be finite and rise, not {times.tolist()}")
+    if not 0 < fps < np.inf:
+        raise ValueError(f"fps must be a positive number, not {fps!r}")
+    count = np.floor((times[-1] - times[0] + SAME) * fps) + 1
+    if count > MOST_FRAMES:
+        raise ValueError(f"a film has {MOST_FRAMES} frames at most, not {count:.0f}")
+    cameras = [camera for _, camera in keys]
+    at = np.minimum(times[0] + np.arange(int(count)) / fps, times[-1])
+    between = _between(times, cameras, at)
+    nearest = np.abs(at[:, None] - times).argmin(axis=1)
+    return [
+        replace(cameras[k], size=cameras[0].size) if abs(times[k] - t) <= SAME else camera
+        for t, k, camera in zip(at, nearest, between, strict=True)
+    ]
+
+
+def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camera]:
+    """The cameras at some times, as the curves through the keys have them."""
+    from scipy.interpolate import PchipInterpolator
+
+    eyes, targets, ups = (np.array([getattr(camera, name) for camera in cameras]) for name in ("eye", "target", "up"))
+    distances = np.linalg.norm(targets - eyes, axis=1)
+    scalars = np.stack([np.log(distances), [camera.fov for camera in cameras]], axis=1)
+    logs, fov = PchipInterpolator(times, scalars)(at).T
+    view = np.exp(logs)[:, None] * _way_of_directions(times, targets - eyes, at)
+    moves = [np.linalg.norm(np.diff(places, axis=0), axis=1) for places in (eyes, targets)]
+    shares = moves[0] / np.maximum(moves[0] + moves[1], 1e-300)  # 1: the target leads, 0: the eye
+    lead = np.interp(at, (times[1:] + times[:-1]) / 2, shares)[:, None]
+    # At a key the two agree, so that who leads may change there.
+    eye = (1 - lead) * _curve(times, eyes, at) + lead * (_curve(times, targets, at) - view)
+    target, up = eye + view, _way_of_directions(times, ups, at)
+    return [
+        replace(cameras[0], eye=tuple(eye[k]), target=tuple(target[k]), up=tuple(up[k]), fov=float(fov[k]))
+        for k in range(len(at))
+    ]
+
+
+def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
+    """A cubic through (n, k) values, with the slope of the parabola through each and its neighbours; (m, k)."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    slopes = np.gradient(values, times, axis=0)
+    still = (np.diff(values, axis=0) == 0).all(axis=1)
+    slopes[:-1][still] = slopes[1:][still] = 0.0
+    return np.asarray(CubicHermiteSpline(times, values, slopes)(at))
+
+
+def _way_of_directions(times: Floats, directions: Floats, at: Floats) -> Floats:
+    """Unit vectors along a smooth way on the sphere through (n, 3) directions; (m, 3)."""
+    units = np.array([_unit(direction) for direction in directions])
+    places, when = [units[0]], [times[0]]
+    for k in range(len(units) - 1):
+        axis, angle = _turn_between(units[k], units[k + 1])
+        pieces = max(1, int(np.ceil(angle / STEP)))
+        for share in np.arange(1, pieces) / pieces:
+            places.append(_turned(units[k], axis, share * angle))
+            when.append(times[k] + share * (times[k + 1] - times[k]))
+        places.append(units[k + 1])
+        when.append(times[k + 1])
+    way = _curve(np.array(when), np.array(places), at)
+    return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
+
+
+def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
+    """Axis and angle of the shortest turn from one unit vector to another; of opposite ones, level if there is one."""
+    axis = np.cross(a, b)
+    angle = float(np.arctan2(np.linalg.norm(axis), a @ b))
+    if np.linalg.norm(axis) < 1e-9:
+        axis = np.array([0.0, 0.0, 1.0]) - a * a[2]
+        axis = axis if np.linalg.norm(axis) > 1e-3 else np.array([1.0, 0.0, 0.0])
+    return _unit(axis), angle
+
+
+def _turned(vectors: Floats, axis: Floats, angle: float) -> Floats:
+    """Vectors, (..., 3), turned about a unit axis (Rodrigues)."""
+    along = (vectors @ axis)[..., None] * axis
+    return np.asarray(along + (vectors - along) * np.cos(angle) + np.cross(axis, vectors) * np.sin(angle))
+
+
+def _unit(vector: Floats) -> Floats:
+    scaled = vector / np.abs(vector).max()  # the square of 1e-200 is 0
+    return np.asarray(scaled / np.linalg.norm(scaled))

@@ -1,0 +1,65 @@
+"""OpenEXR: linear numbers as they are, in named channels."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..extras import require
+
+# The names other programs look for: colour and Z of the file itself, the rest as layer.component.
+CHANNELS = {
+    "radiance": ("R", "G", "B", "A"),
+    "depth": ("Z",),
+    "normal": ("normal.X", "normal.Y", "normal.Z"),
+    "position": ("position.X", "position.Y", "position.Z"),
+    "albedo": ("albedo.R", "albedo.G", "albedo.B"),
+    "instance": ("instance",),
+    "point": ("point",),
+}
+NO_INDEX = 2**32 - 1  # what -1 is as uint32
+
+
+def check_exr(path: Path) -> None:
+    """Raise what `write_exr` would raise if its package is absent."""
+    require("OpenEXR", "files", str(path))
+
+
+def channels_of(layers: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Layers, (h, w) or (h, w, k), as channels, (h, w) float32 or uint32, under the names of CHANNELS."""
+    channels = {}
+    for name, values in layers.items():
+        names = CHANNELS.get(name)
+        if names is None:
+            raise ValueError(f"an EXR has no place for a layer {name!r}; it has for {', '.join(CHANNELS)}")
+        planes = values.reshape(*values.shape[:2], -1)
+        if planes.shape[2] not in {len(names), len(names[:3])}:  # radiance may be without alpha
+            raise ValueError(f"layer {name!r} must have {len(names)} channels in an EXR, not {planes.shape[2]}")
+        for k in range(planes.shape[2]):
+            channels[names[k]] = _number(planes[..., k], name)
+    return channels
+
+
+def _number(plane: NDArray[Any], name: str) -> NDArray[Any]:
+    """One channel as EXR knows it. Whole numbers do not become float32, which has gaps from 2^24: points have more."""
+    if plane.dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            return np.ascontiguousarray(plane, np.float32)
+    if plane.min() < -1 or plane.max() >= NO_INDEX:
+        raise ValueError(f"layer {name!r}: an EXR holds whole numbers from -1 to {NO_INDEX - 1}, see an NPZ for others")
+    return np.ascontiguousarray(plane.astype(np.int64) & NO_INDEX, np.uint32)
+
+
+def write_exr(path: Path, channels: dict[str, NDArray[Any]]) -> None:
+    """Write channels, (h, w) float32 or uint32, into one part of an EXR, losslessly compressed (ZIP)."""
+    exr = require("OpenEXR", "files", str(path))
+    header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    try:
+        with exr.File(header, channels) as file:
+            file.write(str(path))
+    except RuntimeError as error:  # the library's only kind: the disk is full, say
+        raise OSError(errno.EIO, str(error), str(path)) from error

@@ -1,0 +1,83 @@
+"""A picture in layers: its light, and what each pixel shows, for other programs to work with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera
+from .picture import render
+from .rays import Hits
+from .records import BASE_COLOR, FORWARD, MATERIAL, MATERIAL_SIZE, OWN_COLOR
+from .scene import Scene
+from .settings import Settings
+
+
+def render_layers(
+    scene: Scene,
+    camera: Camera,
+    settings: Settings | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """Render a scene, and say of each pixel what it shows.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+        Of the radiance. The other layers are of one ray, through the pixel's middle: edges are not blended in them.
+    progress : callable, optional
+        Called with the share done, some ten times a second.
+
+    Returns
+    -------
+    dict
+        radiance : (h, w, 4) float32
+            What `render` returns.
+        depth : (h, w) float32
+            Distance along the view, in a panorama from the eye; inf where nothing is.
+        normal : (h, w, 3) float32
+            World, unit, where the points' normals point; 0 where nothing is.
+        position : (h, w, 3) float64
+            World; NaN where nothing is.
+        albedo : (h, w, 3) float32
+            Linear colour of the surface: the material's, else the points' own; 0 where nothing is.
+        instance : (h, w) int32
+            What `Scene.add` returned; -1 where nothing is.
+        point : (h, w) int64
+            Row, in the caller's points, of the splat of most weight; -1 for planes and where nothing is.
+
+    See Also
+    --------
+    write_layers : as .npz, or as .exr for other programs.
+    """
+    settings = settings or Settings()
+    share = settings.spp / (settings.spp + 1)  # the layers take one ray a pixel
+    radiance = render(scene, camera, settings, progress and (lambda done: progress(share * done)))
+    origins, directions = camera.rays()
+    hits = scene.intersect(origins, directions)
+    depth = np.full(hits.t.shape, np.inf, np.float32)
+    view = directions @ camera.record()[FORWARD : FORWARD + 3] if camera.projection != "panorama" else 1.0
+    np.multiply(hits.t, view, out=depth, where=hits.instance >= 0)
+    return {
+        "radiance": radiance,
+        "depth": depth,
+        "normal": hits.normal,
+        "position": hits.position,
+        "albedo": _albedo(scene, hits),
+        "instance": hits.instance,
+        "point": hits.point,
+    }
+
+
+def _albedo(scene: Scene, hits: Hits) -> NDArray[np.float32]:
+    """Colours of hits, where a material has one of its own that."""
+    world, instances = scene._world()[0], scene._instances
+    looks = world.materials.reshape(-1, MATERIAL_SIZE)[instances.records[:, MATERIAL].astype(int)]
+    row = np.searchsorted(instances.numbers, hits.instance)
+    own = (hits.instance >= 0) & (looks[np.minimum(row, len(looks) - 1), OWN_COLOR] == 0)
+    albedo = hits.color.copy()
+    albedo[own] = looks[row[own], BASE_COLOR : BASE_COLOR + 3]
+    return albedo

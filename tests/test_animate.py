@@ -1,0 +1,317 @@
+"""`pointray animate`: the frames, the film, and a run that was interrupted."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import pointray as pr
+from conftest import sphere_points
+from pointray import picture
+from pointray.cli import execute
+
+SMALL = ["--size", "24x18", "--spp", "1"]
+FOUR = ["--seconds", "2", "--fps", "2"]
+KEYS = [
+    {"time": 0, "eye": [0, -4, 0], "target": [0, 0, 0]},
+    {"time": 0.5, "eye": [4, 0, 0], "target": [0, 0, 0], "up": [0, 0, 1], "fov": 30},
+    {"time": 1, "eye": [0, 4, 1], "target": [0, 0, 0]},
+]
+
+
+@pytest.fixture(autouse=True)
+def _threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("POINTRAY_THREADS", "2")
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    """A sphere, red where x > 0, blue elsewhere."""
+    rows = sphere_points(2000)
+    colors = np.where(rows[:, :1] > 0, np.uint8([[255, 0, 0]]), np.uint8([[0, 0, 255]]))
+    pr.write(tmp_path / "scan.ply", pr.Points(rows, rows, colors))
+    return tmp_path / "scan.ply"
+
+
+@pytest.fixture
+def rendered(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """The cameras of all frames that are rendered; Ctrl-C when there are as many as its `stop`."""
+
+    class Calls(list):
+        stop = 1000
+
+    calls, real = Calls(), picture.render
+
+    def render(scene: object, camera: object, *others: object) -> object:
+        if len(calls) == calls.stop:
+            raise KeyboardInterrupt
+        calls.append(camera)
+        return real(scene, camera, *others)
+
+    monkeypatch.setattr(picture, "render", render)
+    return calls
+
+
+def animate(scan: Path, output: str, *more: str) -> int:
+    return execute(["animate", str(scan), "-o", str(scan.parent / output), *SMALL, *(more or FOUR)])
+
+
+def pictures(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def frames_of(film: Path, folder: Path) -> np.ndarray:
+    """All frames of an MP4, (n, h, w, 3) uint8, by way of pictures in a folder that is made."""
+    program = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    folder.mkdir()
+    subprocess.run([program, "-loglevel", "error", "-i", film, folder / "%03d.png"], check=True)
+    return np.array([np.asarray(Image.open(path)) for path in sorted(folder.iterdir())])
+
+
+# ---------------------------------------------------------------------------------------------------- the film
+
+
+def test_numbered_pictures_of_a_turn(scan, capsys):
+    view = ["--eye", "0,-4,0", "--target", "0,0,0", "--background", "0,0,0"]
+    assert animate(scan, "frames/f%03d.png", *FOUR, *view) == 0
+    assert capsys.readouterr().out == f"{scan.with_name('frames')}/f%03d.png: 24x18, 4 frames, 2 seconds\n"
+    folder = scan.with_name("frames")
+    assert sorted(os.listdir(folder)) == [f"f00{k}.png" for k in range(4)]
+    assert execute(["render", str(scan), "-o", str(scan.with_name("a.png")), *SMALL, *view]) == 0
+    assert (folder / "f000.png").read_bytes() == scan.with_name("a.png").read_bytes()
+    front, right, back, left = (np.asarray(Image.open(folder / f"f00{k}.png"), float) for k in range(4))
+    assert front[9, 16, 0] > 150 > 50 > front[9, 7, 0]  # +x, red, is to the right of an eye at -y
+    assert np.abs(back[:, ::-1] - front).mean() < 4
+    assert right[9, 12, 0] > 150 and left[9, 12, 2] > 150  # a quarter later the eye is at +x
+
+
+def test_an_mp4(scan, capsys):
+    assert animate(scan, "turn.mp4") == 0
+    assert capsys.readouterr().out == f"{scan.with_name('turn.mp4')}: 24x18, 4 frames, 2 seconds\n"
+    assert sorted(os.listdir(scan.parent)) == ["scan.ply", "turn.mp4"]
+    assert animate(scan, "pictures") == 0
+    film = frames_of(scan.with_name("turn.mp4"), scan.with_name("read")).astype(int)
+    assert film.shape == (4, 18, 24, 3)
+    for k in range(4):
+        still = np.asarray(Image.open(scan.with_name("pictures") / f"000{k}.png")).astype(int)
+        assert np.abs(film[k].mean(axis=(0, 1)) - still.mean(axis=(0, 1))).max() < 4
+
+
+def test_an_mp4_of_odd_size(scan, capsys):
+    assert animate(scan, "turn.mp4", "--seconds", "1", "--fps", "2", "--size", "23x17", "--background", "1,0,0") == 0
+    assert "23x17 (an MP4 has even sides: 24x18), 2 frames" in capsys.readouterr().out
+    film = frames_of(scan.with_name("turn.mp4"), scan.with_name("read"))
+    assert film.shape == (2, 18, 24, 3)
+    border = np.concatenate([film[:, -1].reshape(-1, 3), film[:, :, -1].reshape(-1, 3)])
+    assert border[:, 0].min() > 200  # like its neighbours, not black
+    assert np.abs(np.median(border, axis=0) - (255, 0, 0)).max() < 8  # the players' matrix of colours is ours
+
+
+@pytest.mark.parametrize("name", ["keys.toml", "keys.json"])
+def test_keys_from_a_file(name, scan, rendered):
+    file = scan.with_name(name)
+    if name == "keys.json":
+        file.write_text(json.dumps({"keys": KEYS}))
+    else:
+        lines = ["[[keys]]\n" + "".join(f"{part} = {value}\n" for part, value in key.items()) for key in KEYS]
+        file.write_text("\n".join(lines))
+    assert animate(scan, "out", "--keys", str(file), "--fps", "4", "--fov", "50") == 0
+    assert len(rendered) == 5
+    for camera, key in zip(rendered[::2], KEYS, strict=True):
+        assert (list(camera.eye), list(camera.target)) == (key["eye"], key["target"])
+        assert camera.fov == key.get("fov", 50) and camera.size == (24, 18)
+
+
+# ---------------------------------------------------------------------------------------- what was interrupted
+
+
+def test_an_interrupted_film_goes_on(scan, rendered, capsys):
+    assert animate(scan, "whole/%04d.png") == 0
+    del rendered[:]
+    rendered.stop = 3
+    assert animate(scan, "out") == 130
+    assert "goes on" in capsys.readouterr().err
+    left = pictures(scan.with_name("out"))
+    assert sorted(left) == ["%04d.png.json", "0000.png", "0001.png", "0002.png"]
+    rendered.stop = 1000
+    assert animate(scan, "out") == 0
+    assert len(rendered) == 4 and "4 frames, 3 of them from before" in capsys.readouterr().out
+    assert pictures(scan.with_name("out")) == pictures(scan.with_name("whole"))
+
+
+def test_an_interrupted_mp4_goes_on(scan, rendered):
+    pytest.importorskip("imageio_ffmpeg")
+    assert animate(scan, "whole.mp4") == 0
+    del rendered[:]
+    rendered.stop = 2
+    assert animate(scan, "out.mp4") == 130
+    assert sorted(os.listdir(scan.parent)) == ["out.mp4.frames", "scan.ply", "whole.mp4"]
+    rendered.stop = 1000
+    assert animate(scan, "out.mp4") == 0 and len(rendered) == 4
+    assert sorted(os.listdir(scan.parent)) == ["out.mp4", "scan.ply", "whole.mp4"]
+    assert scan.with_name("out.mp4").read_bytes() == scan.with_name("whole.mp4").read_bytes()
+
+
+def test_when_only_the_film_is_missing_the_scan_is_not_read(scan, rendered, monkeypatch):
+    pytest.importorskip("imageio_ffmpeg")
+
+    def interrupted(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pointray.image.mp4.write_mp4", interrupted)
+        assert animate(scan, "out.mp4") == 130
+    monkeypatch.setattr(pr, "Model", interrupted)
+    assert animate(scan, "out.mp4") == 0 and len(rendered) == 4
+
+
+def test_a_truncated_picture_is_rendered_anew(scan, rendered):
+    rendered.stop = 3
+    assert animate(scan, "out") == 130
+    folder = scan.with_name("out")
+    whole = pictures(folder)
+    (folder / "0001.png").write_bytes(whole["0001.png"][:-40])
+    (folder / "0002.png").unlink()
+    rendered.stop = 1000
+    assert animate(scan, "out") == 0 and len(rendered) == 6
+    assert all(pictures(folder)[f"000{k}.png"] == whole[f"000{k}.png"] for k in range(3))
+
+
+def test_frames_of_other_settings_are_rendered_anew(scan, rendered, capsys):
+    rendered.stop = 2
+    assert animate(scan, "out") == 130
+    capsys.readouterr()
+    rendered.stop = 1000
+    assert animate(scan, "out", *FOUR, "--exposure", "1", "--background", "0,0,0") == 0
+    err = capsys.readouterr().err
+    assert err.startswith("pointray: note: ") and err.count("\n") == 1
+    assert err.endswith("rendered anew: not as before: exposure, background\n") and len(rendered) == 6
+
+
+def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered):
+    """They may be anybody's."""
+    assert animate(scan, "out") == 0 and animate(scan, "out") == 0
+    assert len(rendered) == 8
+
+
+# ------------------------------------------------------------------------------------------- what is bad input
+
+
+def bad_input(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run it; the one line that it says."""
+    assert execute(["animate", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("pointray: ") and err.count("\n") == 1, err
+    return err
+
+
+BAD_KEYS = {
+    "unknown 'zoom'": [*KEYS[:2], {**KEYS[2], "zoom": 2}],
+    "target is missing": [KEYS[0], KEYS[1], {"time": 3, "eye": [0, 0, 0]}],
+    "key 2: eye must be a finite number": [KEYS[0], {**KEYS[1], "eye": [0, float("nan"), 0]}, KEYS[2]],
+    "key 3: its time, 0.5, is not after": [KEYS[0], KEYS[1], {**KEYS[2], "time": 0.5}],
+    "two keys or more": KEYS[:1],
+    "must be a list": {"first": KEYS[0]},
+    "key 2: it must have": [KEYS[0], 7],
+    "key 2: time must be": [KEYS[0], {**KEYS[1], "time": "soon"}],
+    "key 1: target must be three": [{**KEYS[0], "target": "123"}, KEYS[1]],
+    "key 1: fov must lie": [{**KEYS[0], "fov": 180}, KEYS[1]],
+    "key 1: fov must be": [{**KEYS[0], "fov": True}, KEYS[1]],
+    "key 2: eye and target are the same": [KEYS[0], {**KEYS[1], "eye": [0, 0, 0]}],
+    "key 2: int too large": [KEYS[0], {**KEYS[1], "time": 10**400}],
+}
+
+
+@pytest.mark.parametrize("words", BAD_KEYS)
+def test_bad_keys(words, tmp_path, capsys):
+    """Before the scan is read, which is none."""
+    (tmp_path / "scan.ply").write_text("nothing")
+    (tmp_path / "keys.json").write_text(json.dumps({"keys": BAD_KEYS[words]}))
+    arguments = [str(tmp_path / "scan.ply"), "-o", str(tmp_path / "out"), "--keys", str(tmp_path / "keys.json")]
+    err = bad_input(arguments, capsys)
+    assert err.startswith(f"pointray: {tmp_path / 'keys.json'}: ") and words in err
+    assert sorted(os.listdir(tmp_path)) == ["keys.json", "scan.ply"]
+
+
+NO_KEYS = [("a.toml", "keys = ["), ("a.json", "{"), ("a.toml", "x = 1"), ("a.txt", "")]
+
+
+@pytest.mark.parametrize(("name", "text"), NO_KEYS)
+def test_files_that_hold_no_keys(name, text, tmp_path, capsys):
+    (tmp_path / "scan.ply").write_text("nothing")
+    (tmp_path / name).write_text(text)
+    arguments = [str(tmp_path / "scan.ply"), "-o", str(tmp_path / "out"), "--keys", str(tmp_path / name)]
+    assert bad_input(arguments, capsys).startswith(f"pointray: {tmp_path / name}: ")
+    assert str(tmp_path / "none.toml") in bad_input([*arguments[:-1], str(tmp_path / "none.toml")], capsys)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("--seconds 0", "--seconds"),
+        ("--seconds 1e9", "100000 frames"),
+        ("--seconds 0.01", "1 to 100000 frames"),
+        ("--fps nan", "--fps"),
+        ("--turns inf", "--turns"),
+        ("--size 24", "--size"),
+        ("--light moon:0,0,1", "--light"),
+        ("--exposure 1000", "--exposure"),
+        ("--keys keys.json --seconds 3", "--seconds is not for --keys"),
+        ("--keys keys.json --eye 0,0,0", "--eye is not for --keys"),
+    ],
+)
+def test_options_are_checked_first(option, words, tmp_path, capsys):
+    (tmp_path / "scan.ply").write_text("nothing")
+    assert words in bad_input([str(tmp_path / "scan.ply"), "-o", str(tmp_path / "out"), *option.split()], capsys)
+    assert os.listdir(tmp_path) == ["scan.ply"]
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        ("film.gif", "a film is .mp4"),
+        ("a.png", "%04d.png"),
+        ("a%04d.gif", "cannot write .gif"),
+        ("a%04d_%d.png", "one %d"),
+        ("a%s.png", "one %d"),
+        ("no/such/%04d.png", "no such folder"),
+        ("no/film.mp4", "no such folder"),
+        ("used.mp4", "used.mp4.frames: not of a film"),
+        ("film.mp4 --background none", "transparent"),
+        ("file/film.mp4", "no such folder"),
+        ("file/%04d.png", "no such folder"),
+        ("file", "no such folder"),
+    ],
+)
+def test_the_output_is_checked_first(output, words, tmp_path, capsys):
+    (tmp_path / "used.mp4.frames").mkdir()
+    (tmp_path / "used.mp4.frames" / "mine.txt").write_text("keep it")
+    (tmp_path / "file").write_text("in the way")
+    assert words in bad_input([str(tmp_path / "missing.ply"), "-o", *f"{tmp_path}/{output}".split()], capsys)
+    assert sorted(os.listdir(tmp_path)) == ["file", "used.mp4.frames"]
+
+
+def test_a_broken_scan_leaves_nothing(tmp_path, capsys):
+    (tmp_path / "scan.ply").write_text("nothing")
+    assert "scan.ply" in bad_input([str(tmp_path / "scan.ply"), "-o", str(tmp_path / "out.mp4")], capsys)
+    assert os.listdir(tmp_path) == ["scan.ply"]
+
+
+def test_without_ffmpeg_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    err = bad_input([str(tmp_path / "missing.ply"), "-o", str(tmp_path / "a.mp4")], capsys)
+    assert err == f"pointray: {tmp_path / 'a.mp4'} needs imageio-ffmpeg: pip install 'pointray[film]'\n"
+
+
+def test_what_ffmpeg_cannot_do_is_a_failure(scan, monkeypatch, capsys):
+    pytest.importorskip("imageio_ffmpeg")
+    monkeypatch.setattr("pointray.image.mp4.CRF", "plenty")
+    assert animate(scan, "out.mp4") == 1
+    err = capsys.readouterr().err
+    assert err.startswith(f"pointray: {scan.with_name('out.mp4')}: ffmpeg: ") and err.count("\n") == 1
+    assert sorted(os.listdir(scan.parent)) == ["out.mp4.frames", "scan.ply"]  # the frames wait for the next try

@@ -1,0 +1,154 @@
+"""Where the camera is in a film: on a turntable and along keys."""
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from pointray.camera import MARGIN
+from pointray.film import frame_turning
+
+BOX = np.array([[-1, -2, 0], [3, 1, 5]], float)
+
+
+def seen(camera, points):
+    """Where points are in the picture: -1 to 1 across and upwards; and whether all are in front."""
+    eye, forward, right, up = camera.basis
+    offset = points - eye
+    depth = offset @ forward
+    return np.abs(offset @ right / (right @ right) / depth), np.abs(offset @ up / (up @ up) / depth), depth.min() > 0
+
+
+def corners(box):
+    return np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
+
+
+def views(cameras):
+    away = np.array([np.subtract(camera.target, camera.eye) for camera in cameras])
+    return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+
+def degrees_between(a, b):
+    return np.degrees(np.arccos(np.clip((a * b).sum(axis=-1), -1, 1)))
+
+
+# ------------------------------------------------------------------------------------------------ the turntable
+
+
+def test_a_turn_goes_round_the_target_counter_clockwise():
+    first = pr.Camera.look_at((3, -4, 2), (1, 1, 0), fov=33, size=(8, 6))
+    cameras = pr.turntable(first, 8)
+    assert len(cameras) == 8 and cameras[0] == first
+    arms = np.array([np.subtract(camera.eye, camera.target) for camera in cameras])
+    np.testing.assert_allclose(arms[2], [5, 2, 2], atol=1e-12)  # a quarter: (2, -5) becomes (5, 2)
+    np.testing.assert_allclose(arms[4], [-2, 5, 2], atol=1e-12)
+    assert {(camera.target, camera.fov, camera.size) for camera in cameras} == {(first.target, 33.0, (8, 6))}
+
+
+def test_turns_backwards_and_in_part():
+    first = pr.Camera.look_at((0, -1, 0), (0, 0, 0))
+    np.testing.assert_allclose(pr.turntable(first, 4, turns=-1)[1].eye, [-1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(pr.turntable(first, 2, turns=0.5)[1].eye, [1, 0, 0], atol=1e-12)
+
+
+def test_a_turntable_seen_from_above_turns_too():
+    tops = np.array([camera.basis[3] for camera in pr.turntable(pr.Camera.look_at((0, 0, 5), (0, 0, 0)), 4)])
+    tops /= np.linalg.norm(tops, axis=1, keepdims=True)
+    np.testing.assert_allclose(tops[0] + tops[2], 0, atol=1e-12)
+    np.testing.assert_allclose((tops[:-1] * tops[1:]).sum(axis=1), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("frames", "turns"), [(0, 1), (2.0, 1), (10**9, 1), (3, np.nan)])
+def test_what_is_no_turntable(frames, turns):
+    with pytest.raises(ValueError, match="frames|turns"):
+        pr.turntable(pr.Camera.look_at((0, -1, 0), (0, 0, 0)), frames, turns)
+
+
+@pytest.mark.parametrize("size", [(400, 300), (100, 400)])
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 2, 3)])
+@pytest.mark.parametrize("box", [BOX, [[0, 0, 0], [9, 1, 1]], [[0, 0, 0], [1, 1, 9]], [[5, 5, 5], [5, 5, 5]]])
+def test_a_turning_box_stays_in_the_picture_and_fills_it(box, up, size):
+    box = np.array(box, float)
+    first = frame_turning(box, 35, size, up)
+    np.testing.assert_allclose(views([first]), views([pr.Camera.frame(box, fov=35, size=size, up=up)]))
+    axis = np.array(up) / np.linalg.norm(up)
+    np.testing.assert_allclose(np.cross(first.target - box.mean(axis=0), axis), 0, atol=1e-9)
+    across, upwards, in_front = zip(*(seen(camera, corners(box)) for camera in pr.turntable(first, 90)), strict=True)
+    assert all(in_front) and max(np.max(across), np.max(upwards)) < 1.0
+    if np.ptp(box) > 0:
+        assert max(np.max(across), np.max(upwards)) > 0.99 / MARGIN
+
+
+# ------------------------------------------------------------------------------------------------------ keys
+
+KEYS = [
+    (1.0, pr.Camera.look_at((0, -5, 1), (0, 0, 1), fov=40, size=(8, 6))),
+    (2.0, pr.Camera.look_at((4, -3, 2), (0, 0, 1), fov=50)),
+    (2.5, pr.Camera.look_at((5, 0, 1), (0, 1, 2), up=(0, 1, 3), fov=20)),
+    (4.0, pr.Camera.look_at((0, 6, 0), (0, 0, 0), fov=20)),
+]
+
+
+def test_a_film_goes_through_its_keys():
+    cameras = pr.fly(KEYS, 24)
+    assert len(cameras) == 73 and {camera.size for camera in cameras} == {(8, 6)}
+    for time, key in KEYS:
+        found = cameras[round((time - 1) * 24)]
+        assert (found.eye, found.target, found.up, found.fov) == (key.eye, key.target, key.up, key.fov)
+
+
+def test_frames_around_a_key_lead_to_it():
+    """The curve itself meets the keys: no jump where they are put in its place."""
+    steps = np.diff([camera.eye for camera in pr.fly(KEYS, 200)], axis=0)
+    speeds = np.linalg.norm(steps, axis=1)
+    assert np.abs(np.diff(speeds)).max() < 0.02 * speeds.max()
+    turns = degrees_between(*(views(pr.fly(KEYS, 200))[k:][:599] for k in (0, 1)))
+    assert np.abs(np.diff(turns)).max() < 0.05 * turns.max()
+    fovs = [camera.fov for camera in pr.fly(KEYS, 200)]
+    assert min(fovs) == 20 and max(fovs) == 50
+
+
+def test_a_view_that_turns_round_does_not_collapse():
+    """The eye stays, the target goes to its other side: level, half a turn at an even rate, never through the eye."""
+    keys = [(0, pr.Camera.look_at((0, 0, 0), (0, 2, 0))), (1, pr.Camera.look_at((0, 0, 0), (0, -4, 0)))]
+    cameras = pr.fly(keys, 36)
+    assert all(camera.eye == (0, 0, 0) for camera in cameras)
+    np.testing.assert_allclose([camera.target[2] for camera in cameras], 0, atol=1e-9)
+    distances = [np.linalg.norm(camera.target) for camera in cameras]
+    assert min(distances) == 2 and max(distances) == 4
+    np.testing.assert_allclose(degrees_between(views(cameras)[1:], views(cameras)[:-1]), 5, atol=0.5)
+
+
+@pytest.mark.parametrize("other", [(4, 0, 0), (0, 4, 0)])  # a quarter and half a turn
+def test_between_keys_of_one_target_the_eye_goes_around_it(other):
+    keys = [(0, pr.Camera.look_at((0, -4, 0), (0, 0, 0))), (1, pr.Camera.look_at(other, (0, 0, 0)))]
+    cameras = pr.fly(keys, 36)
+    np.testing.assert_allclose([camera.target for camera in cameras], 0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm([camera.eye for camera in cameras], axis=1), 4)
+    np.testing.assert_allclose([camera.eye[2] for camera in cameras], 0, atol=1e-9)
+
+
+def test_a_pause_is_still():
+    still = pr.Camera.look_at((4, -3, 2), (0, 0, 1))
+    keys = [(0, KEYS[0][1]), (1, still), (2, still), (3, KEYS[3][1])]
+    cameras = pr.fly(keys, 20)[20:41]
+    np.testing.assert_allclose([camera.eye for camera in cameras], [still.eye] * 21, atol=1e-12)
+    np.testing.assert_allclose([camera.target for camera in cameras], [still.target] * 21, atol=1e-12)
+
+
+def test_a_last_key_between_two_frames():
+    assert len(pr.fly([(0, KEYS[0][1]), (0.99, KEYS[1][1])], 10)) == 10
+
+
+@pytest.mark.parametrize(
+    ("times", "fps", "words"),
+    [
+        ([0], 24, "two keys"),
+        ([0, 0], 24, "rise"),
+        ([0, np.nan], 24, "rise"),
+        ([0, 1], 0, "fps"),
+        ([0, 1e9], 24, "100000 frames"),
+    ],
+)
+def test_what_are_no_keys(times, fps, words):
+    with pytest.raises(ValueError, match=words):
+        pr.fly([(time, KEYS[0][1]) for time in times], fps)
