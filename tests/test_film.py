@@ -12,7 +12,7 @@ BOX = np.array([[-1, -2, 0], [3, 1, 5]], float)
 
 def seen(camera, points):
     """Where points are in the picture: -1 to 1 across and upwards; and whether all are in front."""
-    eye, forward, right, up = camera.basis
+    eye, forward, right, up = camera.record()[:12].reshape(4, 3)
     offset = points - eye
     depth = offset @ forward
     return np.abs(offset @ right / (right @ right) / depth), np.abs(offset @ up / (up @ up) / depth), depth.min() > 0
@@ -51,7 +51,7 @@ def test_turns_backwards_and_in_part():
 
 
 def test_a_turntable_seen_from_above_turns_too():
-    tops = np.array([camera.basis[3] for camera in pr.turntable(pr.Camera.look_at((0, 0, 5), (0, 0, 0)), 4)])
+    tops = np.array([camera.record()[9:12] for camera in pr.turntable(pr.Camera.look_at((0, 0, 5), (0, 0, 0)), 4)])
     tops /= np.linalg.norm(tops, axis=1, keepdims=True)
     np.testing.assert_allclose(tops[0] + tops[2], 0, atol=1e-12)
     np.testing.assert_allclose((tops[:-1] * tops[1:]).sum(axis=1), 0, atol=1e-12)

@@ -145,8 +145,7 @@ def test_the_penumbra_of_a_sphere_light():
     begin, end = (float(np.interp(q, share, x)) for q in (0.1, 0.9))
     disk = np.sqrt(1 - np.linspace(-1, 1, 200_001) ** 2)
     quantile = np.interp(0.9, np.cumsum(disk) / disk.sum(), np.linspace(-1, 1, 200_001))
-    angle = math.asin(radius / height)
-    want = 2 * quantile * 2.0 * math.tan(angle)  # the edge is as high above the floor as below the light
+    want = 2 * quantile * 2.0 * math.tan(math.asin(radius / 2.0))  # the edge is 2 below the light and 2 above the floor
     assert end - begin == pytest.approx(want, rel=0.05)
 
 
