@@ -21,6 +21,7 @@ from .sampling import pixel_key
 from .scratch import COUNT_LEAVES, COUNT_NODES, DIRECTION, ORIGIN, RADIANCE, TILE, lend_scratch, new_scratch, row
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 from .shade.ambient import see_sky
+from .shade.bsdf import base_color, material_at
 from .shade.direct import light_tile
 from .shade.onward import aim_onward, begin_onward, send_onward
 from .shade.path import begin_paths, trace_paths
@@ -43,7 +44,7 @@ def look(world, hit, ray, camera, integrator):  # type: ignore[no-untyped-def]
     if integrator == DEPTH:
         depth = depth_of(camera, ray, hit.t)
         return depth, depth, depth
-    return hit.color
+    return base_color(world, material_at(world, hit.instance), hit.color)
 
 
 @inline

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from .camera import Camera
 from .frames import BLOCK, LUMINANCE, SUMS, quick_frame, sampled_frame
+from .image.denoise import check_denoise, denoise
 from .jit import run
 from .lens import FILTERS
 from .records import EMISSIVE, MATERIAL_KIND, MATERIAL_SIZE, NO_SKY, SKY_KIND, World
@@ -21,6 +23,7 @@ from .shade.environment import EnvironmentLight
 AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
 MOST_ONWARD = 32  # mirrors and panes one behind the other
 LONGEST_PASS = 64  # samples
+SURFACE_SAMPLES = 16  # of the colours and normals that denoising is told
 
 Progress = Callable[[float], None]
 
@@ -46,24 +49,42 @@ def render(
     white sky of radiance 1.
     """
     settings = settings or Settings()
+    noisy = settings.integrator in ("ao", "path")
+    if settings.denoise and noisy:
+        check_denoise()
     picture = _Picture(scene, camera, settings)
     for share in picture.passes(progress):
         if progress is not None:
             progress(share)
+    if not (settings.denoise and noisy):
+        return picture.image
+    albedo, normal = (_surfaces(scene, camera, settings, name) for name in ("color", "normal"))
+    return denoise(picture.image, albedo[..., :3], 2.0 * normal[..., :3] - normal[..., 3:])
+
+
+def _surfaces(scene: Scene, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:
+    """Colours or normals of what is seen, without a background: at the picture's own samples, at most 16 of them."""
+    few = replace(settings, integrator=integrator, spp=min(settings.most, SURFACE_SAMPLES), time_limit=None, noise=None)
+    picture = _Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0))
+    for _ in picture.passes(None):
+        pass
     return picture.image
 
 
 class _Picture:
     """A picture that is being made."""
 
-    def __init__(self, scene: Scene, camera: Camera, settings: Settings) -> None:
+    def __init__(
+        self, scene: Scene, camera: Camera, settings: Settings, background: tuple[float, ...] | None = None
+    ) -> None:
         width, height = camera.size
         self._settings, self._camera = settings, camera.record()
         self._blocks = -(-width // BLOCK) * -(-height // BLOCK)
         self._one_pass = settings.time_limit is None and settings.noise is None
         self.image = np.empty((height, width, 4), np.float32)
         self._film = np.zeros((0, 0, SUMS) if self._one_pass else (height, width, SUMS))
-        self._world, self._kernel, self._how = _plan(scene, settings)
+        self._world, self._kernel, how = _plan(scene, settings)
+        self._how = how[0], how[1] if background is None else background
 
     def passes(self, progress: Progress | None) -> Iterator[float]:
         """Add samples until there are enough; yields the share done."""

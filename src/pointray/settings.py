@@ -45,6 +45,9 @@ class Settings:
     noise : float, optional
         Stop once the standard error of the pixels, root mean square, is below this share of the picture's mean. It is
         told from the samples' differences (they are better spread than at random: it is less than told).
+    denoise : bool
+        Take the noise that is left out of "path" and "ao": Intel's Open Image Denoise (`pip install
+        'pointray[denoise]'`), told the surfaces' colours and normals.
     filter : str
         How pixels are made of their samples, if there are several: "box" (the pixel itself), "tent" (2 pixels wide),
         "gaussian" (standard deviation 0.5 pixels, ends 1.5 from the middle), "blackman-harris" (3 pixels wide). On a
@@ -62,6 +65,7 @@ class Settings:
     threads: int | None = None
     time_limit: float | None = None
     noise: float | None = None
+    denoise: bool = False
     filter: str = "blackman-harris"
 
     def __post_init__(self) -> None:

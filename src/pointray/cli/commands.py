@@ -11,6 +11,7 @@ from .options import (
     SKY,
     ApertureOption,
     BackgroundOption,
+    DenoiseOption,
     ExposureOption,
     EyeOption,
     Filter,
@@ -70,6 +71,7 @@ def render(
     max_depth: MaxDepthOption = 4,
     time_limit: TimeLimitOption = None,
     noise: NoiseOption = None,
+    denoise: DenoiseOption = False,
     filter: FilterOption = Filter["blackman-harris"],
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
@@ -90,8 +92,16 @@ def render(
     from ..settings import Settings
 
     view = View(size, fov, up, eye, target, projection.value, aperture, focus)
-    effort: dict[str, Any] = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise}
-    settings = Settings(integrator.value, seed=seed, threads=use_threads(threads), filter=filter.value, **effort)
+    effort: dict[str, Any] = {
+        "spp": spp,
+        "max_depth": max_depth,
+        "time_limit": time_limit,
+        "noise": noise,
+        "denoise": denoise,
+    }
+    settings = Settings(
+        integrator.value, seed=seed, threads=use_threads(threads), filter=filter.value, denoise=denoise, **effort
+    )
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     stage = Stage(file, shape, {"light": light, "background": background, "ground": ground, "up": view.up})
     with Progress() as progress:

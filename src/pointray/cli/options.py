@@ -36,6 +36,7 @@ FocusOption = Annotated[float | None, typer.Option(help="How far away it is shar
 MaxDepthOption = Annotated[int, typer.Option(help="Scatterings along a path; of phong, mirrors and panes.")]
 TimeLimitOption = Annotated[float | None, typer.Option(help="Seconds after which no more samples are begun.")]
 NoiseOption = Annotated[float | None, typer.Option(help="Stop at this standard error, as a share of the mean: 0.02.")]
+DenoiseOption = Annotated[bool, typer.Option("--denoise/--no-denoise", help="Take out the noise of path and ao.")]
 FilterOption = Annotated[Filter, typer.Option(help="How a pixel is made of its samples.")]
 SeedOption = Annotated[int, typer.Option(help="Of all that is left to chance.")]
 ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]

@@ -1,0 +1,43 @@
+"""Denoising: nearer to the exact picture, coverage and threads untouched, and what is said without its package."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import pointray as pr
+
+
+@pytest.fixture(scope="module")
+def stage():
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.procedural("statue", 20_000)))
+    scene.add(pr.Plane(scene.bounds[0], (0, 0, 1), 0.7))
+    scene.add_light(pr.SphereLight((2, -3, 4), 0.8, 30))
+    return scene, pr.Camera.frame(scene.bounds, size=(160, 120))
+
+
+def picture(stage, **options):
+    return pr.render(*stage, pr.Settings(integrator="path", **options))
+
+
+def test_denoised_pictures_are_nearer_to_the_exact_one(stage):
+    pytest.importorskip("pyoidn")
+    exact = picture(stage, spp=512)
+    noisy, clean = picture(stage, spp=4, seed=1), picture(stage, spp=4, seed=1, denoise=True)
+    errors = [np.sqrt(((image - exact)[..., :3] ** 2).mean()) for image in (noisy, clean)]
+    assert errors[1] < 0.6 * errors[0]
+    assert np.array_equal(noisy[..., 3], clean[..., 3])
+    assert clean[..., :3].mean() == pytest.approx(noisy[..., :3].mean(), rel=0.02)
+    assert (clean >= 0).all() and clean.dtype == np.float32
+
+
+def test_pictures_without_noise_stay(stage):
+    phong = [pr.render(*stage, pr.Settings(spp=2, denoise=denoise)) for denoise in (False, True)]
+    assert np.array_equal(*phong)
+
+
+def test_without_its_package(stage, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyoidn", None)
+    with pytest.raises(ValueError, match=r"pip install 'pointray\[denoise\]'"):
+        picture(stage, denoise=True, spp=65536)  # said before the work begins
