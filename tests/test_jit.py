@@ -211,6 +211,7 @@ ROOMS += [
     "instances",
     "scene",
     "frames",
+    "levels",
     "picture",
     "layers",
     "view",

@@ -15,6 +15,7 @@ from .frames import BLOCK, LUMINANCE, SUMS, quick_frame, sampled_frame
 from .image.denoise import check_denoise, denoise
 from .jit import run
 from .lens import FILTERS
+from .levels import at_distance
 from .records import EMISSIVE, MATERIAL_KIND, MATERIAL_SIZE, NO_SKY, SKY_KIND, World
 from .scene import Scene
 from .settings import AO, INTEGRATORS, PATH, Settings
@@ -83,7 +84,7 @@ class _Picture:
         self._one_pass = settings.time_limit is None and settings.noise is None
         self.image = np.empty((height, width, 4), np.float32)
         self._film = np.zeros((0, 0, SUMS) if self._one_pass else (height, width, SUMS))
-        self._world, self._kernel, how = _plan(scene, settings)
+        self._world, self._kernel, how = _plan(scene, camera, settings)
         self._how = how[0], how[1] if background is None else background
 
     def passes(self, progress: Progress | None) -> Iterator[float]:
@@ -123,9 +124,11 @@ class _Picture:
         return float(np.sqrt(variance.mean())) / average if average > 0 else 0.0
 
 
-def _plan(scene: Scene, settings: Settings) -> tuple[World, Any, tuple[tuple[Any, ...], tuple[float, ...]]]:
+def _plan(
+    scene: Scene, camera: Camera, settings: Settings
+) -> tuple[World, Any, tuple[tuple[Any, ...], tuple[float, ...]]]:
     """The world, the kernel, and what it is told: first its own, then the background."""
-    world = scene._world()[0]
+    world = at_distance(scene, camera, settings.most) if settings.levels else scene._world()[0]
     color = scene.background
     background = (0.0, 0.0, 0.0, 0.0) if color is None else (*map(float, color), 1.0)
     integrator = INTEGRATORS.index(settings.integrator)

@@ -48,6 +48,8 @@ class Settings:
     denoise : bool
         Take the noise that is left out of "path" and "ao": Intel's Open Image Denoise (`pip install
         'pointray[denoise]'`), told the surfaces' colours and normals.
+    levels : bool
+        Take models that have levels of detail (`Model.make_levels`) as coarse as their distance allows.
     filter : str
         How pixels are made of their samples, if there are several: "box" (the pixel itself), "tent" (2 pixels wide),
         "gaussian" (standard deviation 0.5 pixels, ends 1.5 from the middle), "blackman-harris" (3 pixels wide). On a
@@ -66,6 +68,7 @@ class Settings:
     time_limit: float | None = None
     noise: float | None = None
     denoise: bool = False
+    levels: bool = True
     filter: str = "blackman-harris"
 
     def __post_init__(self) -> None:

@@ -1,0 +1,122 @@
+"""Levels of detail: what they are made of, which one is shown, and that pictures from afar are calmer with them."""
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from pointray.levels import at_distance
+from pointray.records import INSTANCE, SHAPE_ROW
+from pointray.splats.levels import coarsen
+
+
+@pytest.fixture(scope="module")
+def statue():
+    model = pr.Model(pr.procedural("statue", 200_000))
+    model.make_levels()
+    return model
+
+
+def moved(x, scale=1.0):
+    out = np.diag([scale, scale, scale, 1.0])
+    out[:3, 3] = x
+    return out
+
+
+def test_levels_are_ever_coarser(statue):
+    counts = [len(statue.points), *(len(level.points) for level in statue.levels)]
+    assert len(counts) >= 4 and min(counts) >= 2000
+    for fine, coarse in zip(counts, counts[1:], strict=False):
+        assert 2.5 < fine / coarse < 5
+    for level in statue.levels:
+        away = np.abs(pr.procedural_distance("statue", level.points.world))
+        assert np.median(away) < 0.1 * np.median(level.radii)
+        assert np.abs(level.bounds - statue.bounds).max() < 2 * np.median(level.radii)
+    assert statue.nbytes < 1.6 * pr.Model(statue.points, statue.radii).nbytes
+
+
+def test_means_of_a_cell():
+    """Both sides of a thin wall stay apart; attributes and colours are means."""
+    x = np.array([[0, 0, 0], [0.4, 0, 0], [0.1, 0.1, 0.1], [5, 5, 5]], float)
+    normals = np.array([[0, 0, 1], [0, 0, 1], [0, 0, -1], [1, 0, 0]], float)
+    colors = np.array([[0, 0, 0], [100, 100, 100], [10, 20, 30], [255, 0, 0]], np.uint8)
+    points = pr.Points(x, normals, colors, {"height": [1.0, 3.0, 7.0, 9.0]}, origin=(0, 0, 0))
+    coarse = coarsen(points, 1.0)
+    assert np.allclose(coarse.positions, [[0.2, 0, 0], [0.1, 0.1, 0.1], [5, 5, 5]])
+    assert coarse.normals.tolist() == [[0, 0, 1], [0, 0, -1], [1, 0, 0]]
+    assert coarse.colors.tolist() == [[71, 71, 71], [10, 20, 30], [255, 0, 0]]
+    assert coarse.attributes["height"].tolist() == [2, 7, 9]
+
+
+def level_of(scene, camera, spp=1):
+    world = at_distance(scene, camera, spp)
+    return world.instances.reshape(-1, INSTANCE)[:, SHAPE_ROW].astype(int).tolist()
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
+def test_the_farther_the_coarser(statue, projection):
+    scene = pr.Scene()
+    plain = pr.Model(pr.procedural("sphere", 3000))
+    scene.add(plain)
+    for k in range(6):
+        scene.add(statue, moved((0, 4.0**k, 0)))
+    camera = pr.Camera.look_at((0, -4, 1), (0, 0, 1), size=(300, 300), projection=projection)
+    rows = level_of(scene, camera)
+    assert rows[0] == 0  # has no levels
+    seen = np.array(rows[1:]) - 1
+    if projection == "orthographic":
+        assert len(set(seen)) == 1
+    else:
+        assert seen[-1] == len(statue.levels) and (np.diff(seen) >= 0).all()
+        assert seen[0] < seen[-1] or projection == "panorama"
+    assert (np.array(level_of(scene, camera, 16)) <= rows).all()
+
+
+def test_a_scaled_instance_counts_by_its_size(statue):
+    scene = pr.Scene()
+    for scale in (0.01, 0.1, 1.0, 10.0):
+        scene.add(statue, moved((0, 30, 0), scale))
+    seen = level_of(scene, pr.Camera.look_at((0, -4, 1), (0, 0, 1), size=(300, 300)))
+    assert seen[0] == len(statue.levels) and seen[-1] == 0 and sorted(seen, reverse=True) == seen
+
+
+def test_pictures_from_afar(statue):
+    """Nearer to the picture of many samples than with all points, and calmer while the camera moves."""
+    scene = pr.Scene()
+    scene.add(statue)
+    scene.add_light(pr.SunLight((0.5, 0.7, -1), 3))
+    scene.background = 0.5
+
+    def picture(k, **options):
+        near = pr.Camera.frame(scene.bounds, size=(96, 96))
+        target = np.array(near.target)
+        eye = target + 3 * (np.array(near.eye) - target) + k * np.array([0.06, 0.036, 0])
+        return np.clip(pr.render(scene, pr.Camera.look_at(eye, target, size=(96, 96)), pr.Settings(**options)), 0, 1)
+
+    frames = {
+        name: [picture(k, **options) for k in range(4)]
+        for name, options in {"all": {"levels": False}, "levels": {}, "exact": {"spp": 64, "levels": False}}.items()
+    }
+    seen = np.abs(frames["exact"][0][..., 0] - 0.5) > 0.01
+
+    def change(images):
+        return np.mean([np.abs(a - b)[seen].mean() for a, b in zip(images, images[1:], strict=False)])
+
+    motion = change(frames["exact"])
+    assert change(frames["levels"]) - motion < 0.5 * (change(frames["all"]) - motion)
+    errors = {name: np.sqrt(((frames[name][0] - frames["exact"][0])[seen] ** 2).mean()) for name in ("all", "levels")}
+    assert errors["levels"] < 1.05 * errors["all"]
+
+
+def test_off_by_a_setting_and_only_in_pictures(statue):
+    scene = pr.Scene()
+    scene.add(statue)
+    far = pr.Camera.look_at((0, -60, 1), (0, 0, 1), size=(64, 64), fov=5)
+    plain = pr.Scene()
+    plain.add(pr.Model(statue.points, statue.radii))
+    off = pr.render(scene, far, pr.Settings(levels=False))
+    assert np.abs(off - pr.render(plain, far)).max() < 0.02
+    assert np.abs(off - pr.render(scene, far)).max() > 0.02
+    hits = scene.intersect(*far.rays())
+    hit = hits.instance >= 0
+    away = np.linalg.norm(statue.points.world[hits.point[hit]] - hits.position[hit], axis=1)
+    assert away.max() < statue.radii.max()
