@@ -254,6 +254,30 @@ def test_both_ways_of_finding_a_light_agree(sphere):
     assert np.abs(a - b).mean() / b.mean() < 0.06
 
 
+def test_lights_add_up(sphere):
+    """One of several lights is chosen at each scattering: in the mean the picture is the sum of theirs."""
+    sky = np.full((16, 32, 3), 0.1)
+    sky[3, 8] = 60
+    lights = [
+        pr.PointLight((2, -3, 2), 10),
+        pr.RectLight((-1, -3, 2), (0.5, 0, 0), (0, -0.3, -0.5), (2, 4, 6)),  # its back to the camera
+        pr.SunLight((1, 1, -2), 0.5, angle=5),
+        pr.EnvironmentLight(image=sky),
+    ]
+    camera = pr.Camera.frame([(-1, -1, -1), (1, 1, 1)], size=(24, 24))
+    pictures = []
+    for some in ([lights[0]], [lights[1]], [lights[2]], [lights[3]], lights):
+        scene = pr.Scene()
+        scene.add(sphere, material=pr.Phong(0.7, specular=0.3, exponent=30))
+        scene.add(pr.Plane((0, 0, -1), (0, 0, 1), 0.6))
+        for light in some:
+            scene.add_light(light)
+        pictures.append(path(scene, camera, 1024, max_depth=3)[..., :3])
+    *each, together = pictures
+    assert together.sum() == pytest.approx(sum(each).sum(), rel=0.005)
+    assert np.abs(together - sum(each)).mean() < 0.06 * together.mean()  # noise
+
+
 def test_the_same_seed_gives_the_same_picture(sphere):
     scene = pr.Scene()
     scene.add(sphere)
