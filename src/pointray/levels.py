@@ -34,8 +34,7 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
     instances = world.instances.reshape(-1, INSTANCE).copy()
     rows = np.flatnonzero(instances[:, KIND] == MODEL)
     shapes = instances[rows, SHAPE_ROW].astype(int)
-    scale = np.abs(np.linalg.det(instances[rows, TO_MODEL:].reshape(-1, 3, 4)[:, :, :3])) ** (1 / 3)
-    pixel = _pixel_sizes(camera, scene._instances.boxes[rows]) * scale  # in the model's unit
+    pixel = _pixel_sizes(camera, scene._instances.boxes[rows]) * _scales(instances[rows])  # in the model's unit
     finest = FINENESS * max(spp**-0.5, FINEST)
     for k, family in enumerate(families):
         spacing = [_spacing(level) for level in family[1:]]
@@ -43,6 +42,13 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
         instances[rows[mine], SHAPE_ROW] = first[k] + np.searchsorted(spacing, finest * pixel[mine], side="right")
     longest = 16 * max(int(tree.spans[1::2].max()) for tree in trees)
     return world._replace(table=model_table(trees), instances=instances.reshape(-1), longest=longest)
+
+
+def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """By how much instances of models enlarge what goes from the world into the model, (n,)."""
+    a, b, c = (instances[:, TO_MODEL + 4 * k : TO_MODEL + 4 * k + 3].T for k in range(3))
+    volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
+    return np.asarray(np.cbrt(np.abs(volume)))
 
 
 def _spacing(model: Model) -> float:
