@@ -109,9 +109,8 @@ def main() -> None:
     model = pr.Model(pr.procedural("statue", options.points))
     begun = time.perf_counter()
     model.make_levels()
-    print(
-        f"levels of {', '.join(f'{len(m.points):,}' for m in model.levels)} points in {time.perf_counter() - begun:.1f} s"
-    )
+    counts = ", ".join(f"{len(level.points):,}" for level in model.levels)
+    print(f"levels of {counts} points in {time.perf_counter() - begun:.1f} s")
     for count in (24, 1000, 10_000):
         report(model, count, (width, height), options.frames)
 

@@ -278,6 +278,19 @@ def test_lights_add_up(sphere):
     assert np.abs(together - sum(each)).mean() < 0.06 * together.mean()  # noise
 
 
+def test_lights_hide_what_is_behind_them():
+    """A wide panel: what shines through its back from above does not reach the floor, whichever way it is looked for."""
+    camera = pr.Camera.look_at((0, -0.5, 0.3), (0, 0, 0), fov=10, size=(12, 12))
+    pictures = []
+    for others in ([], [pr.SphereLight((0, 0, 4), 0.5, 500), pr.PointLight((0.3, 0, 5), 100)]):
+        scene, _ = floor_scene(0.5)
+        scene.add_light(pr.RectLight((0, 0, 1), (30, 0, 0), (0, -30, 0), 1))
+        for light in others:
+            scene.add_light(light)
+        pictures.append(path(scene, camera, 512, max_depth=1)[..., :3])
+    assert pictures[1].mean() == pytest.approx(pictures[0].mean(), rel=0.01)
+
+
 def test_the_same_seed_gives_the_same_picture(sphere):
     scene = pr.Scene()
     scene.add(sphere)

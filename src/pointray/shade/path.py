@@ -137,6 +137,13 @@ def _light_at(world, i, sample, depth, choice, scratch):  # type: ignore[no-unty
 
 
 @inline
+def _is_hidden(world, x, arrival):  # type: ignore[no-untyped-def]
+    """Whether the front of another light is in the way: paths that scatter end there too."""
+    ray = x, arrival.to_light
+    return _meet_lights(world, ray, arrival.distance * (1.0 - 1e-6))[1] >= 0
+
+
+@inline
 def _go_on(world, i, sample, depth, lobe, scratch):  # type: ignore[no-untyped-def]
     """Choose where a path goes on from surface point i, and whether."""
     spots = scratch.spots
@@ -172,7 +179,7 @@ def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def
         arrival = _light_at(world, i, sample, depth, choice, scratch)
         share, density = scatter(world, at, place, arrival.to_light)
         gain = multiply(share, scale(arrival.light, lights * _share(arrival.density / lights, density)))
-        if gain[0] + gain[1] + gain[2] > 0.0:
+        if gain[0] + gain[1] + gain[2] > 0.0 and not _is_hidden(world, row(spots, SPOT + i), arrival):
             put(spots, GAIN + i, gain)
             aim_from(scratch, i, (row(spots, SPOT + i), arrival.to_light, 0.0, arrival.distance), place.side)
             lit = True
