@@ -266,7 +266,8 @@ def test_lights_add_up(sphere):
     ]
     camera = pr.Camera.frame([(-1, -1, -1), (1, 1, 1)], size=(24, 24))
     pictures = []
-    for some in ([lights[0]], [lights[1]], [lights[2]], [lights[3]], lights):
+    dark = pr.RectLight((-1, -3, 2), (0.5, 0, 0), (0, -0.3, -0.5), 0)  # hides what the panel hides
+    for some in ([lights[0], dark], [lights[1]], [lights[2], dark], [lights[3], dark], lights):
         scene = pr.Scene()
         scene.add(sphere, material=pr.Phong(0.7, specular=0.3, exponent=30))
         scene.add(pr.Plane((0, 0, -1), (0, 0, 1), 0.6))
@@ -279,7 +280,7 @@ def test_lights_add_up(sphere):
 
 
 def test_lights_hide_what_is_behind_them():
-    """A wide panel: what shines through its back from above does not reach the floor, whichever way it is looked for."""
+    """A wide panel: light from above its back does not reach the floor, whichever way it is looked for."""
     camera = pr.Camera.look_at((0, -0.5, 0.3), (0, 0, 0), fov=10, size=(12, 12))
     pictures = []
     for others in ([], [pr.SphereLight((0, 0, 4), 0.5, 500), pr.PointLight((0.3, 0, 5), 100)]):
