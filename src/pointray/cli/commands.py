@@ -11,6 +11,7 @@ from .options import (
     SKY,
     ApertureOption,
     BackgroundOption,
+    ColorByOption,
     ExposureOption,
     EyeOption,
     Filter,
@@ -80,6 +81,7 @@ def render(
     light: LightOption = None,
     exposure: ExposureOption = 0.0,
     ground: GroundOption = False,
+    color_by: ColorByOption = None,
 ) -> None:
     """Render a scan to a picture; camera and light place themselves."""
     from .outputs import check_output, write_picture
@@ -93,7 +95,8 @@ def render(
     effort: dict[str, Any] = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise}
     settings = Settings(integrator.value, seed=seed, threads=use_threads(threads), filter=filter.value, **effort)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    stage = Stage(file, shape, {"light": light, "background": background, "ground": ground, "up": view.up})
+    place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
+    stage = Stage(file, shape, place)
     with Progress() as progress:
         scene, model = stage.build(progress)
         camera = view.camera(model.bounds)
