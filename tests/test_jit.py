@@ -208,6 +208,7 @@ ROOMS += [
     "rays",
     "saved",
     "model",
+    "paints",
     "instances",
     "scene",
     "frames",

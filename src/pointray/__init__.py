@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 
 # Where each public name lives; loaded when first asked for, so that `import pointray` costs nothing.
 _HOME = {
+    "Attribute": "shade.attributes",
     "Camera": "camera",
     "Dielectric": "shade.materials",
     "Diffuse": "shade.materials",
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     from .rays import Hits as Hits
     from .scene import Scene as Scene
     from .settings import Settings as Settings
+    from .shade.attributes import Attribute as Attribute
     from .shade.environment import EnvironmentLight as EnvironmentLight
     from .shade.lights import DiskLight as DiskLight
     from .shade.lights import PointLight as PointLight

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .model import Model
+from .paints import Coat, Paints, PaintTables, check_attribute
 from .records import (
     INSTANCE,
     KIND,
     MATERIAL,
     MODEL,
+    PAINT,
     PLANE,
     PLANE_CHECKER,
     PLANE_COLOR,
@@ -77,7 +79,8 @@ class Instances:
         self.shapes: list[Model | Plane] = []
         self.materials: list[Material] = []
         self._next = 0
-        self._looks: dict[bytes, Material] = {}  # one of those that look the same
+        self.paints = Paints()
+        self._looks: dict[Any, Material] = {}  # one of those that look the same
 
     def __len__(self) -> int:
         return len(self.shapes)
@@ -117,7 +120,7 @@ class Instances:
 
     def paint(self, row: int, material: Material) -> None:
         """Give a row a material; those that look the same are kept once."""
-        self.materials[row] = self._looks.setdefault(material.record().tobytes(), material)
+        self.materials[row] = self._looks.setdefault((material.record().tobytes(), material.attribute), material)
 
     def place(self, row: int, matrix: NDArray[np.float64]) -> None:
         """Move a row to where a transform puts it."""
@@ -146,13 +149,14 @@ class Instances:
             array[row : len(self) - 1] = array[row + 1 : len(self)]
         del self.shapes[row], self.materials[row]
 
-    def finish(self) -> tuple[list[Model], NDArray[np.float64], NDArray[np.float64]]:
-        """Write into the records which model or plane, and which material, each is; returns models, planes, materials.
+    def finish(self) -> tuple[list[Model], NDArray[np.float64], NDArray[np.float64], PaintTables]:
+        """Write into the records which model or plane, material and paint each has; returns all of these.
 
         Returns
         -------
         models : list of Model
         planes, materials : (m,) float64, see `records.PLANE_SIZE`, `records.MATERIAL_SIZE`
+        paints : PaintTables
         """
         models, rows = _distinct([shape for shape in self.shapes if isinstance(shape, Model)])
         materials, kinds = _distinct(self.materials)
@@ -162,7 +166,21 @@ class Instances:
         flat = np.flatnonzero(~is_model)
         self.records[flat, SHAPE_ROW] = np.arange(len(flat))
         planes = [_plane_record(self.shapes[row], self.records[row, TO_MODEL:], int(row)) for row in flat]
-        return models, np.concatenate([*planes, []]), np.concatenate([*(m.record() for m in materials), []])
+        looks = np.concatenate([*(m.record() for m in materials), []])
+        return models, np.concatenate([*planes, []]), looks, self._finish_paints()
+
+    def _finish_paints(self) -> PaintTables:
+        """Write into the records which paint each has."""
+        self.records[:, PAINT] = -1
+        rows = [row for row, material in enumerate(self.materials) if material.attribute is not None]
+        coats = [self._coat(row) for row in rows]
+        self.records[rows, PAINT], tables = self.paints.finish(coats)
+        return tables
+
+    def _coat(self, row: int) -> Coat:
+        shape, attribute = self.shapes[row], self.materials[row].attribute
+        assert isinstance(shape, Model) and attribute is not None
+        return Coat(attribute, shape, self.records[row, TO_MODEL:].reshape(3, 4))
 
 
 def _grown(array: NDArray[Any]) -> NDArray[Any]:
@@ -211,11 +229,15 @@ def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
     return matrix
 
 
-def check_material(material: Material | None) -> Material:
-    """A material whose record can be made; None: diffuse."""
+def check_material(material: Material | None, shape: Model | Plane) -> Material:
+    """A material whose record can be made, and whose colour can be found on a shape; None: diffuse."""
     material = Diffuse() if material is None else material
     if not isinstance(material, Material):
         kinds = ", ".join(sorted(kind.__name__ for kind in Material.__subclasses__()))
         raise ValueError(f"a material is one of {kinds}, not {type(material).__name__}")
     material.record()
+    if material.attribute is not None:
+        if isinstance(shape, Plane):
+            raise ValueError(f"a plane has no attributes: it cannot be coloured by {material.attribute.name!r}")
+        check_attribute(shape.points, material.attribute)
     return material

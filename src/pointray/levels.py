@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .camera import Camera
 from .model import Model
-from .records import INSTANCE, KIND, MODEL, SHAPE_ROW, TO_MODEL, World, model_table
+from .records import INSTANCE, KIND, MODEL, PAINT, SHAPE_ROW, TO_MODEL, World, model_table
 from .scene import Scene
 
 # Pixels: the largest spacing of points, as their median radius tells it. Statues of a million points, 100 pixels high:
@@ -19,6 +19,8 @@ FINEST = 0.25  # of that, however many samples a pixel has
 
 def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
     """The scene's world with each instance in the level that fits; the world itself where no model has any.
+
+    Instances coloured by an attribute stay as fine as they are.
 
     Parameters
     ----------
@@ -33,13 +35,15 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
     trees = [level.tree for family in families for level in family]
     instances = world.instances.reshape(-1, INSTANCE).copy()
     rows = np.flatnonzero(instances[:, KIND] == MODEL)
+    whole = instances[rows, PAINT] >= 0  # what colours these by an attribute knows the splats of the model itself
     shapes = instances[rows, SHAPE_ROW].astype(int)
     pixel = _pixel_sizes(camera, scene._instances.boxes[rows]) * _scales(instances[rows])  # in the model's unit
     finest = FINENESS * max(spp**-0.5, FINEST)
     for k, family in enumerate(families):
         spacing = [_spacing(level) for level in family[1:]]
         mine = shapes == k
-        instances[rows[mine], SHAPE_ROW] = first[k] + np.searchsorted(spacing, finest * pixel[mine], side="right")
+        level = np.searchsorted(spacing, finest * pixel[mine], side="right")
+        instances[rows[mine], SHAPE_ROW] = first[k] + np.where(whole[mine], 0, level)
     longest = 16 * max(int(tree.spans[1::2].max()) for tree in trees)
     return world._replace(table=model_table(trees), instances=instances.reshape(-1), longest=longest)
 

@@ -22,7 +22,8 @@ class Hits:
     normal : (..., 3) float32
         Unit, where the points' normals point: never turned to the ray; 0 for a miss.
     color : (..., 3) float32
-        Linear, blended with the surface's weights; 0 for a miss, 1 for points without colours.
+        Linear, blended with the surface's weights; 0 for a miss, 1 for points without colours. Where the material is
+        coloured by an `Attribute`, what that shows.
     point : (...) int64
         Row, in the caller's points, of the splat of most weight; -1 for a miss and for a plane.
     instance : (...) int32

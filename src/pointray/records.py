@@ -158,6 +158,7 @@ KIND = 0  # MODEL or PLANE
 MODEL, PLANE = 0, 1
 SHAPE_ROW = 1  # which model of the table, or which plane
 MATERIAL = 2  # which material
+PAINT = 3  # which paint, -1: the points' own colours
 TO_MODEL = 4  # 4..15: of a model world to model space, row-major 3x4
 
 # A plane: 20 float64, in the world.
@@ -204,6 +205,14 @@ ALPHA, METALLIC = 5, 6  # of Principled: width of the facets' distribution, shar
 COAT = 7  # 7..9: what its facets reflect if dielectric, at normal incidence, how much more at 90 degrees, the power
 EMITTED = 5  # 5..7, of Emissive: radiance, linear RGB
 
+# A paint, what colours an instance by an attribute: 8 float64.
+PAINT_SIZE = 8
+PAINT_KIND = 0
+BLENDED, CLASSES, PLACED = range(3)  # levels of splats, blended; of the splat of most weight; levels of places
+PAINT_COLORS, PAINT_COUNT = 1, 2  # where its map begins in World.map_colors, how many colours it has
+PAINT_LEVELS = 3  # where the levels of its model's splats begin in World.levels
+PAINT_ALONG, PAINT_START = 3, 6  # PLACED: the level of a place x in the world is along (3).x + start
+
 # A camera: 16 float64.
 CAMERA = 16
 EYE = 0  # 0..2: world
@@ -229,6 +238,9 @@ class World(NamedTuple):
     sky_rows : (h + 1,) float64, share of the light above each row; sky_columns : (h * (w + 1),) float64, of each row's
         light that to the left of each pixel
     sky_mean : (27,) float64, its irradiance as spherical harmonics, 9 times RGB
+    paints : (paints * 8,) float64, see above; levels : (n,) float32, in the order of a model's splats the place of each
+        one's value in the map, 0 to its number of colours, or NaN
+    map_colors : (m * 3,) float32, linear: the colours of maps, behind each map's that of what has no value
     tone : (256,) float32, linear value of each sRGB level; longest : blocks of the longest leaf
     """
 
@@ -245,6 +257,9 @@ class World(NamedTuple):
     sky_rows: Array
     sky_columns: Array
     sky_mean: Array
+    paints: Array
+    levels: Array
+    map_colors: Array
     tone: Array
     longest: int
 
@@ -266,6 +281,9 @@ def lend_world(w):  # type: ignore[no-untyped-def]
         borrow(w.sky_rows),
         borrow(w.sky_columns),
         borrow(w.sky_mean),
+        borrow(w.paints),
+        borrow(w.levels),
+        borrow(w.map_colors),
         borrow(w.tone),
         w.longest,
     )

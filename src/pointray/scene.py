@@ -12,6 +12,7 @@ from .instances import Instances, Plane, check_material, check_transform
 from .model import Model
 from .rays import Hits, check_rays
 from .records import KIND, MODEL, SHAPE_ROW, World, model_table
+from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, no_sky
 from .shade.lights import Light, rgb
 from .shade.materials import Material
@@ -46,7 +47,7 @@ class Scene:
             To world space, for column vectors: rigid, scaled, mirrored or sheared, not singular.
         material : Material, optional
             `Diffuse`, `Phong`, `Principled`, `Mirror`, `Dielectric` or `Emissive`; None: diffuse in the points' own
-            colours.
+            colours. One that is coloured by an `Attribute` is for models that have it.
 
         Returns
         -------
@@ -55,7 +56,7 @@ class Scene:
         """
         if not isinstance(shape, Model | Plane):
             raise ValueError(f"a scene holds Model and Plane, not {type(shape).__name__}")
-        matrix, looks = check_transform(transform), check_material(material)
+        matrix, looks = check_transform(transform), check_material(material, shape)
         self._change()
         number = self._instances.add(shape, matrix, looks)
         return number
@@ -64,7 +65,7 @@ class Scene:
         """Move an instance, or give it another material; None leaves either as it is."""
         row = self._instances.row_of(id)
         matrix = None if transform is None else check_transform(transform)
-        looks = None if material is None else check_material(material)
+        looks = None if material is None else check_material(material, self._instances.shapes[row])
         self._change()
         if looks is not None:
             self._instances.paint(row, looks)
@@ -108,6 +109,12 @@ class Scene:
         if len(boxes) == 0:
             raise ValueError("the scene holds no model")
         return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+
+    @property
+    def shown_attributes(self) -> list[Attribute]:
+        """The attributes that instances are coloured by, each once, with the ranges that are shown: for a legend."""
+        self._world()
+        return list(self._instances.paints.shown)
 
     def intersect(
         self,
@@ -187,7 +194,7 @@ class Scene:
     def _world(self) -> tuple[World, list[Model]]:
         """What kernels read, and the models (kept alive)."""
         if self._built is None:
-            models, planes, materials = self._instances.finish()
+            models, planes, materials, paints = self._instances.finish()
             of_models = np.flatnonzero(self._instances.records[:, KIND] == MODEL)
             lights = [light for light in self._lights if not isinstance(light, EnvironmentLight)]
             skies = [light.tables() for light in self._lights if isinstance(light, EnvironmentLight)]
@@ -207,6 +214,7 @@ class Scene:
                 sky_rows,
                 sky_columns,
                 sky_mean,
+                *paints,
                 srgb_to_linear(np.arange(256, dtype=np.uint8)),
                 16 * max([int(m.tree.spans[1::2].max()) for m in models], default=1),
             )

@@ -11,6 +11,7 @@ from .options import (
     SKY,
     ApertureOption,
     BackgroundOption,
+    ColorByOption,
     DenoiseOption,
     ExposureOption,
     EyeOption,
@@ -82,6 +83,7 @@ def render(
     light: LightOption = None,
     exposure: ExposureOption = 0.0,
     ground: GroundOption = False,
+    color_by: ColorByOption = None,
 ) -> None:
     """Render a scan to a picture; camera and light place themselves."""
     from .outputs import check_output, write_picture
@@ -92,18 +94,12 @@ def render(
     from ..settings import Settings
 
     view = View(size, fov, up, eye, target, projection.value, aperture, focus)
-    effort: dict[str, Any] = {
-        "spp": spp,
-        "max_depth": max_depth,
-        "time_limit": time_limit,
-        "noise": noise,
-        "denoise": denoise,
-    }
-    settings = Settings(
-        integrator.value, seed=seed, threads=use_threads(threads), filter=filter.value, denoise=denoise, **effort
-    )
+    effort: dict[str, Any] = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise}
+    effort |= {"filter": filter.value, "denoise": denoise}
+    settings = Settings(integrator.value, seed=seed, threads=use_threads(threads), **effort)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    stage = Stage(file, shape, {"light": light, "background": background, "ground": ground, "up": view.up})
+    place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
+    stage = Stage(file, shape, place)
     with Progress() as progress:
         scene, model = stage.build(progress)
         camera = view.camera(model.bounds)

@@ -53,6 +53,13 @@ LightOption = Annotated[
 ]
 ExposureOption = Annotated[float, typer.Option(help="Stops.")]
 GroundOption = Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")]
+ColorByOption = Annotated[
+    str | None,
+    typer.Option(
+        help="height, x, y, z or an attribute of the scan (info lists them), then :colormap and :low,high; default: "
+        "the points' own colours."
+    ),
+]
 
 SKY = "0.85,0.87,0.9"  # the background where none is given
 
@@ -127,6 +134,21 @@ def _sky_of(text: str) -> Any:
     if text.lower().endswith((".hdr", ".exr")):
         return pr.EnvironmentLight(image=Path(text))
     return pr.EnvironmentLight(numbers(text, "--light sky"))
+
+
+def color_of(text: str) -> Any:
+    """`NAME`, `NAME:colormap` or `NAME:colormap:low,high` as an `Attribute`."""
+    import pointray as pr
+
+    name, _, rest = text.partition(":")
+    colormap, _, limits = rest.partition(":")
+    if not name:
+        raise ValueError(f"--color-by must be like z, z:terrain or z:terrain:0,250, not {text!r}")
+    try:
+        low_high = tuple(float(x) for x in limits.split(",")) if limits else None
+    except ValueError:
+        raise ValueError(f"--color-by: {limits!r} is no range like 0,250") from None
+    return pr.Attribute(name, colormap or "viridis", low_high)  # type: ignore[arg-type]  # it checks the length
 
 
 class View:

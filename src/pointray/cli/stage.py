@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .options import SAVED, light_of, numbers, positive
+from .options import SAVED, color_of, light_of, numbers, positive
 from .prepare import radii_in
 from .waiting import Progress, in_background
+
+HEIGHT = "height"  # of --color-by: the coordinate along --up
 
 
 def check_scan(file: Path) -> None:
@@ -25,7 +28,7 @@ class Stage:
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
     place : dict
-        The texts of the options light and background, whether there is a ground, and up, a vector.
+        The texts of the options light, background and perhaps color, whether there is a ground, and up, a vector.
     """
 
     def __init__(self, file: Path, surface: dict[str, Any], place: dict[str, Any]) -> None:
@@ -35,6 +38,7 @@ class Stage:
         self._place = place
         self.file, self._surface, self._ground, self._up = file, surface, place["ground"], place["up"]
         self._lights = [light_of(text) for text in place["light"] or []]
+        self._color = color_of(place["color"]) if place.get("color") is not None else None
         background = place["background"]
         self._scene = pr.Scene()
         named = {"none": None, "sky": "environment"}
@@ -50,7 +54,7 @@ class Stage:
     def build(self, progress: Progress) -> tuple[Any, Any]:
         """The scene, and the model in it."""
         model = self._load(progress)
-        self._scene.add(model)
+        self._scene.add(model, material=self._material(model.points))
         if self._ground:
             self._scene.add(ground_under(model.bounds, self._up))
         for make in self._lights:
@@ -68,11 +72,32 @@ class Stage:
                 raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
             return in_background(lambda: pr.Model.load(file))
         points = in_background(lambda: pr.read(file))
+        self._material(points)  # raises what is wrong
         radii = radii_in(points)
         try:
             return in_background(lambda: pr.Model(points, radii, **self._surface, progress=progress.show))
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
+
+    def _material(self, points: Any) -> Any:
+        """What the scan is made of: None for its own colours."""
+        from ..paints import check_attribute
+        from ..shade.materials import Diffuse
+
+        color = self._color
+        if color is None:
+            return None
+        if color.name == HEIGHT and HEIGHT not in points.attributes:
+            color = replace(color, name=_axis_of(self._up))
+        check_attribute(points, color)
+        return Diffuse(color)
+
+
+def _axis_of(up: tuple[float, float, float]) -> str:
+    """The coordinate that rises upwards."""
+    if sorted(up)[:2] != [0, 0]:
+        raise ValueError(f"--color-by {HEIGHT} is for --up along x, y or z, not {up}: name the coordinate")
+    return "xyz"[up.index(max(up))]
 
 
 def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:

@@ -1,4 +1,4 @@
-"""Materials: how a surface scatters light. Colours are linear RGB; None takes the points' own.
+"""Materials: how a surface scatters light. Colours are linear RGB or an `Attribute`; None takes the points' own.
 
 Opaque materials shade both sides. None reflects more light than it receives, and all are reciprocal.
 """
@@ -29,7 +29,10 @@ from ..records import (
     PRINCIPLED,
     SPECULAR,
 )
+from .attributes import Attribute
 from .lights import rgb
+
+Color = ArrayLike | Attribute | None
 
 MOST_EXPONENT = 1e8  # half a hundredth of a degree wide: a narrower highlight is lost in rounding
 LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one there is Mirror
@@ -47,11 +50,11 @@ def _number(value: float, name: str, low: float, high: float) -> float:
     return number
 
 
-def _record(kind: int, color: ArrayLike | None, name: str = "color") -> NDArray[np.float64]:
+def _record(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
     """The record of a kind with a colour of 0 to 1."""
     out = np.zeros(MATERIAL_SIZE)
-    out[MATERIAL_KIND], out[OWN_COLOR] = kind, color is None
-    values = rgb(1.0 if color is None else color, name)
+    out[MATERIAL_KIND], out[OWN_COLOR] = kind, color is None or isinstance(color, Attribute)
+    values = rgb(1.0 if color is None or isinstance(color, Attribute) else color, name)
     if (values > 1).any():
         raise ValueError(f"{name} must lie between 0 and 1, what is reflected of the light, not {color!r}")
     out[BASE_COLOR : BASE_COLOR + 3] = values
@@ -68,6 +71,12 @@ class Material:
         """The material as kernels read it, (10,) float64; ValueError if a value is out of range."""
         raise NotImplementedError
 
+    @property
+    def attribute(self) -> Attribute | None:
+        """What it is coloured by, if that is an attribute."""
+        color = getattr(self, "base_color" if isinstance(self, Principled) else "color", None)
+        return color if isinstance(color, Attribute) else None
+
 
 @dataclass(frozen=True)
 class Diffuse(Material):
@@ -75,10 +84,10 @@ class Diffuse(Material):
 
     Parameters
     ----------
-    color : float or (3,) float, 0 to 1, optional
+    color : float or (3,) float, 0 to 1, or Attribute, optional
     """
 
-    color: ArrayLike | None = None
+    color: Color = None
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
@@ -95,14 +104,14 @@ class Phong(Material):
 
     Parameters
     ----------
-    color : float or (3,) float, 0 to 1, optional
+    color : float or (3,) float, 0 to 1, or Attribute, optional
     specular : float
         Share of the light that the highlight reflects, 0 to 1.
     exponent : float
         How narrow the highlight is, from 0; beyond 1e8 nothing changes.
     """
 
-    color: ArrayLike | None = None
+    color: Color = None
     specular: float = 0.2
     exponent: float = 20
 
@@ -120,10 +129,10 @@ class Mirror(Material):
 
     Parameters
     ----------
-    color : float or (3,) float, 0 to 1, optional
+    color : float or (3,) float, 0 to 1, or Attribute, optional
     """
 
-    color: ArrayLike | None = 1.0
+    color: Color = 1.0
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
@@ -182,7 +191,7 @@ class Principled(Material):
 
     Parameters
     ----------
-    base_color : float or (3,) float, 0 to 1, optional
+    base_color : float or (3,) float, 0 to 1, or Attribute, optional
         Of the diffuse base, and of the metal's reflection at normal incidence.
     roughness : float
         0 (nearly a mirror: a lobe of a tenth of a degree) to 1.
@@ -190,7 +199,7 @@ class Principled(Material):
         0 (dielectric) to 1 (metal); between them the BRDFs are blended.
     """
 
-    base_color: ArrayLike | None = None
+    base_color: Color = None
     roughness: float = 0.5
     metallic: float = 0.0
 
@@ -211,12 +220,12 @@ class Emissive(Material):
     ----------
     radiance : float or (3,) float
         W/(sr m2), RGB.
-    color : float or (3,) float, 0 to 1, optional
+    color : float or (3,) float, 0 to 1, or Attribute, optional
         Of what is reflected: BRDF color / pi.
     """
 
     radiance: ArrayLike
-    color: ArrayLike | None = 0.0
+    color: Color = 0.0
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""

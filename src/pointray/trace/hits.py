@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline, routine
-from ..records import INSTANCE, LEAF, SHAPE_ROW, SHEETED, WorldHit, lend_world, tree_at
+from ..records import INSTANCE, LEAF, PAINT, SHAPE_ROW, SHEETED, WorldHit, lend_world, tree_at
 from ..scratch import (
     COLOR,
     COUNT_NEAR,
@@ -24,8 +24,9 @@ from ..scratch import (
 from ..simd import greatest, lowest, quarters, repeat4, select, spread16, store, vmax, vsqrt
 from ..vec import transform
 from .near import Capsule, list_blocks
+from .paint import paint_four
 from .space import matrix_at
-from .surface import ONE, ZERO, weights_of_block
+from .surface import ONE, ZERO, weights_seen
 
 
 @inline
@@ -69,29 +70,16 @@ def _list_around(tree, four, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _seen(tree, block, v, part):  # type: ignore[no-untyped-def]
-    """For each splat of a block 1, or 0 where it is of a sheet that faces away from v; in all quarters."""
-    for j in range(4):
-        at = 3 * (4 * block + j)
-        along = tree.facing[at] * v[0] + tree.facing[at + 1] * v[1] + tree.facing[at + 2] * v[2]
-        part[j] = ONE if along >= 0.0 else ZERO
-    return repeat4(part, 0)
-
-
-@inline
 def _weigh(tree, places, sheet, tone, scratch):  # type: ignore[no-untyped-def]
     """Greatest weight in each lane, of which listed block, and colours: the sums of weights and of weighted levels.
 
-    Lane 4 r + j is splat j of a block at place r. sheet : whether sheets are close together, and the normal of the hit
+    Lane 4 r + j is splat j of a block at place r. sheet : see `weights_seen`
     """
-    x, y, z = places
     part = scratch.part
     most = block_of_most = red = green = blue = total = spread16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
         block = np.int64(scratch.near[k])
-        w = weights_of_block(tree, block, x, y, z)
-        if sheet[0]:
-            w = w * _seen(tree, block, sheet[1], part)
+        w = weights_seen(tree, block, places, sheet, part)
         block_of_most = select(w > most, spread16(np.float32(k)), block_of_most)
         most = vmax(w, most)
         if tree.colors.size > 0:
@@ -115,7 +103,8 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
     v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
     if sheeted:
         v = transform(matrix_at(world, at), row(wide, NORMAL + four[0]))
-    sums = _weigh(tree, _list_around(tree, four, scratch), (sheeted, v), world.tone, scratch)
+    places = _list_around(tree, four, scratch)
+    sums = _weigh(tree, places, (sheeted, v), world.tone, scratch)
     for k in range(6):
         store(part, k * LANES, sums[k])
     for r in range(4):
@@ -128,6 +117,8 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
         if part[best] > ZERO:
             numbers[SLOT_OF + i] = np.int64(scratch.near[int(part[LANES + best])]) * 4 + best % 4
         put(wide, COLOR + i, (red / total, green / total, blue / total) if total > 0.0 else (1.0, 1.0, 1.0))
+    if world.instances[at + PAINT] >= 0.0:
+        paint_four(world, four, places, (sheeted, v), scratch)
 
 
 @routine

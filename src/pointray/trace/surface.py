@@ -166,3 +166,20 @@ def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
     qz = repeat4(tree.blocks, slot + PZ) - z
     w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * repeat4(tree.blocks, slot + INV_R2), spread16(ZERO))
     return w * w
+
+
+@inline
+def weights_seen(tree, block, places, sheet, part):  # type: ignore[no-untyped-def]
+    """Weights of one block's splats at four places, a quarter each; 0 where a splat is of a sheet that is not seen.
+
+    sheet : whether sheets are close together, and the normal of the hit, from whose side they are seen
+    """
+    x, y, z = places
+    w = weights_of_block(tree, block, x, y, z)
+    if sheet[0]:
+        for j in range(4):
+            at, v = 3 * (4 * np.int64(block) + j), sheet[1]
+            along = tree.facing[at] * v[0] + tree.facing[at + 1] * v[1] + tree.facing[at + 2] * v[2]
+            part[j] = ONE if along >= 0.0 else ZERO
+        w = w * repeat4(part, 0)
+    return w

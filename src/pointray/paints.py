@@ -1,0 +1,180 @@
+"""Paints: from the attributes of models and colour maps to the tables in which kernels look up colours."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .data import Points
+from .image.tone import srgb_to_linear
+from .model import Model
+from .records import (
+    BLENDED,
+    CLASSES,
+    PAINT_ALONG,
+    PAINT_COLORS,
+    PAINT_COUNT,
+    PAINT_KIND,
+    PAINT_LEVELS,
+    PAINT_SIZE,
+    PAINT_START,
+    PLACED,
+)
+from .shade.attributes import COORDINATES, Attribute
+from .shade.colormaps import colormap, shows_classes
+
+LOW, HIGH = 2, 98  # percentiles between which a range lies that is not given
+SAMPLE = 100_000  # rows whose coordinates tell the range
+NEUTRAL = (128, 128, 128)  # sRGB, of what has no value
+
+Range = tuple[float, float]
+
+
+def values_of(points: Points, name: str) -> NDArray[np.float64]:
+    """What `Attribute` calls by this name, (n,) float64; ValueError if it is not there."""
+    column = None if name in points.attributes else re.fullmatch(r"(.+)\[(\d+)\]", name)
+    found = points.attributes.get(column[1] if column else name)
+    if found is None or (column and (found.ndim == 1 or int(column[2]) >= found.shape[1])):
+        known = [n if v.ndim == 1 else f"{n}[0..{v.shape[1] - 1}]" for n, v in points.attributes.items()]
+        names = ", ".join([*sorted(known), *COORDINATES])
+        raise ValueError(f"the points have no attribute {name!r}; there are: {names}")
+    values = (found[:, int(column[2])] if column else found).astype(np.float64)
+    return values if values.ndim == 1 else np.asarray(np.linalg.norm(values, axis=1))
+
+
+def check_attribute(points: Points, attribute: Attribute) -> None:
+    """ValueError if the points cannot be coloured by it."""
+    if attribute.name not in COORDINATES:
+        values_of(points, attribute.name)
+
+
+class Coat(NamedTuple):
+    """An instance that is coloured by an attribute: where it is, as `records.TO_MODEL`, (3, 4) float64."""
+
+    attribute: Attribute
+    model: Model
+    to_model: NDArray[np.float64]
+
+
+class PaintTables(NamedTuple):
+    """See `records.World`."""
+
+    paints: NDArray[np.float64]
+    levels: NDArray[np.float32]
+    map_colors: NDArray[np.float32]
+
+
+class Paints:
+    """The paints of a scene; what takes long is kept for the next time.
+
+    Attributes
+    ----------
+    shown : list of Attribute
+        Those of the last `finish`, each once, with the ranges that are shown.
+    """
+
+    def __init__(self) -> None:
+        self.shown: list[Attribute] = []
+        self._ranges: dict[tuple[Any, ...], Range | None] = {}
+        self._painted: list[tuple[Attribute, Model]] = []
+        self._levels: list[NDArray[np.float32]] = []
+        self._joined = np.zeros(0, np.float32)
+
+    def finish(self, coats: list[Coat]) -> tuple[list[int], PaintTables]:
+        """Which paint each instance has, and the tables."""
+        shown = self._find_ranges(coats)
+        self.shown = list(shown.values())
+        wanted = [(shown[c.attribute], None if c.attribute.name in COORDINATES else c.model) for c in coats]
+        paints = list(dict.fromkeys(wanted))
+        row_of = {paint: row for row, paint in enumerate(paints)}
+        self._find_levels([(attribute, model) for attribute, model in paints if model is not None])
+        colors = [np.concatenate([colormap(a.colormap), [NEUTRAL]]).astype(np.uint8) for a in self.shown]
+        starts = dict(zip(self.shown, np.cumsum([0, *(c.size for c in colors)]), strict=False))
+        begin, records = 0, np.zeros((len(paints), PAINT_SIZE))
+        for record, (attribute, model) in zip(records, paints, strict=True):
+            record[PAINT_COLORS], record[PAINT_COUNT] = starts[attribute], len(colormap(attribute.colormap))
+            if model is None:
+                _place(record, attribute)
+                continue
+            record[PAINT_KIND] = CLASSES if shows_classes(attribute.colormap) else BLENDED
+            record[PAINT_LEVELS] = begin
+            begin += len(model.tree.order)
+        linear = srgb_to_linear(np.concatenate([*colors, np.zeros((0, 3), np.uint8)]))
+        tables = PaintTables(records.reshape(-1), self._joined, linear.reshape(-1))
+        return [row_of[paint] for paint in wanted], tables
+
+    def _find_ranges(self, coats: list[Coat]) -> dict[Attribute, Attribute]:
+        """The attributes, each with the range that is shown."""
+        known, self._ranges = self._ranges, {}
+        spans: dict[Attribute, list[Range]] = {coat.attribute: [] for coat in coats}
+        for coat in coats:
+            attribute = coat.attribute
+            if attribute.range is None:
+                where = coat.to_model.tobytes() if attribute.name in COORDINATES else b""
+                key = (coat.model, attribute.name, shows_classes(attribute.colormap), where)
+                self._ranges[key] = known[key] if key in known else _range_of(coat)
+                span = self._ranges[key]
+                spans[attribute] += [] if span is None else [span]
+        return {a: a if a.range is not None else replace(a, range=_widest(found)) for a, found in spans.items()}
+
+    def _find_levels(self, painted: list[tuple[Attribute, Model]]) -> None:
+        """The levels of all splats: those of before where it is the same that is painted."""
+        if painted != self._painted:
+            levels = [_levels(attribute, model) for attribute, model in painted]
+            self._joined = levels[0] if len(levels) == 1 else np.concatenate([*levels, np.zeros(0, np.float32)])
+            self._painted = painted
+
+
+def _range_of(coat: Coat) -> Range | None:
+    """The range of one instance; None if no value is finite."""
+    if coat.attribute.name in COORDINATES:
+        rows = coat.model.points.positions
+        rows = rows[:: -(-len(rows) // SAMPLE)]
+        to_world = np.linalg.inv(coat.to_model[:, :3])[COORDINATES.index(coat.attribute.name)]
+        values = (rows - coat.to_model[:, 3]) @ to_world
+    else:
+        values = values_of(coat.model.points, coat.attribute.name)
+    values = values[np.isfinite(values)]
+    if len(values) == 0:
+        return None
+    if shows_classes(coat.attribute.colormap):
+        return 0.0, float(max(np.rint(values.max()), 1.0))
+    low, high = np.percentile(values, [LOW, HIGH])
+    if low == high:  # nearly all are the same: what differs is what is looked for
+        low, high = values.min(), values.max()
+    return float(low), float(high)
+
+
+def _widest(ranges: list[Range]) -> Range:
+    """From the least to the greatest; around it if that is one value."""
+    low, high = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else (0.0, 1.0)
+    room = max(0.5, 1e-6 * abs(low)) if low == high else 0.0
+    return low - room, high + room
+
+
+def _levels(attribute: Attribute, model: Model) -> NDArray[np.float32]:
+    """Where in the map the values of a model's splats are, in the tree's order."""
+    assert attribute.range is not None
+    low, high = attribute.range
+    count = len(colormap(attribute.colormap))
+    values = values_of(model.points, attribute.name)
+    if shows_classes(attribute.colormap):
+        levels = np.mod(np.rint(np.clip(values, low, high) - low), count)
+    else:
+        levels = np.clip((values - low) / (high - low), 0, 1) * count
+    order = model.tree.order
+    return np.where(order >= 0, levels[order], 0).astype(np.float32)
+
+
+def _place(record: NDArray[np.float64], attribute: Attribute) -> None:
+    """Fill in how levels follow from places."""
+    assert attribute.range is not None
+    low, high = attribute.range
+    scale = len(colormap(attribute.colormap)) / (high - low)
+    record[PAINT_KIND] = PLACED
+    record[PAINT_ALONG + COORDINATES.index(attribute.name)] = scale
+    record[PAINT_START] = -low * scale

@@ -1,0 +1,67 @@
+"""Colour maps by matplotlib's names: a dozen that every installation has, the others where matplotlib is installed.
+
+The tables in `colormaps.npz` are matplotlib's, see `tests/maps.py`: viridis, magma, inferno, plasma and twilight are
+CC0; cividis (Nuñez, Anderton and Renslow 2018), turbo (Mikhailov 2019), coolwarm (Moreland 2009), terrain and gray
+follow its licence, tab10 and tab20 are Tableau's. RdBu includes color specifications and designs developed by Cynthia
+Brewer (https://colorbrewer.org).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+EMBEDDED = (
+    "viridis",
+    "magma",
+    "inferno",
+    "plasma",
+    "cividis",
+    "turbo",
+    "gray",
+    "coolwarm",
+    "RdBu",
+    "terrain",
+    "twilight",
+    "tab10",
+    "tab20",
+)
+TABLES = Path(__file__).with_name("colormaps.npz")
+REVERSED = "_r"
+MOST_CLASSES = 64  # a map of fewer colours is one of classes
+
+
+@cache
+def colormap(name: str) -> NDArray[np.uint8]:
+    """A colour map, (n, 3) uint8 sRGB from the least value to the greatest; ValueError if there is none of that name.
+
+    The name with "_r" behind it is the same map reversed, as in matplotlib.
+    """
+    plain = name.removesuffix(REVERSED)
+    if plain not in EMBEDDED:
+        return _of_matplotlib(name)
+    with np.load(TABLES) as tables:
+        colors: NDArray[np.uint8] = tables[plain]
+    return colors if name == plain else colors[::-1]
+
+
+def shows_classes(name: str) -> bool:
+    """Whether a colour map has a few colours that tell classes apart."""
+    return len(colormap(name)) < MOST_CLASSES
+
+
+def _of_matplotlib(name: str) -> NDArray[np.uint8]:
+    try:
+        known: Any = import_module("matplotlib").colormaps
+        more = "and what else matplotlib has"
+    except ImportError:
+        known, more = {}, "with matplotlib (pip install 'pointray[plot]') all of its"
+    if name not in known:
+        raise ValueError(f"unknown colormap {name!r}: there are {', '.join(EMBEDDED)}, {more}; reversed: viridis_r")
+    colors: NDArray[np.float64] = known[name](np.arange(known[name].N))
+    return np.rint(255 * colors[:, :3]).astype(np.uint8)

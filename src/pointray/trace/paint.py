@@ -1,0 +1,95 @@
+"""Colour by an attribute at hits: levels of splats, or of the place itself, through a colour map."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline
+from ..records import (
+    BLENDED,
+    CLASSES,
+    INSTANCE,
+    PAINT,
+    PAINT_ALONG,
+    PAINT_COLORS,
+    PAINT_COUNT,
+    PAINT_KIND,
+    PAINT_LEVELS,
+    PAINT_SIZE,
+    PAINT_START,
+    SHAPE_ROW,
+    tree_at,
+)
+from ..scratch import COLOR, COUNT_NEAR, DIRECTION, INSTANCE_OF, LANES, NEAREST, ORIGIN, SLOT_OF, put, row
+from ..simd import repeat4, spread16, store
+from ..vec import add, dot, scale, triple
+from .surface import ONE, ZERO, weights_seen
+
+SLACK = 1e-3  # of a colour of the map: a blend of equal levels must not round down into the one before
+
+
+@inline
+def _map_color(world, paint, level):  # type: ignore[no-untyped-def]
+    """The map's colour at a level; NaN has the one behind the map."""
+    count, first = int(world.paints[paint + PAINT_COUNT]), int(world.paints[paint + PAINT_COLORS])
+    k = count
+    if level == level:
+        k = int(min(max(level + SLACK, 0.0), count - 1.0))
+    return triple(world.map_colors, first + 3 * k)
+
+
+@inline
+def _blend(world, paint, tree, places, sheet, scratch):  # type: ignore[no-untyped-def]
+    """Sums in each lane over the listed blocks: weights, those of splats with a level, and the weighted levels."""
+    part, first = scratch.part, int(world.paints[paint + PAINT_LEVELS])
+    total = known = level = spread16(ZERO)
+    for k in range(scratch.counts[COUNT_NEAR]):
+        block = np.int64(scratch.near[k])
+        w = weights_seen(tree, block, places, sheet, part)
+        total = total + w
+        for j in range(4):
+            value = world.levels[first + 4 * block + j]
+            good = value == value
+            part[j], part[4 + j] = (value if good else ZERO), (ONE if good else ZERO)
+        level = level + w * repeat4(part, 0)
+        known = known + w * repeat4(part, 4)
+    return total, known, level
+
+
+@inline
+def _blended(sums, r, scratch):  # type: ignore[no-untyped-def]
+    """The level at place r of four from the sums; NaN where splats without one have most of the weight."""
+    part = scratch.part
+    for k in range(3):
+        store(part, k * LANES, sums[k])
+    total = known = level = 0.0
+    for k in range(4 * r, 4 * r + 4):
+        total, known, level = total + part[k], known + part[LANES + k], level + part[2 * LANES + k]
+    return level / known if known > 0.0 and 2.0 * known >= total else np.nan
+
+
+@inline
+def paint_four(world, four, places, sheet, scratch):  # type: ignore[no-untyped-def]
+    """Colours of four hits on one instance that has a paint, whose slots are found and whose blocks are listed.
+
+    places, sheet : see `surface.weights_seen`
+    """
+    wide, numbers = scratch.world, scratch.numbers
+    at = numbers[INSTANCE_OF + four[0]] * INSTANCE
+    tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
+    paint = int(world.instances[at + PAINT]) * PAINT_SIZE
+    kind = world.paints[paint + PAINT_KIND]
+    sums = spread16(ZERO), spread16(ZERO), spread16(ZERO)
+    if kind == BLENDED:
+        sums = _blend(world, paint, tree, places, sheet, scratch)
+    for r in range(4):
+        i, level = four[r], np.nan
+        if kind == BLENDED:
+            level = _blended(sums, r, scratch)
+        elif kind == CLASSES:
+            if numbers[SLOT_OF + i] >= 0:
+                level = np.float64(world.levels[int(world.paints[paint + PAINT_LEVELS]) + numbers[SLOT_OF + i]])
+        else:
+            x = add(row(wide, ORIGIN + i), scale(row(wide, DIRECTION + i), wide[NEAREST + i]))
+            level = dot(triple(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
+        put(wide, COLOR + i, _map_color(world, paint, level))
