@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from .options import SAVED, light_of, numbers, positive
-from .prepare import radii_in
+from ..saved import SAVED
+from ..splats.radii import radii_in
+from .options import background_of, light_of, positive
 from .waiting import Progress, in_background
 
 
@@ -35,10 +36,8 @@ class Stage:
         self._place = place
         self.file, self._surface, self._ground, self._up = file, surface, place["ground"], place["up"]
         self._lights = [light_of(text) for text in place["light"] or []]
-        background = place["background"]
         self._scene = pr.Scene()
-        named = {"none": None, "sky": "environment"}
-        self._scene.background = named[background] if background in named else numbers(background, "--background")
+        self._scene.background = background_of(place["background"])
 
     @property
     def settings(self) -> dict[str, Any]:
