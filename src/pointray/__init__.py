@@ -34,18 +34,21 @@ _HOME = {
     "Points": "data",
     "Principled": "shade.materials",
     "Scene": "scene",
+    "SceneFile": "scenefile",
     "Settings": "settings",
     "SunLight": "shade.lights",
     "clean": "points.cleaning",
     "estimate_normals": "points",
     "find_flaws": "points.cleaning",
     "fly": "film",
+    "load_scene": "scenefile",
     "procedural": "points",
     "procedural_distance": "points",
     "read": "points",
     "render": "picture",
     "render_layers": "layers",
     "subsample": "splats.subsample",
+    "transform": "transforms",
     "turntable": "film",
     "write": "points",
     "write_image": "image",
@@ -74,6 +77,8 @@ if TYPE_CHECKING:
     from .points.cleaning import find_flaws as find_flaws
     from .rays import Hits as Hits
     from .scene import Scene as Scene
+    from .scenefile import SceneFile as SceneFile
+    from .scenefile import load_scene as load_scene
     from .settings import Settings as Settings
     from .shade.attributes import Attribute as Attribute
     from .shade.environment import EnvironmentLight as EnvironmentLight
@@ -89,6 +94,7 @@ if TYPE_CHECKING:
     from .shade.materials import Phong as Phong
     from .shade.materials import Principled as Principled
     from .splats.subsample import subsample as subsample
+    from .transforms import transform as transform
 
 
 def __getattr__(name: str) -> Any:

@@ -22,6 +22,7 @@ from .points.files import check_regular, replacing
 from .records import BLOCK, GROUP, HEAD, LEAF, NODE, Tree
 from .tree.indices import check_indices
 
+SAVED = ".pointray"  # how the name of such a file usually ends
 FORMAT, VERSION = "pointray model", 2
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD]  # of the records: another layout is another tree
 ALIGN = 64  # bytes: where an array begins, and what follows the last, for loads past its end

@@ -33,6 +33,7 @@ from .options import (
     SeedOption,
     SizeOption,
     SppOption,
+    SubjectArgument,
     SurfaceOption,
     TargetOption,
     ThreadsOption,
@@ -40,6 +41,7 @@ from .options import (
     UpOption,
     View,
     exposure_of,
+    given,
     numbers,
     use_threads,
 )
@@ -55,7 +57,8 @@ app = typer.Typer(
 
 @app.command()
 def render(
-    file: ScanArgument,
+    context: typer.Context,
+    file: SubjectArgument,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The picture: .png or .jpg; or all its layers: .exr or .npz.")
     ],
@@ -85,11 +88,15 @@ def render(
     ground: GroundOption = False,
     color_by: ColorByOption = None,
 ) -> None:
-    """Render a scan to a picture; camera and light place themselves."""
+    """Render a scan to a picture, camera and light place themselves; or what a scene file describes."""
     from .outputs import check_output, write_picture
+    from .scenes import is_scene, render_scene
     from .stage import Stage, check_scan
 
     check_output(output, exposure_of(exposure))
+    if is_scene(file):
+        print(render_scene(file, output, given(context)))
+        return
     check_scan(file)
     from ..settings import Settings
 

@@ -13,7 +13,6 @@ from typing import Annotated, Any
 import typer
 
 SUN = 3.0  # irradiance of a light without a strength
-SAVED = ".pointray"  # how the name of a saved model ends
 
 Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
 Integrator = StrEnum("Integrator", ["phong", "ao", "path", "normal", "depth", "color", "cost"])
@@ -21,6 +20,9 @@ Projection = StrEnum("Projection", ["perspective", "orthographic", "panorama"])
 Filter = StrEnum("Filter", ["box", "tent", "gaussian", "blackman-harris"])
 
 ScanArgument = Annotated[Path, typer.Argument(help="A scan: .ply, or a model that prepare has saved: .pointray.")]
+SubjectArgument = Annotated[
+    Path, typer.Argument(help="A scan: .ply, a model that prepare has saved: .pointray, or a scene: .toml.")
+]
 EyeOption = Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")]
 TargetOption = Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")]
 UpOption = Annotated[str, typer.Option(help="Which way is up, x,y,z.")]
@@ -96,6 +98,12 @@ def size_of(text: str) -> tuple[int, int]:
     except ValueError:
         raise ValueError(f"--size must be like 640x480, not {text!r}") from None
     return width, height
+
+
+def background_of(text: str) -> Any:
+    """`none`, `sky` or `r,g,b`, as `Scene.background` takes it."""
+    named = {"none": None, "sky": "environment"}
+    return named[text] if text in named else numbers(text, "--background")
 
 
 def light_of(text: str) -> Callable[[Any], Any]:
@@ -197,6 +205,16 @@ class View:
         if self.eye is None and self.target is None:
             return frame_turning(bounds, self.lens["fov"], self.size, self.up)
         return self.camera(bounds)
+
+
+def given(context: typer.Context) -> dict[str, Any]:
+    """The options that the user has typed: those that are not at their defaults by themselves."""
+    values = {}
+    for name, value in context.params.items():
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            values[name] = value
+    return values
 
 
 def use_threads(threads: int | None) -> int:

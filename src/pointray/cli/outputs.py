@@ -30,7 +30,9 @@ def check_output(output: Path, exposure: float) -> None:
     check_writable(output)
 
 
-def write_picture(output: Path, subject: tuple[Any, Any, Any], exposure: float, progress: Progress) -> str:
+def write_picture(
+    output: Path, subject: tuple[Any, Any, Any], exposure: float, progress: Progress, curve: str = "srgb"
+) -> str:
     """Render and write; returns what the message says of it. subject : scene, camera, settings"""
     import pointray as pr
 
@@ -43,7 +45,7 @@ def write_picture(output: Path, subject: tuple[Any, Any, Any], exposure: float, 
     if not _layered(output):
         image = in_background(lambda: render(*subject, show))
         with writing(output):
-            pr.write_image(output, image, exposure=exposure)
+            pr.write_image(output, image, exposure, curve)
         return ""
     layers = in_background(lambda: render_layers(*subject, show))
     with writing(output):

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .options import SAVED
+from ..saved import SAVED
+from ..splats.radii import radii_in
 from .waiting import Progress, in_background, writing
 
 
@@ -22,14 +23,6 @@ def tolerance_of(text: str) -> tuple[float, bool]:
     if not 0 < value < math.inf:
         raise ValueError(f"--tolerance must be a positive number like 0.5, or like 0.05% of the diagonal, not {text!r}")
     return (value / 100 if share else value), share
-
-
-def radii_in(points: Any) -> Any:
-    """The support radii that `prepare` has written with the points, if each has one."""
-    radii = points.attributes.get("radius")
-    if radii is None or radii.ndim != 1 or not ((radii > 0) & (radii < math.inf)).all():
-        return None
-    return radii
 
 
 def check_output(output: Path) -> None:

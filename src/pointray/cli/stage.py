@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .options import SAVED, color_of, light_of, numbers, positive
-from .prepare import radii_in
+from ..saved import SAVED
+from ..splats.radii import radii_in
+from .options import background_of, color_of, light_of, positive
 from .waiting import Progress, in_background
 
 HEIGHT = "height"  # of --color-by: the coordinate along --up
@@ -39,10 +40,8 @@ class Stage:
         self.file, self._surface, self._ground, self._up = file, surface, place["ground"], place["up"]
         self._lights = [light_of(text) for text in place["light"] or []]
         self._color = color_of(place["color"]) if place.get("color") is not None else None
-        background = place["background"]
         self._scene = pr.Scene()
-        named = {"none": None, "sky": "environment"}
-        self._scene.background = named[background] if background in named else numbers(background, "--background")
+        self._scene.background = background_of(place["background"])
 
     @property
     def settings(self) -> dict[str, Any]:

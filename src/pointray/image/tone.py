@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 
 CURVES = ("srgb", "filmic")
+MOST_STOPS = 100  # that float32 can hold
 
 
 def linear_to_srgb(linear: NDArray[np.floating[Any]]) -> Floats:
@@ -48,8 +49,8 @@ def check_tone(exposure: float, curve: str) -> None:
     """Raise ValueError for what `tone` does not know."""
     if curve not in CURVES:
         raise ValueError(f"unknown curve {curve!r}: the curves are {', '.join(CURVES)}")
-    if not np.isfinite(exposure):
-        raise ValueError(f"exposure must be a finite number of stops, not {exposure}")
+    if not -MOST_STOPS <= exposure <= MOST_STOPS:  # false for NaN
+        raise ValueError(f"exposure must lie between -{MOST_STOPS} and {MOST_STOPS} stops, not {exposure}")
 
 
 def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:

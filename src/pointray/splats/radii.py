@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..data import Points
 from ..neighbors import NeighborTree, distinct, neighbors
 from .borders import drop_lone, find_gaps
 from .voronoi import Hood, measure_cells, medians_around
@@ -183,3 +184,11 @@ def check_radii(radii: ArrayLike, n: int) -> Floats:
         row = int(bad.argmax())
         raise ValueError(f"radii must be finite and greater than 0; row {row} is {array[row]}")
     return narrow
+
+
+def radii_in(points: Points) -> Floats | None:
+    """The support radii that come with points: the attribute `radius`, if each has a positive one."""
+    radii = points.attributes.get("radius")
+    if radii is None or radii.ndim != 1 or not ((radii > 0) & (radii < np.inf)).all():
+        return None
+    return np.asarray(radii, np.float32)

@@ -1,0 +1,80 @@
+"""Scene files: a whole scene as TOML, in the words of the Python classes and parameters.
+
+source: the text, and on which line a key stands; words: what a table may hold, as signatures have it; looks, models,
+places: the parts, checked, then made; plan: all of it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+from .plan import Plan, SceneFile
+
+__all__ = ["Plan", "SceneFile", "load_scene"]
+
+
+def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], None] | None = None) -> SceneFile:
+    """Make the scene that a TOML file describes.
+
+    Everything is checked before any other file is read.
+
+    Parameters
+    ----------
+    path : str or path
+        Paths within the file are relative to its folder.
+    progress : callable, optional
+        Called with a stage's name and the share done.
+
+    Returns
+    -------
+    SceneFile
+        scene, camera, settings, exposure and curve.
+
+    Raises
+    ------
+    OSError
+        If the file, or one that it names, cannot be opened.
+    ValueError
+        If anything in it is wrong; the message begins with file, line and key.
+
+    Notes
+    -----
+    The words are those of the Python parameters, "none" stands for None; docs/scenes.md has all tables::
+
+        background = [0.5, 0.6, 0.8]           # or "none", "environment"; exposure, curve: of `write_image`
+
+        [models.bust]                          # the parameters of `Model`, and
+        procedural = "statue"                  # this with points (and seed), or file = "scan.ply"
+        points = 100_000
+
+        [materials.gold]                       # a class of material, and its parameters
+        kind = "principled"
+        base_color = [1.0, 0.77, 0.34]
+        metallic = 1.0
+
+        [[instances]]                          # transform, or the parameters of `transform`
+        model = "bust"                         # transforms = "many.npy": (n, 4, 4)
+        material = "gold"
+        rotate = 30
+
+        [[planes]]                             # `Plane`
+        point = [0, 0, 0]
+        normal = [0, 0, 1]
+
+        [[lights]]                             # point, sun, rect, disk, sphere, environment
+        kind = "sun"
+        direction = [1, 1, -1.5]
+
+        [camera]                               # `Camera.look_at`, or without eye and target `Camera.frame`
+        size = [320, 400]
+
+        [settings]                             # `Settings`
+        spp = 16
+
+    Examples
+    --------
+    >>> scene, camera, settings, exposure, curve = pr.load_scene("bust.toml")
+    >>> pr.write_image("bust.png", pr.render(scene, camera, settings), exposure, curve)
+    """
+    return Plan(path).build(progress)

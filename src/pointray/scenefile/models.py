@@ -1,0 +1,97 @@
+"""The models of a scene file: of a scan, a saved model or one of those made by formula."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from inspect import signature
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..model import SURFACE, Model, _check_scale, _check_settings
+from ..points import procedural, read
+from ..points.files import check_readable, check_regular
+from ..points.procedural import MOST, NAMES
+from ..saved import SAVED
+from ..splats.radii import radii_in
+from .source import Key, Source
+from .words import TEXT, WHOLE, check_table, optional, unknown, value_at, words_of
+
+WORDS = words_of(Model, "points", "radii")
+
+Say = Callable[[str, float], None]
+
+
+class Recipe(NamedTuple):
+    """How a model is made.
+
+    Attributes
+    ----------
+    file : Path or None
+    procedural : (str, int, int)
+        Name, points and seed, where there is no file.
+    how : dict
+        What `Model` is told.
+    """
+
+    key: Key
+    file: Path | None
+    procedural: tuple[str, int, int]
+    how: dict[str, Any]
+
+
+def check_model(source: Source, key: Key) -> Recipe:
+    """What a table under `models` says; files are looked for, not read."""
+    table = value_at(source, key)
+    if isinstance(table, dict) and "file" not in table and "procedural" not in table:
+        raise source.error(key, "file or procedural is missing")
+    if isinstance(table, dict) and "file" in table:
+        values = check_table(source, key, {"file": TEXT, **WORDS})
+        recipe = Recipe(key, source.path(values.pop("file")), ("", 0, 0), values)
+        _check_file(source, recipe)
+    else:
+        words = {"procedural": TEXT, "points": WHOLE, "seed": optional(WHOLE), **WORDS}
+        values = check_table(source, key, words)
+        made = values.pop("procedural"), values.pop("points"), values.pop("seed", 0)
+        recipe = Recipe(key, None, made, values)
+        _check_procedural(source, key, *made)
+    told = signature(Model).bind(None, **values)
+    told.apply_defaults()
+    how = told.arguments
+    with source.telling(key, values):
+        _check_settings(how["surface"] or SURFACE, how["samples"], how["refine"], how["trim"])
+        _check_scale(how["radius_scale"])
+    return recipe
+
+
+def _check_file(source: Source, recipe: Recipe) -> None:
+    file = recipe.file
+    assert file is not None
+    if file.suffix.lower() == SAVED and recipe.how:
+        word = next(iter(recipe.how))
+        raise source.error((*recipe.key, word), f"is part of a saved model ({file.name})")
+    with source.telling((*recipe.key, "file")):
+        (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
+
+
+def _check_procedural(source: Source, key: Key, name: str, count: int, seed: int) -> None:
+    if name not in NAMES:
+        raise source.error((*key, "procedural"), unknown("procedural model", name, NAMES))
+    if not 1 <= count <= MOST:
+        raise source.error((*key, "points"), f"must be between 1 and {MOST}, not {count}")
+    if seed < 0:
+        raise source.error((*key, "seed"), f"must not be negative, not {seed}")
+
+
+def load_model(source: Source, recipe: Recipe, say: Say) -> Model:
+    """Read and build it. A scan's points may bring radii: the attribute `radius`."""
+    file = recipe.file
+    say("reading", 0.0)
+    if file is None:
+        with source.telling(recipe.key):
+            return Model(procedural(*recipe.procedural), **recipe.how, progress=say)
+    with source.telling((*recipe.key, "file")):
+        if file.suffix.lower() == SAVED:
+            return Model.load(file)
+        points = read(file)
+    with source.telling(recipe.key):
+        return Model(points, radii_in(points), **recipe.how, progress=say)

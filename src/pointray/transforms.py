@@ -1,0 +1,50 @@
+"""Transforms: how large an instance is, how it is turned, and where it stands."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .shade.lights import unit_vector, vector
+
+
+def transform(
+    translate: ArrayLike = (0, 0, 0), rotate: float = 0.0, axis: ArrayLike = (0, 0, 1), scale: ArrayLike = 1.0
+) -> NDArray[np.float64]:
+    """A transform for `Scene.add`: first scaled, then turned, then moved.
+
+    Parameters
+    ----------
+    translate : (3,) float
+        Where the model's origin goes, world.
+    rotate : float
+        Degrees about an axis through the origin, counter-clockwise for who sees the axis point at them.
+    axis : (3,) float
+    scale : float or (3,) float
+        Not zero; a negative one mirrors.
+
+    Returns
+    -------
+    (4, 4) float64
+        For column vectors.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, or axis or scale is zero.
+
+    Examples
+    --------
+    >>> scene.add(model, pr.transform(translate=(2, 0, 0), rotate=30, scale=1.5))
+    """
+    if not isinstance(rotate, int | float | np.number) or not np.isfinite(rotate):
+        raise ValueError(f"rotate must be a finite number of degrees, not {rotate!r}")
+    x, y, z = unit_vector(axis, "axis")
+    sizes = vector(np.full(3, scale) if np.ndim(scale) == 0 else scale, "scale")
+    if (sizes == 0).any():
+        raise ValueError(f"scale must not be zero: it would flatten the model, not {scale!r}")
+    angle, cross = np.radians(float(rotate)), np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    out = np.eye(4)
+    turned = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross  # Rodrigues
+    out[:3, :3], out[:3, 3] = turned * sizes, vector(translate, "translate")
+    return out

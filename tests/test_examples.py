@@ -1,0 +1,67 @@
+"""Every example, with few points and pixels: it runs and shows something."""
+
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pointray.cli import execute
+
+FOLDER = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = sorted(path.name for path in FOLDER.iterdir() if path.suffix in (".toml", ".py"))
+SMALL = [
+    (r"^points = [\d_]+", "points = 2500"),
+    (r"^POINTS = [\d_]+", "POINTS = 2500"),
+    (r"^size = .*", "size = [48, 40]"),
+    (r"^SIZE = .*", "SIZE = (48, 40)"),
+    (r"^spp = \d+", "spp = 2"),
+    (r"^SAMPLES = \d+", "SAMPLES = 2"),
+    (r"spp=32", "spp=2"),
+]
+
+
+@pytest.fixture(autouse=True)
+def _threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("POINTRAY_THREADS", "2")
+
+
+def picture_of(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
+    """Run a small copy of an example, by the command in its first line."""
+    text = (FOLDER / name).read_text()
+    command = text.splitlines()[0].split()
+    assert command[0] == "#" and f"examples/{name}" in command
+    for pattern, value in SMALL:
+        text = re.sub(pattern, value, text, flags=re.MULTILINE)
+    (folder / "examples").mkdir(exist_ok=True)
+    (folder / "examples" / name).write_text(text)
+    monkeypatch.chdir(folder)
+    if command[1] == "pointray":
+        assert execute(command[2:]) == 0
+    else:
+        assert command[1] == "python"
+        monkeypatch.setattr(sys, "argv", command[2:])
+        runpy.run_path(command[2], run_name="__main__")
+    return np.asarray(Image.open(folder / command[-1]))
+
+
+def test_they_are_numbered() -> None:
+    assert len(EXAMPLES) >= 6
+    assert all(re.match(r"\d\d_[a-z_]+\.(toml|py)$", name) for name in EXAMPLES)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_example(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = picture_of(name, tmp_path, monkeypatch)
+    assert image.shape == (40, 48, 3)
+    middle = image[10:30, 12:36].astype(float)
+    assert 20 < middle.mean() < 235 and middle.std() > 8
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 200
+
+
+def test_the_same_in_toml_and_in_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = (picture_of(name, tmp_path, monkeypatch) for name in ("01_statue.toml", "06_statue.py"))
+    assert (one == other).all()
