@@ -209,6 +209,22 @@ def test_the_same_as_in_python(folder: Path) -> None:
     )
 
 
+def test_colour_by_an_attribute(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (
+        '[models.ball]\nprocedural = "sphere"\npoints = 2000\n[materials.high]\nkind = "diffuse"\n'
+        'color = { name = "z", colormap = "magma", range = [-1, 1] }\n[[instances]]\nmodel = "ball"\n'
+        'material = "high"\n[camera]\nsize = [24, 24]\n[settings]\nintegrator = "color"\n'
+    )
+    (folder / "high.toml").write_text(text)
+    made = pr.load_scene(folder / "high.toml")
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.procedural("sphere", 2000)), material=pr.Diffuse(pr.Attribute("z", "magma", (-1, 1))))
+    assert np.array_equal(pr.render(*made[:3]), pr.render(scene, made.camera, made.settings))
+    (folder / "high.toml").write_text(text.replace("magma", "magmar"))
+    assert execute(["render", str(folder / "high.toml"), "-o", str(folder / "out.png")]) == 2
+    assert re.search(r"high.toml:6: materials.high.color.colormap: .*magma", capsys.readouterr().err)
+
+
 def test_every_light_and_material_has_a_kind() -> None:
     assert sorted(looks.LIGHTS) == ["disk", "environment", "point", "rect", "sphere", "sun"]
     assert {"diffuse", "phong", "mirror", "dielectric", "principled", "emissive"} <= set(looks.MATERIALS)

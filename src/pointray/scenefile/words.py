@@ -9,6 +9,7 @@ import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from ..shade.attributes import Attribute
 from .source import Key, Source
 
 LARGEST = 1e18  # of a number: the square of a larger one is none in float32
@@ -40,6 +41,11 @@ KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "float": ("a number", _is_number),
     "ArrayLike": ("a number or a list of numbers", _are_numbers),
     "tuple[int, int]": ("two whole numbers", lambda value: isinstance(value, list) and all(map(_is_whole, value))),
+    "tuple[float, float]": ("two numbers", lambda value: isinstance(value, list) and all(map(_is_number, value))),
+    "Color": (
+        "a number, a list of three, or a table of an attribute",
+        lambda v: isinstance(v, dict) or _are_numbers(v),
+    ),
     "str": ("a text", lambda value: isinstance(value, str)),
     "None": ('"none"', lambda value: value == "none"),
     "dict": ("a table", lambda value: isinstance(value, dict)),
@@ -94,11 +100,15 @@ def value_at(source: Source, key: Key) -> Any:
 
 
 def _value(source: Source, key: Key, value: Any, kinds: tuple[str, ...]) -> Any:
-    if "None" in kinds and value == "none":
+    if ("None" in kinds or "Color" in kinds) and value == "none":
         return None
     if not any(KINDS[kind][1](value) for kind in kinds):
         choice = " or ".join(KINDS[kind][0] for kind in kinds)
         raise source.error(key, f"must be {choice}, not {reprlib.repr(value)}")
+    if "Color" in kinds and isinstance(value, dict):
+        words = check_table(source, key, words_of(Attribute))
+        with source.telling(key, words):
+            return Attribute(**words)
     for number in _numbers_in(value):
         if number != number:
             raise source.error(key, "must not be NaN")
