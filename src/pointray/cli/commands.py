@@ -21,6 +21,7 @@ from .options import (
     GroundOption,
     Integrator,
     IntegratorOption,
+    LegendOption,
     LightOption,
     MaxDepthOption,
     NoiseOption,
@@ -82,12 +83,15 @@ def render(
     exposure: ExposureOption = 0.0,
     ground: GroundOption = False,
     color_by: ColorByOption = None,
+    legend: LegendOption = False,
 ) -> None:
     """Render a scan to a picture; camera and light place themselves."""
     from .outputs import check_output, write_picture
     from .stage import Stage, check_scan
 
-    check_output(output, exposure_of(exposure))
+    check_output(output, exposure_of(exposure), legend)
+    if legend and color_by is None:
+        raise ValueError("--legend is for --color-by, which is not given")
     check_scan(file)
     from ..settings import Settings
 
@@ -100,7 +104,7 @@ def render(
     with Progress() as progress:
         scene, model = stage.build(progress)
         camera = view.camera(model.bounds)
-        what = write_picture(output, (scene, camera, settings), exposure, progress)
+        what = write_picture(output, (scene, camera, settings), (exposure, stage.legend if legend else None), progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
 
 
