@@ -262,6 +262,9 @@ def test_the_output_is_checked_first(output: str, tmp_path: Path, capsys: pytest
         ("--light", "sun:0,0,0"),
         ("--light", "sun:0,0,-1:bright"),
         ("--light", "point:1,2,3:-1"),
+        ("--color-by", "z:magenta"),
+        ("--color-by", "z:gray:2,1"),
+        ("--legend", ""),
     ],
 )
 def test_options_are_checked_first(option: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

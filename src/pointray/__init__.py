@@ -38,6 +38,7 @@ _HOME = {
     "Settings": "settings",
     "SunLight": "shade.lights",
     "clean": "points.cleaning",
+    "draw_legend": "image",
     "estimate_normals": "points",
     "find_flaws": "points.cleaning",
     "fly": "film",
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from .data import Points as Points
     from .film import fly as fly
     from .film import turntable as turntable
+    from .image import draw_legend as draw_legend
     from .image import write_image as write_image
     from .image import write_layers as write_layers
     from .instances import Plane as Plane

@@ -1,8 +1,9 @@
 """Frames: blocks of pixels that threads take, tiles of 8 x 8 pixels in them, samples of these, one after the other.
 
-A frame may be a pass of several: `film` (h, w, 5) float64 keeps the sums of the samples so far (RGB, how often
-something was met, the square of the luminance), in the order of the samples, so that the picture does not depend on
-how it is cut into passes; an empty film where one pass is all. `image` (h, w, 4) has the means, over the background.
+A frame may be a pass of several: `film` (h, w, 8) float64 keeps the sums of the samples so far (RGB, how often
+something was met, the square of the luminance; how often a shadow catcher was, the light that would arrive there and
+that does), in the order of the samples, so that the picture does not depend on how it is cut into passes; an empty film
+where one pass is all. `image` (h, w, 4) has the means, over the background.
 
 how, for both kernels
 ---------------------
@@ -18,22 +19,36 @@ from .jit import borrow, cancelled, inline, keep, kernel, take
 from .lens import camera_ray, depth_of
 from .records import lend_world
 from .sampling import pixel_key
-from .scratch import COUNT_LEAVES, COUNT_NODES, DIRECTION, ORIGIN, RADIANCE, TILE, lend_scratch, new_scratch, row
+from .scratch import (
+    CAUGHT,
+    COUNT_LEAVES,
+    COUNT_NODES,
+    DIRECTION,
+    LIT,
+    ORIGIN,
+    RADIANCE,
+    TILE,
+    UNLIT,
+    lend_scratch,
+    new_scratch,
+    row,
+)
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 from .shade.ambient import see_sky
 from .shade.bsdf import base_color, material_at
+from .shade.catcher import catch_direct, catch_occlusion, find_caught
 from .shade.direct import light_tile
 from .shade.onward import aim_onward, begin_onward, send_onward
 from .shade.path import begin_paths, trace_paths
 from .shade.sky import has_sky, sky_radiance
 from .shade.spots import add_radiance, begin_radiance, keep_spot
+from .simd import lowest
 from .trace.hits import describe_tile, tile_hit
 from .trace.world import NOWHERE, aim, trace_tile
-from .vec import add, along_curve, scale
+from .vec import add, along_curve, luminance, scale
 
 BLOCK = 16  # pixels a side of what a thread takes at a time: 4 tiles of 8 x 8
-SUMS = 5
-LUMINANCE = (0.2126, 0.7152, 0.0722)
+SUMS = 8
 
 
 @inline
@@ -62,12 +77,34 @@ def cost(world, ray, scratch):  # type: ignore[no-untyped-def]
 @inline
 def _add(total, i, color, met):  # type: ignore[no-untyped-def]
     """Add a sample to a pixel's sums."""
-    light = 0.0
+    light = luminance(color)
     for c in range(3):
         total[i, c] += color[c]
-        light += LUMINANCE[c] * color[c]
     total[i, 3] += 1.0 if met else 0.0
     total[i, 4] += light * light
+
+
+@inline
+def _add_tile(total, met, scratch):  # type: ignore[no-untyped-def]
+    """Add a sample of the tile's radiance to its pixels. met : the rays that have met anything (bits)"""
+    spots, caught = scratch.spots, scratch.counts[CAUGHT]
+    met &= ~caught
+    for i in range(TILE):
+        _add(total, i, row(spots, RADIANCE + i), (met >> i) & 1 != 0)
+    while caught != 0:
+        i = lowest(caught)
+        caught &= caught - 1
+        total[i, 5] += 1.0
+        total[i, 6] += spots[UNLIT + i]
+        total[i, 7] += spots[LIT + i]
+
+
+@inline
+def _covered(total, i):  # type: ignore[no-untyped-def]
+    """How many of a pixel's samples are covered: those on shadow catchers by the share of the light they lack."""
+    if total[i, 6] <= 0.0:
+        return total[i, 3]
+    return total[i, 3] + total[i, 5] * (1.0 - total[i, 7] / total[i, 6])
 
 
 @inline
@@ -124,10 +161,10 @@ def _finish(total, corner, done, background, out):  # type: ignore[no-untyped-de
         x, y = along_curve(i)
         x, y = corner[0] + x, corner[1] + y
         if x < width and y < height:
-            uncovered = done - total[i, 3]
+            covered = _covered(total, i)
             for c in range(3):
-                image[y, x, c] = (total[i, c] + uncovered * background[c]) / done
-            image[y, x, 3] = (total[i, 3] + uncovered * background[3]) / done
+                image[y, x, c] = (total[i, c] + (done - covered) * background[c]) / done
+            image[y, x, 3] = (covered + (done - covered) * background[3]) / done
             if film.size > 0:
                 for c in range(SUMS):
                     film[y, x, c] = total[i, c]
@@ -152,6 +189,8 @@ def _direct(world, most, shadows, background, scratch):  # type: ignore[no-untyp
             keep_spot(scratch, i, hit, ray)
             if not first and hit.instance < 0:
                 add_radiance(scratch, i, sky_radiance(world, ray[1]) if has_sky(world) else background)
+        if first and find_caught(world, scratch) != 0:
+            catch_direct(world, scratch.counts[CAUGHT], shadows, scratch)
         # Shadow rays take the place of the tile's: what goes on is put down before.
         send_onward(world, most, scratch)
         light_tile(world, shadows, scratch)
@@ -197,8 +236,7 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
                             _add(total, i, look(world, hit, _tile_ray(scratch, i), camera, integrator), True)
                 if integrator == PHONG:
                     _direct(world, most, shadows != 0, background[:3], scratch)
-                    for i in range(TILE):
-                        _add(total, i, row(scratch.spots, RADIANCE + i), (met >> i) & 1 != 0)
+                    _add_tile(total, met, scratch)
             _finish(total, corner, span[1], background, (film, image))
         block = take(work)
     keep(memory)
@@ -216,7 +254,9 @@ def _occlusion(world, keys, sample, reach, scratch):  # type: ignore[no-untyped-
         hit = tile_hit(scratch, i)
         keep_spot(scratch, i, hit, _tile_ray(scratch, i))
         met |= np.int64(hit.instance >= 0) << i
+    caught = find_caught(world, scratch)
     see_sky(world, keys, sample, reach, scratch)
+    catch_occlusion(caught, scratch)
     return met
 
 
@@ -250,8 +290,7 @@ def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-unt
                 else:
                     begin_paths(keys, scratch)
                     met = trace_paths(world, sample, most, sky_shows != 0, scratch)
-                for i in range(TILE):
-                    _add(total, i, row(scratch.spots, RADIANCE + i), (met >> i) & 1 != 0)
+                _add_tile(total, met, scratch)
             _finish(total, corner, span[1], background, (film, image))
         block = take(work)
     keep(memory)

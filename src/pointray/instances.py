@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .model import Model
 from .paints import Coat, Paints, PaintTables, check_attribute
 from .records import (
+    CATCHER,
     INSTANCE,
     KIND,
     MATERIAL,
@@ -41,19 +42,38 @@ class Plane:
     point, normal : (3,) float, world
     color : float or (3,) float, linear
     checker : float, optional
-        Edge of the squares of a checker; every other one has half the colour.
+        Edge of the squares of a checker; every other one has half the colour. A material without a colour (None)
+        shows it, one with a colour covers it.
+    shadow_catcher : bool
+        Show nothing of the plane but the shadows on it: black, premultiplied, with as much alpha as light is missing.
+
+    Notes
+    -----
+    The alpha of a shadow catcher is the share of the light, as luminance, that things in the way keep from it. "phong":
+    of all lights, each in its middle, the light of the sky unshadowed. "ao": the occlusion. "path": of all light, soft
+    and ambient, as a quotient of sums over a pixel's samples, right on average from some 4 samples on. What other
+    surfaces send onto the plane does not count, nor does its material. The other integrators show the plane itself.
+
+    Only what the camera sees at first is different: in mirrors, behind glass and as a source of light a shadow catcher
+    is the ground that it stands for, in its own colour, and what lies behind it is hidden.
+
+    Alpha is a share of linear light. Programs that blend the sRGB values of a PNG show half of the light as half of the
+    level, a darker shadow; an EXR is blended as light is.
     """
 
     point: ArrayLike
     normal: ArrayLike
     color: ArrayLike = 0.5
     checker: float | None = None
+    shadow_catcher: bool = False
 
     def __post_init__(self) -> None:
         vector(self.point, "point")
         if not vector(self.normal, "normal").any():
             raise ValueError("normal must not be zero")
         rgb(self.color, "color")
+        if not isinstance(self.shadow_catcher, bool):
+            raise ValueError(f"shadow_catcher must be True or False, not {self.shadow_catcher!r}")
         if self.checker is not None and not 0 < self.checker < np.inf:
             raise ValueError(f"checker must be a positive length, not {self.checker!r}")
 
@@ -127,7 +147,7 @@ class Instances:
         shape = self.shapes[row]
         self._records[row, :TO_MODEL] = 0.0
         if isinstance(shape, Plane):
-            self._records[row, KIND] = PLANE
+            self._records[row, KIND] = CATCHER if shape.shadow_catcher else PLANE
             self._records[row, TO_MODEL:] = matrix[:3].reshape(-1)  # of a plane from its own space to the world
             return
         to_model = np.linalg.inv(matrix)[:3]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
-from .frames import BLOCK, LUMINANCE, SUMS, quick_frame, sampled_frame
+from .frames import BLOCK, SUMS, quick_frame, sampled_frame
 from .image.denoise import check_denoise, denoise
 from .jit import run
 from .lens import FILTERS
@@ -20,6 +20,7 @@ from .records import EMISSIVE, MATERIAL_KIND, MATERIAL_SIZE, NO_SKY, SKY_KIND, W
 from .scene import Scene
 from .settings import AO, INTEGRATORS, PATH, Settings
 from .shade.environment import EnvironmentLight
+from .vec import LUMINANCE
 
 AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
 MOST_ONWARD = 32  # mirrors and panes one behind the other

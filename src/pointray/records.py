@@ -154,8 +154,8 @@ class Hit(NamedTuple):
 
 # An instance: 16 float64.
 INSTANCE = 16
-KIND = 0  # MODEL or PLANE
-MODEL, PLANE = 0, 1
+KIND = 0  # MODEL, PLANE, or CATCHER: a plane of which the camera sees the shadows only
+MODEL, PLANE, CATCHER = 0, 1, 2
 SHAPE_ROW = 1  # which model of the table, or which plane
 MATERIAL = 2  # which material
 PAINT = 3  # which paint, -1: the points' own colours
@@ -242,6 +242,7 @@ class World(NamedTuple):
         one's value in the map, 0 to its number of colours, or NaN
     map_colors : (m * 3,) float32, linear: the colours of maps, behind each map's that of what has no value
     tone : (256,) float32, linear value of each sRGB level; longest : blocks of the longest leaf
+    catchers : number of shadow catchers
     """
 
     table: Array
@@ -262,6 +263,7 @@ class World(NamedTuple):
     map_colors: Array
     tone: Array
     longest: int
+    catchers: int
 
 
 @inline
@@ -286,6 +288,7 @@ def lend_world(w):  # type: ignore[no-untyped-def]
         borrow(w.map_colors),
         borrow(w.tone),
         w.longest,
+        w.catchers,
     )
 
 

@@ -11,7 +11,7 @@ from .image.tone import srgb_to_linear
 from .instances import Instances, Plane, check_material, check_transform
 from .model import Model
 from .rays import Hits, check_rays
-from .records import KIND, MODEL, SHAPE_ROW, World, model_table
+from .records import CATCHER, KIND, MODEL, SHAPE_ROW, World, model_table
 from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, no_sky
 from .shade.lights import Light, rgb
@@ -217,6 +217,7 @@ class Scene:
                 *paints,
                 srgb_to_linear(np.arange(256, dtype=np.uint8)),
                 16 * max([int(m.tree.spans[1::2].max()) for m in models], default=1),
+                int((self._instances.records[:, KIND] == CATCHER).sum()),
             )
             self._built = world, models
         return self._built

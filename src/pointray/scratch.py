@@ -50,13 +50,15 @@ SPOT_INSTANCE, SPOT_SIDE, RADIANCE, GAIN = 12 * TILE, 13 * TILE, 14 * TILE, 17 *
 # numbers, the density with which its ray's direction was chosen (0: no other way finds it); the same of the next ray.
 SPOT_WEIGHT, SPOT_DEPTH, KEY, DENSITY = 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
 NEXT, NEXT_SIDE, NEXT_WEIGHT, NEXT_DENSITY = 26 * TILE, 29 * TILE, 30 * TILE, 33 * TILE
-SPOT_ROWS = 34
+UNLIT, LIT = 34 * TILE, 35 * TILE  # of a shadow catcher: light that would arrive, that does
+SPOT_ROWS = 36
 # Rays that wait, see `shade/onward.py`: origin, direction, how much each counts, 3 each, side, depth.
 WAITING, MOST_WAITING = 11, 33
 
 COUNT_NEAR = 0  # blocks listed near the current rays
 COUNT_NODES, COUNT_LEAVES = 1, 2  # visited
 COUNT_SPLATS = 3  # splats listed near the current rays
+CAUGHT = 4  # the camera's rays of the tile that have met a shadow catcher, as bits
 
 # Splats gathered from the listed blocks, 16 together: 8 rows of 16 float32, a block's in their order, and the radius.
 GATHERED = 8 * LANES

@@ -6,6 +6,8 @@ import math
 
 from .jit import inline
 
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear sRGB
+
 
 @inline
 def dot(a, b):  # type: ignore[no-untyped-def]
@@ -35,6 +37,12 @@ def scale(a, s):  # type: ignore[no-untyped-def]
 def multiply(a, b):  # type: ignore[no-untyped-def]
     """Product of each component: colours."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@inline
+def luminance(a):  # type: ignore[no-untyped-def]
+    """How bright a linear colour is."""
+    return LUMINANCE[0] * a[0] + LUMINANCE[1] * a[1] + LUMINANCE[2] * a[2]
 
 
 @inline

@@ -22,6 +22,7 @@ from .options import (
     GroundOption,
     Integrator,
     IntegratorOption,
+    LegendOption,
     LightOption,
     MaxDepthOption,
     NoiseOption,
@@ -87,16 +88,19 @@ def render(
     exposure: ExposureOption = 0.0,
     ground: GroundOption = False,
     color_by: ColorByOption = None,
+    legend: LegendOption = False,
 ) -> None:
     """Render a scan to a picture, camera and light place themselves; or what a scene file describes."""
     from .outputs import check_output, write_picture
     from .scenes import is_scene, render_scene
     from .stage import Stage, check_scan
 
-    check_output(output, exposure_of(exposure))
+    check_output(output, exposure_of(exposure), legend)
     if is_scene(file):
         print(render_scene(file, output, given(context)))
         return
+    if legend and color_by is None:
+        raise ValueError("--legend is for --color-by, which is not given")
     check_scan(file)
     from ..settings import Settings
 
@@ -110,7 +114,8 @@ def render(
     with Progress() as progress:
         scene, model = stage.build(progress)
         camera = view.camera(model.bounds)
-        what = write_picture(output, (scene, camera, settings), exposure, progress)
+        look = exposure, "srgb", stage.legend if legend else None
+        what = write_picture(output, (scene, camera, settings), look, progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
 
 

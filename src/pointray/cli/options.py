@@ -62,6 +62,7 @@ ColorByOption = Annotated[
         "the points' own colours."
     ),
 ]
+LegendOption = Annotated[bool, typer.Option("--legend/--no-legend", help="Draw what the colors of --color-by mean.")]
 
 SKY = "0.85,0.87,0.9"  # the background where none is given
 

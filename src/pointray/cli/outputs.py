@@ -14,15 +14,16 @@ def _layered(output: Path) -> bool:
     return output.suffix.lower() in LAYERED
 
 
-def check_output(output: Path, exposure: float) -> None:
+def check_output(output: Path, exposure: float, legend: bool) -> None:
     """Raise what would keep the result from being written, before the work is done."""
     from ..image.write import LAYERED, SHOWN, check_layers_path
     from ..points.files import check_writable
 
     if _layered(output):
         check_layers_path(output)
-        if exposure != 0:
-            raise ValueError(f"{output}: layers keep the light as it is; --exposure is for {', '.join(SHOWN)}")
+        for option, given in (("--exposure", exposure != 0), ("--legend", legend)):
+            if given:
+                raise ValueError(f"{output}: layers keep the light as it is; {option} is for {', '.join(SHOWN)}")
         return
     if output.suffix.lower() not in SHOWN:
         extension = output.suffix or "a file without extension"
@@ -30,10 +31,11 @@ def check_output(output: Path, exposure: float) -> None:
     check_writable(output)
 
 
-def write_picture(
-    output: Path, subject: tuple[Any, Any, Any], exposure: float, progress: Progress, curve: str = "srgb"
-) -> str:
-    """Render and write; returns what the message says of it. subject : scene, camera, settings"""
+def write_picture(output: Path, subject: tuple[Any, Any, Any], look: tuple[float, str, Any], progress: Progress) -> str:
+    """Render and write; returns what the message says of it.
+
+    subject : scene, camera, settings; look : exposure, curve, and the attribute of a legend or None
+    """
     import pointray as pr
 
     from ..layers import render_layers
@@ -45,7 +47,8 @@ def write_picture(
     if not _layered(output):
         image = in_background(lambda: render(*subject, show))
         with writing(output):
-            pr.write_image(output, image, exposure, curve)
+            exposure, curve, legend = look
+            pr.write_image(output, image, exposure, curve, legend=legend)
         return ""
     layers = in_background(lambda: render_layers(*subject, show))
     with writing(output):

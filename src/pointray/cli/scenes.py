@@ -47,6 +47,6 @@ def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     plan = SceneStage(file, options).plan
     with Progress() as progress:
         made = in_background(lambda: plan.build(progress.show))
-        what = write_picture(output, made[:3], made.exposure, progress, made.curve)
+        what = write_picture(output, made[:3], (made.exposure, made.curve, None), progress)
     width, height = made.camera.size
     return f"{output}: {width}x{height}{what}"

@@ -50,6 +50,12 @@ class Stage:
         scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
         return {**scan, **self._surface, **self._place}
 
+    @property
+    def legend(self) -> Any:
+        """What the scan is coloured by, with the range that is shown, by the name that was asked for."""
+        assert self._color is not None
+        return replace(self._scene.shown_attributes[0], name=self._color.name)
+
     def build(self, progress: Progress) -> tuple[Any, Any]:
         """The scene, and the model in it."""
         model = self._load(progress)

@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from ..points.files import check_writable, replacing
+from ..shade.attributes import Attribute
 from .exr import channels_of, check_exr, write_exr
+from .legend import draw_legend
 from .tone import check_tone, linear_to_srgb, tone
 
 SHOWN = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -23,7 +25,13 @@ QUALITY = 92  # of JPEG
 Floats = NDArray[np.float32]
 
 
-def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float = 0, curve: str = "srgb") -> None:
+def write_image(
+    path: str | os.PathLike[str],
+    image: ArrayLike,
+    exposure: float = 0,
+    curve: str = "srgb",
+    legend: Attribute | None = None,
+) -> None:
     """Write a rendered image.
 
     Parameters
@@ -36,6 +44,8 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float 
         In stops: each doubles the light.
     curve : {"srgb", "filmic"}
         Brightness above 1 is cut off, or rolled off as by film.
+    legend : Attribute, optional
+        With a range: drawn onto what is shown, see `draw_legend`. Not for EXR.
 
     Raises
     ------
@@ -57,6 +67,8 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float 
     array = _check_image(image)
     check_tone(exposure, curve)
     if format == "EXR":
+        if legend is not None:
+            raise ValueError(f"{file}: an EXR keeps the light as it is; a legend is for {', '.join(SHOWN)}")
         write_layers(file, {"radiance": array})
         return
     linear, alpha = _split(array)
@@ -66,6 +78,8 @@ def write_image(path: str | os.PathLike[str], image: ArrayLike, exposure: float 
     picture = _to_bytes(linear_to_srgb(shown))
     if format == "PNG" and (alpha < 1).any():
         picture = np.concatenate([picture, _to_bytes(alpha)], axis=2)
+    if legend is not None:
+        picture = draw_legend(picture, legend)
     with replacing(file) as beside:
         Image.fromarray(picture).save(beside, format, quality=QUALITY, subsampling=0, compress_level=4)
 

@@ -33,6 +33,7 @@ from ..trace.hits import describe_tile, tile_hit
 from ..trace.world import NOWHERE, aim, aim_from, trace_tile
 from ..vec import add, multiply, scale
 from .bsdf import emitted, is_specular, sample_scatter, scatter
+from .catcher import catch_paths, find_caught
 from .direct import shade_gains
 from .emitters import density_of_light, light_radiance, meet_light, sample_light, sun_in
 from .sky import is_chosen, sample_sky, sky_density, sky_radiance
@@ -219,6 +220,8 @@ def trace_paths(world, sample, most, sky_shows, scratch):  # type: ignore[no-unt
         met = receive(world, depth, sky_shows, scratch)
         if depth == 0:
             covered = met
+            if find_caught(world, scratch) != 0:
+                covered &= ~catch_paths(world, sample, sky_shows, scratch)
         if depth == most:
             break
         scatter_paths(world, sample, depth, scratch)

@@ -1,0 +1,152 @@
+"""Legend: what the colours of an attribute stand for, drawn onto a picture."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from ..shade.attributes import Attribute
+from ..shade.colormaps import colormap, shows_classes
+from .tone import srgb_to_linear
+
+PANEL, INK = (255, 255, 255, 205), (25, 25, 25, 255)  # behind it, and what is written: dark on light anywhere
+LETTERS, SMALLEST = 40, 10.0  # a picture is so many letters high, and these so many pixels at least
+BAR = 0.45  # height of the bar, as a share of the picture's
+MOST_TICKS = 9
+
+
+def draw_legend(image: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
+    """Draw what an attribute's colours stand for onto a picture, at its right edge.
+
+    A bar with values at round numbers; of a map of classes, a field for each.
+
+    Parameters
+    ----------
+    image : (h, w, 3) or (h, w, 4) float32 or uint8
+        As `render` returns it, linear and premultiplied; or as it is shown, sRGB.
+    attribute : Attribute
+        With a range, see `Scene.shown_attributes`; its name is written above the bar.
+
+    Returns
+    -------
+    (h, w, 3) or (h, w, 4) float32 or uint8
+        A new picture of the same kind. What `write_image` does to light, with an exposure or a curve, it does to the
+        legend of a linear one, but not to that which it draws itself: `write_image(path, image, legend=attribute)`.
+
+    Raises
+    ------
+    ValueError
+        If the attribute has no range, or the array is no picture.
+    """
+    array = np.asarray(image)
+    if array.ndim != 3 or array.shape[2] not in (3, 4) or array.dtype not in (np.uint8, np.float32) or not array.size:
+        raise ValueError(
+            f"a picture must have the shape (h, w, 3) or (h, w, 4) and be uint8 or float32, not {array.shape} "
+            f"{array.dtype}"
+        )
+    over = _layer(array.shape[1], array.shape[0], attribute)
+    if array.dtype == np.uint8:
+        mode = "RGBA" if array.shape[2] == 4 else "RGB"
+        drawn = Image.alpha_composite(Image.fromarray(array).convert("RGBA"), over)
+        return np.asarray(drawn.convert(mode))
+    levels = np.asarray(over)
+    alpha = (levels[..., 3:] / 255).astype(np.float32)
+    light = np.concatenate([srgb_to_linear(levels[..., :3]) * alpha, alpha], axis=2)
+    return np.asarray(light[..., : array.shape[2]] + array * (1 - alpha))
+
+
+def ticks(low: float, high: float, most: int = MOST_TICKS) -> NDArray[np.float64]:
+    """Round numbers from low to high, at most so many: multiples of 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10((high - low) / most))
+    for step in (1, 2, 5, 10, 20):
+        first, last = math.ceil(low / (step * power) - 1e-9), math.floor(high / (step * power) + 1e-9)
+        if last - first < most:
+            break
+    return np.asarray(np.arange(first, last + 1) * step * power, np.float64)
+
+
+def labels(values: NDArray[np.float64]) -> list[str]:
+    """How round numbers are written: all with the decimals that one of them needs."""
+    largest = np.abs(values).max() if len(values) else 0.0
+    if largest >= 1e7 or 0 < largest < 1e-3:
+        return [f"{x:.6g}" for x in values]
+    for decimals in range(9):
+        texts = [f"{x + 0.0:.{decimals}f}" for x in values]
+        if np.allclose([float(t) for t in texts], values, rtol=0, atol=1e-9 * largest):
+            break
+    return texts
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A text at a height of the bar, from its top, and the colour of its field, if it has one."""
+
+    text: str
+    y: float
+    color: tuple[int, ...] | None = None
+
+
+def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_Entry], float]:
+    """What is written beside the bar or the fields, and their height; size : of letters, pixels"""
+    assert attribute.range is not None
+    low, high = attribute.range
+    table = colormap(attribute.colormap)
+    if shows_classes(attribute.colormap):
+        first, last = round(low), round(high)
+        classes = range(min(last, first + len(table) - 1), first - 1, -1)
+        step = min(1.5 * size, 0.8 * height / len(classes))
+        fields = [_Entry(str(k), (row + 0.5) * step, tuple(table[k - first])) for row, k in enumerate(classes)]
+        return fields, step * len(classes)
+    length = BAR * height
+    values = ticks(low, high, max(2, min(MOST_TICKS, int(length / (1.8 * size)))))
+    places = (high - values) / (high - low) * length
+    return [_Entry(text, y) for text, y in zip(labels(values), places, strict=True)], length
+
+
+def _layer(width: int, height: int, attribute: Attribute) -> Image.Image:
+    """The legend alone, in a transparent picture of a size."""
+    if attribute.range is None:
+        raise ValueError("a legend needs an attribute with a range: Scene.shown_attributes has those that are shown")
+    size = max(height / LETTERS, SMALLEST)
+    entries, length = _entries(attribute, size, height)
+    fields = shows_classes(attribute.colormap)
+    rows = length / len(entries) if fields else 1.5 * size
+    font, title = _font(min(size, 0.85 * rows)), _fitting(attribute.name, size, 0.8 * width)
+    over = Image.new("RGBA", (width, height))
+    draw = ImageDraw.Draw(over)
+    broad = max([draw.textlength(e.text, font) for e in entries], default=0.0)
+    bar, gap = round(size), size / 2
+    inner = max(bar + gap + broad, draw.textlength(attribute.name, title))
+    right, top = width - size, (height - length) / 2 + size
+    left = right - inner
+    box = (left - gap, top - 2.1 * size, right + gap, top + length + 0.8 * size)
+    draw.rounded_rectangle(box, gap, PANEL)
+    draw.text((left, top - 0.8 * size), attribute.name, INK, title, anchor="ls")
+    corner = round(left), round(top)
+    if not fields:
+        strip = Image.fromarray(np.ascontiguousarray(colormap(attribute.colormap)[::-1, None]))
+        over.paste(strip.resize((bar, round(length)), Image.Resampling.BILINEAR), corner)
+        draw.rectangle((corner[0], corner[1], corner[0] + bar, corner[1] + round(length)), outline=INK)
+    for entry in entries:
+        y = top + entry.y
+        if entry.color:
+            half = 0.4 * rows
+            draw.rectangle((corner[0], y - half, corner[0] + bar, y + half), (*map(int, entry.color), 255), INK)
+        else:
+            draw.line((corner[0] + bar, y, corner[0] + bar + gap / 2, y), INK)
+        draw.text((corner[0] + bar + gap, y), entry.text, INK, font, anchor="lm")
+    return over
+
+
+def _font(size: float) -> Any:
+    return ImageFont.load_default(max(size, 1.0))
+
+
+def _fitting(text: str, size: float, width: float) -> Any:
+    """The font in which a text is at most so wide."""
+    return _font(size * min(1.0, width / max(_font(size).getlength(text), 1.0)))

@@ -1,0 +1,202 @@
+"""Shadow catchers: of planes that show nothing but shadows, the light that arrives, and that would arrive.
+
+What is in the way takes away 1 - LIT / UNLIT, of the sums over a pixel's samples (`frames.py`): both are found by the
+same samples, so that where nothing is in the way nothing is taken. Light is counted as luminance, by its cosine; what
+other surfaces send onto a catcher is not.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inline
+from ..records import CATCHER, INSTANCE, KIND, LIGHT
+from ..sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
+from ..scratch import (
+    CAUGHT,
+    GAIN,
+    INSTANCE_OF,
+    KEY,
+    LIT,
+    RADIANCE,
+    SPOT,
+    SPOT_EYE,
+    SPOT_INSTANCE,
+    SPOT_NORMAL,
+    SPOT_SIDE,
+    TILE,
+    UNLIT,
+    put,
+    row,
+)
+from ..simd import lowest
+from ..trace.world import NOWHERE, aim, aim_from, trace_tile
+from ..vec import dot, luminance, scale
+from .emitters import from_middle, meet_light, sample_light
+from .phong import sample_diffuse
+from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
+from .spots import BLACK, add_radiance
+
+
+@inline
+def find_caught(world, scratch):  # type: ignore[no-untyped-def]
+    """Put down in CAUGHT which of the tile's surface points, the camera's first, are a catcher's; also returned."""
+    bits, spots = np.int64(0), scratch.spots
+    if world.catchers > 0:
+        for i in range(TILE):
+            instance = int(spots[SPOT_INSTANCE + i])
+            if instance >= 0 and world.instances[instance * INSTANCE + KIND] == CATCHER:
+                bits |= np.int64(1) << i
+                spots[UNLIT + i] = spots[LIT + i] = 0.0
+    scratch.counts[CAUGHT] = bits
+    return bits
+
+
+@inline
+def _ask_nothing(scratch):  # type: ignore[no-untyped-def]
+    for i in range(TILE):
+        aim(scratch, i, NOWHERE)
+
+
+@inline
+def _ask(scratch, i, light, to_light, distance):  # type: ignore[no-untyped-def]
+    """Light that would arrive at catcher i, and the ray that tells whether it does."""
+    scratch.spots[GAIN + i] = light
+    if light > 0.0:
+        aim_from(scratch, i, (row(scratch.spots, SPOT + i), to_light, 0.0, distance), scratch.spots[SPOT_SIDE + i])
+
+
+@inline
+def _answer(world, caught, shadows, scratch):  # type: ignore[no-untyped-def]
+    """Add the light that was asked for to what would arrive, and where nothing is in its way to what does."""
+    spots = scratch.spots
+    if shadows:
+        trace_tile(world, scratch)
+    while caught != 0:
+        i = lowest(caught)
+        caught &= caught - 1
+        spots[UNLIT + i] += spots[GAIN + i]
+        if not shadows or scratch.numbers[INSTANCE_OF + i] < 0:
+            spots[LIT + i] += spots[GAIN + i]
+
+
+@inline
+def _leave(caught, scratch):  # type: ignore[no-untyped-def]
+    """Catchers are no surface points that are shaded."""
+    for i in range(TILE):
+        if (caught >> i) & 1 != 0:
+            scratch.spots[SPOT_INSTANCE + i] = -1.0
+            put(scratch.spots, RADIANCE + i, BLACK)
+
+
+@inline
+def _unshadowed(world, i, scratch):  # type: ignore[no-untyped-def]
+    """Light at catcher i in which direct light has no shadows: the sky's, or a headlight."""
+    if has_sky(world):
+        return luminance(sky_irradiance(world, row(scratch.spots, SPOT_NORMAL + i)))
+    return 1.0 if world.lights.size == 0 else 0.0
+
+
+@inline
+def catch_direct(world, caught, shadows, scratch):  # type: ignore[no-untyped-def]
+    """Direct light at the tile's catchers (bits), each light from its middle. Uses the tile's rays."""
+    for i in range(TILE):
+        if (caught >> i) & 1 != 0:
+            light = _unshadowed(world, i, scratch)
+            scratch.spots[UNLIT + i], scratch.spots[LIT + i] = light, light
+    for at in range(0, world.lights.size, LIGHT):
+        _ask_nothing(scratch)
+        for i in range(TILE):
+            if (caught >> i) & 1 != 0:
+                arrival = from_middle(world, at, row(scratch.spots, SPOT + i))
+                cosine = max(dot(row(scratch.spots, SPOT_NORMAL + i), arrival.to_light), 0.0)
+                _ask(scratch, i, luminance(arrival.light) * cosine, arrival.to_light, arrival.distance)
+        _answer(world, caught, shadows, scratch)
+    _leave(caught, scratch)
+
+
+@inline
+def catch_occlusion(caught, scratch):  # type: ignore[no-untyped-def]
+    """After the rays of ambient occlusion are traced: whether they are free."""
+    for i in range(TILE):
+        if (caught >> i) & 1 != 0:
+            scratch.spots[UNLIT + i] = 1.0
+            scratch.spots[LIT + i] = 1.0 if scratch.numbers[INSTANCE_OF + i] < 0 else 0.0
+    _leave(caught, scratch)
+
+
+@inline
+def _ask_lamp(world, at, i, sample, scratch):  # type: ignore[no-untyped-def]
+    """At catcher i ask for light from a place on a light."""
+    x, normal = row(scratch.spots, SPOT + i), row(scratch.spots, SPOT_NORMAL + i)
+    u, v = sample_pair(int(scratch.spots[KEY + i]), sample, ON_PATH + ON_LIGHT)
+    arrival = sample_light(world, at, x, u, v)
+    cosine = max(dot(normal, arrival.to_light), 0.0)
+    _ask(scratch, i, luminance(arrival.light) * cosine, arrival.to_light, arrival.distance)
+
+
+@inline
+def _is_sky(world, x, d):  # type: ignore[no-untyped-def]
+    """Whether no light hides the sky."""
+    free = True
+    for at in range(0, world.lights.size, LIGHT):
+        free &= meet_light(world, at, x, d) == np.inf
+    return free
+
+
+@inline
+def _ask_sky(world, i, sample, scratch):  # type: ignore[no-untyped-def]
+    """At catcher i ask for light from all around: a picture's by its own light, else by the cosine."""
+    x, normal = row(scratch.spots, SPOT + i), row(scratch.spots, SPOT_NORMAL + i)
+    u, v = sample_pair(int(scratch.spots[KEY + i]), sample, ON_PATH + DIRECTION_OF)
+    if is_chosen(world):
+        arrival = sample_sky(world, u, v)
+        d, light = arrival.to_light, scale(arrival.light, max(dot(normal, arrival.to_light), 0.0))
+    else:
+        d = sample_diffuse(normal, u, v)
+        light = scale(sky_radiance(world, d), math.pi)
+    _ask(scratch, i, luminance(light) if _is_sky(world, x, d) else 0.0, d, np.inf)
+
+
+@inline
+def catch_paths(world, sample, sky_shows, scratch):  # type: ignore[no-untyped-def]
+    """All light at the tile's catchers, from a place on each light and from one direction of the sky.
+
+    Each light, not one by chance: what would arrive is nearly the same in all samples, so that the quotient of few sums
+    is nearly right. Half below a rectangle whose light differs threefold from end to end it is 0.40 on average with 1
+    sample, 0.307 with 4, 0.303 with 64.
+
+    sky_shows : whether the sky is seen behind them: darker, then. Else they stay in CAUGHT, to become alpha.
+    Returns those that do.
+    """
+    caught, sky = scratch.counts[CAUGHT], world.lights.size
+    for at in range(0, sky + LIGHT, LIGHT):
+        if at == sky and not has_sky(world):
+            continue
+        _ask_nothing(scratch)
+        for i in range(TILE):
+            if (caught >> i) & 1 != 0:
+                if at == sky:
+                    _ask_sky(world, i, sample, scratch)
+                else:
+                    _ask_lamp(world, at, i, sample, scratch)
+        _answer(world, caught, True, scratch)
+    _leave(caught, scratch)
+    if sky_shows:
+        _darken_sky(world, caught, scratch)
+        scratch.counts[CAUGHT] = 0
+    return scratch.counts[CAUGHT]
+
+
+@inline
+def _darken_sky(world, caught, scratch):  # type: ignore[no-untyped-def]
+    """Catchers show the sky behind them as far as they are lit."""
+    spots = scratch.spots
+    for i in range(TILE):
+        if (caught >> i) & 1 != 0:
+            behind = sky_radiance(world, scale(row(spots, SPOT_EYE + i), -1.0))
+            add_radiance(
+                scratch, i, scale(behind, spots[LIT + i] / spots[UNLIT + i] if spots[UNLIT + i] > 0.0 else 1.0)
+            )
