@@ -37,10 +37,8 @@ fir = pr.Model(pr.Points(positions, normals, colors))
 
 scene = pr.Scene()
 for x, y in rng.uniform(-1, 1, (TREES, 2)) * [42, 34]:
-    turn, size = rng.uniform(0, 360), rng.uniform(0.6, 1.5)
-    scene.add(
-        fir, pr.transform(translate=(x, y + 28, 0), rotate=turn, scale=(size, size, size * rng.uniform(0.9, 1.3)))
-    )
+    wide, high = rng.uniform(0.6, 1.5) * np.array([1.0, rng.uniform(0.9, 1.3)])
+    scene.add(fir, pr.transform(translate=(x, y + 28, 0), rotate=rng.uniform(0, 360), scale=(wide, wide, high)))
 scene.add(pr.Plane(point=(0, 0, 0), normal=(0, 0, 1), color=(0.17, 0.16, 0.08)))
 scene.add_light(pr.SunLight(direction=(1.0, 0.5, -0.6), irradiance=(4.0, 3.1, 2.0), angle=1))
 scene.add_light(pr.EnvironmentLight((0.12, 0.3, 0.8), horizon=(0.55, 0.65, 0.8)))

@@ -12,7 +12,9 @@ from PIL import Image
 import pointray as pr
 from pointray.cli import execute
 
-README = (Path(__file__).resolve().parents[1] / "README.md").read_text()
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text()
+SMALL = {"points": "points = 3000", "spp": "spp = 1"}  # of the examples
 
 
 def blocks(language: str) -> list[str]:
@@ -22,8 +24,12 @@ def blocks(language: str) -> list[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the scan that the README speaks of; the current one."""
+    """A folder with the scan and the examples that the README speaks of; the current one."""
     pr.write(tmp_path / "scan.ply", pr.procedural("statue", 5000))
+    (tmp_path / "examples").mkdir()
+    for path in (ROOT / "examples").glob("*.toml"):
+        small = re.sub(r"^(points|spp) = .*", lambda word: SMALL[word[1]], path.read_text(), flags=re.MULTILINE)
+        (tmp_path / "examples" / path.name).write_text(small)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -62,4 +68,4 @@ def test_programs(block: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("link", re.findall(r"\]\((?!http)([^)#]+)\)", README))
 def test_links(link: str) -> None:
-    assert (Path(__file__).resolve().parents[1] / link).exists()
+    assert (ROOT / link).exists()

@@ -315,7 +315,7 @@ WRONG = {
     "negative light": ("radiance = 2", "radiance = -2", "lights[2].radiance", "must be finite and not negative"),
     "light of no size": ("radius = 0.5", "radius = 0", "lights[3].radius", "must be a positive length, not 0"),
     "light of no area": ("u = [0, 1, 0]", "u = [2, 0, 0]", "lights[2].u", "and v must not be parallel"),
-    "singular": ("    [0, 0, 1, 0.5],", "    [0, 1, 0, 0.5],", "instances[1].transform", "transform is singular"),
+    "singular": ("    [0, 0, 1, 0.5],", "    [0, 1, 0, 0.5],", "instances[1].transform", "is singular"),
     "scaled to nothing": ("scale = [1, 2, -1]", "scale = [1, 0, 1]", "instances[0].scale", "must not be zero"),
     "two places": (
         'transforms = "many.npy"',
@@ -357,7 +357,7 @@ def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -
     assert rest.startswith(f"{key}: ") and message in rest, found
     where = int(place.removeprefix("scene.toml:"))
     if case == "two skies":
-        start = text.split("\n").index('image = "sky.exr"')
+        start = text.split("\n").index('image = "sky.exr"') - 1
     elif case == "singular":
         start = line(text, "transform = [")
     elif case == "two places":
@@ -371,14 +371,14 @@ def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -
     ("text", "message"),
     [
         ("a = = 1", "scene.toml:1: this is no TOML: Invalid value"),
-        ("\n[camera]\nfov = 3\nfov = 4", "scene.toml:4: this is no TOML: Cannot overwrite a value"),
+        ("\n[camera]\nfov = 3\nfov = 4\n", "scene.toml:4: this is no TOML: Cannot overwrite a value"),
         ("a = '''", "scene.toml: this is no TOML"),
         ("a = " + "[" * 20000, "scene.toml: this is no TOML"),
         ("", "scene.toml: camera: eye and target are missing, and there are no instances to be framed"),
         ("[models.a]\n", "scene.toml:1: models.a: file or procedural is missing"),
         ("models = 3\n", "scene.toml:1: models: must be a table, not 3"),
         ("[models]\na = 3\n", "scene.toml:2: models.a: must be a table, not 3"),
-        ("lights = [{kind = 1}]\n", "scene.toml:1: lights[0].kind: must be a text, not 1"),
+        ("lights = [{kind = 1}]\n", "scene.toml:1: lights[0].kind: unknown kind 1; there are: point, sun"),
         ('[models.a]\nfile = "b.pointray"\nsamples = 3', "scene.toml:3: models.a.samples: is part of a saved model"),
     ],
 )
@@ -457,3 +457,15 @@ def test_no_scene_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert capsys.readouterr().err == f"pointray: {tmp_path / 'x.toml'}: No such file or directory\n"
     with pytest.raises(FileNotFoundError):
         pr.load_scene(tmp_path / "x.toml")
+
+
+def test_the_manual(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The example of docs/scenes.md, and the mistake that it shows."""
+    page = (Path(__file__).resolve().parents[1] / "docs" / "scenes.md").read_text()
+    (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    small = text.replace("100_000", "2000")
+    (tmp_path / "scene.toml").write_text(small)
+    assert execute(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a.png"), "--size", "16x12"]) == 0
+    (tmp_path / "a.png").unlink()
+    wrong = small.replace("direction = [1, 1, -1.5]", "direction = [0, 0, 0]")
+    assert f"    pointray: {said(tmp_path, wrong, capsys)}\n" in page

@@ -70,11 +70,11 @@ def make_light(source: Source, lamp: Lamp) -> Any:
 
 def _check_kind(source: Source, key: Key, known: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     table = value_at(source, key)
-    name = table.get("kind") if isinstance(table, dict) else None
-    if isinstance(name, str) and name not in known:
+    if not isinstance(table, dict) or "kind" not in table:
+        raise source.error(key, "kind is missing")
+    name = table["kind"]
+    if not isinstance(name, str) or name not in known:
         raise source.error((*key, "kind"), unknown("kind", name, known))
-    kind = known.get(name) if isinstance(name, str) else None
-    # Without a kind no word is known but this one: the message is about it.
-    values = check_table(source, key, {"kind": TEXT, **(words_of(kind) if kind else {})})
+    values = check_table(source, key, {"kind": TEXT, **words_of(known[name])})
     del values["kind"]
-    return kind, values
+    return known[name], values

@@ -69,10 +69,10 @@ def words_of(make: Callable[..., Any], *without: str) -> dict[str, Word]:
     return words
 
 
-def unknown(what: str, name: str, known: Iterable[str]) -> str:
+def unknown(what: str, name: Any, known: Iterable[str]) -> str:
     """A message: a name that is none of those known."""
     names = list(known)
-    near = difflib.get_close_matches(name, names, 1)
+    near = difflib.get_close_matches(str(name), names, 1)
     guess = f" (did you mean {near[0]!r}?)" if near else ""
     return f"unknown {what} {name!r}{guess}; there are: {', '.join(names) or 'none'}"
 
