@@ -81,7 +81,7 @@ def test_other_maps_come_from_matplotlib(monkeypatch):
 # -------------------------------------------------------------------------------------------- what color shows
 
 
-@pytest.mark.parametrize("value", [0.0, 0.125, 0.3, 0.5, 1.0, -7.0, 9.0])
+@pytest.mark.parametrize("value", [0.0, 95 / 256, 0.3, 0.5, 171 / 256, 1.0, -7.0, 9.0])
 def test_a_constant_comes_back_within_one_level(value, tmp_path):
     from PIL import Image
 
@@ -141,6 +141,17 @@ def test_what_has_no_value_is_grey(model):
     assert {tuple(c) for c in shown[~grey]} == {tuple(at("viridis", 0.25))}  # NaN does not darken its neighbours
     assert (seen(model, pr.Attribute("lost"))[2] == 128).all()
     assert (seen(model, pr.Attribute("lost", "tab10"))[2] == 128).all()
+
+
+def test_most_of_the_weight_decides_whether_there_is_a_value(model):
+    """The grey begins at x = 0, half a spacing more or less, not where the first or the last value ends."""
+    scene = pr.Scene()
+    scene.add(model, material=pr.Diffuse(pr.Attribute("half", "viridis", (0, 1))))
+    x, z = np.random.default_rng(0).uniform(-0.15, 0.15, (2, 4000))
+    color = scene.intersect(np.stack([x, np.full(4000, -4.0), z], axis=1), [0, 1, 0]).color
+    grey = np.ptp(color, axis=1) == 0
+    assert x[~grey].max() < 0.04 and x[grey].min() > -0.04
+    assert abs(grey.mean() - (x > 0).mean()) < 0.04
 
 
 def test_infinite_values_are_clamped(model):

@@ -136,6 +136,13 @@ def test_an_even_sky_below_a_roof(roof):
     assert alpha_at(scene, 0, 0, spp=1024) == pytest.approx(want, rel=0.02)
 
 
+def test_lights_hide_the_sky(roof):
+    """One that shines as the sky behind it makes no difference."""
+    lamp = pr.RectLight((0, 0, 4), (3, 0, 0), (0, -3, 0), 1)
+    alone, both = (caught(pr.EnvironmentLight(), *more, model=roof, transform=lifted(2)) for more in ((), (lamp,)))
+    assert alpha_at(both, 1.5, 0, spp=1024) == pytest.approx(alpha_at(alone, 1.5, 0, spp=1024), rel=0.02)
+
+
 def test_passes_make_the_same_picture(ball):
     """Whatever the number of threads; and where the noise ends it."""
     scene = caught(pr.SunLight((0.3, 0, -1), 3, angle=10), model=ball, transform=lifted(2))

@@ -56,12 +56,12 @@ def test_writing_is_dark_on_light(level):
 
 
 def test_ticks_stand_at_their_values():
-    drawn = draw_legend(blank(800, 600, 255), HEIGHT).astype(int)
+    drawn = draw_legend(blank(800, 600, 255), pr.Attribute("height", range=(0.5, 10))).astype(int)
     x, rows, _ = column_of(drawn, "viridis")
     right = x + np.flatnonzero((drawn[300, x:] < 60).all(axis=1))[0]  # the bar's edge
     marks = np.flatnonzero((drawn[:, right + 3] < 60).all(axis=1))
-    values = 10 * (1 - (marks - rows[0]) / (rows[-1] - rows[0]))
-    assert values == pytest.approx(np.arange(10, -1, -2), abs=0.1)
+    values = 10 - 9.5 * (marks - rows[0]) / (rows[-1] - rows[0])
+    assert values == pytest.approx(np.arange(10, 1, -2), abs=0.1)
 
 
 @pytest.mark.parametrize(
