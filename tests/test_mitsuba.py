@@ -1,0 +1,45 @@
+"""Pictures beside Mitsuba's, of a mesh there and of its vertices here, at sizes that take seconds."""
+
+import pytest
+
+import mitsuba_pairs
+import pointray as pr
+from beside_mitsuba import Pair, choose_variant, compare
+from conftest import MODELS, shared_model
+from mitsuba_pairs import COLOR, MATERIALS
+from mitsuba_scenes import Case, body
+
+
+@pytest.fixture(scope="module", params=["torus", "bunny"])
+def pair(request):
+    for package in ("mitsuba", "trimesh"):
+        pytest.importorskip(package)
+    if request.param == "bunny":
+        shared_model("meshes/stanford_bunny_mesh.ply")
+    choose_variant(arrays=False)  # old LLVMs end the process where they meet AVX-512
+    return Pair(body(request.param, MODELS / "meshes"), size=96, spp=49)
+
+
+@pytest.mark.parametrize("light", ["sun", "constant", "disk"])
+def test_direct_light(pair, light):
+    row = compare(pair, Case(light, "diffuse"))
+    assert row.met, row
+    assert row.model.pixels > 1000 and row.all.pixels > 5000
+    assert row.all.apart < 1.2 * row.all.apart_noise + 0.005
+
+
+def test_four_bounces_in_a_corner(pair):
+    row = compare(pair, Case("rectangle", "diffuse", "corner", 4))
+    assert row.met, row
+
+
+def test_mirrors(pair):
+    row = compare(pair, Case("gradient", "mirror", "floor", 2))
+    assert row.met, row
+
+
+def test_a_wrong_color_is_noticed(pair, monkeypatch):
+    wrong = MATERIALS["diffuse"]()._replace(ours=pr.Diffuse([1.03 * c for c in COLOR]))
+    monkeypatch.setitem(mitsuba_pairs.MATERIALS, "diffuse", lambda: wrong)
+    row = compare(pair, Case("sun", "diffuse"))
+    assert not row.model.met and row.model.off == pytest.approx(1 / 1.03 - 1, abs=0.005)
