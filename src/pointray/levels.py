@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
-from .model import Model
 from .records import INSTANCE, KIND, MODEL, PAINT, SHAPE_ROW, TO_MODEL, World, model_table
 from .scene import Scene
 
@@ -32,7 +31,7 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
         return world
     families = [(model, *model.levels) for model in models]
     first = np.cumsum([0, *(len(family) for family in families)])
-    trees = [level.tree for family in families for level in family]
+    levels = [level for family in families for level in family]
     instances = world.instances.reshape(-1, INSTANCE).copy()
     rows = np.flatnonzero(instances[:, KIND] == MODEL)
     whole = instances[rows, PAINT] >= 0  # what colours these by an attribute knows the splats of the model itself
@@ -40,12 +39,12 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
     pixel = _pixel_sizes(camera, scene._instances.boxes[rows]) * _scales(instances[rows])  # in the model's unit
     finest = FINENESS * max(spp**-0.5, FINEST)
     for k, family in enumerate(families):
-        spacing = [_spacing(level) for level in family[1:]]
+        spacing = [level.spacing for level in family[1:]]
         mine = shapes == k
         level = np.searchsorted(spacing, finest * pixel[mine], side="right")
         instances[rows[mine], SHAPE_ROW] = first[k] + np.where(whole[mine], 0, level)
-    longest = 16 * max(int(tree.spans[1::2].max()) for tree in trees)
-    return world._replace(table=model_table(trees), instances=instances.reshape(-1), longest=longest)
+    table, longest = model_table([level.tree for level in levels]), max(level.longest for level in levels)
+    return world._replace(table=table, instances=instances.reshape(-1), longest=longest)
 
 
 def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -53,11 +52,6 @@ def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
     a, b, c = (instances[:, TO_MODEL + 4 * k : TO_MODEL + 4 * k + 3].T for k in range(3))
     volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
     return np.asarray(np.cbrt(np.abs(volume)))
-
-
-def _spacing(model: Model) -> float:
-    """Between a model's points, in its own unit."""
-    return float(np.median(model.radii))
 
 
 def _pixel_sizes(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.float64]:

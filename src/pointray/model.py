@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -187,6 +188,16 @@ class Model:
     def bounds(self) -> NDArray[np.float64]:
         """Least and greatest world coordinates of the points, (2, 3) float64."""
         return self._bounds.copy()
+
+    @cached_property
+    def spacing(self) -> float:
+        """Between neighbouring points, as the median radius tells it; in the points' unit."""
+        return float(np.median(self.radii))
+
+    @cached_property
+    def longest(self) -> int:
+        """Blocks that the longest leaf knows."""
+        return 16 * int(self.tree.spans[1::2].max())
 
     @property
     def nbytes(self) -> int:

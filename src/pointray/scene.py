@@ -216,7 +216,7 @@ class Scene:
                 sky_mean,
                 *paints,
                 srgb_to_linear(np.arange(256, dtype=np.uint8)),
-                16 * max([int(m.tree.spans[1::2].max()) for m in models], default=1),
+                max([model.longest for model in models], default=16),
                 int((self._instances.records[:, KIND] == CATCHER).sum()),
             )
             self._built = world, models
