@@ -212,6 +212,7 @@ ROOMS += [
     "transforms",
     "instances",
     "scene",
+    "pixels",
     "frames",
     "levels",
     "picture",

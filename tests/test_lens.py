@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.jit import kernel
-from pointray.lens import FILTERS, camera_ray, place_in_pixel
+from pointray.jit import keep, kernel
+from pointray.lens import FILTERS, place_in_pixel
+from pointray.pixels import EDGE, aim_pixels, begin_tile, pixel_of
 from pointray.sampling import pixel_key
+from pointray.scratch import DIRECTION, ORIGIN, TILE, lend_scratch, new_scratch, row
 
 EYE, TARGET = np.array([5.0, 3, 2]), np.array([-1.0, 0, 1])
 FORWARD = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
@@ -16,20 +18,28 @@ FORWARD = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
 
 @kernel
 def _camera_rays(camera, how, origins, directions):
+    memory = new_scratch(1)
+    scratch = lend_scratch(memory)
     height, width, spp = origins.shape[:3]
-    for y in range(height):
-        for x in range(width):
+    for top in range(0, height, EDGE):
+        for left in range(0, width, EDGE):
+            begin_tile((left, top), (width, height), how[0], scratch)
             for sample in range(spp):
-                o, d = camera_ray(camera, (width, height), (x, y), sample, how)
-                for c in range(3):
-                    origins[y, x, sample, c], directions[y, x, sample, c] = o[c], d[c]
+                aim_pixels(camera, (width, height), (left, top), sample, how, scratch)
+                for i in range(TILE):
+                    x, y = pixel_of((left, top), i)
+                    if x < width and y < height:
+                        o, d = row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i)
+                        for c in range(3):
+                            origins[y, x, sample, c], directions[y, x, sample, c] = o[c], d[c]
+    keep(memory)
 
 
 @kernel
 def _places(how, out):
     for k in range(out.shape[0]):
         for sample in range(out.shape[1]):
-            out[k, sample, 0], out[k, sample, 1] = place_in_pixel(pixel_key(k, 7, how[0]), sample, how)
+            out[k, sample, 0], out[k, sample, 1] = place_in_pixel(pixel_key(k, 7, how[0]), sample, how[2])
 
 
 def camera_with(projection, **more):

@@ -23,7 +23,7 @@ from .records import (
     UPWARD,
     Array,
 )
-from .sampling import IN_PIXEL, ON_LENS, on_disc, pixel_key, sample_pair
+from .sampling import IN_PIXEL, sample_pair
 from .vec import add, dot, scale, sub, triple, unit
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
@@ -74,11 +74,8 @@ def _blackman_harris(u):  # type: ignore[no-untyped-def]
 
 
 @inline
-def place_in_pixel(key, sample, how):  # type: ignore[no-untyped-def]
-    """Where a sample lies, in pixels from the pixel's middle, to the right and down. how : as for `camera_ray`."""
-    _, spp, shape = how
-    if spp == 1:
-        return 0.0, 0.0
+def place_in_pixel(key, sample, shape):  # type: ignore[no-untyped-def]
+    """Where a sample lies, in pixels from the pixel's middle, to the right and down. shape : the filter's number"""
     u, v = sample_pair(key, sample, IN_PIXEL)
     if shape == TENT:
         return _tent(u), _tent(v)
@@ -90,45 +87,35 @@ def place_in_pixel(key, sample, how):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _project(camera, u, v):  # type: ignore[no-untyped-def]
-    """(o, d) through the lens's middle at (u, v) of the picture, -1 to 1 from left to right and from bottom to top.
+def on_screen(size, x, y):  # type: ignore[no-untyped-def]
+    """A place in an image, in pixels, as (u, v): -1 to 1 from left to right and from bottom to top."""
+    return 2.0 * x / size[0] - 1.0, 1.0 - 2.0 * y / size[1]
+
+
+@inline
+def project(camera, projection, u, v):  # type: ignore[no-untyped-def]
+    """(o, d) through the lens's middle at (u, v) of the screen.
 
     d goes on by 1 along the view; of a panorama it is a unit vector.
     """
     eye, forward = triple(camera, EYE), triple(camera, FORWARD)
     across, upward = triple(camera, ACROSS), triple(camera, UPWARD)
-    if camera[PROJECTION] == PANORAMA:
+    if projection == PANORAMA:
         turn, tilt = math.pi * u, 0.5 * math.pi * v
         level = add(scale(forward, math.cos(turn)), scale(across, math.sin(turn)))
         return eye, add(scale(level, math.cos(tilt)), scale(upward, math.sin(tilt)))
     aside = add(scale(across, u), scale(upward, v))
-    if camera[PROJECTION] == ORTHOGRAPHIC:
+    if projection == ORTHOGRAPHIC:
         return add(eye, aside), forward
     return eye, add(forward, aside)
 
 
 @inline
-def _through_lens(camera, ray, place):  # type: ignore[no-untyped-def]
+def through_lens(camera, ray, place):  # type: ignore[no-untyped-def]
     """A ray (o, d) through another place of the lens, on the unit disc: they meet in the plane that is sharp."""
     x, y = place[0] * camera[LENS_RADIUS], place[1] * camera[LENS_RADIUS]
     aside = add(scale(unit(triple(camera, ACROSS)), x), scale(unit(triple(camera, UPWARD)), y))
     return add(ray[0], aside), sub(ray[1], scale(aside, camera[NEARNESS]))
-
-
-@inline
-def camera_ray(camera, size, pixel, sample, how):  # type: ignore[no-untyped-def]
-    """(o, d), d a unit vector, of a sample of a pixel (x, y); a single sample goes through the middles.
-
-    camera : see `records.CAMERA`; size : width, height of the image; how : seed, samples a pixel, filter
-    """
-    key = pixel_key(pixel[0], pixel[1], how[0])
-    right, down = place_in_pixel(key, sample, how)
-    u, v = 2.0 * (pixel[0] + 0.5 + right) / size[0] - 1.0, 1.0 - 2.0 * (pixel[1] + 0.5 + down) / size[1]
-    o, d = _project(camera, u, v)
-    if camera[LENS_RADIUS] > 0.0 and how[1] > 1:
-        a, b = sample_pair(key, sample, ON_LENS)
-        o, d = _through_lens(camera, (o, d), on_disc(a, b))
-    return o, unit(d)
 
 
 @inline

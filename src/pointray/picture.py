@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
-from .frames import BLOCK, SUMS, quick_frame, sampled_frame
+from .frames import BLOCK, quick_frame, sampled_frame
 from .image.denoise import check_denoise, denoise
 from .jit import run
 from .lens import FILTERS
 from .levels import at_distance
+from .pixels import SUMS
 from .records import EMISSIVE, MATERIAL_KIND, MATERIAL_SIZE, NO_SKY, SKY_KIND, World
 from .scene import Scene
 from .settings import AO, INTEGRATORS, PATH, Settings

@@ -52,6 +52,10 @@ SPOT_WEIGHT, SPOT_DEPTH, KEY, DENSITY = 20 * TILE, 23 * TILE, 24 * TILE, 25 * TI
 NEXT, NEXT_SIDE, NEXT_WEIGHT, NEXT_DENSITY = 26 * TILE, 29 * TILE, 30 * TILE, 33 * TILE
 UNLIT, LIT = 34 * TILE, 35 * TILE  # of a shadow catcher: light that would arrive, that does
 SPOT_ROWS = 36
+# float64: the sums of a tile's pixels, see `pixels.py`: RGB; samples that met something; squares of the luminance;
+# samples that met a shadow catcher, what UNLIT and LIT were there.
+TOTAL, TOTAL_MET, TOTAL_SQUARE = 0, 3 * TILE, 4 * TILE
+TOTAL_CAUGHT, TOTAL_UNLIT, TOTAL_LIT, SUM_ROWS = 5 * TILE, 6 * TILE, 7 * TILE, 8
 # Rays that wait, see `shade/onward.py`: origin, direction, how much each counts, 3 each, side, depth.
 WAITING, MOST_WAITING = 11, 33
 
@@ -86,7 +90,7 @@ class Scratch(NamedTuple):
     places : (4 n,) int32, where in `splats` each of them is
     listed : (4 n,) int32, the places of those near the rays that are evaluated
     world, model, numbers : the rows of a tile, float64, float32 and int64; part : float32, of those that search a leaf
-    spots : float64, rows of the surface points that are shaded
+    spots : float64, rows of the surface points that are shaded; sums : float64, rows of the sums of a tile's pixels
     waiting : float64, rays that mirrors and glass send on
     top_what : (128,) int32, entries of the tree over the instances still to visit; top_rays : (128,)
     int64, the rays that enter them; top_near : (128,) float32, where the first of these does
@@ -105,6 +109,7 @@ class Scratch(NamedTuple):
     numbers: Array
     part: Array
     spots: Array
+    sums: Array
     waiting: Array
     top_what: Array
     top_rays: Array
@@ -132,6 +137,7 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
         np.zeros(NUMBER_ROWS * TILE, np.int64),
         np.zeros(PART_ROWS * PART, np.float32),
         np.zeros(SPOT_ROWS * TILE, np.float64),
+        np.zeros(SUM_ROWS * TILE, np.float64),
         np.empty(TILE * MOST_WAITING * WAITING, np.float64),
         np.empty(128, np.int32),
         np.empty(128, np.int64),
@@ -156,6 +162,7 @@ def lend_scratch(s):  # type: ignore[no-untyped-def]
         borrow(s.numbers),
         borrow(s.part),
         borrow(s.spots),
+        borrow(s.sums),
         borrow(s.waiting),
         borrow(s.top_what),
         borrow(s.top_rays),

@@ -6,19 +6,19 @@ import numpy as np
 
 from ..jit import inline
 from ..sampling import DIRECTION_OF, ON_PATH, sample_pair
-from ..scratch import INSTANCE_OF, SPOT, SPOT_SIDE, TILE, row
+from ..scratch import INSTANCE_OF, KEY, SPOT, SPOT_SIDE, TILE, row
 from ..trace.world import NOWHERE, aim, aim_from, trace_tile
 from .phong import sample_diffuse
 from .spots import add_radiance, is_spot, place_of
 
 
 @inline
-def see_sky(world, keys, sample, reach, scratch):  # type: ignore[no-untyped-def]
+def see_sky(world, sample, reach, scratch):  # type: ignore[no-untyped-def]
     """Add the surface's colour where one direction, chosen by the cosine, is free up to the reach (Landis 2002)."""
     spots, asked = scratch.spots, np.int64(0)
     for i in range(TILE):
         if is_spot(scratch, i):
-            u, v = sample_pair(keys[i], sample, ON_PATH + DIRECTION_OF)
+            u, v = sample_pair(int(spots[KEY + i]), sample, ON_PATH + DIRECTION_OF)
             d = sample_diffuse(place_of(world, scratch, i)[1].normal, u, v)
             aim_from(scratch, i, (row(spots, SPOT + i), d, 0.0, reach), spots[SPOT_SIDE + i])
             asked |= np.int64(1) << i

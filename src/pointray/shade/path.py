@@ -43,10 +43,10 @@ FAINT = 0.05  # a path that carries less goes on with this much, or ends by chan
 
 
 @inline
-def begin_paths(keys, scratch):  # type: ignore[no-untyped-def]
-    """The tile's rays are the camera's. keys : of their pixels' samples, see `sampling.pixel_key`."""
+def begin_paths(scratch):  # type: ignore[no-untyped-def]
+    """The tile's rays are the camera's."""
     for i in range(TILE):
-        scratch.spots[DENSITY + i], scratch.spots[KEY + i] = 0.0, keys[i]
+        scratch.spots[DENSITY + i] = 0.0
 
 
 @inline
