@@ -6,8 +6,8 @@ import numpy as np
 
 from ..jit import inline
 from ..sampling import DIRECTION_OF, ON_PATH, sample_pair
-from ..scratch import INSTANCE_OF, KEY, SPOT, SPOT_SIDE, TILE, row
-from ..trace.world import NOWHERE, aim, aim_from, trace_tile
+from ..scratch import KEY, SPOT, SPOT_SIDE, TILE, row
+from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
 from .phong import sample_diffuse
 from .spots import add_radiance, is_spot, place_of
 
@@ -26,7 +26,7 @@ def see_sky(world, sample, reach, scratch):  # type: ignore[no-untyped-def]
             aim(scratch, i, NOWHERE)
     if asked == 0:
         return
-    trace_tile(world, scratch)
+    occlude_tile(world, scratch)
     for i in range(TILE):
-        if (asked >> i) & 1 != 0 and scratch.numbers[INSTANCE_OF + i] < 0:
+        if (asked >> i) & 1 != 0 and not is_blocked(scratch, i):
             add_radiance(scratch, i, place_of(world, scratch, i)[1].color)

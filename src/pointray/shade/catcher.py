@@ -17,7 +17,6 @@ from ..sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
 from ..scratch import (
     CAUGHT,
     GAIN,
-    INSTANCE_OF,
     KEY,
     LIT,
     RADIANCE,
@@ -32,7 +31,7 @@ from ..scratch import (
     row,
 )
 from ..simd import lowest
-from ..trace.world import NOWHERE, aim, aim_from, trace_tile
+from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
 from ..vec import dot, luminance, scale
 from .emitters import from_middle, meet_light, sample_light
 from .phong import sample_diffuse
@@ -73,12 +72,12 @@ def _answer(world, caught, shadows, scratch):  # type: ignore[no-untyped-def]
     """Add the light that was asked for to what would arrive, and where nothing is in its way to what does."""
     spots = scratch.spots
     if shadows:
-        trace_tile(world, scratch)
+        occlude_tile(world, scratch)
     while caught != 0:
         i = lowest(caught)
         caught &= caught - 1
         spots[UNLIT + i] += spots[GAIN + i]
-        if not shadows or scratch.numbers[INSTANCE_OF + i] < 0:
+        if not shadows or not is_blocked(scratch, i):
             spots[LIT + i] += spots[GAIN + i]
 
 
@@ -123,7 +122,7 @@ def catch_occlusion(caught, scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             scratch.spots[UNLIT + i] = 1.0
-            scratch.spots[LIT + i] = 1.0 if scratch.numbers[INSTANCE_OF + i] < 0 else 0.0
+            scratch.spots[LIT + i] = 0.0 if is_blocked(scratch, i) else 1.0
     _leave(caught, scratch)
 
 

@@ -9,8 +9,8 @@ import math
 
 from ..jit import inline
 from ..records import LIGHT
-from ..scratch import GAIN, INSTANCE_OF, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
-from ..trace.world import NOWHERE, aim, aim_from, trace_tile
+from ..scratch import GAIN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
+from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
 from ..vec import multiply, scale
 from .bsdf import ambient, emitted, scatter
 from .emitters import from_middle
@@ -37,7 +37,7 @@ def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
 def shade_gains(scratch):  # type: ignore[no-untyped-def]
     """After the shadow rays are traced: take the gain away where something is in the way."""
     for i in range(TILE):
-        if scratch.numbers[INSTANCE_OF + i] >= 0:
+        if is_blocked(scratch, i):
             put(scratch.spots, GAIN + i, BLACK)
 
 
@@ -53,7 +53,7 @@ def _shade_from(world, light, scratch):  # type: ignore[no-untyped-def]
             aim_from(scratch, i, (x, arrival.to_light, 0.0, arrival.distance), spots[SPOT_SIDE + i])
         else:
             aim(scratch, i, NOWHERE)
-    trace_tile(world, scratch)
+    occlude_tile(world, scratch)
     shade_gains(scratch)
 
 

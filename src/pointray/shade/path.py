@@ -30,7 +30,7 @@ from ..scratch import (
     row,
 )
 from ..trace.hits import describe_tile, tile_hit
-from ..trace.world import NOWHERE, aim, aim_from, trace_tile
+from ..trace.world import NOWHERE, aim, aim_from, occlude_tile, trace_tile
 from ..vec import add, multiply, scale
 from .bsdf import emitted, is_specular, sample_scatter, scatter
 from .catcher import catch_paths, find_caught
@@ -185,7 +185,7 @@ def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def
             aim_from(scratch, i, (row(spots, SPOT + i), arrival.to_light, 0.0, arrival.distance), place.side)
             lit = True
     if lit:
-        trace_tile(world, scratch)
+        occlude_tile(world, scratch)
         shade_gains(scratch)
         for i in range(TILE):
             add_radiance(scratch, i, row(spots, GAIN + i))

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from ..jit import borrow, inline, keep, kernel, run, take
 from ..records import INSTANCE, SHAPE_ROW, Array, World, lend_world, tree_at
-from ..scratch import COUNT_NEAR, INSTANCE_OF, TILE, lend_scratch, new_scratch
+from ..scratch import COUNT_NEAR, TILE, lend_scratch, new_scratch
 from ..simd import lane
 from ..vec import add, along_curve, scale, triple
 from .hits import describe_tile, tile_hit
 from .near import list_blocks, segment
 from .surface import weights_of_block
-from .world import NOWHERE, aim, trace_tile
+from .world import NOWHERE, aim, is_blocked, occlude_tile, trace_tile
 
 BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; of a picture a square of this edge
 
@@ -42,8 +42,8 @@ def batches(shape: tuple[int, int]) -> int:
 
 
 @inline
-def _trace_rays(world, rays, shape, place, scratch):  # type: ignore[no-untyped-def]
-    """Trace a tile of rays. rays : origins, directions, limits; place : the batch, and where in it the tile begins."""
+def _aim_rays(rays, shape, place, scratch):  # type: ignore[no-untyped-def]
+    """The next tile of rays. rays : origins, directions, limits; place : the batch, and where in it the tile begins."""
     origins, directions, limits = rays
     for k in range(TILE):
         i = ray_at(shape, place[0], place[1] + k)
@@ -51,7 +51,6 @@ def _trace_rays(world, rays, shape, place, scratch):  # type: ignore[no-untyped-
             aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
         else:
             aim(scratch, k, NOWHERE)
-    trace_tile(world, scratch)
 
 
 @kernel
@@ -64,7 +63,8 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
     batch = take(work)
     while batch >= 0:
         for first in range(0, BATCH, TILE):
-            _trace_rays(world, (origins, directions, limits), shape, (batch, first), scratch)
+            _aim_rays((origins, directions, limits), shape, (batch, first), scratch)
+            trace_tile(world, scratch)
             describe_tile(world, scratch)
             for k in range(TILE):
                 i = ray_at(shape, batch, first + k)
@@ -96,11 +96,12 @@ def _occluded(work, world, origins, directions, limits, shape, out):  # type: ig
     batch = take(work)
     while batch >= 0:
         for first in range(0, BATCH, TILE):
-            _trace_rays(world, (origins, directions, limits), shape, (batch, first), scratch)
+            _aim_rays((origins, directions, limits), shape, (batch, first), scratch)
+            occlude_tile(world, scratch)
             for k in range(TILE):
                 i = ray_at(shape, batch, first + k)
                 if i >= 0:
-                    out[i] = scratch.numbers[INSTANCE_OF + k] >= 0
+                    out[i] = is_blocked(scratch, k)
         batch = take(work)
     keep(memory)
     return 0

@@ -39,7 +39,7 @@ from ..simd import count_bits, load16, lowest, select, spread16, store
 from ..vec import add, dot, scale, transform_transposed
 from .space import either, into_model, matrix_at, model_bounds
 from .surface import ONE, ZERO
-from .tile import ALL, bits_of_row, closest_of_tile, coherent, tile_ray
+from .tile import ALL, bits_of_row, closest_of_tile, coherent, leaf_edge, tile_ray
 from .traverse import closest, make_ray
 
 LONELY = 4  # so many rays of a tile at most are put into a model's space one by one, not all 64 as vectors
@@ -123,12 +123,13 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
         return
     entered = alone
     if not few:
-        if coherent(tree.head, rows, 0, TILE):
+        edge = leaf_edge(tree)
+        if coherent(edge, rows, 0, TILE):
             alone = closest_of_tile(world.table, model, (0, TILE), scratch)
         else:
             alone = np.int64(0)
             for v in range(0, TILE, LANES):
-                if coherent(tree.head, rows, v, v + LANES):
+                if coherent(edge, rows, v, v + LANES):
                     alone |= closest_of_tile(world.table, model, (v, v + LANES), scratch)
                 else:
                     alone |= np.int64(0xFFFF) << v

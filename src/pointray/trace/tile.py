@@ -7,11 +7,14 @@ only rays that go through all three search it. Hits are those of `traverse.close
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..jit import inline
 from ..records import CELL, GROUP, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
 from ..scratch import (
+    ANY_HIT,
     COUNT_LEAVES,
     COUNT_NODES,
     DX,
@@ -60,7 +63,9 @@ from .voxel import search_alone, search_together, together
 
 ALL = -1  # rays as bits of an int64
 WIDEST = np.float32(0.2)  # by how much components of the directions may differ
-SCATTERED = np.float32(0.1)  # and those of the origins, in edges of the bounds
+# And those of the origins, in edges of a leaf: rays far apart have no leaves in common. As a share of the bounds, 0.1,
+# 24 statues of a million points were 5% slower, with levels of detail 8%; with 2 and 16 edges 4 and 35% slower.
+SCATTERED = np.float32(4.0)
 
 
 @inline
@@ -83,14 +88,24 @@ def range_of(rows, at, some):  # type: ignore[no-untyped-def]
 
 
 @inline
-def coherent(head, rows, first, end):  # type: ignore[no-untyped-def]
-    """Whether rays are worth a walk together: all components of the directions have one sign, and are alike."""
+def leaf_edge(tree):  # type: ignore[no-untyped-def]
+    """How wide leaves are, about: as if they covered the bounds."""
+    x, y, z = tree.head[3] - tree.head[0], tree.head[4] - tree.head[1], tree.head[5] - tree.head[2]
+    return np.float32(math.sqrt(np.float32(4.0) * (x * y + y * z + z * x) / np.float32(tree.spans.size)))
+
+
+@inline
+def coherent(edge, rows, first, end):  # type: ignore[no-untyped-def]
+    """Whether rays are worth a walk together: all components of the directions have one sign, and are alike.
+
+    edge : how wide a leaf is
+    """
     for c in range(3):
         low, high = range_of(rows, DX + c * TILE, (first, end))
         if (low < ZERO and high > ZERO) or high - low > WIDEST:
             return False
         low, high = range_of(rows, OX + c * TILE, (first, end))
-        if high - low > SCATTERED * (head[3 + c] - head[c]):
+        if high - low > SCATTERED * edge:
             return False
     return True
 
@@ -192,6 +207,13 @@ def _expect_search(tree, child):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _end_where_hit(some, scratch):  # type: ignore[no-untyped-def]
+    """Rays that have met something are not traced on."""
+    for k in range(some[0], some[1]):
+        scratch.model[LENGTH + k] = -ONE if scratch.numbers[FOUND + k] >= 0 else scratch.model[LENGTH + k]
+
+
+@inline
 def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def]
     """First hits of some of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
 
@@ -251,4 +273,6 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
                 passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:
                 lifted |= _search(tree, leaf, passing, scratch)
+                if scratch.counts[ANY_HIT] != 0:
+                    _end_where_hit(some, scratch)
                 farthest = range_of(rows, LENGTH, some)[1]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..jit import inline, routine
 from ..records import INSTANCE, PLANE_SIZE, lend_world
-from ..scratch import DIRECTION, INSTANCE_OF, NEAREST, ORIGIN, SIDE_OF, T_MIN, TILE, lend_scratch, put, row
+from ..scratch import ANY_HIT, DIRECTION, INSTANCE_OF, NEAREST, ORIGIN, SIDE_OF, T_MIN, TILE, lend_scratch, put, row
 from ..vec import dot
 from .instance import through_instance
 from .plane import tile_on_plane
@@ -56,6 +56,14 @@ def _settle(scratch):  # type: ignore[no-untyped-def]
         scratch.numbers[INSTANCE_OF + i] = -1
 
 
+@inline
+def _end_where_hit(scratch):  # type: ignore[no-untyped-def]
+    """Rays that have met something go no farther."""
+    for i in range(TILE):
+        wide = scratch.world
+        wide[NEAREST + i] = -1.0 if scratch.numbers[INSTANCE_OF + i] >= 0 else wide[NEAREST + i]
+
+
 @routine
 def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
     """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
@@ -64,6 +72,8 @@ def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
     _settle(scratch)
     for plane in range(0, world.planes.size, PLANE_SIZE):
         tile_on_plane(world, plane, scratch)
+    if scratch.counts[ANY_HIT] != 0:
+        _end_where_hit(scratch)
     waiting = begin_walk(world, scratch)
     while waiting > 0:
         waiting -= 1
@@ -74,4 +84,20 @@ def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
             waiting = open_node(world, what, rays, waiting, scratch)
         else:
             through_instance(world, np.int64(~what) * INSTANCE, rays, scratch)
+            if scratch.counts[ANY_HIT] != 0:
+                _end_where_hit(scratch)
             shorten(world, scratch)
+
+
+@inline
+def occlude_tile(world, scratch):  # type: ignore[no-untyped-def]
+    """Which of the tile's rays meet anything: `is_blocked`. Their hits are not known then."""
+    scratch.counts[ANY_HIT] = 1
+    trace_tile(world, scratch)
+    scratch.counts[ANY_HIT] = 0
+
+
+@inline
+def is_blocked(scratch, i):  # type: ignore[no-untyped-def]
+    """Whether ray i of the tile has met anything."""
+    return scratch.numbers[INSTANCE_OF + i] >= 0
