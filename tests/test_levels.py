@@ -73,7 +73,7 @@ def test_the_farther_the_coarser(statue, projection):
 
 def test_a_scaled_instance_counts_by_its_size(statue):
     scene = pr.Scene()
-    for scale in (0.01, 0.1, 1.0, 10.0):
+    for scale in (0.01, 0.1, 1.0, 13.0):
         scene.add(statue, moved((0, 30, 0), scale))
     seen = level_of(scene, pr.Camera.look_at((0, -4, 1), (0, 0, 1), size=(300, 300)))
     assert seen[0] == len(statue.levels) and seen[-1] == 0 and sorted(seen, reverse=True) == seen

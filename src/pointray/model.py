@@ -161,7 +161,8 @@ class Model:
         """Make coarser versions for where points are finer than pixels: each of half as many points along a line.
 
         Pictures then take of each instance the level that fits its distance: less flicker in films, more frames a
-        second. Memory grows by a third. `save` does not keep them; `Settings(levels=False)` leaves them alone.
+        second. Their surface is "paper"'s: points there are about as far apart as pixels. Memory grows by a third.
+        `save` does not keep them; `Settings(levels=False)` leaves them alone.
 
         Attributes
         ----------
@@ -173,14 +174,13 @@ class Model:
         cloud = self.points.select(used)
         cloud = cloud.with_normals(_unit_normals(cloud))
         spacing, levels = float(np.median(self.radii[used])), []
-        options: dict[str, Any] = {"surface": self.surface, "samples": self.settings.samples}
         while True:
             spacing *= 2.0
             coarse = coarsen(cloud, spacing)
             if len(coarse) < LEAST_POINTS or len(coarse) * LEAST_GAIN > len(cloud):
                 break
             say("levels", 1.0 - len(coarse) / len(self.points))
-            levels.append(Model(coarse, **options, refine=self.settings.refine))
+            levels.append(Model(coarse, surface="paper", samples=self.settings.samples, refine=self.settings.refine))
             cloud = coarse
         self.levels = tuple(levels)
 
