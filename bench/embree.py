@@ -90,13 +90,14 @@ class Case(NamedTuple):
     coherent: bool = True
 
 
-def alternate(calls: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
-    """Median seconds of each call, run in turn."""
+def alternate(calls: dict[str, Callable[[], object]], runs: int, pause: float = 0.0) -> dict[str, float]:
+    """Median seconds of each call, run in turn, after a pause in which threads of the one before go to sleep."""
     for call in calls.values():
         call()
     times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(runs):
         for name, call in calls.items():
+            time.sleep(pause)
             start = time.perf_counter()
             call()
             times[name].append(time.perf_counter() - start)

@@ -23,6 +23,7 @@ DIAGONAL = 10.0
 # are exact at any size, its rectangles are triangles.
 ENDLESS = 1e4 * DIAGONAL
 GAP = 0.01 * DIAGONAL  # below the model
+FAR_CLIP = 1e12  # nothing is too far away to be seen
 FLOOR = (0.5, 0.55, 0.6)
 RED, GREEN = (0.7, 0.2, 0.15), (0.2, 0.6, 0.2)
 
@@ -153,6 +154,5 @@ def their_camera(ours: pr.Camera, samples: int, finer: int = 1) -> Any:
         "rfilter": {"type": "box"},
     }
     sampler = {"type": "multijitter" if samples > 1 else "independent", "sample_count": samples}
-    return mi.load_dict(
-        {"type": "perspective", "fov": ours.fov, "fov_axis": "y", "to_world": look, "film": film, "sampler": sampler}
-    )
+    view = {"type": "perspective", "fov": ours.fov, "fov_axis": "y", "to_world": look, "far_clip": FAR_CLIP}
+    return mi.load_dict({**view, "film": film, "sampler": sampler})

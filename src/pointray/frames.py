@@ -25,6 +25,7 @@ from .scratch import (
     COUNT_NODES,
     DIRECTION,
     ORIGIN,
+    SEEN_ONLY,
     SPOT,
     SPOT_EYE,
     TILE,
@@ -126,6 +127,7 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
     """Direct light, or what is at the first hit. how : integrator, shadows, depth, samples, span, background."""
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
+    scratch.counts[SEEN_ONLY] = 1
     integrator, shadows, most, samples, span, background = how
     camera = borrow(camera)
     height, width = image.shape[:2]
@@ -185,6 +187,7 @@ def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-unt
     background."""
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
+    scratch.counts[SEEN_ONLY] = 1
     integrator, reach, most, sky_shows, samples, span, background = how
     camera = borrow(camera)
     height, width = image.shape[:2]

@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline, routine
-from ..records import INSTANCE, LEAF, PAINT, SHAPE_ROW, SHEETED, WorldHit, lend_world, tree_at
+from ..records import (
+    INSTANCE,
+    LEAF,
+    MATERIAL,
+    MATERIAL_SIZE,
+    OWN_COLOR,
+    PAINT,
+    SHAPE_ROW,
+    SHEETED,
+    WorldHit,
+    lend_world,
+    tree_at,
+)
 from ..scratch import (
     COLOR,
     COUNT_NEAR,
@@ -15,6 +27,7 @@ from ..scratch import (
     LOCAL,
     NEAREST,
     NORMAL,
+    SEEN_ONLY,
     SLOT_OF,
     TILE,
     lend_scratch,
@@ -121,6 +134,15 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
         paint_four(world, four, places, (sheeted, v), scratch)
 
 
+@inline
+def _shows_colors(world, at):  # type: ignore[no-untyped-def]
+    """Whether an instance of a model has the colours of its points, or of what they are painted by."""
+    if world.materials[int(world.instances[at + MATERIAL]) * MATERIAL_SIZE + OWN_COLOR] == 0.0:
+        return False
+    tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
+    return world.instances[at + PAINT] >= 0.0 or tree.colors.size > 0
+
+
 @routine
 def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
     """Colour and the splat of most weight where the tile's rays have hit a model, for `tile_hit`.
@@ -131,7 +153,11 @@ def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
     numbers, left = scratch.numbers, np.int64(0)
     for i in range(TILE):
         numbers[SLOT_OF + i] = -1
-        left |= np.int64(numbers[INSTANCE_OF + i] >= 0 and numbers[LEAF_OF + i] >= 0) << i
+        if numbers[INSTANCE_OF + i] >= 0 and numbers[LEAF_OF + i] >= 0:
+            if scratch.counts[SEEN_ONLY] == 0 or _shows_colors(world, numbers[INSTANCE_OF + i] * INSTANCE):
+                left |= np.int64(1) << i
+            else:
+                put(scratch.world, COLOR + i, (1.0, 1.0, 1.0))
     while left != 0:
         a = lowest(left)
         left &= left - 1
