@@ -166,12 +166,14 @@ def test_backgrounds_show_through(ball):
     sky.add_light(pr.SunLight((0, 0, -1), np.pi, angle=0))
     sky.add_light(pr.EnvironmentLight((1, 2, 3)))
     sky.background = "environment"
-    image = pr.render(sky, camera, pr.Settings("path", spp=256))
     lit = np.pi * (0.2126 + 2 * 0.7152 + 3 * 0.0722)
-    assert (image[..., 3] == 1).all()
-    free = lit * (1 - 1 / 25) / (lit + np.pi)  # of the sky the ball hides 1 / h^2, of the sun all
-    assert image[20, 20, :3] == pytest.approx(np.array([1, 2, 3]) * free, rel=0.1)
-    assert image[0, 0, :3] == pytest.approx([1, 2, 3], rel=0.1)
+    # Of the sky the ball hides 1 / h^2, with direct light nothing; of the sun all.
+    for settings, hidden in ((pr.Settings("path", spp=256), 1 / 25), (pr.Settings("phong"), 0)):
+        image = pr.render(sky, camera, settings)
+        assert (image[..., 3] == 1).all()
+        free = lit * (1 - hidden) / (lit + np.pi)
+        assert image[20, 20, :3] == pytest.approx(np.array([1, 2, 3]) * free, rel=0.1)
+        assert image[0, 0, :3] == pytest.approx([1, 2, 3], rel=0.1)
 
 
 def test_only_the_camera_sees_it_so(ball):

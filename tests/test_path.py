@@ -209,6 +209,31 @@ def test_glass_obeys_snell(sphere, integrator):
     assert np.median(off) < 0.5 if integrator == "path" else off.max() < 0.5
 
 
+def test_the_sky_behind_is_the_same_for_direct_light(sphere):
+    scene = pr.Scene()
+    scene.add(sphere, material=pr.Mirror())
+    scene.add_light(pr.EnvironmentLight((0.1, 0.2, 1), horizon=0.8, ground=0.3))
+    camera = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(32, 32))
+    through = pr.render(scene, camera)[..., 3] == 0
+    scene.background = "environment"
+    direct = pr.render(scene, camera)
+    assert through.mean() > 0.3 and (direct[..., 3] == 1).all()
+    np.testing.assert_allclose(direct, path(scene, camera, 1), rtol=1e-6)
+
+
+def test_what_mirrors_send_on_is_theirs_alone(sphere):
+    """What stands beside a mirror, in front of the same sky, looks as if the mirror were black."""
+    scene = pr.Scene()
+    scene.add(sphere, material=pr.Mirror())
+    scene.add(pr.Plane((0, 0, -1), (0, 0, 1), 0.5))
+    scene.add_light(pr.EnvironmentLight((0.1, 0.2, 1), horizon=0.8, ground=0.3))
+    camera = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(32, 32))
+    beside = scene.intersect(*camera.rays()).point < 0
+    black = pr.render(scene, camera, pr.Settings(max_depth=0))
+    assert 0.3 < beside.mean() < 0.9
+    np.testing.assert_array_equal(pr.render(scene, camera)[beside], black[beside])
+
+
 def test_glass_loses_nothing(sphere):
     """In even light from all around a body of glass cannot be seen."""
     scene = pr.Scene()

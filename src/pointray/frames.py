@@ -37,7 +37,7 @@ from .scratch import (
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 from .shade.ambient import see_sky
 from .shade.bsdf import base_color, material_at
-from .shade.catcher import catch_direct, catch_occlusion, find_caught
+from .shade.catcher import catch_direct, catch_occlusion, find_caught, show_caught
 from .shade.direct import light_tile
 from .shade.onward import aim_onward, begin_onward, send_onward
 from .shade.path import begin_paths, trace_paths
@@ -99,8 +99,12 @@ def _corner(block, tile, width):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _direct(world, most, shadows, background, scratch):  # type: ignore[no-untyped-def]
-    """Radiance along the tile's rays, which are traced: direct light, and what comes by mirrors and glass."""
+def _direct(world, most, shadows, sky_shows, background, scratch):  # type: ignore[no-untyped-def]
+    """Radiance along the tile's rays, which are traced: direct light, and what comes by mirrors and glass.
+
+    sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
+    """
+    met = np.int64(0)
     begin_radiance(scratch)
     begin_onward(scratch)
     first = True
@@ -108,10 +112,13 @@ def _direct(world, most, shadows, background, scratch):  # type: ignore[no-untyp
         for i in range(TILE):
             ray, hit = _tile_ray(scratch, i), tile_hit(scratch, i)
             keep_spot(scratch, i, hit, ray)
-            if not first and hit.instance < 0:
-                add_radiance(scratch, i, sky_radiance(world, ray[1]) if has_sky(world) else background)
+            if first and (hit.instance >= 0 or sky_shows):
+                met |= np.int64(1) << i
+            if hit.instance < 0 and (sky_shows or not first):
+                add_radiance(scratch, i, sky_radiance(world, ray[1]) if has_sky(world) or sky_shows else background)
         if first and find_caught(world, scratch) != 0:
             catch_direct(world, scratch.counts[CAUGHT], shadows, scratch)
+            show_caught(world, sky_shows, scratch)
         # Shadow rays take the place of the tile's: what goes on is put down before.
         send_onward(world, most, scratch)
         light_tile(world, shadows, scratch)
@@ -120,15 +127,17 @@ def _direct(world, most, shadows, background, scratch):  # type: ignore[no-untyp
         trace_tile(world, scratch)
         describe_tile(world, scratch)
         first = False
+    return met
 
 
 @kernel
 def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyped-def]
-    """Direct light, or what is at the first hit. how : integrator, shadows, depth, samples, span, background."""
+    """Direct light, or what is at the first hit. how : integrator, shadows, depth, whether the sky shows, samples,
+    span, background."""
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
     scratch.counts[SEEN_ONLY] = 1
-    integrator, shadows, most, samples, span, background = how
+    integrator, shadows, most, sky_shows, samples, span, background = how
     camera = borrow(camera)
     height, width = image.shape[:2]
     block = take(work)
@@ -149,16 +158,13 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
                 trace_tile(world, scratch)
                 if integrator in (PHONG, COLOR):
                     describe_tile(world, scratch)
-                met = np.int64(0)
+                if integrator == PHONG:
+                    add_sample(_direct(world, most, shadows != 0, sky_shows != 0, background[:3], scratch), scratch)
+                    continue
                 for i in range(TILE):
                     hit = tile_hit(scratch, i)
                     if hit.instance >= 0:
-                        met |= np.int64(1) << i
-                        if integrator != PHONG:
-                            add_color(scratch, i, look(world, hit, _tile_ray(scratch, i), camera, integrator))
-                if integrator == PHONG:
-                    _direct(world, most, shadows != 0, background[:3], scratch)
-                    add_sample(met, scratch)
+                        add_color(scratch, i, look(world, hit, _tile_ray(scratch, i), camera, integrator))
             finish_sums(corner, span[1], background, film, image, scratch)
         block = take(work)
     keep(memory)

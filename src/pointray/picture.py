@@ -19,7 +19,7 @@ from .levels import at_distance
 from .pixels import SUMS
 from .records import EMISSIVE, MATERIAL_KIND, MATERIAL_SIZE, NO_SKY, SKY_KIND, World
 from .scene import Scene
-from .settings import AO, INTEGRATORS, PATH, Settings
+from .settings import AO, INTEGRATORS, PATH, PHONG, Settings
 from .shade.environment import EnvironmentLight
 from .vec import LUMINANCE
 
@@ -140,7 +140,8 @@ def _plan(
     if integrator == PATH:
         return _lit(world), sampled_frame, ((integrator, 0.0, settings.depth, int(scene.shows_sky)), background)
     onward = min(settings.depth, MOST_ONWARD)
-    return world, quick_frame, ((integrator, int(settings.shadows), onward), background)
+    shown = int(scene.shows_sky and integrator == PHONG)
+    return world, quick_frame, ((integrator, int(settings.shadows), onward, shown), background)
 
 
 def _lit(world: World) -> World:

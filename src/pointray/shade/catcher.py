@@ -183,19 +183,23 @@ def catch_paths(world, sample, sky_shows, scratch):  # type: ignore[no-untyped-d
                     _ask_lamp(world, at, i, sample, scratch)
         _answer(world, caught, True, scratch)
     _leave(caught, scratch)
-    if sky_shows:
-        _darken_sky(world, caught, scratch)
-        scratch.counts[CAUGHT] = 0
-    return scratch.counts[CAUGHT]
+    return show_caught(world, sky_shows, scratch)
 
 
 @inline
-def _darken_sky(world, caught, scratch):  # type: ignore[no-untyped-def]
-    """Catchers show the sky behind them as far as they are lit."""
-    spots = scratch.spots
+def show_caught(world, sky_shows, scratch):  # type: ignore[no-untyped-def]
+    """Where the sky shows, catchers show what is behind them as far as they are lit, and are no longer in CAUGHT.
+
+    Returns those that still are, to become alpha.
+    """
+    caught, spots = scratch.counts[CAUGHT], scratch.spots
+    if not sky_shows:
+        return caught
+    scratch.counts[CAUGHT] = 0
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             behind = sky_radiance(world, scale(row(spots, SPOT_EYE + i), -1.0))
             add_radiance(
                 scratch, i, scale(behind, spots[LIT + i] / spots[UNLIT + i] if spots[UNLIT + i] > 0.0 else 1.0)
             )
+    return np.int64(0)

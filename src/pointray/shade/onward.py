@@ -22,7 +22,7 @@ from ..trace.world import NOWHERE, aim, aim_from
 from ..vec import multiply, scale, triple
 from .bsdf import is_specular, sample_scatter
 from .specular import glass
-from .spots import is_spot, place_of
+from .spots import BLACK, is_spot, place_of
 
 FAINT = 1e-3  # a ray that counts less is not traced
 
@@ -75,6 +75,7 @@ def aim_onward(scratch):  # type: ignore[no-untyped-def]
         count = scratch.numbers[WAITING_COUNT + i] - 1
         if count < 0:
             aim(scratch, i, NOWHERE)
+            put(scratch.spots, SPOT_WEIGHT + i, BLACK)  # it meets nothing, and what is behind that does not count
             continue
         some = True
         scratch.numbers[WAITING_COUNT + i] = count
