@@ -310,6 +310,15 @@ def test_frames_of_other_settings_are_rendered_anew(scan, rendered, capsys):
     assert err.endswith("rendered anew: not as before: exposure, background\n") and len(rendered) == 6
 
 
+def test_frames_of_another_color_by_are_rendered_anew(scan, rendered, capsys):
+    rendered.stop = 2
+    assert animate(scan, "out") == 130
+    capsys.readouterr()
+    rendered.stop = 1000
+    assert animate(scan, "out", *FOUR, "--color-by", "z") == 0
+    assert capsys.readouterr().err.endswith("rendered anew: not as before: color\n") and len(rendered) == 6
+
+
 def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered):
     """They may be anybody's."""
     assert animate(scan, "out") == 0 and animate(scan, "out") == 0
