@@ -38,6 +38,49 @@ def scan(tmp_path: Path) -> Path:
     return tmp_path / "scan.ply"
 
 
+SCENE = """
+background = [0.1, 0.2, 0.3]
+exposure = 0.5
+curve = "filmic"
+
+[models.ball]
+procedural = "sphere"
+points = 1500
+
+[models.scan]
+file = "scan.ply"
+
+[[instances]]
+model = "ball"
+
+[[instances]]
+model = "scan"
+translate = [1.5, 0, 0]
+
+[[lights]]
+kind = "sun"
+direction = [1, 1, -1]
+
+[camera]
+eye = [0, -6, 1]
+target = [0.5, 0, 0]
+fov = 50
+size = [24, 18]
+aperture = 0.2
+focus = 5.5
+
+[settings]
+seed = 3
+"""
+
+
+@pytest.fixture
+def scene(scan: Path) -> Path:
+    """A scene file of two models, one of them the scan beside it."""
+    scan.with_name("scene.toml").write_text(SCENE)
+    return scan.with_name("scene.toml")
+
+
 @pytest.fixture
 def rendered(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """The cameras of all frames that are rendered; Ctrl-C when there are as many as its `stop`."""
@@ -127,6 +170,80 @@ def test_keys_from_a_file(name, scan, rendered):
         assert camera.fov == key.get("fov", 50) and camera.size == (24, 18)
 
 
+def test_frames_are_coloured_by_an_attribute(scan):
+    assert animate(scan, "plain") == 0 and animate(scan, "tall", *FOUR, "--color-by", "height:gray") == 0
+    plain, tall = (pictures(scan.with_name(name)) for name in ("plain", "tall"))
+    assert sorted(plain) == sorted(tall) and all(plain[name] != tall[name] for name in plain)
+
+
+# ------------------------------------------------------------------------------------------------- scene files
+
+
+def still(scene: Path, *more: str) -> bytes:
+    """The picture that `render` makes of a scene file."""
+    picture = scene.with_name("still.png")
+    assert execute(["render", str(scene), "-o", str(picture), *more]) == 0
+    return picture.read_bytes()
+
+
+def test_a_scene_file_on_a_turntable(scene, rendered, capsys):
+    assert execute(["animate", str(scene), "-o", str(scene.with_name("out")), *FOUR]) == 0
+    assert capsys.readouterr().out == f"{scene.with_name('out')}: 24x18, 4 frames, 2 seconds\n"
+    frames = pictures(scene.with_name("out"))
+    told = pr.load_scene(scene).camera
+    assert rendered == pr.turntable(told, 4) and all(camera.aperture == 0.2 for camera in rendered)
+    assert sorted(frames) == [f"000{k}.png" for k in range(4)] and len(set(frames.values())) == 4
+    assert frames["0000.png"] == still(scene)  # settings, exposure and curve are the file's
+
+
+def test_options_change_what_a_scene_file_says(scene, rendered):
+    wishes = ["--size", "16x12", "--fov", "30", "--exposure", "1", "--background", "0,0,0"]
+    assert execute(["animate", str(scene), "-o", str(scene.with_name("out")), *FOUR, *wishes]) == 0
+    assert (rendered[3].fov, rendered[3].size, rendered[3].focus) == (30, (16, 12), 5.5)
+    assert (scene.with_name("out") / "0000.png").read_bytes() == still(scene, *wishes)
+
+
+def test_a_scene_file_that_is_framed_turns_about_what_it_is_framed_at(scene, rendered):
+    scene.write_text(SCENE.replace("eye = [0, -6, 1]\ntarget = [0.5, 0, 0]", 'projection = "orthographic"'))
+    assert animate(scene, "out") == 0
+    first = rendered[0]
+    assert all((camera.target, camera.projection) == (first.target, "orthographic") for camera in rendered)
+    assert (scene.with_name("out") / "0000.png").read_bytes() == still(scene, *SMALL)
+
+
+def test_keys_through_a_scene_file(scene, rendered):
+    """With the lens of the file, where a key says nothing else."""
+    scene.with_name("keys.json").write_text(json.dumps({"keys": KEYS}))
+    arguments = ["animate", str(scene), "-o", str(scene.with_name("out")), "--keys", str(scene.with_name("keys.json"))]
+    assert execute([*arguments, "--fps", "4"]) == 0
+    assert [camera.fov for camera in rendered[::2]] == [50, 30, 50]
+    for camera, key in zip(rendered[::2], KEYS, strict=True):
+        assert (list(camera.eye), list(camera.target)) == (key["eye"], key["target"])
+        assert (camera.size, camera.aperture, camera.focus) == ((24, 18), 0.2, 5.5)
+
+
+def test_an_interrupted_film_of_a_scene_file_goes_on(scene, rendered, capsys):
+    assert animate(scene, "whole") == 0
+    del rendered[:]
+    rendered.stop = 3
+    assert animate(scene, "out") == 130
+    rendered.stop = 1000
+    assert animate(scene, "out") == 0
+    assert len(rendered) == 4 and "4 frames, 3 of them from before" in capsys.readouterr().out
+    assert pictures(scene.with_name("out")) == pictures(scene.with_name("whole"))
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "scan.ply"])
+def test_when_a_file_of_the_scene_was_written_anew_so_are_the_frames(name, scene, rendered, capsys):
+    rendered.stop = 2
+    assert animate(scene, "out") == 130
+    capsys.readouterr()
+    rendered.stop = 1000
+    os.utime(scene.with_name(name), (0, 0))
+    assert animate(scene, "out") == 0 and len(rendered) == 6
+    assert capsys.readouterr().err.endswith("rendered anew: not as before: scene\n")
+
+
 # ---------------------------------------------------------------------------------------- what was interrupted
 
 
@@ -191,6 +308,15 @@ def test_frames_of_other_settings_are_rendered_anew(scan, rendered, capsys):
     err = capsys.readouterr().err
     assert err.startswith("pointray: note: ") and err.count("\n") == 1
     assert err.endswith("rendered anew: not as before: exposure, background\n") and len(rendered) == 6
+
+
+def test_frames_of_another_color_by_are_rendered_anew(scan, rendered, capsys):
+    rendered.stop = 2
+    assert animate(scan, "out") == 130
+    capsys.readouterr()
+    rendered.stop = 1000
+    assert animate(scan, "out", *FOUR, "--color-by", "z") == 0
+    assert capsys.readouterr().err.endswith("rendered anew: not as before: color\n") and len(rendered) == 6
 
 
 def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered):
@@ -315,3 +441,44 @@ def test_what_ffmpeg_cannot_do_is_a_failure(scan, monkeypatch, capsys):
     err = capsys.readouterr().err
     assert err.startswith(f"pointray: {scan.with_name('out.mp4')}: ffmpeg: ") and err.count("\n") == 1
     assert sorted(os.listdir(scan.parent)) == ["out.mp4.frames", "scan.ply"]  # the frames wait for the next try
+
+
+@pytest.mark.parametrize("output", ["out", "out.mp4"])
+def test_an_attribute_that_is_not_there(output, scan, capsys):
+    arguments = [str(scan), "-o", str(scan.with_name(output)), *SMALL, *FOUR, "--color-by", "width"]
+    err = bad_input(arguments, capsys)
+    assert "'width'" in err and "there are: x, y, z" in err and os.listdir(scan.parent) == ["scan.ply"]
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("--color-by z", "--color-by is not for a scene file"),
+        ("--ground", "--ground is not for a scene file"),
+        ("--radius-scale 2", "--radius-scale is not for a scene file"),
+        ("--seconds 0", "--seconds"),
+        ("--fov 180", "fov must lie"),
+        ("--keys keys.json --turns 3", "--turns is not for --keys"),
+    ],
+)
+def test_options_that_do_not_fit_a_scene_file(option, words, scene, capsys):
+    assert words in bad_input([str(scene), "-o", str(scene.with_name("out")), *option.split()], capsys)
+    assert sorted(os.listdir(scene.parent)) == ["scan.ply", "scene.toml"]
+
+
+def test_mistakes_in_a_scene_file(scene, capsys):
+    scene.write_text(SCENE.replace("fov = 50", "fov = 500"))
+    err = bad_input([str(scene), "-o", str(scene.with_name("out"))], capsys)
+    assert err.startswith(f"pointray: {scene}:27: camera.fov: must lie between")
+    assert bad_input([str(scene.with_name("no.toml")), "-o", str(scene.with_name("out"))], capsys)
+
+
+def test_a_transparent_scene_file_is_no_mp4(scene, capsys):
+    pytest.importorskip("imageio_ffmpeg")
+    film = ["-o", str(scene.with_name("out.mp4"))]
+    assert "--background none: an MP4" in bad_input([str(scene), *film, "--background", "none"], capsys)
+    scene.write_text(SCENE.replace("[0.1, 0.2, 0.3]", '"none"'))
+    assert bad_input([str(scene), *film], capsys).startswith(f"pointray: {scene}:2: background: an MP4 cannot be")
+    scene.write_text(SCENE.replace("background = [0.1, 0.2, 0.3]", ""))
+    assert bad_input([str(scene), *film], capsys).startswith(f"pointray: {scene}: background: an MP4 cannot be")
+    assert execute(["animate", str(scene), *film, *SMALL, *FOUR, "--background", "1,0,0"]) == 0

@@ -1,37 +1,39 @@
-"""pointray animate: a film of a scan, which goes on where it was interrupted."""
+"""pointray animate: a film of a scan or a scene file, which goes on where it was interrupted."""
 
 from __future__ import annotations
 
 import math
 import shutil
 import warnings
+from collections.abc import Callable
 from dataclasses import asdict, astuple, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .keys import read_keys
 from .options import View, positive
+from .scenes import SceneView
 from .stage import Stage
 from .waiting import Progress, in_background, writing
 
 SECONDS, TURNS = 6.0, 1.0  # of a film that says nothing
+TRANSPARENT = "an MP4 cannot be transparent, numbered .png can"
 
 
 class Way:
     """The way of the camera: a turntable, or along keys. Raises what is wrong with the options at once."""
 
-    def __init__(self, view: View, fps: float, wishes: dict[str, Any]) -> None:
+    def __init__(self, view: View | SceneView, fps: float, wishes: dict[str, Any]) -> None:
         self.view, self.fps = view, positive(fps, "--fps")
-        self._cameras: list[Any] = []  # of keys; a turntable's depend on the model
+        self._cameras: list[Any] = []  # of keys; a turntable's depend on the first one
         if wishes["keys"] is None:
             seconds = SECONDS if wishes["seconds"] is None else positive(wishes["seconds"], "--seconds")
             self._turns = TURNS if wishes["turns"] is None else wishes["turns"]
             if not math.isfinite(self._turns):
                 raise ValueError(f"--turns must be finite, not {self._turns}")
             self.count = _frames(seconds * fps)
-            self.settings: dict[str, Any] = {"turns": self._turns}
-            self.settings |= {"eye": view.eye, "target": view.target, "up": view.up, "fov": view.lens["fov"]}
+            self.settings: dict[str, Any] = {"turns": self._turns, **view.settings}
             return
         from ..film import fly
 
@@ -43,11 +45,11 @@ class Way:
         self.count = len(self._cameras)
         self.settings = {"fps": fps, "keys": [[time, *astuple(camera)] for time, camera in keys]}
 
-    def cameras(self, bounds: Any) -> list[Any]:
-        """The camera of each frame, for a model with these bounds."""
+    def cameras(self, first: Any) -> list[Any]:
+        """The camera of each frame; a turntable turns the one that is given."""
         from ..film import turntable
 
-        return self._cameras or turntable(self.view.turning(bounds), self.count, self._turns)
+        return self._cameras or turntable(first, self.count, self._turns)
 
 
 def _frames(count: float) -> int:
@@ -82,7 +84,7 @@ def target_of(output: Path, background: str) -> Target:
     if output.suffix.lower() == ".mp4" and not output.is_dir():
         check_mp4(output)
         if background == "none":
-            raise ValueError("--background none: an MP4 cannot be transparent, numbered .png can")
+            raise ValueError(f"--background none: {TRANSPARENT}")
         pattern = Path(f"{output}.frames") / "%04d.png"
         folder = pattern.parent
         if folder.is_dir() and any(folder.iterdir()) and not note_of(pattern).exists():
@@ -96,13 +98,44 @@ def target_of(output: Path, background: str) -> Target:
     return Target(output, pattern, False)
 
 
-def animate(target: Target, way: Way, stage: Stage, settings: Any, exposure: float) -> str:
+class Subject(NamedTuple):
+    """What a film shows.
+
+    Attributes
+    ----------
+    build : callable
+        Makes, with a Progress, the scene and the camera that a turntable turns.
+    picture : Settings
+    exposure : float
+    curve : str
+    settings : dict
+        What the scene depends on, as JSON takes it.
+    """
+
+    build: Callable[[Progress], tuple[Any, Any]]
+    picture: Any
+    exposure: float
+    curve: str
+    settings: dict[str, Any]
+
+
+def scan_subject(stage: Stage, view: View, picture: Any, exposure: float) -> Subject:
+    """A film of a scan: the whole of it stays in the picture, where the view says nothing else."""
+
+    def build(progress: Progress) -> tuple[Any, Any]:
+        scene, model = stage.build(progress)
+        return scene, view.turning(model.bounds)
+
+    return Subject(build, picture, exposure, "srgb", stage.settings)
+
+
+def animate(target: Target, way: Way, subject: Subject) -> str:
     """Render the frames that are not there yet, and write the film; returns a line that says what was done."""
     from ..image.frames import Frames
     from ..image.mp4 import even, write_mp4
 
     size = way.view.size
-    frames = Frames(target.pattern, _settings(way, stage, settings, exposure), way.count, size)
+    frames = Frames(target.pattern, _settings(way, subject), way.count, size)
     missing, other = frames.find()
     if other:
         differ = ", ".join(name.replace("_", " ") for name in other)
@@ -110,7 +143,7 @@ def animate(target: Target, way: Way, stage: Stage, settings: Any, exposure: flo
     with Progress() as progress:
         try:
             if missing:
-                _render(frames, missing, (way, stage, settings, exposure), progress)
+                _render(frames, missing, way, subject, progress)
             if target.mp4:
                 progress.show("writing the film", 1.0)
                 with writing(target.output):
@@ -131,33 +164,32 @@ def animate(target: Target, way: Way, stage: Stage, settings: Any, exposure: flo
     return f"{target.output}: {shape}, {way.count:,} frames{known}, {way.count / way.fps:.3g} seconds"
 
 
-def _render(frames: Any, missing: list[int], work: tuple[Way, Stage, Any, float], progress: Progress) -> None:
+def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progress: Progress) -> None:
     """Render frames, one after the other: each is kept before the next one begins."""
     from ..picture import render
 
-    way, stage, settings, exposure = work
-    scene, model = stage.build(progress)
-    cameras = way.cameras(model.bounds)
+    scene, first = subject.build(progress)
+    cameras = way.cameras(first)
 
     def picture(camera: Any, done: int) -> Any:
         def show(share: float) -> None:
             progress.show(f"frame {done + 1} of {len(missing)}", (done + share) / len(missing))
 
         show(0.0)
-        return render(scene, camera, settings, show)
+        return render(scene, camera, subject.picture, show)
 
     with writing(frames.pattern):
         frames.begin()
     for done, k in enumerate(missing):
         image = in_background(partial(picture, cameras[k], done))
         with writing(frames.path(k)):
-            frames.keep(k, image, exposure)
+            frames.keep(k, image, subject.exposure, subject.curve)
 
 
-def _settings(way: Way, stage: Stage, settings: Any, exposure: float) -> dict[str, Any]:
+def _settings(way: Way, subject: Subject) -> dict[str, Any]:
     """All that the pictures depend on; not the threads, which make no difference."""
     from .. import __version__
 
-    picture = {name: value for name, value in asdict(settings).items() if name != "threads"}
-    film = {"version": __version__, "frames": way.count, "size": way.view.size, "exposure": exposure}
-    return {**film, **way.settings, **picture, **stage.settings}
+    picture = {name: value for name, value in asdict(subject.picture).items() if name != "threads"}
+    film = {"version": __version__, "frames": way.count, "size": way.view.size, "exposure": subject.exposure}
+    return {**film, **way.settings, **picture, **subject.settings}

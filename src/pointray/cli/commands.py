@@ -30,7 +30,6 @@ from .options import (
     ProjectionOption,
     RadiusScaleOption,
     SamplesOption,
-    ScanArgument,
     SeedOption,
     SizeOption,
     SppOption,
@@ -121,7 +120,8 @@ def render(
 
 @app.command()
 def animate(
-    file: ScanArgument,
+    context: typer.Context,
+    file: SubjectArgument,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The film: .mp4; or pictures: a folder, or a name like %04d.png.")
     ],
@@ -150,13 +150,18 @@ def animate(
     light: LightOption = None,
     exposure: ExposureOption = 0.0,
     ground: GroundOption = False,
+    color_by: ColorByOption = None,
 ) -> None:
-    """A film of a scan, on a turntable or along keys; started again, an interrupted one goes on where it stopped."""
-    from .animate import Way, target_of
+    """A film of a scan or a scene file, on a turntable or along keys; an interrupted one goes on when started again."""
+    from .animate import Way, scan_subject, target_of
     from .animate import animate as work
+    from .scenes import animate_scene, is_scene
     from .stage import Stage, check_scan
 
     goal = target_of(output, background)
+    if is_scene(file):
+        print(animate_scene(file, goal, given(context), fps))
+        return
     check_scan(file)
     from ..settings import Settings
 
@@ -165,8 +170,9 @@ def animate(
     count = use_threads(threads)
     settings = Settings(integrator.value, spp, max_depth, seed=seed, threads=count, filter=filter.value)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    stage = Stage(file, shape, {"light": light, "background": background, "ground": ground, "up": view.up})
-    print(work(goal, way, stage, settings, exposure_of(exposure)))
+    place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
+    stage = Stage(file, shape, place)
+    print(work(goal, way, scan_subject(stage, view, settings, exposure_of(exposure))))
 
 
 @app.command()

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from .options import View
+from .scenes import SceneView
 
 NEEDED = ("time", "eye", "target")
 KNOWN = (*NEEDED, "up", "fov")
 
 
-def read_keys(file: Path, view: View) -> list[tuple[float, Any]]:
-    """(seconds, Camera) of each key; size, and up and fov where a key has none, are those of the options."""
+def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
+    """(seconds, Camera) of each key; size and lens, and up and fov where a key has none, are those of the view."""
     from ..points.files import check_regular
 
     rows = _rows(check_regular(file))
@@ -48,7 +49,7 @@ def _rows(file: Path) -> list[Any]:
     return data["keys"]
 
 
-def _key(row: Any, view: View) -> tuple[float, Any]:
+def _key(row: Any, view: View | SceneView) -> tuple[float, Any]:
     from ..camera import Camera
 
     if not isinstance(row, dict):
@@ -61,7 +62,8 @@ def _key(row: Any, view: View) -> tuple[float, Any]:
         raise ValueError(f"{missing[0]} is missing")
     up = _vector(row["up"], "up") if "up" in row else view.up
     fov = _number(row["fov"], "fov") if "fov" in row else view.lens["fov"]
-    camera = Camera.look_at(_vector(row["eye"], "eye"), _vector(row["target"], "target"), up, fov, view.size)
+    lens = {**view.lens, "fov": fov}
+    camera = Camera.look_at(_vector(row["eye"], "eye"), _vector(row["target"], "target"), up, size=view.size, **lens)
     return _number(row["time"], "time"), camera
 
 

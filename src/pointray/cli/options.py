@@ -19,7 +19,6 @@ Integrator = StrEnum("Integrator", ["phong", "ao", "path", "normal", "depth", "c
 Projection = StrEnum("Projection", ["perspective", "orthographic", "panorama"])
 Filter = StrEnum("Filter", ["box", "tent", "gaussian", "blackman-harris"])
 
-ScanArgument = Annotated[Path, typer.Argument(help="A scan: .ply, or a model that prepare has saved: .pointray.")]
 SubjectArgument = Annotated[
     Path, typer.Argument(help="A scan: .ply, a model that prepare has saved: .pointray, or a scene: .toml.")
 ]
@@ -185,6 +184,11 @@ class View:
         self.lens: dict[str, Any] = {"fov": fov, "projection": projection, "aperture": aperture, "focus": focus}
         near = self.eye or (0.0, 0.0, 0.0)
         self.camera([near, [x + 1 + abs(x) for x in near]])  # some box that the eye is not in the middle of
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What a turntable's frames depend on, as JSON takes it; the size apart."""
+        return {"eye": self.eye, "target": self.target, "up": self.up, "fov": self.lens["fov"]}
 
     def camera(self, bounds: Any) -> Any:
         """The camera for a box."""

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .options import background_of, numbers, size_of, use_threads
 from .outputs import write_picture
 from .waiting import Progress, in_background
 
+if TYPE_CHECKING:
+    from .animate import Subject, Target
+
 VECTORS = ("eye", "target", "up")
 CAMERA = (*VECTORS, "fov", "size", "projection", "aperture", "focus")
 SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "filter", "seed", "threads")
 LOOK = ("background", "exposure")
+FILM = ("seconds", "fps", "turns", "keys")  # options that are about the film, not about what it shows
 
 
 def is_scene(file: Path) -> bool:
@@ -20,11 +25,37 @@ def is_scene(file: Path) -> bool:
     return file.suffix.lower() == ".toml"
 
 
-class SceneStage:
-    """A scene file, and the options that were given with it. Raises what is wrong with either at once."""
+class SceneView:
+    """The camera of a scene file, as `View` is that of the options.
 
-    def __init__(self, file: Path, options: dict[str, Any]) -> None:
-        unfit = [name for name in options if name not in ("file", "output", *CAMERA, *SETTINGS, *LOOK)]
+    Parameters
+    ----------
+    told : dict
+        What `Camera.look_at` or `Camera.frame` is told.
+    """
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        from ..scenefile.plan import BOX, camera_of
+
+        camera = camera_of(told, BOX)  # all but eye and target are as told
+        self.size, self.up = camera.size, camera.up
+        self.lens = {name: getattr(camera, name) for name in ("fov", "projection", "aperture", "focus")}
+        self.settings = {"camera": told}
+
+
+class SceneStage:
+    """A scene file, and the options that were given with it. Raises what is wrong with either at once.
+
+    Parameters
+    ----------
+    options : dict
+        Those that the user has typed.
+    film : sequence of str
+        Names of options that are about neither the scene nor the picture.
+    """
+
+    def __init__(self, file: Path, options: dict[str, Any], film: Sequence[str] = ()) -> None:
+        unfit = [name for name in options if name not in ("file", "output", *CAMERA, *SETTINGS, *LOOK, *film)]
         if unfit:
             raise ValueError(f"--{unfit[0].replace('_', '-')} is not for a scene file, which says it itself: {file}")
         texts: dict[str, Any] = {name: numbers(options[name], f"--{name}") for name in VECTORS if name in options}
@@ -41,6 +72,24 @@ class SceneStage:
         )
         use_threads(plan.settings.threads)
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the scene depends on, as JSON takes it."""
+        facts = [(path, path.stat()) for path in self.plan.files]
+        files = [(str(path.resolve()), fact.st_size, fact.st_mtime_ns) for path, fact in facts]
+        return {"scene": files, "background": self.plan.background}
+
+    def subject(self) -> Subject:
+        """What a film of it shows."""
+        from .animate import Subject
+
+        def build(progress: Progress) -> tuple[Any, Any]:
+            made = in_background(lambda: plan.build(progress.show))
+            return made.scene, made.camera
+
+        plan = self.plan
+        return Subject(build, plan.settings, plan.exposure, plan.curve, self.settings)
+
 
 def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     """Render what a scene file describes; returns a line that says what was done."""
@@ -50,3 +99,14 @@ def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
         what = write_picture(output, made[:3], (made.exposure, made.curve, None), progress)
     width, height = made.camera.size
     return f"{output}: {width}x{height}{what}"
+
+
+def animate_scene(file: Path, goal: Target, options: dict[str, Any], fps: float) -> str:
+    """A film of what a scene file describes; returns a line that says what was done."""
+    from .animate import TRANSPARENT, Way, animate
+
+    stage = SceneStage(file, options, FILM)
+    if goal.mp4 and stage.plan.background is None:
+        raise stage.plan.error("background", f"{TRANSPARENT}; or say --background")
+    wishes = {name: options.get(name) for name in ("seconds", "turns", "keys", "eye", "target")}
+    return animate(goal, Way(SceneView(stage.plan.camera), fps, wishes), stage.subject())

@@ -61,9 +61,9 @@ class Frames:
         self.pattern.parent.mkdir(exist_ok=True)
         self._write_note()
 
-    def keep(self, k: int, image: ArrayLike, exposure: float) -> None:
+    def keep(self, k: int, image: ArrayLike, exposure: float, curve: str = "srgb") -> None:
         """Write a frame, and note that it is done."""
-        write_image(self.path(k), image, exposure)
+        write_image(self.path(k), image, exposure, curve)
         self._done = max(self._done, k + 1)
         self._write_note()
 

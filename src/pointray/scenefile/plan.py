@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
@@ -90,6 +91,17 @@ class Plan:
         self.curve: str = root.get("curve", "srgb")
         with source.telling((), root):
             self._check_look()
+
+    @property
+    def files(self) -> list[Path]:
+        """The scene file, and those that it names."""
+        named = [recipe.file for recipe in self._models.values()] + [place.many for place in self._places]
+        named += [lamp.values.get("image") for lamp in self._lamps]
+        return [self._source.file, *(path for path in named if isinstance(path, Path))]
+
+    def error(self, name: str, message: str) -> ValueError:
+        """What is wrong with a value that the file has, or should have, at its top."""
+        return self._source.error((name,), message)
 
     def _check_look(self) -> None:
         check_tone(self.exposure, self.curve)
