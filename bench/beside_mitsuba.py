@@ -1,7 +1,7 @@
-"""pointray beside Mitsuba 3: are the pictures right? Meshes there, their vertices as points here.
+"""pointray beside Mitsuba 3: are the pictures right? Meshes there, points of their triangles here.
 
     python bench/beside_mitsuba.py [--meshes bunny dragon ...] [--lights sun ...] [--materials diffuse ...] [--bounces]
-                                   [--size 128] [--spp 144] [--halvings 0] [--folder DIR] [--json FILE]
+                                   [--size 128] [--spp 144] [--halvings 2] [--folder DIR] [--json FILE]
                                    [--pictures DIR]
     python bench/beside_mitsuba.py --speed [--points 1000000] [--size 512] [--spp 4] [--runs 5]
 
@@ -14,8 +14,9 @@ silhouette or the edge of a hard shadow: sum |a - b| / sum b, demanded to be at 
 most 1% either way; then both for the model's own pixels, of which the same is demanded. Noise: what they would be if
 nothing but the seed differed. Pictures: ours, theirs, the difference.
 
-Between its vertices a mesh is flat and its normals are interpolated, where pointray has a surface of its own; with
---halvings both are the same surface, and the differences of coarse meshes go.
+Between its vertices a mesh is flat and its normals are interpolated, where pointray has a surface of its own: so points
+lie between them, too, with such normals: edges are halved once or twice (the bunny in mirrors: 8 to 16% apart with its
+vertices alone, 1 to 3% so).
 
 Needs mitsuba and trimesh (pip install 'pointray[dev]') and LLVM from 16 on (libLLVM.so; DRJIT_LIBLLVM_PATH names it:
 14 and 15 fail on processors with AVX-512). Without LLVM, materials that Mitsuba lacks are left out. Some half an hour.
@@ -25,6 +26,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import warnings
 from collections.abc import Iterator
@@ -42,6 +44,7 @@ from mitsuba_pictures import write_difference
 from mitsuba_scenes import Body, Case, body, camera, halved, our_scene, their_camera, their_scene
 from truth import FOLDER
 
+ENOUGH = 500_000  # points of a mesh
 MOST_APART, MOST_OFF = 0.05, 0.01
 FINER = 3  # rays a side of a pixel that edges are looked for with
 STEEP = 10.0  # a step in depth of so many pixels' widths is a silhouette: a surface seen at under 6 degrees
@@ -112,6 +115,11 @@ def choose_variant(arrays: bool = True) -> str:
     if name != "scalar_rgb":
         import mitsuba_formulas  # noqa: F401  # Mitsuba knows its materials from now on
     return name
+
+
+def halvings_of(shape: Body) -> int:
+    """How often a mesh's edges are halved until it has ENOUGH points: each time there are four times as many."""
+    return max(math.ceil(math.log(ENOUGH / len(shape.vertices), 4)), 0)
 
 
 @dataclass(frozen=True)
@@ -245,7 +253,7 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--bounces", action="store_true")
     parser.add_argument("--size", type=int, help="of the pictures, pixels a side: 128, with --speed 512")
     parser.add_argument("--spp", type=int, help="samples a pixel: 144, with --speed 4")
-    parser.add_argument("--halvings", type=int, default=0, help="of the edges: more points of the same triangles")
+    parser.add_argument("--halvings", type=int, help=f"of the edges, else until there are {ENOUGH:,} points")
     parser.add_argument("--folder", type=Path, default=FOLDER)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path)
@@ -278,7 +286,9 @@ def main(arguments: list[str] | None = None) -> None:
     rows = []
     print(HEAD)
     for mesh in options.meshes:
-        pair = Pair(body(mesh, options.folder), options.size, options.spp, options.halvings)
+        shape = body(mesh, options.folder)
+        halvings = halvings_of(shape) if options.halvings is None else options.halvings
+        pair = Pair(shape, options.size, options.spp, halvings)
         for case in cases(options):
             rows.append(compare(pair, case, options.pictures))
             print(rows[-1], flush=True)
