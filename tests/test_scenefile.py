@@ -274,6 +274,19 @@ def test_a_saved_model(folder: Path) -> None:
     assert np.asarray(Image.open(picture))[6, 8, 3] == 255
 
 
+@pytest.mark.parametrize("saved", [False, True])
+def test_levels_of_detail(folder: Path, saved: bool) -> None:
+    table = 'procedural = "sphere"\npoints = 8_000\n'
+    if saved:
+        pr.Model(pr.procedural("sphere", 8000)).save(folder / "ball.pointray")
+        table = 'file = "ball.pointray"\n'
+    for levels in (True, False):
+        text = f'[models.a]\n{table}levels = {str(levels).lower()}\n[[instances]]\nmodel = "a"\n'
+        (folder / "scene.toml").write_text(text)
+        (model,) = pr.load_scene(folder / "scene.toml").scene._world()[1]
+        assert (len(model.levels) > 0) == levels
+
+
 # -------------------------------------------------------------------------------------------------- what is wrong
 
 
@@ -297,6 +310,7 @@ WRONG = {
     "unknown key": ("fov = 50", "fow = 50", "camera.fow", "unknown key 'fow' (did you mean 'fov'?); there are: eye, "),
     "unknown table": ("[settings]", "[seting]", "seting", "unknown key 'seting' (did you mean 'settings'?)"),
     "unknown kind": ('kind = "sun"', 'kind = "son"', "lights[0].kind", "unknown kind 'son' (did you mean 'sun'?)"),
+    "levels": ("points = 2000", "levels = 3\npoints = 2000", "models.ball.levels", "must be true or false, not 3"),
     "no kind": ('kind = "point"', "", "lights[1]", "kind is missing"),
     "word of another kind": ("ior = 1.4", "color = 1", "materials.glass.color", "unknown key 'color'; there are: kind"),
     "missing": ("direction = [1, 1, -2]", "", "lights[0]", "direction is missing"),

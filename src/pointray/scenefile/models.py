@@ -14,9 +14,10 @@ from ..points.procedural import MOST, NAMES
 from ..saved import SAVED
 from ..splats.radii import radii_in
 from .source import Key, Source
-from .words import TEXT, WHOLE, check_table, optional, unknown, value_at, words_of
+from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, words_of
 
 WORDS = words_of(Model, "points", "radii")
+LEVELS = {"levels": Word(("bool",), False)}
 
 Say = Callable[[str, float], None]
 
@@ -31,12 +32,15 @@ class Recipe(NamedTuple):
         Name, points and seed, where there is no file.
     how : dict
         What `Model` is told.
+    levels : bool
+        Whether it gets levels of detail.
     """
 
     key: Key
     file: Path | None
     procedural: tuple[str, int, int]
     how: dict[str, Any]
+    levels: bool
 
 
 def check_model(source: Source, key: Key) -> Recipe:
@@ -45,14 +49,16 @@ def check_model(source: Source, key: Key) -> Recipe:
     if isinstance(table, dict) and "file" not in table and "procedural" not in table:
         raise source.error(key, "file or procedural is missing")
     if isinstance(table, dict) and "file" in table:
-        values = check_table(source, key, {"file": TEXT, **WORDS})
-        recipe = Recipe(key, source.path(values.pop("file")), ("", 0, 0), values)
+        values = check_table(source, key, {"file": TEXT, **WORDS, **LEVELS})
+        levels = values.pop("levels", False)
+        recipe = Recipe(key, source.path(values.pop("file")), ("", 0, 0), values, levels)
         _check_file(source, recipe)
     else:
-        words = {"procedural": TEXT, "points": WHOLE, "seed": optional(WHOLE), **WORDS}
+        words = {"procedural": TEXT, "points": WHOLE, "seed": optional(WHOLE), **WORDS, **LEVELS}
         values = check_table(source, key, words)
+        levels = values.pop("levels", False)
         made = values.pop("procedural"), values.pop("points"), values.pop("seed", 0)
-        recipe = Recipe(key, None, made, values)
+        recipe = Recipe(key, None, made, values, levels)
         _check_procedural(source, key, *made)
     told = signature(Model).bind(None, **values)
     told.apply_defaults()
@@ -83,7 +89,16 @@ def _check_procedural(source: Source, key: Key, name: str, count: int, seed: int
 
 
 def load_model(source: Source, recipe: Recipe, say: Say) -> Model:
-    """Read and build it. A scan's points may bring radii: the attribute `radius`."""
+    """Read and build it, and its levels of detail if they are asked for."""
+    model = _load(source, recipe, say)
+    if recipe.levels:
+        with source.telling(recipe.key):
+            model.make_levels(say)
+    return model
+
+
+def _load(source: Source, recipe: Recipe, say: Say) -> Model:
+    """The model alone. A scan's points may bring radii: the attribute `radius`."""
     file = recipe.file
     say("reading", 0.0)
     if file is None:
