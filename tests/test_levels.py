@@ -120,3 +120,14 @@ def test_off_by_a_setting_and_only_in_pictures(statue):
     hit = hits.instance >= 0
     away = np.linalg.norm(statue.points.world[hits.point[hit]] - hits.position[hit], axis=1)
     assert away.max() < statue.radii.max()
+
+
+def test_what_an_attribute_colours_stays_whole(statue):
+    """A colour map knows the points of the model itself, not those of its levels."""
+    scene = pr.Scene()
+    scene.add(statue, material=pr.Diffuse(pr.Attribute("z")))
+    far = pr.Camera.look_at((0, -60, 1), (0, 0, 1), size=(64, 64), fov=5)
+    pictures = [pr.render(scene, far, pr.Settings("color", levels=levels)) for levels in (True, False)]
+    np.testing.assert_array_equal(*pictures)
+    scene.add(statue, moved((0, 1, 0)))
+    assert sorted(level_of(scene, far)) == [0, len(statue.levels)]

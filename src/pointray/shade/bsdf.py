@@ -26,12 +26,11 @@ from ..records import (
     PRINCIPLED,
     SPECULAR,
 )
-from ..vec import dot, scale, triple
+from ..vec import BLACK, dot, scale, triple
 from .microfacet import sample_principled, scatter_principled
 from .phong import sample_diffuse, sample_phong, scatter_diffuse, scatter_phong
 from .specular import sample_specular
 
-BLACK = (0.0, 0.0, 0.0)
 LEAST_DENSITY = 1e-200  # below it a quotient by the density may overflow
 
 

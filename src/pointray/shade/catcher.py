@@ -32,11 +32,11 @@ from ..scratch import (
 )
 from ..simd import lowest
 from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
-from ..vec import dot, luminance, scale
+from ..vec import BLACK, dot, luminance, scale
 from .emitters import from_middle, meet_light, sample_light
 from .phong import sample_diffuse
 from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
-from .spots import BLACK, add_radiance
+from .spots import add_radiance
 
 
 @inline

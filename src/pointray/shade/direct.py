@@ -11,11 +11,11 @@ from ..jit import inline
 from ..records import LIGHT
 from ..scratch import GAIN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
 from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
-from ..vec import multiply, scale
+from ..vec import BLACK, multiply, scale
 from .bsdf import ambient, emitted, scatter
 from .emitters import from_middle
 from .sky import has_sky, sky_irradiance
-from .spots import BLACK, add_radiance, is_spot, place_of
+from .spots import add_radiance, is_spot, place_of
 
 
 @inline

@@ -26,9 +26,8 @@ from ..records import (
     SUN_LIGHT,
 )
 from ..sampling import on_disc
-from ..vec import add, dot, length, scale, sub, tangents, triple
+from ..vec import BLACK, add, dot, length, scale, sub, tangents, triple
 
-BLACK = (0.0, 0.0, 0.0)
 TINY = 1e-300
 
 

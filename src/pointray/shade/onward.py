@@ -19,10 +19,10 @@ from ..scratch import (
     row,
 )
 from ..trace.world import NOWHERE, aim, aim_from
-from ..vec import multiply, scale, triple
+from ..vec import BLACK, multiply, scale, triple
 from .bsdf import is_specular, sample_scatter
 from .specular import glass
-from .spots import BLACK, is_spot, place_of
+from .spots import is_spot, place_of
 
 FAINT = 1e-3  # a ray that counts less is not traced
 

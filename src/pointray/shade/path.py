@@ -31,13 +31,13 @@ from ..scratch import (
 )
 from ..trace.hits import describe_tile, tile_hit
 from ..trace.world import NOWHERE, aim, aim_from, occlude_tile, trace_tile
-from ..vec import add, multiply, scale
+from ..vec import BLACK, add, multiply, scale
 from .bsdf import emitted, is_specular, sample_scatter, scatter
 from .catcher import catch_paths, find_caught
 from .direct import shade_gains
 from .emitters import density_of_light, light_radiance, meet_light, sample_light, sun_in
 from .sky import is_chosen, sample_sky, sky_density, sky_radiance
-from .spots import BLACK, add_radiance, is_spot, keep_spot, place_of
+from .spots import add_radiance, is_spot, keep_spot, place_of
 
 FAINT = 0.05  # a path that carries less goes on with this much, or ends by chance
 

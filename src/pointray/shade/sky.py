@@ -19,8 +19,8 @@ from ..records import (
     SKY_Z,
     SKY_ZENITH,
 )
-from ..vec import add, dot, scale, sub, triple
-from .emitters import BLACK, Arrival
+from ..vec import BLACK, add, dot, scale, sub, triple
+from .emitters import Arrival
 
 
 @inline

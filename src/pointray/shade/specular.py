@@ -6,9 +6,7 @@ import math
 
 from ..jit import inline
 from ..records import IOR, MATERIAL_KIND, MIRROR
-from ..vec import dot, mirrored, scale, sub
-
-WHITE = (1.0, 1.0, 1.0)
+from ..vec import WHITE, dot, mirrored, scale, sub
 
 
 @inline

@@ -16,10 +16,8 @@ from ..scratch import (
     put,
     row,
 )
-from ..vec import add, dot, multiply, scale, unit
+from ..vec import BLACK, WHITE, add, dot, multiply, scale, unit
 from .bsdf import Place, base_color, material_at
-
-BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
 @inline
