@@ -158,3 +158,13 @@ def test_memory_of_an_instance(models):
     pointers = 2 * 8 * count
     assert (sum(array.nbytes for array in held) + pointers) / count <= 300
     assert world.table.size == ROW and world.materials.size == MATERIAL_SIZE
+
+
+def test_materials_that_look_the_same_are_kept_once_and_only_while_they_are_used(models):
+    scene = pr.Scene()
+    for _ in range(3):
+        scene.add(models[0], material=pr.Diffuse(0.25))
+    assert len({id(material) for material in scene._instances.materials}) == 1
+    for k in range(50):
+        scene.update(0, material=pr.Diffuse(k / 50))
+    assert len(scene._instances._looks) == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,7 +101,8 @@ class Instances:
         self.materials: list[Material] = []
         self._next = 0
         self.paints = Paints()
-        self._looks: dict[Any, Material] = {}  # one of those that look the same
+        # One of those that look the same, as long as an instance has it.
+        self._looks: WeakValueDictionary[Any, Material] = WeakValueDictionary()
 
     def __len__(self) -> int:
         return len(self.shapes)
