@@ -36,14 +36,14 @@ from .scratch import (
 )
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 from .shade.ambient import see_sky
-from .shade.bsdf import base_color, material_at
+from .shade.bsdf import base_color
 from .shade.catcher import catch_direct, catch_occlusion, find_caught, show_caught
 from .shade.direct import light_tile
 from .shade.onward import aim_onward, begin_onward, send_onward
 from .shade.path import begin_paths, trace_paths
 from .shade.sky import has_sky, sky_radiance
 from .shade.spots import add_radiance, begin_radiance, keep_spot
-from .trace.hits import describe_tile, tile_hit
+from .trace.hits import describe_tile, material_at, tile_hit
 from .trace.world import NOWHERE, aim, trace_tile
 from .vec import add, scale
 

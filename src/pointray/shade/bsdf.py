@@ -16,10 +16,7 @@ from ..records import (
     DIELECTRIC,
     EMISSIVE,
     EMITTED,
-    INSTANCE,
-    MATERIAL,
     MATERIAL_KIND,
-    MATERIAL_SIZE,
     MIRROR,
     OWN_COLOR,
     PHONG,
@@ -46,12 +43,6 @@ class Place(NamedTuple):
     to_eye: tuple[float, float, float]
     color: tuple[float, float, float]
     side: float
-
-
-@inline
-def material_at(world, instance):  # type: ignore[no-untyped-def]
-    """Where an instance's material begins in world.materials."""
-    return int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
 
 
 @inline

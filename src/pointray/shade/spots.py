@@ -16,8 +16,9 @@ from ..scratch import (
     put,
     row,
 )
+from ..trace.hits import material_at
 from ..vec import BLACK, WHITE, add, dot, multiply, scale, unit
-from .bsdf import Place, base_color, material_at
+from .bsdf import Place, base_color
 
 
 @inline

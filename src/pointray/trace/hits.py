@@ -135,10 +135,17 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _shows_colors(world, at):  # type: ignore[no-untyped-def]
+def material_at(world, instance):  # type: ignore[no-untyped-def]
+    """Where an instance's material begins in world.materials."""
+    return int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
+
+
+@inline
+def _shows_colors(world, instance):  # type: ignore[no-untyped-def]
     """Whether an instance of a model has the colours of its points, or of what they are painted by."""
-    if world.materials[int(world.instances[at + MATERIAL]) * MATERIAL_SIZE + OWN_COLOR] == 0.0:
+    if world.materials[material_at(world, instance) + OWN_COLOR] == 0.0:
         return False
+    at = instance * INSTANCE
     tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
     return world.instances[at + PAINT] >= 0.0 or tree.colors.size > 0
 
@@ -154,7 +161,7 @@ def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
         numbers[SLOT_OF + i] = -1
         if numbers[INSTANCE_OF + i] >= 0 and numbers[LEAF_OF + i] >= 0:
-            if scratch.counts[SEEN_ONLY] == 0 or _shows_colors(world, numbers[INSTANCE_OF + i] * INSTANCE):
+            if scratch.counts[SEEN_ONLY] == 0 or _shows_colors(world, numbers[INSTANCE_OF + i]):
                 left |= np.int64(1) << i
             else:
                 put(scratch.world, COLOR + i, (1.0, 1.0, 1.0))
