@@ -11,11 +11,11 @@ from pointray.shade.bsdf import (
     base_color,
     emitted,
     is_specular,
-    material_at,
     sample_scatter,
     scatter,
 )
 from pointray.shade.specular import glass
+from pointray.trace.hits import material_at
 
 
 @kernel
