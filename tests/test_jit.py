@@ -217,6 +217,7 @@ ROOMS += [
     "levels",
     "picture",
     "layers",
+    "screen",
     "scenefile",
     "view",
     "report",

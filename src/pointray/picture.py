@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .camera import Camera
 from .frames import BLOCK, quick_frame, sampled_frame
 from .image.denoise import check_denoise, denoise
-from .jit import run
+from .jit import Cancel, run
 from .lens import FILTERS
 from .levels import at_distance
 from .pixels import SUMS
@@ -55,7 +55,7 @@ def render(
     noisy = settings.integrator in ("ao", "path")
     if settings.denoise and noisy:
         check_denoise()
-    picture = _Picture(scene, camera, settings)
+    picture = Picture(scene, camera, settings)
     for share in picture.passes(progress):
         if progress is not None:
             progress(share)
@@ -68,22 +68,38 @@ def render(
 def _surfaces(scene: Scene, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:
     """Colours or normals of what is seen, without a background: at the picture's own samples, at most 16 of them."""
     few = replace(settings, integrator=integrator, spp=min(settings.most, SURFACE_SAMPLES), time_limit=None, noise=None)
-    picture = _Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0))
+    picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0))
     for _ in picture.passes(None):
         pass
     return picture.image
 
 
-class _Picture:
-    """A picture that is being made."""
+class Picture:
+    """A picture that is being made: samples are added to it until there are enough.
+
+    Parameters
+    ----------
+    in_passes : bool
+        Keep the sums of the samples, so that they can be added bit by bit though the settings have no limit.
+
+    Attributes
+    ----------
+    image : (h, w, 4) float32
+        What `render` returns, of the samples so far.
+    """
 
     def __init__(
-        self, scene: Scene, camera: Camera, settings: Settings, background: tuple[float, ...] | None = None
+        self,
+        scene: Scene,
+        camera: Camera,
+        settings: Settings,
+        background: tuple[float, ...] | None = None,
+        in_passes: bool = False,
     ) -> None:
         width, height = camera.size
         self._settings, self._camera = settings, camera.record()
         self._blocks = -(-width // BLOCK) * -(-height // BLOCK)
-        self._one_pass = settings.time_limit is None and settings.noise is None
+        self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
         self.image = np.empty((height, width, 4), np.float32)
         self._film = np.zeros((0, 0, SUMS) if self._one_pass else (height, width, SUMS))
         self._world, self._kernel, how = _plan(scene, camera, settings)
@@ -95,7 +111,7 @@ class _Picture:
         most = settings.most
         while done < most:
             end = most if self._one_pass else min(done + step, most)
-            self._add(done, end, progress if self._one_pass else None)
+            self.add(done, end, progress if self._one_pass else None)
             done = end
             spent = time.perf_counter() - begun
             shares = [done / most]
@@ -110,13 +126,16 @@ class _Picture:
             if settings.time_limit is not None:  # no pass longer than what is left
                 step = max(min(step, int((settings.time_limit - spent) / spent * done)), 1)
 
-    def _add(self, first: int, end: int, progress: Progress | None) -> None:
-        """Add the samples from one number to another."""
+    def add(self, first: int, end: int, progress: Progress | None = None, cancel: Cancel | None = None) -> None:
+        """Add the samples from one number to another.
+
+        What was cancelled has samples in some tiles only: no more can be added.
+        """
         settings = self._settings
         samples = (settings.seed, settings.most, FILTERS.index(settings.filter))
         how = (*self._how[0], samples, (first, end), self._how[1])
         args = (self._world, self._camera, how, self._film, self.image)
-        run(self._kernel, self._blocks, *args, threads=settings.threads, progress=progress)
+        run(self._kernel, self._blocks, *args, threads=settings.threads, progress=progress, cancel=cancel)
 
     def _noise(self, done: int) -> float:
         """Standard error of the pixels, root mean square, as a share of the picture's mean."""

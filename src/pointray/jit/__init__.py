@@ -9,10 +9,11 @@ from __future__ import annotations
 from .arrays import array_at, borrow, intrinsic, keep
 from .disk import CHECK, cache_folder, cpu_features, cpu_name
 from .kernels import KERNELS, compilations, compile_seconds, inline, kernel, on_first_compilation, routine
-from .threads import cancelled, run, take, thread_count
+from .threads import Cancel, cancelled, run, take, thread_count
 
 __all__ = [
     "CHECK",
+    "Cancel",
     "KERNELS",
     "array_at",
     "borrow",

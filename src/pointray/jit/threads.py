@@ -17,6 +17,25 @@ from .kernels import inline
 NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24
 
 
+class Cancel:
+    """Ends what runs with it, between two tiles, and at once what is run with it later."""
+
+    def __init__(self) -> None:
+        self.wanted = False
+        self._work: np.ndarray[Any, Any] | None = None
+
+    def __call__(self) -> None:
+        self.wanted = True
+        if self._work is not None:
+            self._work[CANCEL] = 1
+
+    def watch(self, work: np.ndarray[Any, Any]) -> None:
+        """From now on it is this run that is ended."""
+        self._work = work
+        if self.wanted:  # asked for a moment before
+            work[CANCEL] = 1
+
+
 @inline
 def take(work):  # type: ignore[no-untyped-def]
     """The number of the next tile, or -1: none left, or cancelled."""
@@ -53,14 +72,17 @@ def run(
     *args: Any,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
+    cancel: Cancel | None = None,
 ) -> list[Any]:
     """Run `kernel(work, *args)` in worker threads that `take(work)` tiles until none is left.
 
-    The caller only waits, so that Ctrl-C gets through: it cancels the kernels between two tiles.
+    The caller only waits, so that Ctrl-C gets through: it cancels the kernels between two tiles, as `cancel` does.
     `progress` is called with the share done, some ten times a second. Returns what each worker returned.
     """
     work = np.zeros(SLOTS, np.int64)
     work[TOTAL] = tiles
+    if cancel is not None:
+        cancel.watch(work)
     results: list[Any] = []
     errors: list[BaseException] = []
     done = threading.Semaphore(0)

@@ -11,6 +11,7 @@ from .lanes import (
     bits,
     count_bits,
     first_quarter,
+    float_bits,
     greatest,
     lane,
     last_quarter,
@@ -44,6 +45,7 @@ from .memory import (
 __all__ = [
     "bits",
     "count_bits",
+    "float_bits",
     "first_quarter",
     "greatest",
     "lane",

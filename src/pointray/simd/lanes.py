@@ -125,6 +125,18 @@ def mask16(typingctx, word):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def float_bits(typingctx, value):  # type: ignore[no-untyped-def]
+    """The 32 bits of a float32 as an int32."""
+    if value != types.float32:
+        return None
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.bitcast(args[0], ir.IntType(32))
+
+    return types.int32(value), codegen
+
+
+@intrinsic
 def count_bits(typingctx, word):  # type: ignore[no-untyped-def]
     """How many bits of an integer are set."""
 

@@ -1,0 +1,79 @@
+"""The interactive viewer: a page in the browser, and pictures that are ray traced for it.
+
+server: the transport; viewer: all of it together. For each browser a session (what it says and is told), its looks
+(the panel's values; controls, panel, lamps), and a painter (its pictures, at a pace). For all of them the subject, which
+loading brings. pick: what is under the mouse; exports: files; page: what the browser runs.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from ..scene import Scene
+from .subject import Subject
+from .viewer import Viewer
+
+__all__ = ["Viewer", "view"]
+
+
+def view(
+    scene: Scene,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    open_browser: bool = True,
+    block: bool = True,
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+) -> Viewer:
+    """Show a scene in the browser, interactively.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is changed in it while it is shown changes on the page.
+    host : str
+        The address to listen on: this machine only, where nothing else is said. Whoever reaches it sees the scene.
+    port : int
+        0: 8080, or the next one that is free.
+    open_browser : bool
+        Where there is none, the address is printed.
+    block : bool
+        Wait until Ctrl-C. In a notebook it never waits: the page appears in the cell.
+    up : (3,) float
+        Which way is up.
+
+    Returns
+    -------
+    Viewer
+        `close` ends it.
+
+    Raises
+    ------
+    OSError
+        If it cannot listen there.
+
+    Examples
+    --------
+    >>> viewer = pr.view(scene, block=False)
+    >>> scene.add_light(pr.SunLight([1, 1, -2]))
+    >>> viewer.close()
+    """
+    if not isinstance(scene, Scene):
+        raise ValueError(f"view shows a Scene, not {type(scene).__name__}")
+    viewer = Viewer(Subject("pointray", up, scene), host, port)
+    if in_notebook():
+        return viewer
+    if not (open_browser and viewer.open_browser()):
+        print(f"pointray: {viewer.url}", flush=True)
+    if block:
+        try:
+            viewer.wait()
+        except KeyboardInterrupt:
+            pass
+    return viewer
+
+
+def in_notebook() -> bool:
+    """Whether a notebook's kernel runs this."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return type(shell).__name__ == "ZMQInteractiveShell"

@@ -1,0 +1,109 @@
+"""Controls of the panel: what the page is told of one, and which values it may send back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+LONGEST = 200  # letters of a text
+
+
+@dataclass(frozen=True)
+class Control:
+    """One row of the panel.
+
+    Attributes
+    ----------
+    name : str
+        What it changes.
+    kind : str
+        choice, range, number, switch, color (sRGB), text, vector, button, note.
+    options : list of (value, label), of a choice
+    low, high, step : float, of a range; the limits of a number, whose step does not matter
+    log : bool
+        A range whose slider goes by ratios.
+    """
+
+    name: str
+    label: str
+    kind: str
+    value: Any = None
+    options: Sequence[tuple[Any, str]] = ()
+    low: float = -math.inf
+    high: float = math.inf
+    step: float = 0.0
+    log: bool = False
+    hint: str = ""
+
+    def describe(self) -> dict[str, Any]:
+        """What the page is told."""
+        out: dict[str, Any] = {"name": self.name, "label": self.label, "kind": self.kind, "value": self.value}
+        if self.kind == "choice":
+            out["options"] = [list(option) for option in self.options]
+        if self.kind == "range":
+            out |= {"min": self.low, "max": self.high, "step": self.step, "log": self.log}
+        return out | ({"hint": self.hint} if self.hint else {})
+
+    def check(self, value: Any) -> Any:
+        """A value that the page has sent; ValueError if it is none for this control."""
+        checked = getattr(self, f"_check_{self.kind}", self._refuse)(value)
+        if isinstance(checked, float) and isinstance(self.value, int):
+            if not checked.is_integer():
+                raise ValueError(f"{self.name} must be a whole number, not {checked:g}")
+            checked = int(checked)
+        if self.kind in ("number", "range") and not self.low <= checked <= self.high:
+            raise ValueError(f"{self.name} must lie between {self.low:g} and {self.high:g}, not {checked:g}")
+        return checked
+
+    def _refuse(self, value: Any) -> Any:
+        raise ValueError(f"{self.name} has no value")
+
+    def _check_choice(self, value: Any) -> Any:
+        for known, _ in self.options:
+            if type(known) is type(value) and known == value:
+                return known
+        raise ValueError(f"{self.name} cannot be {value!r}")
+
+    def _check_number(self, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise ValueError(f"{self.name} must be a number, not {value!r}")
+        return float(value)
+
+    _check_range = _check_number
+
+    def _check_switch(self, value: Any) -> bool:
+        if not isinstance(value, bool):
+            raise ValueError(f"{self.name} must be true or false, not {value!r}")
+        return value
+
+    def _check_text(self, value: Any) -> str:
+        if not isinstance(value, str) or len(value) > LONGEST:
+            raise ValueError(f"{self.name} must be a text of at most {LONGEST} letters")
+        return value
+
+    def _check_vector(self, value: Any) -> tuple[float, float, float]:
+        if not isinstance(value, list) or len(value) != 3:
+            raise ValueError(f"{self.name} must be three numbers, not {value!r}")
+        x, y, z = (self._check_number(part) for part in value)
+        return x, y, z
+
+    def _check_color(self, value: Any) -> tuple[float, float, float]:
+        color = self._check_vector(value)
+        if not all(0 <= part <= 1 for part in color):
+            raise ValueError(f"{self.name} must be a colour, not {value!r}")
+        return color
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Controls under one title."""
+
+    title: str
+    controls: Sequence[Control]
+    open: bool = False
+
+    def describe(self) -> dict[str, Any]:
+        """What the page is told."""
+        return {"title": self.title, "open": self.open, "controls": [c.describe() for c in self.controls]}

@@ -1,0 +1,164 @@
+"""What leaves the viewer: pictures and films as files, the camera as a command or as Python."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..film import turntable
+from ..image.frames import Frames
+from ..image.mp4 import check_mp4, write_mp4
+from ..image.write import check_image_path, write_image
+from ..picture import render
+from ..shade.lights import PointLight, SunLight
+from .looks import Looks
+from .messages import packed
+from .painter import Wish
+from .panel import Output
+
+log = logging.getLogger("pointray.view")
+
+MIME = {"png": "image/png", "jpg": "image/jpeg", "exr": "image/x-exr", "mp4": "video/mp4"}
+
+
+class Stopped(Exception):
+    """The user has had enough of it."""
+
+
+class Exports:
+    """One browser's, one at a time, in the background.
+
+    Parameters
+    ----------
+    say : callable
+        Takes a message for the page.
+    send : callable
+        Takes a file for it, packed.
+    """
+
+    def __init__(self, say: Callable[[dict[str, Any]], None], send: Callable[[bytes], None]) -> None:
+        self._say, self._send = say, send
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self, name: str, wish: Wish, output: Output, title: str) -> None:
+        """Do what a button says."""
+        if name.startswith("copy."):
+            text, what = _command(wish, output, title), "Camera as a command"
+            if name == "copy.python":
+                text, what = _python(wish.camera, wish.looks, output), "Camera as Python"
+            self._say({"type": "copy", "text": text, "title": what})
+            return
+        if self._thread is not None and self._thread.is_alive():
+            self._toast("warning", "one is being made: wait for it, or stop it")
+            return
+        self._stop.clear()
+        work = self._film if name == "save.film" else self._picture
+        self._thread = threading.Thread(
+            target=self._run, args=(work, wish, output, Path(title).stem), name="pointray-export", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End what is being made."""
+        self._stop.set()
+
+    def _run(self, work: Callable[..., None], wish: Wish, output: Output, stem: str) -> None:
+        try:
+            with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
+                work(wish, output, Path(folder), stem)
+        except Stopped:
+            self._toast("info", "stopped")
+        except (OSError, ValueError) as error:
+            self._toast("error", str(error))
+        except Exception as error:
+            log.exception("while saving")
+            self._toast("error", f"{type(error).__name__}: {error}")
+        self._say({"type": "progress", "stage": "", "share": None})
+
+    def _picture(self, wish: Wish, output: Output, folder: Path, stem: str) -> None:
+        """Render and send one picture."""
+        path = folder / f"{stem}.{output.format}"
+        check_image_path(path)
+        settings = replace(wish.looks.settings(output.samples), denoise=output.denoise)
+        camera = replace(wish.camera, size=(output.width, output.height))
+        scene = wish.looks.dress(wish.scene, wish.up)
+        image = render(scene, camera, settings, lambda share: self._tell("picture", share))
+        legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
+        write_image(path, image, wish.looks.exposure, wish.looks.curve, legend=legend)
+        self._give(path)
+
+    def _film(self, wish: Wish, output: Output, folder: Path, stem: str) -> None:
+        """Render and send a turntable."""
+        path = folder / f"{stem}.mp4"
+        check_mp4(path)
+        settings = replace(wish.looks.settings(output.samples), denoise=output.denoise)
+        count = max(1, round(output.seconds * output.fps))
+        size = output.width, output.height
+        scene = wish.looks.dress(wish.scene, wish.up)
+        frames = Frames(folder / "frames" / "%04d.png", {}, count, size)
+        frames.begin()
+        for k, camera in enumerate(turntable(replace(wish.camera, up=wish.up, size=size), count)):
+            image = render(scene, camera, settings, lambda share, k=k: self._tell("film", (k + share) / count))
+            self._tell("film", (k + 1) / count)
+            frames.keep(k, image, wish.looks.exposure, wish.looks.curve)
+        write_mp4(path, frames.pattern, count, output.fps, size)
+        self._give(path)
+
+    def _tell(self, stage: str, share: float) -> None:
+        if self._stop.is_set():
+            raise Stopped
+        self._say({"type": "progress", "stage": stage, "share": share})
+
+    def _give(self, path: Path) -> None:
+        """Send a file to the page, which saves it."""
+        header = {"type": "file", "name": path.name, "mime": MIME[path.suffix[1:]]}
+        self._send(packed(header, path.read_bytes()))
+
+    def _toast(self, level: str, text: str) -> None:
+        self._say({"type": "toast", "level": level, "text": text, "stay": False})
+
+
+def _command(wish: Wish, output: Output, title: str) -> str:
+    """A command line that renders what is seen."""
+    camera, looks = wish.camera, wish.looks
+    vectors = " ".join(f"--{name}={_commas(getattr(camera, name))}" for name in ("eye", "target", "up"))
+    parts = [f"pointray render {title} -o picture.{output.format} {vectors} --fov {camera.fov:.6g}"]
+    parts.append(f"--size {output.width}x{output.height} --integrator {looks.integrator} --spp {output.samples}")
+    if not title.endswith(".toml"):
+        parts += [f"--light {text}" for text in map(_light_text, looks.lights(wish.up)) if text]
+        parts += ["--ground"] if looks.ground else []
+    return " ".join(parts)
+
+
+def _light_text(light: Any) -> str:
+    """A light as the command line takes it: of one strength, a sun or a point; others have no words there."""
+    if isinstance(light, SunLight):
+        return f"sun:{_commas(light.direction)}:{float(np.max(light.irradiance)):.6g}"
+    if isinstance(light, PointLight):
+        return f"point:{_commas(light.position)}:{float(np.max(light.intensity)):.6g}"
+    return ""
+
+
+def _python(camera: Camera, looks: Looks, output: Output) -> str:
+    """Python that renders what is seen, of a scene."""
+    eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
+    size = output.width, output.height
+    return (
+        f"camera = pr.Camera.look_at({eye}, {target}, {up}, fov={camera.fov:.6g}, size={size})\n"
+        f'settings = pr.Settings(integrator="{looks.integrator}", spp={output.samples}, shadows={looks.shadows})\n'
+        f"image = pr.render(scene, camera, settings)\n"
+        f'pr.write_image("picture.{output.format}", image, exposure={looks.exposure}, curve="{looks.curve}")'
+    )
+
+
+def _commas(vector: Any) -> str:
+    return ",".join(f"{float(x):.9g}" for x in vector)

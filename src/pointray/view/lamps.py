@@ -1,0 +1,120 @@
+"""Lights as the panel has them: with angles, sRGB colours and a switch."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..image.tone import linear_to_srgb, srgb_to_linear
+from ..scene import Scene
+from ..shade.environment import EnvironmentLight
+from ..shade.lights import Light, PointLight, SunLight, rgb
+
+Color = tuple[float, float, float]
+Vector = tuple[float, float, float]
+
+SUN, POINT, SKY, OWN = "sun", "point", "sky", "own"
+BRIGHT = 3.0  # irradiance of a new sun, and of a new point light at the model's middle
+AWAY = 1.2  # of the model's diagonal: how far from its middle a new point light is
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A light that the panel can change; of another kind, one that it can switch off.
+
+    Attributes
+    ----------
+    kind : str
+    color : (3,) sRGB
+        The brightest of its channels is 1.
+    strength : float
+        Irradiance of a sun, radiant intensity of a point light, radiance of a sky.
+    azimuth, elevation : float
+        Degrees, of where a sun stands, in axes that `up` gives: 0 is the front, 90 to the right.
+    angle : float
+        Degrees, of a sun's disk.
+    position : (3,) world, of a point light
+    light : of kind "own": a light of the scene, as it is
+    """
+
+    kind: str
+    color: Color = (1.0, 1.0, 1.0)
+    strength: float = BRIGHT
+    azimuth: float = 30.0
+    elevation: float = 45.0
+    angle: float = 0.53
+    position: Vector = (0.0, 0.0, 0.0)
+    light: Light | EnvironmentLight | None = None
+    on: bool = True
+
+    def make(self, up: Vector) -> Light | EnvironmentLight:
+        """The light itself."""
+        if self.light is not None:
+            return self.light
+        power = srgb_to_linear(np.array(self.color, np.float64)) * self.strength
+        if self.kind == SUN:
+            return SunLight(-_direction(self.azimuth, self.elevation, up), power, self.angle)
+        if self.kind == POINT:
+            return PointLight(self.position, power)
+        return EnvironmentLight(power, up=up)
+
+
+def new_lamp(kind: str, scene: Scene, up: Vector) -> Lamp:
+    """A light to begin with."""
+    if kind != POINT:
+        return Lamp(kind, strength=BRIGHT if kind == SUN else 1.0)
+    low, high = scene.bounds
+    away = AWAY * float(np.linalg.norm(high - low))
+    x, y, z = ((low + high) / 2 + away * _direction(-40.0, 40.0, up)).tolist()
+    return Lamp(POINT, strength=BRIGHT * away * away, position=(x, y, z))
+
+
+def lamps_of(scene: Scene, up: Vector) -> tuple[Lamp, ...]:
+    """The lights of a scene."""
+    return tuple(_lamp_of(light, up) for light in scene.lights)
+
+
+def _lamp_of(light: Light | EnvironmentLight, up: Vector) -> Lamp:
+    if isinstance(light, SunLight):
+        color, strength = _split(light.irradiance)
+        azimuth, elevation = _angles(-np.asarray(light.direction, np.float64), up)
+        return Lamp(SUN, color, strength, azimuth, elevation, float(light.angle))
+    if isinstance(light, PointLight):
+        color, strength = _split(light.intensity)
+        x, y, z = np.asarray(light.position, np.float64).tolist()
+        return Lamp(POINT, color, strength, position=(x, y, z))
+    return Lamp(OWN, light=light)
+
+
+def _split(power: Any) -> tuple[Color, float]:
+    """Colour, sRGB, and strength of a power."""
+    values = rgb(power, "power")
+    strength = float(values.max()) or 1.0
+    r, g, b = linear_to_srgb(values / strength).tolist()
+    return (r, g, b), strength if values.max() > 0 else 0.0
+
+
+def axes_of(up: Vector) -> NDArray[np.float64]:
+    """Right, front and up as rows, as one sees them who stands in front: unit; front is -y where z is up, else +z."""
+    top = np.asarray(up, np.float64) / np.linalg.norm(up)
+    ahead = np.array([0.0, -1.0, 0.0]) if abs(top[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
+    front = ahead - top * (ahead @ top)
+    front /= np.linalg.norm(front)
+    return np.stack([np.cross(top, front), front, top])
+
+
+def _direction(azimuth: float, elevation: float, up: Vector) -> NDArray[np.float64]:
+    """Unit vector to where azimuth and elevation point."""
+    right, front, top = axes_of(up)
+    a, e = math.radians(azimuth), math.radians(elevation)
+    return np.asarray(math.cos(e) * (math.cos(a) * front + math.sin(a) * right) + math.sin(e) * top)
+
+
+def _angles(direction: NDArray[np.float64], up: Vector) -> tuple[float, float]:
+    """Azimuth and elevation of a direction, degrees."""
+    right, front, top = axes_of(up) @ (direction / np.linalg.norm(direction))
+    return math.degrees(math.atan2(right, front)), math.degrees(math.asin(max(-1.0, min(1.0, top))))

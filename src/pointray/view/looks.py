@@ -1,0 +1,176 @@
+"""How one browser sees the scene: everything of its panel that is neither the camera nor shared with the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..image.tone import linear_to_srgb, srgb_to_linear
+from ..instances import Plane
+from ..paints import check_attribute
+from ..scene import Scene
+from ..settings import Settings
+from ..shade.attributes import COORDINATES, Attribute
+from ..shade.environment import EnvironmentLight
+from ..shade.lights import Light
+from ..shade.materials import Dielectric, Diffuse, Material, Mirror, Phong, Principled
+from .lamps import Color, Lamp, Vector, axes_of, lamps_of, new_lamp
+
+OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
+BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A plane across an axis that cuts the model open. at : share of the bounds, from the least to the greatest."""
+
+    on: bool = False
+    at: float = 0.5
+    flip: bool = False  # keep what lies beyond it
+
+
+@dataclass(frozen=True)
+class Looks:
+    """The values of the panel; each is named as its control is.
+
+    Attributes
+    ----------
+    samples : int
+        Of a pixel, when it is refined.
+    backdrop : (3,) sRGB
+    around : str
+        "color": the backdrop's; "sky": the lights'; "scene": what the scene itself says.
+    material : str
+        "own": each instance's own; else one for all models.
+    color_by : str
+        OWN, CONSTANT, or an attribute of the points.
+    low, high : float or None
+        The range of the attribute; None: found.
+    """
+
+    integrator: str = "phong"
+    samples: int = 64
+    max_depth: int = 4
+    shadows: bool = True
+    exposure: float = 0.0
+    curve: str = "srgb"
+    around: str = "color"
+    backdrop: Color = BACKDROP
+    lamps: tuple[Lamp, ...] = ()
+    material: str = OWN
+    color_by: str = OWN
+    color: Color = (0.8, 0.8, 0.8)
+    colormap: str = "viridis"
+    low: float | None = None
+    high: float | None = None
+    specular: float = 0.2
+    exponent: float = 20.0
+    roughness: float = 0.4
+    metallic: float = 0.0
+    ior: float = 1.5
+    ground: bool = False
+    cuts: tuple[Cut, Cut, Cut] = (Cut(), Cut(), Cut())
+
+    @classmethod
+    def of(cls, scene: Scene, up: Vector, settings: Settings) -> Looks:
+        """How a scene looks by itself."""
+        looks = cls(
+            integrator=settings.integrator,
+            samples=max(settings.spp, 64),
+            max_depth=settings.depth,
+            shadows=settings.shadows,
+            lamps=lamps_of(scene, up),
+        )
+        if scene.shows_sky:
+            return replace(looks, around="sky")
+        if scene.background is not None:
+            r, g, b = linear_to_srgb(np.clip(scene.background, 0, 1)).tolist()
+            return replace(looks, backdrop=(r, g, b))
+        return looks
+
+    def with_value(self, name: str, value: Any) -> Looks:
+        """With another value of a control: a field's, or one of a lamp or a cut, like "lamps.0.color"."""
+        field, _, rest = name.partition(".")
+        if not rest:
+            return replace(self, **{field: value})
+        number, _, part = rest.partition(".")
+        parts = list(getattr(self, field))
+        parts[int(number)] = replace(parts[int(number)], **{part: value})
+        return replace(self, **{field: tuple(parts)})
+
+    def with_lamp(self, kind: str, scene: Scene, up: Vector) -> Looks:
+        """With one light more."""
+        return replace(self, lamps=(*self.lamps, new_lamp(kind, scene, up)))
+
+    def without_lamp(self, number: int) -> Looks:
+        """With one light less."""
+        return replace(self, lamps=self.lamps[:number] + self.lamps[number + 1 :])
+
+    def settings(self, spp: int) -> Settings:
+        """For a picture of so many samples a pixel."""
+        return Settings(integrator=self.integrator, spp=spp, max_depth=self.max_depth, shadows=self.shadows)
+
+    def lights(self, up: Vector) -> list[Light | EnvironmentLight]:
+        """Those that are on."""
+        return [lamp.make(up) for lamp in self.lamps if lamp.on]
+
+    def dress(self, scene: Scene, up: Vector) -> Scene:
+        """The scene as it looks so, without touching the scene itself."""
+        dressed = scene.copy()
+        dressed.lights = self.lights(up)
+        dressed.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
+        if self.around == "scene":
+            dressed.background = "environment" if scene.shows_sky else scene.background
+        low, high = scene.bounds
+        if self.ground:
+            top = axes_of(up)[2]
+            dressed.add(Plane(np.where(top >= 0, low, high), up))
+        dressed.clips = self._clips(low, high)
+        if self.material != OWN or self.color_by != OWN:
+            dressed.paint(self._material())
+        return dressed
+
+    def _clips(self, low: Any, high: Any) -> list[tuple[Any, Any]]:
+        """Planes: where each is, and which way what it cuts away lies."""
+        out = []
+        for axis, cut in enumerate(self.cuts):
+            if cut.on:
+                normal = np.eye(3)[axis] * (-1.0 if cut.flip else 1.0)
+                out.append((low + (high - low) * cut.at, normal))
+        return out
+
+    def _material(self) -> Material:
+        color: Any = None
+        if self.color_by == CONSTANT:
+            color = srgb_to_linear(np.array(self.color))
+        elif self.color_by != OWN:
+            limits = None if self.low is None or self.high is None else (self.low, self.high)
+            color = Attribute(self.color_by, self.colormap, limits)
+        made: dict[str, Any] = {
+            OWN: lambda: Diffuse(color),
+            "diffuse": lambda: Diffuse(color),
+            "phong": lambda: Phong(color, self.specular, self.exponent),
+            "principled": lambda: Principled(color, self.roughness, self.metallic),
+            "mirror": Mirror,
+            "glass": lambda: Dielectric(self.ior),
+        }
+        return made[self.material]()  # type: ignore[no-any-return]
+
+
+def colorings(scene: Scene) -> list[str]:
+    """The attributes by which all models of a scene can be coloured."""
+    models = scene.models
+    names = [name for name in (models[0].points.attributes if models else ()) if _fits_all(name, scene)]
+    return [*names, *COORDINATES]
+
+
+def _fits_all(name: str, scene: Scene) -> bool:
+    try:
+        for model in scene.models:
+            check_attribute(model.points, Attribute(name))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,73 @@
+"""Messages of page and server. What pages say is read with suspicion: ValueError for nonsense."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from typing import Any
+
+from ..camera import Camera
+
+WIDEST = 3840  # pixels of a view
+
+
+def parse(text: str) -> dict[str, Any]:
+    """A message: an object with a type."""
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        raise ValueError("no JSON") from None
+    if not isinstance(message, dict) or not isinstance(message.get("type"), str):
+        raise ValueError("no object with a type")
+    return message
+
+
+def number(message: dict[str, Any], name: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """A finite number within limits."""
+    value = message.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} must be a number")
+    if not low <= value <= high:
+        raise ValueError(f"{name} must lie between {low:g} and {high:g}, not {value!r:.40}")
+    return float(value)
+
+
+def word(message: dict[str, Any], name: str) -> str:
+    """A short text."""
+    value = message.get(name)
+    if not isinstance(value, str) or len(value) > 100:
+        raise ValueError(f"{name} must be a short text")
+    return value
+
+
+def size_of(message: dict[str, Any]) -> tuple[int, int]:
+    """The size of a view, pixels."""
+    width, height = (int(number(message, name, 1, 1e6)) for name in ("width", "height"))
+    over = max(width, height) / WIDEST
+    return (max(1, int(width / over)), max(1, int(height / over))) if over > 1 else (width, height)
+
+
+def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
+    """The camera of a page, for a picture of a size."""
+    places = {name: message.get(name) for name in ("eye", "target", "up")}
+    for name, place in places.items():
+        if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, int | float) for x in place):
+            raise ValueError(f"{name} must be three numbers")
+    return Camera.look_at(**places, fov=number(message, "fov", 0.01, 179), size=size)  # type: ignore[arg-type]
+
+
+def camera_message(camera: Camera, animate: bool) -> dict[str, Any]:
+    """Tells a page to go where a camera is."""
+    return {"type": "camera", **describe(camera), "animate": animate}
+
+
+def describe(camera: Camera) -> dict[str, Any]:
+    """A camera as pages have it."""
+    return {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
+
+
+def packed(header: dict[str, Any], payload: bytes) -> bytes:
+    """A binary message: the header's length, the header, the payload."""
+    text = json.dumps(header).encode()
+    return struct.pack("<I", len(text)) + text + payload

@@ -1,0 +1,210 @@
+"""The drawing of one browser's pictures, in a thread of its own: the newest wish wins, see `pace` for the policy."""
+
+from __future__ import annotations
+
+import io
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from ..camera import Camera
+from ..image.tone import srgb_to_linear
+from ..jit import Cancel
+from ..picture import Picture
+from ..scene import Scene
+from ..screen import levels_of
+from .looks import Looks
+from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
+
+log = logging.getLogger("pointray.view")
+
+IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
+
+
+class Wish(NamedTuple):
+    """What is to be seen. version : of the scene; up : of its sun and ground; time : of the page's message."""
+
+    camera: Camera
+    looks: Looks
+    scene: Scene
+    version: tuple[int, int]
+    up: tuple[float, float, float]
+    time: float
+
+    def same_picture(self, other: Wish | None) -> bool:
+        """Whether nothing that is seen differs."""
+        return other is not None and self[:2] == other[:2] and self.version == other.version
+
+
+class Frame(NamedTuple):
+    """A picture as it goes to the page. seconds : that tracing took; rays : of the camera."""
+
+    number: int
+    wish: Wish
+    size: tuple[int, int]
+    stage: Stage
+    samples: int
+    jpeg: bytes
+    seconds: float
+    rays: int
+
+
+class Painter:
+    """Draws what is wished for last.
+
+    Parameters
+    ----------
+    deliver : callable
+        Takes each `Frame`, in the painter's thread.
+    fail : callable
+        Takes a text: why a picture cannot be drawn.
+    """
+
+    def __init__(self, deliver: Callable[[Frame], None], fail: Callable[[str], None]) -> None:
+        self._deliver, self._fail = deliver, fail
+        self._changed = threading.Condition()
+        self._wish: Wish | None = None
+        self._open, self._cancel = True, Cancel()
+        self._drawn, self._seen = 0, 0
+        self._pace = Pace()
+        self._dressed: tuple[tuple[Looks, tuple[int, int]], Scene] | None = None
+        self._times: deque[float] = deque(maxlen=60)
+        self._thread = threading.Thread(target=self._run, name="pointray-painter", daemon=True)
+        self._thread.start()
+
+    def want(self, wish: Wish) -> None:
+        """From now on this is to be seen."""
+        with self._changed:
+            if wish.same_picture(self._wish):
+                return
+            self._wish = wish
+            self._cancel()
+            self._changed.notify_all()
+
+    def seen(self, number: int) -> None:
+        """The page has drawn a picture."""
+        with self._changed:
+            self._seen = max(self._seen, min(number, self._drawn))
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Draw no more."""
+        with self._changed:
+            self._open = False
+            self._cancel()
+            self._changed.notify_all()
+
+    def join(self, timeout: float) -> None:
+        """Wait for the thread's end."""
+        self._thread.join(timeout)
+
+    @property
+    def frames_a_second(self) -> float:
+        """Of the last moving pictures, until a second ago."""
+        times = [t for t in self._times if t > time.perf_counter() - 1.0]
+        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 2 else 0.0
+
+    def dress(self, wish: Wish) -> Scene:
+        """The scene of a wish as it looks."""
+        key = wish.looks, wish.version
+        if self._dressed is None or self._dressed[0] != key:
+            self._dressed = key, wish.looks.dress(wish.scene, wish.up)
+        return self._dressed[1]
+
+    def _run(self) -> None:
+        done: Wish | None = None
+        while (wish := self._next(done)) is not None:
+            try:
+                self._draw(wish)
+            except ValueError as error:
+                self._fail(str(error))
+            except Exception as error:
+                log.exception("while drawing")
+                self._fail(f"{type(error).__name__}: {error}")
+            done = wish
+
+    def _next(self, done: Wish | None) -> Wish | None:
+        """Wait for another wish, and for the page to keep up; None at the end."""
+        with self._changed:
+            while self._open and (self._wish is done or self._drawn - self._seen >= IN_FLIGHT):
+                self._changed.wait()
+            self._cancel = Cancel()
+            return self._wish if self._open else None
+
+    def _draw(self, wish: Wish) -> None:
+        """All stages, until the picture is refined or something else is wished for."""
+        scene, scale = self.dress(wish), self._pace.scale()
+        begun = time.perf_counter()
+        # The first one is shown whatever is wished for in the meantime: else nothing would be seen while things move.
+        self._show(wish, scene, _scaled(wish.camera, scale), MOVING if scale < 1 else STILL, None)
+        self._pace.took(time.perf_counter() - begun, scale)
+        self._times.append(time.perf_counter())
+        if self._is_old(wish, REST):
+            return
+        if scale < 1:
+            self._show(wish, scene, wish.camera, STILL, self._cancel)
+        self._refine(wish, scene)
+
+    def _show(self, wish: Wish, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
+        """One sample a pixel."""
+        begun = time.perf_counter()
+        picture = Picture(scene, camera, wish.looks.settings(1))
+        picture.add(0, 1, cancel=cancel)
+        if cancel is None or not cancel.wanted:
+            self._send(wish, picture.image, stage, 1, time.perf_counter() - begun)
+
+    def _refine(self, wish: Wish, scene: Scene) -> None:
+        """Add samples, and show what there is now and then."""
+        most = wish.looks.samples
+        if most == 1:
+            return
+        picture = Picture(scene, wish.camera, wish.looks.settings(most), in_passes=True)
+        done, last, seconds = 0, 1, 0.0
+        while done < most:
+            count = min(next_pass(last, seconds) if done else 2, most - done)
+            begun = time.perf_counter()
+            picture.add(done, done + count, cancel=self._cancel)
+            if self._cancel.wanted:
+                return
+            done, last, seconds = done + count, count, time.perf_counter() - begun
+            if not self._keeps_up(wish):
+                return
+            self._send(wish, picture.image, REFINED, done, seconds)
+
+    def _is_old(self, wish: Wish, seconds: float) -> bool:
+        """Whether something else is wished for, or is within some time."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._wish is not wish or not self._open, seconds)
+
+    def _keeps_up(self, wish: Wish) -> bool:
+        """Wait for the page; False if something else is wished for."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._wish is not wish or not self._open or self._drawn - self._seen < IN_FLIGHT
+            )
+            return self._wish is wish and self._open
+
+    def _send(self, wish: Wish, image: NDArray[np.float32], stage: Stage, samples: int, seconds: float) -> None:
+        looks = wish.looks
+        levels = levels_of(image, srgb_to_linear(np.array(looks.backdrop)), looks.exposure, looks.curve)
+        stream = io.BytesIO()
+        Image.fromarray(levels).save(stream, "JPEG", quality=stage.quality, subsampling=stage.subsampling)
+        height, width = levels.shape[:2]
+        with self._changed:
+            self._drawn += 1
+        rays = width * height * samples
+        self._deliver(Frame(self._drawn, wish, (width, height), stage, samples, stream.getvalue(), seconds, rays))
+
+
+def _scaled(camera: Camera, scale: float) -> Camera:
+    """The camera for a smaller picture."""
+    width, height = camera.size
+    return replace(camera, size=(max(1, round(width * scale)), max(1, round(height * scale))))

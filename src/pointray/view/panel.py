@@ -1,0 +1,194 @@
+"""The panel: its folders, as the looks and the scene make them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ..scene import Scene
+from ..settings import INTEGRATORS
+from ..shade.colormaps import EMBEDDED
+from .controls import Control, Folder
+from .lamps import OWN as OWN_LIGHT
+from .lamps import POINT, SKY, SUN, Lamp
+from .looks import AXES, CONSTANT, OWN, Looks, colorings
+from .subject import Build
+
+SAID = {
+    "phong": "Phong: direct light, shadows",
+    "ao": "Ambient occlusion",
+    "path": "Path tracing: all light",
+    "normal": "Normals",
+    "depth": "Depth",
+    "color": "Colours, unlit",
+    "cost": "Cost: nodes and leaves",
+}
+COUNTS = (1, 4, 16, 64, 256, 1024, 4096)
+KEYS = "Drag: turn. Right drag: move. Wheel: nearer.\nDouble click: look there. Click: what is there.\n? shows all keys."
+
+
+class Output(NamedTuple):
+    """What a saved picture or film is to be: the values of its folder."""
+
+    width: int = 1920
+    height: int = 1080
+    samples: int = 16
+    format: str = "png"
+    denoise: bool = False
+    seconds: float = 6.0
+    fps: float = 24.0
+
+
+def folders(looks: Looks, build: Build | None, output: Output, scene: Scene | None) -> list[Folder]:
+    """All of the panel."""
+    if scene is None:
+        return [Folder("View", [Control("help", "", "note", KEYS)], open=True)]
+    material = [] if not scene.models else [_material(looks, scene)]
+    surface = [] if build is None else [_surface(build)]
+    return [_view(looks), _light(looks), *material, *surface, _cut(looks), _save(output), _film(output)]
+
+
+def _view(looks: Looks) -> Folder:
+    around = [("color", "this colour"), ("sky", "the light all around"), ("scene", "the scene's own")]
+    depth = [_range(looks, "max_depth", "Bounces", 1, 32, 1)] if looks.integrator in ("phong", "path") else []
+    return Folder(
+        "View",
+        [
+            _choice(looks, "integrator", "Show", [(name, SAID[name]) for name in INTEGRATORS]),
+            Control(
+                "samples",
+                "Samples",
+                "choice",
+                looks.samples,
+                [(count, f"{count:,}") for count in sorted({*COUNTS, looks.samples})],
+                hint="How far the picture is refined while nothing moves",
+            ),
+            *depth,
+            _range(looks, "exposure", "Exposure", -6, 6, 0.1, "Stops: each doubles the light"),
+            _choice(looks, "curve", "Curve", [("srgb", "sRGB"), ("filmic", "filmic")]),
+            _choice(looks, "around", "Background", around),
+            Control("backdrop", "Colour", "color", looks.backdrop),
+            Control("help", "", "note", KEYS),
+        ],
+        open=True,
+    )
+
+
+def _light(looks: Looks) -> Folder:
+    rows = [Control("shadows", "Shadows", "switch", looks.shadows)] if looks.integrator == "phong" else []
+    if not looks.lamps:
+        words = "None: a headlight at the camera." if looks.integrator != "path" else "None: an even white sky."
+        rows.append(Control("no_lamps", "", "note", words))
+    for k, lamp in enumerate(looks.lamps):
+        rows += _lamp(f"lamps.{k}.", k, lamp)
+    rows.append(Control("lamps.add.sun", "Add a sun", "button", hint="Ctrl and drag turns it"))
+    rows.append(Control("lamps.add.point", "Add a point light", "button"))
+    if not any(lamp.kind == SKY for lamp in looks.lamps):
+        rows.append(Control("lamps.add.sky", "Add a sky", "button", hint="Even light from all around, for path tracing"))
+    return Folder("Light", rows, open=True)
+
+
+def _lamp(at: str, number: int, lamp: Lamp) -> list[Control]:
+    """The rows of one light."""
+    name = {SUN: "Sun", POINT: "Point light", SKY: "Sky", OWN_LIGHT: type(lamp.light).__name__}[lamp.kind]
+    rows = [Control(f"{at}on", f"{number + 1}: {name}", "switch", lamp.on)]
+    if lamp.kind != OWN_LIGHT:
+        top = max(100.0, 100.0 * lamp.strength)
+        rows.append(Control(f"{at}color", "Colour", "color", lamp.color))
+        rows.append(Control(f"{at}strength", "Strength", "range", lamp.strength, low=0.01, high=top, step=0.01, log=True))
+    if lamp.kind == SUN:
+        rows += [
+            Control(f"{at}azimuth", "Azimuth", "range", lamp.azimuth, low=-180, high=180, step=1),
+            Control(f"{at}elevation", "Elevation", "range", lamp.elevation, low=-90, high=90, step=1),
+            Control(f"{at}angle", "Width", "range", lamp.angle, low=0, high=30, step=0.01, hint="Degrees: soft shadows of path tracing"),
+        ]
+    if lamp.kind == POINT:
+        rows.append(Control(f"{at}position", "Place", "vector", lamp.position))
+    return [*rows, Control(f"{at}remove", "Remove", "button")]
+
+
+def _material(looks: Looks, scene: Scene) -> Folder:
+    kinds = [(OWN, "the scene's own"), *((name, name) for name in ("diffuse", "phong", "principled", "mirror", "glass"))]
+    rows = [_choice(looks, "material", "Material", kinds)]
+    if looks.material not in ("mirror", "glass"):
+        own = [(OWN, "the points' own"), (CONSTANT, "one for all")]
+        rows.append(_choice(looks, "color_by", "Colour", [*own, *((name, name) for name in colorings(scene))]))
+        if looks.color_by == CONSTANT:
+            rows.append(Control("color", "", "color", looks.color))
+        elif looks.color_by != OWN:
+            rows.append(_choice(looks, "colormap", "Map", [(name, name) for name in EMBEDDED]))
+            rows += _limits(looks, scene)
+    more = {
+        "phong": [("specular", "Specular", 0.0, 1.0, 0.01), ("exponent", "Exponent", 1.0, 1000.0, 1.0)],
+        "principled": [("roughness", "Roughness", 0.0, 1.0, 0.01), ("metallic", "Metallic", 0.0, 1.0, 0.01)],
+        "glass": [("ior", "Index", 1.0, 3.0, 0.01)],
+    }
+    rows += [_range(looks, *row) for row in more.get(looks.material, [])]
+    return Folder("Material", rows)
+
+
+def _limits(looks: Looks, scene: Scene) -> list[Control]:
+    """The range of the attribute: where none is set, the one that was found."""
+    rows = []
+    for name, label in (("low", "From"), ("high", "To")):
+        rows.append(Control(name, label, "number", getattr(looks, name)))
+    return rows if looks.low is not None else []
+
+
+def _surface(build: Build) -> Folder:
+    kinds = [("apss", "spheres (apss)"), ("imls", "imls"), ("paper", "the paper's"), ("disc", "discs")]
+    return Folder(
+        "Surface (for all browsers)",
+        [
+            Control("build.surface", "Surface", "choice", build.surface, kinds),
+            Control("build.samples", "Samples N", "range", build.samples, low=2, high=16, step=1, hint="Along a ray in a support's diameter"),
+            Control("build.radius_scale", "Radii", "range", build.radius_scale, low=0.5, high=2.0, step=0.05, hint="All radii times this"),
+        ],
+    )
+
+
+def _cut(looks: Looks) -> Folder:
+    rows = []
+    for k, cut in enumerate(looks.cuts):
+        rows.append(Control(f"cuts.{k}.on", f"Across {AXES[k]}", "switch", cut.on))
+        if cut.on:
+            rows.append(Control(f"cuts.{k}.at", "Place", "range", cut.at, low=0.0, high=1.0, step=0.001))
+            rows.append(Control(f"cuts.{k}.flip", "Other side", "switch", cut.flip))
+    ground = Control("ground", "Ground", "switch", looks.ground, hint="A grey plane under the model")
+    return Folder("Cut open, ground", [*rows, ground])
+
+
+def _save(output: Output) -> Folder:
+    formats = [("png", "PNG"), ("jpg", "JPEG"), ("exr", "EXR")]
+    return Folder(
+        "Picture",
+        [
+            Control("output.width", "Width", "number", output.width, low=1, high=16384),
+            Control("output.height", "Height", "number", output.height, low=1, high=16384),
+            Control("output.samples", "Samples", "number", output.samples, low=1, high=65536),
+            Control("output.format", "Format", "choice", output.format, formats),
+            Control("output.denoise", "Denoise", "switch", output.denoise, hint="Of path tracing and ambient occlusion"),
+            Control("save.picture", "Save the picture", "button"),
+            Control("copy.command", "Copy as a command", "button"),
+            Control("copy.python", "Copy as Python", "button"),
+        ],
+    )
+
+
+def _film(output: Output) -> Folder:
+    return Folder(
+        "Film",
+        [
+            Control("output.seconds", "Seconds", "number", output.seconds, low=0.1, high=600),
+            Control("output.fps", "Frames a second", "number", output.fps, low=1, high=120),
+            Control("save.film", "Record a turntable", "button", hint="In the size of the picture above"),
+            Control("save.stop", "Stop", "button"),
+        ],
+    )
+
+
+def _choice(looks: Looks, name: str, label: str, options: list[tuple[str, str]]) -> Control:
+    return Control(name, label, "choice", getattr(looks, name), options)
+
+
+def _range(looks: Looks, name: str, label: str, low: float, high: float, step: float, hint: str = "") -> Control:
+    return Control(name, label, "range", getattr(looks, name), low=low, high=high, step=step, hint=hint)

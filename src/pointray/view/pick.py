@@ -1,0 +1,71 @@
+"""What is under the mouse: in the coordinates and with the attributes of the file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..records import ACROSS, EYE, FORWARD, UPWARD
+from ..scene import Scene
+
+MOST_LINES = 24
+
+
+@dataclass(frozen=True)
+class Found:
+    """A place on a surface. lines : what there is to say of it."""
+
+    position: NDArray[np.float64]
+    lines: list[str]
+
+
+def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
+    """What is at a place of the view, 0 to 1 from the left and from the top; None: nothing."""
+    origin, direction = _ray(camera, x, y)
+    hits = scene.intersect(origin, direction)
+    if hits.instance < 0:
+        return None
+    position = hits.position
+    pixel = float(hits.t) * 2 * math.tan(math.radians(camera.fov) / 2) / camera.size[1]
+    lines = [f"{name} {_rounded(value, pixel)}" for name, value in zip("xyz", position, strict=True)]
+    lines.append("normal " + " ".join(f"{c:.3f}" for c in hits.normal))
+    return Found(position, [*lines, *_of_point(scene, int(hits.instance), int(hits.point))])
+
+
+def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
+    """What the file says of a point."""
+    model = scene.model_of(instance)
+    if model is None or row < 0:
+        return []
+    points, lines = model.points, [f"point {row:,}"]
+    if points.colors is not None:
+        lines.append("colour " + " ".join(str(c) for c in points.colors[row]))
+    for name, values in points.attributes.items():
+        lines.append(f"{name} {_said(values[row])}")
+    if len(lines) > MOST_LINES:
+        lines = [*lines[:MOST_LINES], f"and {len(lines) - MOST_LINES} more"]
+    return lines
+
+
+def _said(value: Any) -> str:
+    """A number, or several."""
+    return " ".join(f"{float(x):.7g}" for x in np.atleast_1d(value))
+
+
+def _rounded(value: float, pixel: float) -> str:
+    """A coordinate with as many decimals as a tenth of a pixel has."""
+    decimals = max(0, min(9, 1 - math.floor(math.log10(max(pixel, 1e-300)))))
+    return f"{value:.{decimals}f}"
+
+
+def _ray(camera: Camera, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The ray through a place of the view, as `Camera.rays` has it through the middles of pixels."""
+    record = camera.record()
+    eye, forward, across, upward = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
+    direction = forward + (2 * x - 1) * across + (1 - 2 * y) * upward
+    return eye, direction / np.linalg.norm(direction)

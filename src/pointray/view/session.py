@@ -1,0 +1,340 @@
+"""One browser: what it says, and what it is told."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from .. import __version__
+from ..camera import Camera
+from ..image.legend import draw_legend
+from ..settings import Settings
+from . import exports
+from .controls import Control
+from .lamps import SUN, axes_of
+from .looks import CONSTANT, OWN, Looks
+from .messages import camera_message, camera_of, describe, number, packed, parse, size_of, word
+from .painter import Frame, Painter, Wish
+from .panel import Output, folders
+from .pick import pick
+from .server import Link
+from .subject import Subject
+
+log = logging.getLogger("pointray.view")
+
+SIZE = (1280, 720)  # of a view that has not said its size
+FOV = 40.0
+STATUS = 0.25  # seconds between two statistics
+TURN = 180.0  # degrees that the sun turns over a window's height
+VIEWS = {
+    "front": (0.0, 1.0, 0.0),  # right, front, up
+    "back": (0.0, -1.0, 0.0),
+    "left": (-1.0, 0.0, 0.0),
+    "right": (1.0, 0.0, 0.0),
+    "top": (0.0, 0.01, 1.0),
+    "bottom": (0.0, 0.01, -1.0),
+}
+
+
+class Session:
+    """A visitor of the server, see `server.Visitor`: its camera, its looks, its pictures.
+
+    Parameters
+    ----------
+    home : Camera, optional
+        Where it begins; None: the whole scene is seen.
+    settings : Settings
+        What it begins with.
+    ended : callable
+        Told when the browser has gone.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        subject: Subject,
+        home: Camera | None,
+        settings: Settings,
+        ended: Callable[[Session], None],
+    ) -> None:
+        self._link, self._subject, self._home, self._settings = link, subject, home, settings
+        self._ended = ended
+        self._lock = threading.RLock()
+        self._size, self._camera = SIZE, None
+        self._time = 0.0
+        self._looks: Looks | None = None
+        self._output = Output()
+        self._version: tuple[int, int] | None = None
+        self._last_pick: np.ndarray[Any, Any] | None = None
+        self._said, self._status_at, self._problem = "", 0.0, ""
+        self._jobs = ThreadPoolExecutor(1, "pointray-pick")
+        self._export = exports.Exports(self._say, link.send)
+        self._painter = Painter(self._deliver, lambda text: self._toast("error", text))
+        self._say({"type": "hello", "title": subject.title, "version": __version__})
+        self._leave = subject.listen(self._follow)
+        self._panel()
+        self._follow()
+
+    def receive(self, text: str) -> None:
+        """A message of the page."""
+        try:
+            message = parse(text)
+            handler = self._handlers.get(message["type"])
+            if handler is None:
+                raise ValueError(f"unknown type {message['type']!r:.40}")
+            with self._lock:
+                handler(self, message)
+        except (ValueError, KeyError, IndexError, TypeError, OverflowError) as error:
+            log.info("ignored a message of the page: %s", error)
+
+    def leave(self) -> None:
+        """The browser has gone: nothing more is drawn for it."""
+        self._leave()
+        self._painter.close()
+        self._export.stop()
+        self._jobs.shutdown(wait=False, cancel_futures=True)
+        self._ended(self)
+
+    # What the page says.
+
+    def _on_size(self, message: dict[str, Any]) -> None:
+        self._size = size_of(message)
+        if self._camera is not None:
+            self._camera = replace(self._camera, size=self._size)
+        self._want()
+
+    def _on_camera(self, message: dict[str, Any]) -> None:
+        self._camera = camera_of(message, self._size)
+        self._time = number(message, "time")
+        self._want()
+
+    def _on_seen(self, message: dict[str, Any]) -> None:
+        self._painter.seen(int(number(message, "number", 0)))
+
+    def _on_set(self, message: dict[str, Any]) -> None:
+        name = word(message, "name")
+        control = self._control(name)
+        value = control.check(message.get("value"))
+        if name.startswith("build."):
+            build = self._subject.build
+            if build is not None:
+                self._subject.rebuild(replace(build, **{name.removeprefix("build."): value}))
+            return
+        if name.startswith("output."):
+            self._output = self._output._replace(**{name.removeprefix("output."): value})
+            return
+        assert self._looks is not None
+        changed: dict[str, Any] = {name: value}
+        if name in ("color_by", "colormap"):
+            changed |= {"low": None, "high": None}
+        for key, part in changed.items():
+            self._looks = self._looks.with_value(key, part)
+        self._changed(control.kind in ("choice", "switch"))
+
+    def _on_press(self, message: dict[str, Any]) -> None:
+        name = word(message, "name")
+        self._control(name)
+        scene = self._subject.scene
+        if scene is None or self._looks is None:
+            return
+        if name.startswith("lamps.add."):
+            self._looks = self._looks.with_lamp(name.removeprefix("lamps.add."), scene, self._subject.up)
+            self._changed(True)
+        elif name.startswith("lamps."):
+            self._looks = self._looks.without_lamp(int(name.split(".")[1]))
+            self._changed(True)
+        elif name == "save.stop":
+            self._export.stop()
+        elif self._camera is not None:
+            self._export.start(name, self._wish(), self._output, self._subject.title)
+
+    def _on_sun(self, message: dict[str, Any]) -> None:
+        dx, dy = number(message, "dx", -10, 10), number(message, "dy", -10, 10)
+        scene = self._subject.scene
+        if scene is None or self._looks is None:
+            return
+        suns = [k for k, lamp in enumerate(self._looks.lamps) if lamp.kind == SUN and lamp.on]
+        if not suns:
+            self._looks = self._looks.with_lamp(SUN, scene, self._subject.up)
+            self._changed(True)
+            return
+        lamp = self._looks.lamps[suns[0]]
+        azimuth = (lamp.azimuth + TURN * dx + 180.0) % 360.0 - 180.0
+        elevation = max(-90.0, min(90.0, lamp.elevation - TURN * dy))
+        at = f"lamps.{suns[0]}."
+        self._looks = self._looks.with_value(f"{at}azimuth", azimuth).with_value(f"{at}elevation", elevation)
+        self._say({"type": "values", "values": {f"{at}azimuth": azimuth, f"{at}elevation": elevation}})
+        self._want()
+
+    def _on_view(self, message: dict[str, Any]) -> None:
+        self._go(word(message, "name"), animate=True)
+
+    def _on_pick(self, message: dict[str, Any]) -> None:
+        x, y = number(message, "x", 0, 1), number(message, "y", 0, 1)
+        purpose, extend = word(message, "purpose"), message.get("extend") is True
+        if self._subject.scene is not None and self._camera is not None and self._looks is not None:
+            self._jobs.submit(self._pick, self._wish(), (x, y), purpose, extend)
+
+    _handlers: dict[str, Callable[[Any, dict[str, Any]], None]] = {
+        "size": _on_size,
+        "camera": _on_camera,
+        "seen": _on_seen,
+        "set": _on_set,
+        "press": _on_press,
+        "sun": _on_sun,
+        "view": _on_view,
+        "pick": _on_pick,
+    }
+
+    # What the page is told.
+
+    def _follow(self) -> None:
+        """The subject has changed in some way."""
+        progress = self._subject.progress
+        self._say({"type": "progress", "stage": progress.stage, "share": progress.share})
+        with self._lock:
+            if self._subject.problem != self._problem:
+                self._problem = self._subject.problem
+                self._toast("error", self._problem, stay=True)
+            scene, version = self._subject.scene, self._subject.version
+            if scene is None or version == self._version or not scene.models and self._looks is None:
+                return
+            self._version = version
+            if self._looks is None:
+                self._looks = Looks.of(scene, self._subject.up, self._settings)
+            self._say({"type": "place", "bounds": scene.bounds.tolist(), "up": list(self._subject.up)})
+            self._panel()
+            if self._camera is None:
+                self._go("home", animate=False)
+            self._changed(False)
+
+    def _go(self, name: str, animate: bool) -> None:
+        """Take the page to one of the standard views."""
+        scene = self._subject.scene
+        if scene is None or (name not in VIEWS and name != "home"):
+            raise ValueError(f"there is no view {name!r:.40}")
+        if name == "home" and self._home is not None:
+            camera = replace(self._home, size=self._size)
+        else:
+            fov = FOV if self._camera is None else self._camera.fov
+            way = None if name == "home" else np.array(VIEWS[name]) @ axes_of(self._subject.up)
+            camera = Camera.frame(scene.bounds, way, fov=fov, size=self._size, up=self._subject.up)
+        self._say(camera_message(camera, animate))
+
+    def _changed(self, rebuild: bool) -> None:
+        """The looks are others."""
+        if rebuild:
+            self._panel()
+        self._want()
+        self._legend()
+
+    def _want(self) -> None:
+        if self._camera is not None and self._looks is not None and self._subject.scene is not None:
+            self._painter.want(self._wish())
+
+    def _wish(self) -> Wish:
+        assert self._camera is not None and self._looks is not None and self._subject.scene is not None
+        subject = self._subject
+        return Wish(self._camera, self._looks, self._subject.scene, subject.version, subject.up, self._time)
+
+    def _panel(self) -> None:
+        self._say({"type": "panel", "folders": [folder.describe() for folder in self._folders()]})
+
+    def _folders(self) -> Any:
+        scene = self._subject.scene
+        looks = self._looks or Looks()
+        return folders(looks, self._subject.build, self._output, None if self._looks is None else scene)
+
+    def _control(self, name: str) -> Control:
+        for folder in self._folders():
+            for control in folder.controls:
+                if control.name == name:
+                    return control  # type: ignore[no-any-return]
+        raise ValueError(f"there is no control {name!r:.60}")
+
+    def _legend(self) -> None:
+        """Draw what the colours mean, beside the picture."""
+        assert self._looks is not None
+        if self._looks.color_by in (OWN, CONSTANT) or self._looks.material in ("mirror", "glass"):
+            self._say({"type": "legend", "image": None})
+            return
+        self._jobs.submit(self._draw_legend, self._wish())
+
+    def _draw_legend(self, wish: Wish) -> None:
+        try:
+            shown = self._painter.dress(wish).shown_attributes
+        except ValueError:  # the painter says so
+            return
+        blank = np.zeros((600, 220, 4), np.uint8)
+        stream = io.BytesIO()
+        Image.fromarray(draw_legend(blank, shown[0])).save(stream, "PNG")
+        data = base64.b64encode(stream.getvalue()).decode()
+        self._say({"type": "legend", "image": f"data:image/png;base64,{data}"})
+
+    def _pick(self, wish: Wish, place: tuple[float, float], purpose: str, extend: bool) -> None:
+        try:
+            found = pick(self._painter.dress(wish), wish.camera, *place)
+        except ValueError as error:
+            log.info("cannot pick: %s", error)
+            return
+        if found is None:
+            return
+        position = found.position.tolist()
+        if purpose == "target":
+            self._say({"type": "target", "position": position})
+            return
+        second = extend and self._last_pick is not None
+        self._say({"type": "picked", "lines": found.lines, "position": position, "second": second})
+        if second:
+            length = float(np.linalg.norm(found.position - self._last_pick))
+            ends = {"from": self._last_pick.tolist(), "to": position}  # type: ignore[union-attr]
+            self._say({"type": "measured", **ends, "text": f"{length:.6g}"})
+        self._last_pick = found.position
+
+    def _deliver(self, frame: Frame) -> None:
+        """A picture has been drawn."""
+        header = {
+            "type": "frame",
+            "number": frame.number,
+            "camera": describe(frame.wish.camera),
+            "time": frame.wish.time,
+            "width": frame.size[0],
+            "height": frame.size[1],
+            "stage": frame.stage.name,
+            "samples": frame.samples,
+            "mime": "image/jpeg",
+        }
+        self._link.send(packed(header, frame.jpeg))
+        now = time.perf_counter()
+        if now - self._status_at > STATUS or frame.samples == frame.wish.looks.samples:
+            self._status_at = now
+            self._say({"type": "status", "lines": self._statistics(frame)})
+
+    def _statistics(self, frame: Frame) -> list[str]:
+        models = frame.wish.scene.models
+        points = sum(len(model.points) for model in models)
+        held = sum(model.nbytes for model in models) / 2**20
+        size = f"{frame.size[0]}x{frame.size[1]}"
+        rate = f"{self._painter.frames_a_second:.0f} fps, {size}"
+        if frame.samples > 1:
+            rate = f"{frame.samples:,} of {frame.wish.looks.samples:,} samples, {size}"
+        rays = frame.rays / max(frame.seconds, 1e-9) / 1e6
+        return [rate, f"{rays:.1f} million camera rays/s", f"{points:,} points, {held:,.0f} MiB"]
+
+    def _toast(self, level: str, text: str, stay: bool = False) -> None:
+        self._say({"type": "toast", "level": level, "text": text, "stay": stay})
+
+    def _say(self, message: dict[str, Any]) -> None:
+        self._link.send(json.dumps(message))
+

@@ -1,0 +1,87 @@
+"""A viewer: a subject, the server that shows it, and a session for each browser."""
+
+from __future__ import annotations
+
+import html
+import threading
+import webbrowser
+from typing import Any
+
+from ..camera import Camera
+from ..settings import Settings
+from .server import Link, Server
+from .session import Session
+from .subject import Subject
+
+
+class Viewer:
+    """Serves a page that shows a scene, until it is closed. What changes in the scene changes on the page.
+
+    Attributes
+    ----------
+    url : str
+        Where the page is.
+    """
+
+    def __init__(
+        self,
+        subject: Subject,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        home: Camera | None = None,
+        settings: Settings | None = None,
+    ) -> None:
+        self._subject, self._home, self._settings = subject, home, settings or Settings()
+        self._ended = threading.Event()
+        self._sessions: set[Session] = set()
+        self._lock = threading.Lock()
+        self._server = Server(self._welcome, host, port)
+        self.url, self.is_public = self._server.url, self._server.is_public
+        self._watcher = threading.Thread(target=self._watch, name="pointray-watcher", daemon=True)
+        self._watcher.start()
+
+    def close(self) -> None:
+        """End it: pages keep their last picture."""
+        self._ended.set()
+        self._server.close()
+        with self._lock:
+            sessions, self._sessions = self._sessions, set()
+        for session in sessions:
+            session.leave()
+
+    def wait(self) -> None:
+        """Until it is closed, from another thread or by Ctrl-C."""
+        try:
+            while not self._ended.wait(0.2):
+                pass
+        finally:
+            self.close()
+
+    def open_browser(self) -> bool:
+        """Show the page in the user's browser; False if there is none."""
+        try:
+            return webbrowser.open(self.url)
+        except webbrowser.Error:
+            return False
+
+    def _welcome(self, link: Link) -> Session:
+        session = Session(link, self._subject, self._home, self._settings, self._forget)
+        with self._lock:
+            self._sessions.add(session)
+        return session
+
+    def _forget(self, session: Session) -> None:
+        with self._lock:
+            self._sessions.discard(session)
+
+    def _watch(self) -> None:
+        """Tell when the scene was changed by who made it."""
+        version: Any = self._subject.version
+        while not self._ended.wait(0.1):
+            if self._subject.version != version:
+                version = self._subject.version
+                self._subject.tell()
+
+    def _repr_html_(self) -> str:
+        """In a notebook: the page itself."""
+        return f'<iframe src="{html.escape(self.url)}" width="100%" height="600" style="border:0"></iframe>'
