@@ -210,6 +210,7 @@ ROOMS += [
     "model",
     "paints",
     "transforms",
+    "clips",
     "instances",
     "scene",
     "pixels",

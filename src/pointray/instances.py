@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakValueDictionary
@@ -164,6 +165,14 @@ class Instances:
     def detach(self) -> None:
         """Leave the records to those who hold them: what changes from now on, changes in a copy."""
         self._records = self._records.copy()
+
+    def copy(self) -> Instances:
+        """The same rows, which change by themselves from now on; shapes and materials are shared."""
+        twin = copy.copy(self)
+        twin._records, twin._boxes, twin._numbers = self._records.copy(), self._boxes.copy(), self._numbers.copy()
+        twin.shapes, twin.materials = self.shapes.copy(), self.materials.copy()
+        twin.paints, twin._looks = copy.copy(self.paints), self._looks.copy()
+        return twin
 
     def remove(self, row: int) -> None:
         """Take a row out."""

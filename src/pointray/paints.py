@@ -69,7 +69,7 @@ class PaintTables(NamedTuple):
 
 
 class Paints:
-    """The paints of a scene; what takes long is kept for the next time.
+    """The paints of a scene; what takes long is kept for the next time, and never changed, so that copies share it.
 
     Attributes
     ----------

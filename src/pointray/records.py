@@ -174,6 +174,10 @@ TOP_NODE = 12
 TOP_CENTER, TOP_BOUNDS = 0, 3
 TOP_PLACE = 9
 
+# A clip plane: 4 float64, in the world: its unit normal n, and o; what has n.x > o is cut away.
+CLIP = 4
+CLIP_OFFSET = 3
+
 # A light: 18 float64.
 LIGHT = 18
 LIGHT_KIND = 0
@@ -242,7 +246,7 @@ class World(NamedTuple):
         one's value in the map, 0 to its number of colours, or NaN
     map_colors : (m * 3,) float32, linear: the colours of maps, behind each map's that of what has no value
     tone : (256,) float32, linear value of each sRGB level; longest : blocks of the longest leaf
-    catchers : number of shadow catchers
+    catchers : number of shadow catchers; clips : float64, see above
     """
 
     table: Array
@@ -264,6 +268,7 @@ class World(NamedTuple):
     tone: Array
     longest: int
     catchers: int
+    clips: Array
 
 
 @inline
@@ -289,6 +294,7 @@ def lend_world(w):  # type: ignore[no-untyped-def]
         borrow(w.tone),
         w.longest,
         w.catchers,
+        borrow(w.clips),
     )
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Iterable, Sequence
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .clips import check_clips, clip_records
 from .image.tone import srgb_to_linear
 from .instances import Instances, Plane, check_material, check_transform
 from .model import Model
@@ -33,8 +36,10 @@ class Scene:
 
     def __init__(self) -> None:
         self._instances = Instances()
-        self._lights: list[Light | EnvironmentLight] = []
+        self._lights: tuple[Light | EnvironmentLight, ...] = ()
         self._background: NDArray[np.float64] | None = None
+        self._clips = check_clips(())
+        self._version = 0  # rises with every change
         self.shows_sky = False
         self._built: tuple[World, list[Model]] | None = None
 
@@ -80,17 +85,22 @@ class Scene:
 
     def add_light(self, light: Light | EnvironmentLight) -> int:
         """Put a light into the scene, at most one `EnvironmentLight`; without any the camera has a headlight."""
-        if not isinstance(light, Light | EnvironmentLight):
-            known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
-            raise ValueError(f"a light is one of {known}, not {type(light).__name__}")
-        if isinstance(light, EnvironmentLight):
-            if any(isinstance(other, EnvironmentLight) for other in self._lights):
-                raise ValueError("the scene has an EnvironmentLight already")
-        else:
-            light.record()
-        self._change()
-        self._lights.append(light)
+        self.lights = (*self._lights, light)
         return len(self._lights) - 1
+
+    @property
+    def lights(self) -> tuple[Light | EnvironmentLight, ...]:
+        """All lights, in the order in which they came; to set it takes others instead, as `add_light` takes them."""
+        return self._lights
+
+    @lights.setter
+    def lights(self, lights: Iterable[Light | EnvironmentLight]) -> None:
+        if not isinstance(lights, Iterable):
+            raise ValueError(f"lights must be a sequence of lights, not {type(lights).__name__}")
+        checked = tuple(lights)
+        check_lights(checked)
+        self._change()
+        self._lights = checked
 
     @property
     def background(self) -> NDArray[np.float64] | None:
@@ -99,8 +109,56 @@ class Scene:
 
     @background.setter
     def background(self, color: ArrayLike | None) -> None:
-        self.shows_sky = isinstance(color, str) and color == "environment"
-        self._background = None if color is None or self.shows_sky else rgb(color, "background")
+        shows_sky = isinstance(color, str) and color == "environment"
+        self._background = None if color is None or shows_sky else rgb(color, "background")
+        self.shows_sky = shows_sky
+        self._version += 1
+
+    @property
+    def clips(self) -> NDArray[np.float64]:
+        """Planes that cut the scene open: what lies on the side that a normal points to is not there for any ray.
+
+        It neither shows nor casts a shadow, for pictures as for `intersect` and `occluded`. Surfaces are not closed
+        where they are cut: one looks inside. Lights stay where they are, and `bounds` is that of whole models.
+
+        Parameters
+        ----------
+        clips : sequence of (point, normal), or (k, 6) array_like
+            At most 16 planes, in the world: a point of each and its normal, of any length. What lies in the plane
+            itself stays. Without planes, (), all is there.
+
+        Returns
+        -------
+        (k, 2, 3) float64
+            Of each plane the point and the normal; read-only, it is set as a whole.
+
+        Raises
+        ------
+        ValueError
+            If there are too many, the shape is another, a number is not finite or a normal is zero.
+
+        Examples
+        --------
+        >>> scene.clips = [((0, 0, 1.5), (0, 0, 1))]  # cuts all above z = 1.5 away
+        """
+        return self._clips
+
+    @clips.setter
+    def clips(self, clips: ArrayLike | Sequence[tuple[ArrayLike, ArrayLike]]) -> None:
+        self._clips = check_clips(clips)
+        self._version += 1
+        if self._built is not None:  # all else stays as it is: a viewer moves planes while it draws
+            world, models = self._built
+            self._built = world._replace(clips=clip_records(self._clips)), models
+
+    def copy(self) -> Scene:
+        """A scene of its own with the same models, materials, lights and numbers of instances, which are shared.
+
+        What changes in one of the two does not change in the other.
+        """
+        twin = copy.copy(self)
+        twin._instances = self._instances.copy()
+        return twin
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -187,6 +245,7 @@ class Scene:
 
     def _change(self) -> None:
         """Called before anything changes: a picture that is being made goes on with what was there."""
+        self._version += 1
         if self._built is not None:
             self._instances.detach()
         self._built = None
@@ -218,6 +277,20 @@ class Scene:
                 srgb_to_linear(np.arange(256, dtype=np.uint8)),
                 max([model.longest for model in models], default=16),
                 int((self._instances.records[:, KIND] == CATCHER).sum()),
+                clip_records(self._clips),
             )
             self._built = world, models
         return self._built
+
+
+def check_lights(lights: Sequence[Any]) -> None:
+    """ValueError if one is no light, or there are two from all around."""
+    for light in lights:
+        if isinstance(light, EnvironmentLight):
+            continue
+        if not isinstance(light, Light):
+            known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
+            raise ValueError(f"a light is one of {known}, not {type(light).__name__}")
+        light.record()
+    if sum(isinstance(light, EnvironmentLight) for light in lights) > 1:
+        raise ValueError("the scene has an EnvironmentLight already")

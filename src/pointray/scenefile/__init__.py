@@ -66,6 +66,10 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
         kind = "sun"
         direction = [1, 1, -1.5]
 
+        [[clips]]                              # of `Scene.clips`: what the normal points to is cut away
+        point = [0, 0, 1.5]
+        normal = [0, 0, 1]
+
         [camera]                               # `Camera.look_at`, or without eye and target `Camera.frame`
         size = [320, 400]
 

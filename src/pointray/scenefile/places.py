@@ -1,4 +1,4 @@
-"""What stands where in a scene file: instances of models, one or many, and planes."""
+"""What stands where in a scene file: instances of models, one or many, and planes; and those that cut all open."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
+from ..clips import MOST, check_clip
 from ..instances import Plane, check_transform
 from ..points.files import check_regular
 from ..scene import Scene
@@ -66,6 +67,15 @@ def check_plane(source: Source, key: Key, materials: Any) -> Place:
     with source.telling(key, values):
         plane = Plane(**{name: values.pop(name) for name in words if name in values})
     return _place(source, key, plane, values, materials)
+
+
+def check_cut(source: Source, key: Key) -> NDArray[np.float64]:
+    """What a table of `clips` says, (2, 3)."""
+    if key[-1] == MOST:
+        raise source.error(key, f"there are at most {MOST} planes")
+    values = check_table(source, key, words_of(check_clip))
+    with source.telling(key, values):
+        return check_clip(**values)
 
 
 def _place(source: Source, key: Key, shape: str | Plane, values: dict[str, Any], materials: Any) -> Place:

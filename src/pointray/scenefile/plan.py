@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..camera import Camera
@@ -17,7 +18,7 @@ from ..scene import Scene
 from ..settings import Settings
 from .looks import check_lights, check_material, make_light
 from .models import check_model, load_model
-from .places import check_instance, check_plane, matrices
+from .places import check_cut, check_instance, check_plane, matrices
 from .source import Key, Source
 from .words import Word, check_table, words_of
 
@@ -29,7 +30,7 @@ ROOT = {
     **words_of(write_image, "path", "image"),
     "background": Word(("str", "ArrayLike", "None"), False),
     **dict.fromkeys(("camera", "settings", "models", "materials"), Word(("dict",), False)),
-    **dict.fromkeys(("instances", "planes", "lights"), Word(("list",), False)),
+    **dict.fromkeys(("instances", "planes", "lights", "clips"), Word(("list",), False)),
 }
 
 Say = Callable[[str, float], None]
@@ -84,6 +85,7 @@ class Plan:
         self._places = [check_instance(source, key, self._models, self._materials) for key in _rows(root, "instances")]
         self._places += [check_plane(source, key, self._materials) for key in _rows(root, "planes")]
         self._lamps = check_lights(source, _rows(root, "lights"))
+        self._clips = [check_cut(source, key) for key in _rows(root, "clips")]
         self.settings = self._check_settings()
         self.camera = self._check_camera()
         self.background: Any = root.get("background")
@@ -139,6 +141,7 @@ class Plan:
         source, say = self._source, progress or (lambda stage, share: None)
         scene = Scene()
         scene.background = self.background
+        scene.clips = np.array(self._clips).reshape(-1, 2, 3)
         for lamp in self._lamps:
             scene.add_light(make_light(source, lamp))
         places = [(place, matrices(source, place)) for place in self._places]

@@ -14,7 +14,8 @@ Three things can be between two neighbouring samples that both have support:
 
 Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Frame.side` tells.
 Until f has once been on that side it counts as lifted by this much: such a ray is not blocked by the splats around
-its origin when it leaves, however flat, and is when it goes to the other side.
+its origin when it leaves, however flat, and is when it goes to the other side. A ray that a clip plane cuts begins on
+no surface: it has its first sample just behind 0.
 """
 
 from __future__ import annotations
@@ -85,21 +86,22 @@ class Found(NamedTuple):
 
 
 @inline
-def lattice(tree, leaf, interval, end):  # type: ignore[no-untyped-def]
+def lattice(tree, leaf, interval, ends):  # type: ignore[no-untyped-def]
     """Which samples are looked at, and a mask of the rays that can tell them apart in float32.
 
-    interval : where the rays enter the voxel, and the part in which the surface can be (tight box, slab); end : of
-    the rays. The lattice's next samples on both sides, out of the slab and out of the voxel: see `tree/cells.py`.
+    interval : where the rays enter the voxel, and the part in which the surface can be (tight box, slab)
+    ends : where the rays begin (0, or just above where the start rule does not count) and end
+    The lattice's next samples on both sides, out of the slab and out of the voxel: see `tree/cells.py`.
     """
-    enter, low, high = interval
+    (enter, low, high), (begin, end) = interval, ends
     step = tree.leaves[leaf * LEAF + STEP]
     fine = high < MOST_STEPS * step
     # Where the origin is in this voxel the start rule needs f there.
-    low = select(fine & (enter > ZERO), low, spread16(ZERO))
+    low = select(fine & (enter > begin), low, spread16(ZERO))
     high = select(fine, high, spread16(ZERO))
     # t is never negative here: truncation is the floor.
     first, last = whole(low / step), whole(high / step) + ONE
-    return Reach(first, last, vmax(first * step, spread16(ZERO)), vmin(last * step, end)), fine
+    return Reach(first, last, vmax(first * step, begin), vmin(last * step, end)), fine
 
 
 @inline

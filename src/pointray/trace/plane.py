@@ -8,21 +8,39 @@ import numpy as np
 
 from ..jit import inline
 from ..records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
-from ..scratch import COLOR, DIRECTION, INSTANCE_OF, LEAF_OF, NEAREST, NORMAL, ORIGIN, SIDE_OF, T_MIN, TILE, put, row
+from ..scratch import (
+    COLOR,
+    CUT,
+    DIRECTION,
+    INSTANCE_OF,
+    LEAF_OF,
+    NEAREST,
+    NORMAL,
+    ORIGIN,
+    SIDE_OF,
+    T_MIN,
+    TILE,
+    put,
+    row,
+)
 from ..vec import add, dot, length, scale, sub, triple
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
 
 @inline
-def _plane_hit(world, at, ray, side):  # type: ignore[no-untyped-def]
-    """t of a ray with a plane; a ray that starts on the plane is on `side` of it."""
+def _plane_hit(world, at, ray, start_rule):  # type: ignore[no-untyped-def]
+    """t of a ray with a plane.
+
+    start_rule : the side of it that a ray is on which starts on the plane; 1 if the ray was only cut there, else 0
+    """
     o, d, t_min, t_max = ray
+    side, cut = start_rule
     normal, point = triple(world.planes, at + PLANE_NORMAL), triple(world.planes, at + PLANE_POINT)
     start = add(o, scale(d, t_min))
     height, rise = dot(normal, sub(start, point)), dot(normal, d)
     if abs(height) <= ON_PLANE * (length(start) + length(point)):
-        return t_min if rise * side < 0.0 and t_min <= t_max else np.inf
+        return t_min if (cut != 0.0 or rise * side < 0.0) and t_min <= t_max else np.inf
     t = t_min - height / rise
     return t if t >= t_min and t <= t_max else np.inf
 
@@ -47,7 +65,8 @@ def tile_on_plane(world, at, scratch):  # type: ignore[no-untyped-def]
     wide, numbers = scratch.world, scratch.numbers
     for i in range(TILE):
         o, d = row(wide, ORIGIN + i), row(wide, DIRECTION + i)
-        t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), wide[SIDE_OF + i])
+        start_rule = wide[SIDE_OF + i], wide[CUT + i]
+        t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), start_rule)
         if t < np.inf:
             wide[NEAREST + i] = t
             put(wide, NORMAL + i, triple(world.planes, at + PLANE_NORMAL))

@@ -15,6 +15,7 @@ from ..jit import inline
 from ..records import CELL, GROUP, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
 from ..scratch import (
     ANY_HIT,
+    BEGIN,
     COUNT_LEAVES,
     COUNT_NODES,
     DX,
@@ -131,7 +132,7 @@ def tile_ray(rows, i):  # type: ignore[no-untyped-def]
         rows[IX + i],
         rows[IY + i],
         rows[IZ + i],
-        ZERO,
+        rows[BEGIN + i],
         rows[END + i],
         rows[SIDE + i],
     )

@@ -21,6 +21,7 @@ from ..scratch import (
     AT_X,
     AT_Y,
     AT_Z,
+    BEGIN,
     COUNT_SPLATS,
     DX,
     DY,
@@ -68,7 +69,8 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
     enter, leave, low, high = interval
     hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
     o, d = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz)
-    reach, fine = lattice(tree, leaf, (spread16(enter), spread16(low), spread16(high)), spread16(ray.t_max))
+    ends = spread16(ray.t_min), spread16(ray.t_max)
+    reach, fine = lattice(tree, leaf, (spread16(enter), spread16(low), spread16(high)), ends)
     if bits(fine) == 0:
         return hit
     capsule = segment(o, d, lane(reach.t_low, 0), lane(reach.t_high, 0))
@@ -116,7 +118,7 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
         if word == 0:
             continue
         interval = load16(rows, ENTER + v), load16(rows, FIRST + v), load16(rows, LAST + v)
-        reach, fine = lattice(tree, leaf, interval, load16(rows, END + v))
+        reach, fine = lattice(tree, leaf, interval, (load16(rows, BEGIN + v), load16(rows, END + v)))
         word &= bits(fine)
         active = mask16(word)
         center, half = HALF * (reach.t_low + reach.t_high), HALF * (reach.t_high - reach.t_low)

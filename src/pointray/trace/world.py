@@ -8,11 +8,24 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline, routine
-from ..records import INSTANCE, PLANE_SIZE, lend_world
-from ..scratch import ANY_HIT, DIRECTION, INSTANCE_OF, NEAREST, ORIGIN, SIDE_OF, T_MIN, TILE, lend_scratch, put, row
-from ..vec import dot
+from ..records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, lend_world
+from ..scratch import (
+    ANY_HIT,
+    CUT,
+    DIRECTION,
+    INSTANCE_OF,
+    NEAREST,
+    ORIGIN,
+    SIDE_OF,
+    T_MIN,
+    TILE,
+    lend_scratch,
+    put,
+    row,
+)
+from ..vec import dot, length, triple
 from .instance import through_instance
-from .plane import tile_on_plane
+from .plane import ON_PLANE, tile_on_plane
 from .space import either
 from .top import begin_walk, open_node, shorten, still_open
 
@@ -57,6 +70,38 @@ def _settle(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _cut_by(world, at, scratch):  # type: ignore[no-untyped-def]
+    """The tile's rays lose what a clip plane cuts away. No branches: rays as vectors."""
+    wide = scratch.world
+    normal, offset = triple(world.clips, at), world.clips[at + CLIP_OFFSET]
+    for i in range(TILE):
+        o, d, t_min = row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i]
+        height, rise = dot(normal, o) - offset, dot(normal, d)
+        t = -height / rise
+        # A ray along the plane is in or out as a whole.
+        low = t if rise < 0.0 else -np.inf
+        high = t if rise > 0.0 else (-np.inf if (rise == 0.0) & (height > 0.0) else np.inf)
+        # What starts on a surface that the plane touches may be a rounding's width beyond the plane.
+        beyond = height + t_min * rise > ON_PLANE * (length(o) + abs(offset))
+        wide[CUT + i] = 1.0 if (low > t_min) & beyond else wide[CUT + i]
+        wide[T_MIN + i] = low if low > t_min else t_min
+        wide[NEAREST + i] = high if high < wide[NEAREST + i] else wide[NEAREST + i]
+
+
+@inline
+def _cut(world, scratch):  # type: ignore[no-untyped-def]
+    """The tile's rays lose what the scene's clip planes cut away; where nothing is left a ray misses everything."""
+    wide = scratch.world
+    for i in range(TILE):
+        wide[CUT + i] = 0.0
+    for at in range(0, world.clips.size, CLIP):
+        _cut_by(world, at, scratch)
+    for i in range(TILE):
+        left = (wide[T_MIN + i] <= wide[NEAREST + i]) & (wide[T_MIN + i] < np.inf)
+        wide[T_MIN + i], wide[NEAREST + i] = (wide[T_MIN + i] if left else 0.0), (wide[NEAREST + i] if left else -1.0)
+
+
+@inline
 def _end_where_hit(scratch):  # type: ignore[no-untyped-def]
     """Rays that have met something go no farther."""
     for i in range(TILE):
@@ -70,6 +115,8 @@ def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
     # Lent once more: a routine sees that nothing owns this memory only if it is said in it.
     scratch, world = lend_scratch(scratch), lend_world(world)
     _settle(scratch)
+    if world.clips.size > 0:
+        _cut(world, scratch)
     for plane in range(0, world.planes.size, PLANE_SIZE):
         tile_on_plane(world, plane, scratch)
     if scratch.counts[ANY_HIT] != 0:

@@ -1,0 +1,52 @@
+"""Clip planes, which cut a scene open: as callers give them, and as kernels read them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .records import CLIP, CLIP_OFFSET
+from .shade.lights import unit_vector, vector
+
+MOST = 16
+
+
+def check_clip(point: ArrayLike, normal: ArrayLike) -> NDArray[np.float64]:
+    """A point of a plane and its normal, to where all is cut away, as (2, 3)."""
+    unit_vector(normal, "normal")
+    return np.stack([vector(point, "point"), vector(normal, "normal")])
+
+
+def check_clips(clips: Any) -> NDArray[np.float64]:
+    """Planes as (k, 2, 3), read-only; ValueError says what is wrong."""
+    shapes = "pairs (point, normal) or rows of six numbers"
+    try:
+        rows = np.asarray(clips)
+    except ValueError:
+        raise ValueError(f"clips must be {shapes}, all of the same length") from None
+    if rows.size == 0 and rows.shape[:1] == (0,):
+        rows = np.zeros((0, 2, 3))
+    if rows.dtype.kind not in "iuf" or rows.shape[1:] not in ((2, 3), (6,)):
+        one = ": of one plane too" if rows.shape in ((2, 3), (6,)) else ""
+        raise ValueError(f"clips must be a list of {shapes}{one}, not {rows.dtype} of the shape {rows.shape}")
+    if len(rows) > MOST:
+        raise ValueError(f"clips must be at most {MOST} planes, not {len(rows)}")
+    out = np.zeros((len(rows), 2, 3))
+    for k, (point, normal) in enumerate(rows.reshape(-1, 2, 3)):
+        try:
+            out[k] = check_clip(point, normal)
+        except ValueError as error:
+            raise ValueError(f"clips[{k}]: {error}") from None
+    out.flags.writeable = False
+    return out
+
+
+def clip_records(clips: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What kernels read of planes, see `records.CLIP`: flat."""
+    out = np.zeros((len(clips), CLIP))
+    for record, (point, normal) in zip(out, clips, strict=True):
+        record[:CLIP_OFFSET] = unit_vector(normal, "normal")
+        record[CLIP_OFFSET] = record[:CLIP_OFFSET] @ point
+    return out.reshape(-1)
