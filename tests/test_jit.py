@@ -220,7 +220,7 @@ ROOMS += [
     "layers",
     "screen",
     "scenefile",
-    "view",
+    "viewer",
     "report",
     "demonstration",
     "benchmark",

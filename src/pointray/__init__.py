@@ -51,6 +51,7 @@ _HOME = {
     "subsample": "splats.subsample",
     "transform": "transforms",
     "turntable": "film",
+    "view": "viewer",
     "write": "points",
     "write_image": "image",
     "write_layers": "image",
@@ -97,6 +98,7 @@ if TYPE_CHECKING:
     from .shade.materials import Principled as Principled
     from .splats.subsample import subsample as subsample
     from .transforms import transform as transform
+    from .viewer import view as view
 
 
 def __getattr__(name: str) -> Any:

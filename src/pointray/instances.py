@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakValueDictionary
@@ -173,6 +174,10 @@ class Instances:
         twin.shapes, twin.materials = self.shapes.copy(), self.materials.copy()
         twin.paints, twin._looks = copy.copy(self.paints), self._looks.copy()
         return twin
+
+    def exchange(self, models: Mapping[Model, Model]) -> None:
+        """Put other models, of the same points, in the place of some."""
+        self.shapes = [models.get(shape, shape) if isinstance(shape, Model) else shape for shape in self.shapes]
 
     def remove(self, row: int) -> None:
         """Take a row out."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
 import numpy as np
@@ -150,6 +150,23 @@ class Scene:
         if self._built is not None:  # all else stays as it is: a viewer moves planes while it draws
             world, models = self._built
             self._built = world._replace(clips=clip_records(self._clips)), models
+
+    @property
+    def shapes(self) -> dict[int, Model | Plane]:
+        """What `add` has put into the scene, by the numbers that it returned."""
+        return dict(zip(self._instances.numbers.tolist(), self._instances.shapes, strict=True))
+
+    @property
+    def models(self) -> list[Model]:
+        """All models, each once, in the order in which they came."""
+        return list(dict.fromkeys(shape for shape in self._instances.shapes if isinstance(shape, Model)))
+
+    def exchange(self, models: Mapping[Model, Model]) -> Scene:
+        """A copy with other models, of the same points, in the place of some."""
+        twin = self.copy()
+        twin._change()
+        twin._instances.exchange(models)
+        return twin
 
     def copy(self) -> Scene:
         """A scene of its own with the same models, materials, lights and numbers of instances, which are shared.

@@ -43,6 +43,7 @@ from .options import (
     exposure_of,
     given,
     numbers,
+    positive,
     use_threads,
 )
 from .waiting import Progress, in_background, writing
@@ -173,6 +174,40 @@ def animate(
     place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
     stage = Stage(file, shape, place)
     print(work(goal, way, scan_subject(stage, view, settings, exposure_of(exposure))))
+
+
+@app.command()
+def view(
+    context: typer.Context,
+    files: Annotated[
+        list[Path], typer.Argument(help="Scans, .ply, and saved models, .pointray, together; or a scene: .toml.")
+    ],
+    host: Annotated[str, typer.Option(help="The address to listen on; another than 127.0.0.1 is seen by others.")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0: 8080, or the next one that is free.")] = 0,
+    open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True,
+    up: UpOption = "0,0,1",
+    integrator: IntegratorOption = Integrator.phong,
+    surface: SurfaceOption = None,
+    samples: SamplesOption = 4,
+    radius_scale: RadiusScaleOption = 1.0,
+    background: BackgroundOption = SKY,
+    light: LightOption = None,
+    ground: GroundOption = False,
+    threads: ThreadsOption = None,
+) -> None:
+    """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
+    from ..settings import Settings
+    from .view import serve, subject_of
+
+    use_threads(threads)
+    place = {"settings": Settings(integrator=integrator.value), "up": up, "light": light}
+    place |= {"background": background, "ground": ground}
+    look = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
+    positive(radius_scale, "--radius-scale")
+    subject, loader = subject_of(files, given(context), place, look)
+    serve(subject, loader, host, port, open_browser)
 
 
 @app.command()

@@ -25,7 +25,7 @@ CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 # An edit there compiles nothing anew.
 NO_KERNELS = (
     *("extras.py", "image", "transforms.py", "layers.py", "film.py", "scenefile"),
-    *("view", "cli", "report.py", "demonstration.py", "benchmark"),
+    *("viewer", "cli", "report.py", "demonstration.py", "benchmark"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
 

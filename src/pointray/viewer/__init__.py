@@ -1,13 +1,14 @@
 """The interactive viewer: a page in the browser, and pictures that are ray traced for it.
 
-server: the transport; viewer: all of it together. For each browser a session (what it says and is told), its looks
-(the panel's values; controls, panel, lamps), and a painter (its pictures, at a pace). For all of them the subject, which
+server: the transport; viewer: all of it together. For each browser a session (what it says and is told), its looks (the
+panel's values; panel, controls, lamps), and a painter (its pictures, at a pace). For all of them the subject, which
 loading brings. pick: what is under the mouse; exports: files; page: what the browser runs.
 """
 
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 
 from ..scene import Scene
 from .subject import Subject
@@ -59,16 +60,14 @@ def view(
     """
     if not isinstance(scene, Scene):
         raise ValueError(f"view shows a Scene, not {type(scene).__name__}")
-    viewer = Viewer(Subject("pointray", up, scene), host, port)
+    viewer = Viewer(Subject("pointray", scene, up), host, port)
     if in_notebook():
         return viewer
     if not (open_browser and viewer.open_browser()):
         print(f"pointray: {viewer.url}", flush=True)
     if block:
-        try:
+        with suppress(KeyboardInterrupt):
             viewer.wait()
-        except KeyboardInterrupt:
-            pass
     return viewer
 
 

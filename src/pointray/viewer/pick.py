@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
+from ..model import Model
 from ..records import ACROSS, EYE, FORWARD, UPWARD
 from ..scene import Scene
 
@@ -39,8 +40,8 @@ def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
 
 def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
     """What the file says of a point."""
-    model = scene.model_of(instance)
-    if model is None or row < 0:
+    model = scene.shapes[instance]
+    if not isinstance(model, Model):
         return []
     points, lines = model.points, [f"point {row:,}"]
     if points.colors is not None:

@@ -23,7 +23,9 @@ SAID = {
     "cost": "Cost: nodes and leaves",
 }
 COUNTS = (1, 4, 16, 64, 256, 1024, 4096)
-KEYS = "Drag: turn. Right drag: move. Wheel: nearer.\nDouble click: look there. Click: what is there.\n? shows all keys."
+KEYS = (
+    "Drag: turn. Right drag: move. Wheel: nearer.\nDouble click: look there. Click: what is there.\n? shows all keys."
+)
 
 
 class Output(NamedTuple):
@@ -83,7 +85,9 @@ def _light(looks: Looks) -> Folder:
     rows.append(Control("lamps.add.sun", "Add a sun", "button", hint="Ctrl and drag turns it"))
     rows.append(Control("lamps.add.point", "Add a point light", "button"))
     if not any(lamp.kind == SKY for lamp in looks.lamps):
-        rows.append(Control("lamps.add.sky", "Add a sky", "button", hint="Even light from all around, for path tracing"))
+        rows.append(
+            Control("lamps.add.sky", "Add a sky", "button", hint="Even light from all around, for path tracing")
+        )
     return Folder("Light", rows, open=True)
 
 
@@ -94,12 +98,23 @@ def _lamp(at: str, number: int, lamp: Lamp) -> list[Control]:
     if lamp.kind != OWN_LIGHT:
         top = max(100.0, 100.0 * lamp.strength)
         rows.append(Control(f"{at}color", "Colour", "color", lamp.color))
-        rows.append(Control(f"{at}strength", "Strength", "range", lamp.strength, low=0.01, high=top, step=0.01, log=True))
+        rows.append(
+            Control(f"{at}strength", "Strength", "range", lamp.strength, low=0.01, high=top, step=0.01, log=True)
+        )
     if lamp.kind == SUN:
         rows += [
             Control(f"{at}azimuth", "Azimuth", "range", lamp.azimuth, low=-180, high=180, step=1),
             Control(f"{at}elevation", "Elevation", "range", lamp.elevation, low=-90, high=90, step=1),
-            Control(f"{at}angle", "Width", "range", lamp.angle, low=0, high=30, step=0.01, hint="Degrees: soft shadows of path tracing"),
+            Control(
+                f"{at}angle",
+                "Width",
+                "range",
+                lamp.angle,
+                low=0,
+                high=30,
+                step=0.01,
+                hint="Degrees: soft shadows of path tracing",
+            ),
         ]
     if lamp.kind == POINT:
         rows.append(Control(f"{at}position", "Place", "vector", lamp.position))
@@ -107,7 +122,10 @@ def _lamp(at: str, number: int, lamp: Lamp) -> list[Control]:
 
 
 def _material(looks: Looks, scene: Scene) -> Folder:
-    kinds = [(OWN, "the scene's own"), *((name, name) for name in ("diffuse", "phong", "principled", "mirror", "glass"))]
+    kinds = [
+        (OWN, "the scene's own"),
+        *((name, name) for name in ("diffuse", "phong", "principled", "mirror", "glass")),
+    ]
     rows = [_choice(looks, "material", "Material", kinds)]
     if looks.material not in ("mirror", "glass"):
         own = [(OWN, "the points' own"), (CONSTANT, "one for all")]
@@ -140,8 +158,26 @@ def _surface(build: Build) -> Folder:
         "Surface (for all browsers)",
         [
             Control("build.surface", "Surface", "choice", build.surface, kinds),
-            Control("build.samples", "Samples N", "range", build.samples, low=2, high=16, step=1, hint="Along a ray in a support's diameter"),
-            Control("build.radius_scale", "Radii", "range", build.radius_scale, low=0.5, high=2.0, step=0.05, hint="All radii times this"),
+            Control(
+                "build.samples",
+                "Samples N",
+                "range",
+                build.samples,
+                low=2,
+                high=16,
+                step=1,
+                hint="Along a ray in a support's diameter",
+            ),
+            Control(
+                "build.radius_scale",
+                "Radii",
+                "range",
+                build.radius_scale,
+                low=0.5,
+                high=2.0,
+                step=0.05,
+                hint="All radii times this",
+            ),
         ],
     )
 
@@ -166,7 +202,9 @@ def _save(output: Output) -> Folder:
             Control("output.height", "Height", "number", output.height, low=1, high=16384),
             Control("output.samples", "Samples", "number", output.samples, low=1, high=65536),
             Control("output.format", "Format", "choice", output.format, formats),
-            Control("output.denoise", "Denoise", "switch", output.denoise, hint="Of path tracing and ambient occlusion"),
+            Control(
+                "output.denoise", "Denoise", "switch", output.denoise, hint="Of path tracing and ambient occlusion"
+            ),
             Control("save.picture", "Save the picture", "button"),
             Control("copy.command", "Copy as a command", "button"),
             Control("copy.python", "Copy as Python", "button"),

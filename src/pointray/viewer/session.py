@@ -19,7 +19,6 @@ from PIL import Image
 from .. import __version__
 from ..camera import Camera
 from ..image.legend import draw_legend
-from ..settings import Settings
 from . import exports
 from .controls import Control
 from .lamps import SUN, axes_of
@@ -52,27 +51,15 @@ class Session:
 
     Parameters
     ----------
-    home : Camera, optional
-        Where it begins; None: the whole scene is seen.
-    settings : Settings
-        What it begins with.
     ended : callable
         Told when the browser has gone.
     """
 
-    def __init__(
-        self,
-        link: Link,
-        subject: Subject,
-        home: Camera | None,
-        settings: Settings,
-        ended: Callable[[Session], None],
-    ) -> None:
-        self._link, self._subject, self._home, self._settings = link, subject, home, settings
-        self._ended = ended
+    def __init__(self, link: Link, subject: Subject, ended: Callable[[Session], None]) -> None:
+        self._link, self._subject, self._ended = link, subject, ended
         self._lock = threading.RLock()
-        self._size, self._camera = SIZE, None
-        self._time = 0.0
+        self._size, self._time = SIZE, 0.0
+        self._camera: Camera | None = None
         self._looks: Looks | None = None
         self._output = Output()
         self._version: tuple[int, int] | None = None
@@ -212,7 +199,7 @@ class Session:
                 return
             self._version = version
             if self._looks is None:
-                self._looks = Looks.of(scene, self._subject.up, self._settings)
+                self._looks = Looks.of(self._subject, scene)
             self._say({"type": "place", "bounds": scene.bounds.tolist(), "up": list(self._subject.up)})
             self._panel()
             if self._camera is None:
@@ -224,8 +211,8 @@ class Session:
         scene = self._subject.scene
         if scene is None or (name not in VIEWS and name != "home"):
             raise ValueError(f"there is no view {name!r:.40}")
-        if name == "home" and self._home is not None:
-            camera = replace(self._home, size=self._size)
+        if name == "home" and self._subject.home is not None:
+            camera = replace(self._subject.home, size=self._size)
         else:
             fov = FOV if self._camera is None else self._camera.fov
             way = None if name == "home" else np.array(VIEWS[name]) @ axes_of(self._subject.up)
@@ -294,12 +281,11 @@ class Session:
         if purpose == "target":
             self._say({"type": "target", "position": position})
             return
-        second = extend and self._last_pick is not None
-        self._say({"type": "picked", "lines": found.lines, "position": position, "second": second})
-        if second:
-            length = float(np.linalg.norm(found.position - self._last_pick))
-            ends = {"from": self._last_pick.tolist(), "to": position}  # type: ignore[union-attr]
-            self._say({"type": "measured", **ends, "text": f"{length:.6g}"})
+        first = self._last_pick if extend else None
+        self._say({"type": "picked", "lines": found.lines, "position": position, "second": first is not None})
+        if first is not None:
+            length = float(np.linalg.norm(found.position - first))
+            self._say({"type": "measured", "from": first.tolist(), "to": position, "text": f"{length:.6g}"})
         self._last_pick = found.position
 
     def _deliver(self, frame: Frame) -> None:
@@ -337,4 +323,3 @@ class Session:
 
     def _say(self, message: dict[str, Any]) -> None:
         self._link.send(json.dumps(message))
-

@@ -7,8 +7,6 @@ import threading
 import webbrowser
 from typing import Any
 
-from ..camera import Camera
-from ..settings import Settings
 from .server import Link, Server
 from .session import Session
 from .subject import Subject
@@ -23,15 +21,8 @@ class Viewer:
         Where the page is.
     """
 
-    def __init__(
-        self,
-        subject: Subject,
-        host: str = "127.0.0.1",
-        port: int = 0,
-        home: Camera | None = None,
-        settings: Settings | None = None,
-    ) -> None:
-        self._subject, self._home, self._settings = subject, home, settings or Settings()
+    def __init__(self, subject: Subject, host: str = "127.0.0.1", port: int = 0) -> None:
+        self._subject = subject
         self._ended = threading.Event()
         self._sessions: set[Session] = set()
         self._lock = threading.Lock()
@@ -65,7 +56,7 @@ class Viewer:
             return False
 
     def _welcome(self, link: Link) -> Session:
-        session = Session(link, self._subject, self._home, self._settings, self._forget)
+        session = Session(link, self._subject, self._forget)
         with self._lock:
             self._sessions.add(session)
         return session

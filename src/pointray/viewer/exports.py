@@ -29,7 +29,7 @@ log = logging.getLogger("pointray.view")
 MIME = {"png": "image/png", "jpg": "image/jpeg", "exr": "image/x-exr", "mp4": "video/mp4"}
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """The user has had enough of it."""
 
 
@@ -75,7 +75,7 @@ class Exports:
         try:
             with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
                 work(wish, output, Path(folder), stem)
-        except Stopped:
+        except StoppedError:
             self._toast("info", "stopped")
         except (OSError, ValueError) as error:
             self._toast("error", str(error))
@@ -107,7 +107,11 @@ class Exports:
         frames = Frames(folder / "frames" / "%04d.png", {}, count, size)
         frames.begin()
         for k, camera in enumerate(turntable(replace(wish.camera, up=wish.up, size=size), count)):
-            image = render(scene, camera, settings, lambda share, k=k: self._tell("film", (k + share) / count))
+
+            def tell(share: float, k: int = k) -> None:
+                self._tell("film", (k + share) / count)
+
+            image = render(scene, camera, settings, tell)
             self._tell("film", (k + 1) / count)
             frames.keep(k, image, wish.looks.exposure, wish.looks.curve)
         write_mp4(path, frames.pattern, count, output.fps, size)
@@ -115,7 +119,7 @@ class Exports:
 
     def _tell(self, stage: str, share: float) -> None:
         if self._stop.is_set():
-            raise Stopped
+            raise StoppedError
         self._say({"type": "progress", "stage": stage, "share": share})
 
     def _give(self, path: Path) -> None:

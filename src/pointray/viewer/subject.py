@@ -7,13 +7,16 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera import Camera
 from ..data import Points
 from ..model import Model
 from ..scene import Scene
+from ..settings import Settings
 
 log = logging.getLogger("pointray.view")
 
@@ -44,9 +47,9 @@ class Given(NamedTuple):
 
 
 class Loader(Protocol):
-    """Brings a scene: `show` it as often as there is more of it to see."""
+    """Brings a scene: `Subject.show` as often as there is more of it to see, `Subject.say` what it is at."""
 
-    def __call__(self, show: Callable[[Scene], None], say: Callable[[str, float | None], None]) -> None: ...
+    def __call__(self, subject: Subject) -> None: ...
 
 
 class Subject:
@@ -56,15 +59,30 @@ class Subject:
     ----------
     title : str
     up : (3,) tuple
+    home : Camera or None
+        Where a browser begins; None: where it sees all.
+    settings, exposure, curve
+        What it begins with.
     problem : str
         Why there is nothing to see, or not all.
     """
 
-    def __init__(self, title: str, up: tuple[float, float, float], scene: Scene | None = None) -> None:
-        self.title, self.up, self.problem = title, up, ""
+    def __init__(
+        self,
+        title: str,
+        scene: Scene | None = None,
+        up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        settings: Settings | None = None,
+    ) -> None:
+        self.title, self.up, self.settings = title, up, settings or Settings()
+        self.home: Camera | None = None
+        self.exposure, self.curve = 0.0, "srgb"
+        self.problem = ""
         self.progress = Progress()
         self._scene, self._shown = scene, 0
-        self._given: dict[int, Given] = {}  # by id, what the models that were built here are built of
+        self._given: WeakKeyDictionary[Model, Given] = (
+            WeakKeyDictionary()
+        )  # what the models that were built here are built of
         self._listeners: list[Callable[[], None]] = []
         self._lock, self._building = threading.Lock(), threading.Lock()
 
@@ -94,13 +112,13 @@ class Subject:
         """Let a loader bring the scene, in the background."""
 
         def work() -> None:
-            loader(self.show, self._say)
+            loader(self)
 
         return self._start(work)
 
-    def show(self, scene: Scene) -> None:
-        """This is what is shown from now on."""
-        self._scene = scene
+    def show(self, scene: Scene, home: Camera | None = None) -> None:
+        """This is what is shown from now on, and where a browser begins."""
+        self._scene, self.home = scene, home or self.home
         self._shown += 1
         self.tell()
 
@@ -110,7 +128,7 @@ class Subject:
         models = [] if self._scene is None else self._scene.models
         if not models:
             return None
-        scale = self._given[id(models[0])].scale if id(models[0]) in self._given else 1.0
+        scale = self._given[models[0]].scale if models[0] in self._given else 1.0
         return Build(models[0].surface, models[0].settings.samples, scale)
 
     def rebuild(self, build: Build) -> threading.Thread:
@@ -121,19 +139,19 @@ class Subject:
                 scene = self._scene
                 if scene is None or build == self.build:
                     return
-                made = {}
+                made: dict[Model, Model] = {}
                 for k, model in enumerate(scene.models):
 
                     def say(stage: str, share: float, k: int = k) -> None:
-                        self._say(f"building: {stage}", (k + share) / len(scene.models))
+                        self.say(f"building: {stage}", (k + share) / len(scene.models))
 
-                    made[id(model)] = self._rebuilt(model, build, say)
-                self.show(scene.with_models(made))
+                    made[model] = self._rebuilt(model, build, say)
+                self.show(scene.exchange(made))
 
         return self._start(work)
 
     def _rebuilt(self, model: Model, build: Build, say: Callable[[str, float], None]) -> Model:
-        given = self._given.get(id(model), Given(model.points, model.radii, 1.0))
+        given = self._given.get(model, Given(model.points, model.radii, 1.0))
         built = Model(
             given.points,
             given.radii,
@@ -142,7 +160,7 @@ class Subject:
             radius_scale=build.radius_scale,
             progress=say,
         )
-        self._given[id(built)] = given._replace(scale=build.radius_scale)
+        self._given[built] = given._replace(scale=build.radius_scale)
         return built
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
@@ -158,9 +176,10 @@ class Subject:
         except Exception as error:
             log.exception("while building")
             self.problem = f"{type(error).__name__}: {error}"
-        self._say("", None)
+        self.say("", None)
 
-    def _say(self, stage: str, share: float | None) -> None:
+    def say(self, stage: str, share: float | None) -> None:
+        """What is being done, and how much of it is."""
         self.progress = replace(self.progress, stage=stage, share=share)
         self.tell()
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..image.tone import linear_to_srgb, srgb_to_linear
 from ..instances import Plane
+from ..model import Model
 from ..paints import check_attribute
 from ..scene import Scene
 from ..settings import Settings
@@ -17,6 +18,7 @@ from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light
 from ..shade.materials import Dielectric, Diffuse, Material, Mirror, Phong, Principled
 from .lamps import Color, Lamp, Vector, axes_of, lamps_of, new_lamp
+from .subject import Subject
 
 OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
@@ -75,14 +77,17 @@ class Looks:
     cuts: tuple[Cut, Cut, Cut] = (Cut(), Cut(), Cut())
 
     @classmethod
-    def of(cls, scene: Scene, up: Vector, settings: Settings) -> Looks:
-        """How a scene looks by itself."""
+    def of(cls, subject: Subject, scene: Scene) -> Looks:
+        """How a subject's scene looks by itself."""
+        settings = subject.settings
         looks = cls(
             integrator=settings.integrator,
             samples=max(settings.spp, 64),
             max_depth=settings.depth,
             shadows=settings.shadows,
-            lamps=lamps_of(scene, up),
+            lamps=lamps_of(scene, subject.up),
+            exposure=subject.exposure,
+            curve=subject.curve,
         )
         if scene.shows_sky:
             return replace(looks, around="sky")
@@ -99,7 +104,8 @@ class Looks:
         number, _, part = rest.partition(".")
         parts = list(getattr(self, field))
         parts[int(number)] = replace(parts[int(number)], **{part: value})
-        return replace(self, **{field: tuple(parts)})
+        changed: dict[str, Any] = {field: tuple(parts)}
+        return replace(self, **changed)
 
     def with_lamp(self, kind: str, scene: Scene, up: Vector) -> Looks:
         """With one light more."""
@@ -130,7 +136,10 @@ class Looks:
             dressed.add(Plane(np.where(top >= 0, low, high), up))
         dressed.clips = self._clips(low, high)
         if self.material != OWN or self.color_by != OWN:
-            dressed.paint(self._material())
+            material = self._material()
+            for number, shape in scene.shapes.items():
+                if isinstance(shape, Model):
+                    dressed.update(number, material=material)
         return dressed
 
     def _clips(self, low: Any, high: Any) -> list[tuple[Any, Any]]:

@@ -90,7 +90,8 @@ class Server:
 
     def __init__(self, welcome: Callable[[Link], Visitor], host: str, port: int) -> None:
         self._welcome, self.host, self.port = welcome, host, port or PORT
-        self._ready, self._failed = threading.Event(), None
+        self._ready = threading.Event()
+        self._failed: OSError | None = None
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="pointray-server", daemon=True)
         self._thread.start()

@@ -1,5 +1,4 @@
-"""From files to a scene that is shown while it comes: first a coarse version, of some of the points, then all of them.
-"""
+"""From files to a scene that is shown while it comes: first a coarse version, of some of the points, then all of them."""
 
 from __future__ import annotations
 
@@ -17,8 +16,7 @@ from ..saved import SAVED
 from ..scene import Scene
 from ..scenefile import Plan
 from ..splats.radii import radii_in
-
-Say = Callable[[str, float | None], None]
+from .subject import Subject
 
 COARSE = 60_000  # points of the coarse version: built in some 0.3 s
 WORTH = 4 * COARSE  # points from which it is
@@ -32,50 +30,58 @@ class Files:
     ----------
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
+    furnish : callable
+        Puts lights and the like into a scene that has its models.
     """
 
     paths: Sequence[Path]
     surface: dict[str, Any]
+    furnish: Callable[[Scene], None]
 
     def check(self) -> None:
         """Raise what keeps a file from being opened."""
         for path in self.paths:
             (check_regular if path.suffix.lower() == SAVED else check_readable)(path)
 
-    def __call__(self, show: Callable[[Scene], None], say: Say) -> None:
+    def __call__(self, subject: Subject) -> None:
         clouds: list[Points | Model] = []
         for path in self.paths:
-            say(f"reading {path.name}", None)
+            subject.say(f"reading {path.name}", None)
             clouds.append(Model.load(path) if path.suffix.lower() == SAVED else read(path))
         if any(isinstance(cloud, Points) and len(cloud) > WORTH for cloud in clouds):
-            say("building a coarse version", None)
-            show(_scene([_coarse(cloud) for cloud in clouds]))
-        show(_scene([self._whole(cloud, path, say) for cloud, path in zip(clouds, self.paths, strict=True)]))
+            subject.say("building a coarse version", None)
+            subject.show(self._scene([_coarse(cloud) for cloud in clouds]))
+        whole = [self._whole(cloud, path, subject) for cloud, path in zip(clouds, self.paths, strict=True)]
+        subject.show(self._scene(whole))
 
-    def _whole(self, cloud: Points | Model, path: Path, say: Say) -> Model:
+    def _whole(self, cloud: Points | Model, path: Path, subject: Subject) -> Model:
         if isinstance(cloud, Model):
             return cloud
+
+        def say(stage: str, share: float) -> None:
+            subject.say(f"building: {stage}", share)
+
         try:
-            return Model(
-                cloud, radii_in(cloud), **self.surface, progress=lambda stage, share: say(f"building: {stage}", share)
-            )
+            return Model(cloud, radii_in(cloud), **self.surface, progress=say)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
+
+    def _scene(self, models: Sequence[Model]) -> Scene:
+        scene = Scene()
+        for model in models:
+            scene.add(model)
+        self.furnish(scene)
+        return scene
 
 
 def _coarse(cloud: Points | Model) -> Model:
     """Of some of the points."""
-    if isinstance(cloud, Model) or len(cloud) <= WORTH:
-        return cloud if isinstance(cloud, Model) else Model(cloud)
+    if isinstance(cloud, Model):
+        return cloud
+    if len(cloud) <= WORTH:
+        return Model(cloud)
     rows = np.random.default_rng(0).choice(np.flatnonzero(cloud.finite), COARSE)
     return Model(cloud.select(np.unique(rows)))
-
-
-def _scene(models: Sequence[Model]) -> Scene:
-    scene = Scene()
-    for model in models:
-        scene.add(model)
-    return scene
 
 
 @dataclass(frozen=True)
@@ -84,5 +90,7 @@ class Described:
 
     plan: Plan
 
-    def __call__(self, show: Callable[[Scene], None], say: Say) -> None:
-        show(self.plan.build(say).scene)
+    def __call__(self, subject: Subject) -> None:
+        made = self.plan.build(subject.say)
+        subject.exposure, subject.curve = made.exposure, made.curve
+        subject.show(made.scene, made.camera)

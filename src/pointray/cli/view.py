@@ -1,0 +1,70 @@
+"""pointray view: the page in the browser, at once; what it shows comes as it is read."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .options import View, background_of, light_of
+from .scenes import SceneStage, is_scene
+from .stage import ground_under
+
+SERVING = ("host", "port", "open_browser")  # options that are about neither the scene nor the picture
+
+
+def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, Any], surface: dict[str, Any]) -> Any:
+    """What is viewed, and what brings it. Raises what is wrong with files and options at once.
+
+    options : those that the user has typed; place : settings, up, light, background and ground; surface : as `Model`
+    takes it
+    """
+    from ..viewer.loading import Described, Files
+    from ..viewer.subject import Subject
+
+    if any(is_scene(file) for file in files):
+        if len(files) > 1:
+            raise ValueError("a scene file is viewed alone")
+        typed = {name: value for name, value in options.items() if name != "files"}
+        plan = SceneStage(files[0], typed, SERVING).plan
+        up = plan.camera.get("up", (0.0, 0.0, 1.0))
+        return Subject(files[0].name, up=tuple(up), settings=plan.settings), Described(plan)
+    up = View("1x1", up=place["up"]).up
+    lights = [light_of(text) for text in place["light"] or []]
+    background = background_of(place["background"]) if "background" in options else None
+
+    def furnish(scene: Any) -> None:
+        bounds = scene.bounds
+        for make in lights:
+            scene.add_light(make(bounds.mean(axis=0)))
+        if place["ground"]:
+            scene.add(ground_under(bounds, up))
+        if background is not None:
+            scene.background = background
+
+    loader = Files(files, surface, furnish)
+    loader.check()
+    title = files[0].name if len(files) == 1 else f"{files[0].name} and {len(files) - 1} more"
+    return Subject(title, up=up, settings=place["settings"]), loader
+
+
+def serve(subject: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
+    """Show it until Ctrl-C."""
+    from ..viewer.viewer import Viewer
+
+    logging.getLogger("pointray.view").addHandler(logging.StreamHandler())
+    viewer = Viewer(subject, host, port)
+    if port and not viewer.url.endswith(f":{port}/"):
+        _tell(f"port {port} is taken")
+    if viewer.is_public:
+        _tell(f"note: --host {host}: whoever reaches this machine can see and turn the model")
+    subject.load(loader)
+    opened = open_browser and viewer.open_browser()
+    _tell(f"{viewer.url}{'' if opened else ' (open it in a browser)'}, Ctrl-C ends")
+    viewer.wait()
+
+
+def _tell(text: str) -> None:
+    print(f"pointray: {text}", file=sys.stderr, flush=True)
