@@ -1,4 +1,4 @@
-"""From files to a scene that is shown while it comes: first a coarse version, of some of the points, then all of them."""
+"""From files to a scene that is shown while it comes: first a coarse version of some of the points, then all."""
 
 from __future__ import annotations
 

@@ -30,18 +30,28 @@ IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next
 
 
 class Wish(NamedTuple):
-    """What is to be seen. version : of the scene; up : of its sun and ground; time : of the page's message."""
+    """What is to be seen.
+
+    Attributes
+    ----------
+    version : of the scene
+    up : of its sun and ground
+    refine : bool
+        Not while models are built: the processors are needed for that.
+    time : of the page's message
+    """
 
     camera: Camera
     looks: Looks
     scene: Scene
     version: tuple[int, int]
     up: tuple[float, float, float]
+    refine: bool
     time: float
 
     def same_picture(self, other: Wish | None) -> bool:
         """Whether nothing that is seen differs."""
-        return other is not None and self[:2] == other[:2] and self.version == other.version
+        return other is not None and self._replace(scene=other.scene, time=other.time) == other
 
 
 class Frame(NamedTuple):
@@ -164,7 +174,7 @@ class Painter:
     def _refine(self, wish: Wish, scene: Scene) -> None:
         """Add samples, and show what there is now and then."""
         most = wish.looks.samples
-        if most == 1:
+        if most == 1 or not wish.refine:
             return
         picture = Picture(scene, wish.camera, wish.looks.settings(most), in_passes=True)
         done, last, seconds = 0, 1, 0.0

@@ -19,6 +19,7 @@ from PIL import Image
 from .. import __version__
 from ..camera import Camera
 from ..image.legend import draw_legend
+from ..scene import Scene
 from . import exports
 from .controls import Control
 from .lamps import SUN, axes_of
@@ -195,16 +196,20 @@ class Session:
                 self._problem = self._subject.problem
                 self._toast("error", self._problem, stay=True)
             scene, version = self._subject.scene, self._subject.version
-            if scene is None or version == self._version or not scene.models and self._looks is None:
-                return
-            self._version = version
-            if self._looks is None:
-                self._looks = Looks.of(self._subject, scene)
-            self._say({"type": "place", "bounds": scene.bounds.tolist(), "up": list(self._subject.up)})
-            self._panel()
-            if self._camera is None:
-                self._go("home", animate=False)
-            self._changed(False)
+            if scene is not None and scene.models and version != self._version:
+                self._version = version
+                self._meet(scene)
+            self._want()
+
+    def _meet(self, scene: Scene) -> None:
+        """There is another scene, or more of it."""
+        if self._looks is None:
+            self._looks = Looks.of(self._subject, scene)
+        self._say({"type": "place", "bounds": scene.bounds.tolist(), "up": list(self._subject.up)})
+        self._panel()
+        self._legend()
+        if self._camera is None:
+            self._go("home", animate=False)
 
     def _go(self, name: str, animate: bool) -> None:
         """Take the page to one of the standard views."""
@@ -232,8 +237,8 @@ class Session:
 
     def _wish(self) -> Wish:
         assert self._camera is not None and self._looks is not None and self._subject.scene is not None
-        subject = self._subject
-        return Wish(self._camera, self._looks, self._subject.scene, subject.version, subject.up, self._time)
+        subject, refine = self._subject, not self._subject.progress.stage
+        return Wish(self._camera, self._looks, self._subject.scene, subject.version, subject.up, refine, self._time)
 
     def _panel(self) -> None:
         self._say({"type": "panel", "folders": [folder.describe() for folder in self._folders()]})

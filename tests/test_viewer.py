@@ -1,0 +1,446 @@
+"""The viewer without a page: what the server says, draws and refuses."""
+
+import io
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+from viewing import Browser
+from websockets.exceptions import InvalidStatus
+
+import pointray as pr
+from pointray.viewer.controls import Control
+from pointray.viewer.lamps import SUN, Lamp, axes_of, lamps_of
+from pointray.viewer.messages import camera_of, parse, size_of
+from pointray.viewer.pace import FRAME, SCALES, Pace, next_pass
+from pointray.viewer.subject import Subject
+from pointray.viewer.viewer import Viewer
+
+SIZE = (160, 120)
+
+
+@pytest.fixture(scope="module")
+def model():
+    points = pr.procedural("statue", 20_000)
+    grey = np.full((len(points), 3), 180, np.uint8)
+    high = points.positions[:, 2].astype(np.float32)
+    return pr.Model(pr.Points(points.positions, points.normals, grey, {"height": high}))
+
+
+@pytest.fixture
+def scene(model):
+    scene = pr.Scene()
+    scene.add(model)
+    scene.add_light(pr.SunLight([1, 1, -1.5], 3))
+    return scene
+
+
+@pytest.fixture
+def viewer(scene):
+    viewer = Viewer(Subject("statue", scene))
+    yield viewer
+    viewer.close()
+
+
+@pytest.fixture
+def browser(viewer):
+    browser = Browser(viewer.url, SIZE)
+    yield browser
+    browser.close()
+
+
+def picture_of(frame):
+    return np.asarray(Image.open(io.BytesIO(frame[1])).convert("RGB")).astype(int)
+
+
+def expected(scene, camera, samples, size=SIZE, **settings):
+    """What `render` makes of it, over the viewer's backdrop."""
+    from pointray.image.tone import srgb_to_linear
+    from pointray.screen import levels_of
+    from pointray.viewer.looks import BACKDROP
+
+    copy = scene.copy()
+    copy.background = srgb_to_linear(np.array(BACKDROP))
+    view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], size)
+    image = pr.render(copy, view, pr.Settings(spp=samples, **settings))
+    return levels_of(image).astype(int)
+
+
+def test_the_picture_is_that_of_render(browser, scene):
+    camera = browser.arrive()
+    header, _ = frame = browser.refined(64)
+    assert (header["width"], header["height"]) == SIZE
+    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < 1.0  # of 255: JPEG
+    assert [f[0]["stage"] for f in browser.frames][-1] == "refined"
+
+
+def test_a_still_picture_is_drawn_whole_before_it_is_refined(browser):
+    browser.arrive()
+    browser.refined(64)
+    stages = [(f[0]["stage"], f[0]["samples"]) for f in browser.frames]
+    assert ("still", 1) in stages
+    samples = [s for _, s in stages[stages.index(("still", 1)) :]]
+    assert samples == sorted(samples)
+
+
+def test_the_same_camera_again_changes_nothing(browser):
+    camera = browser.arrive()
+    browser.refined(64)
+    count = len(browser.frames)
+    browser.go(camera, time=5.0)
+    browser.rest(0.5)
+    assert len(browser.frames) == count
+
+
+def test_another_camera_is_another_picture(browser, scene):
+    camera = browser.arrive()
+    browser.refined(64)
+    eye, target = np.array(camera["eye"]), np.array(camera["target"])
+    other = {**camera, "eye": (target + (eye - target)[[1, 0, 2]] * [1, -1, 1]).tolist()}
+    browser.go(other)
+    frame = browser.refined(64)
+    assert np.abs(picture_of(frame) - expected(scene, other, 64)).mean() < 1.0
+    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() > 3.0
+
+
+def test_two_browsers_have_cameras_of_their_own(viewer, scene):
+    one, two = Browser(viewer.url, SIZE), Browser(viewer.url, (100, 100))
+    first, second = one.arrive(), two.listen(lambda: two.last("camera"))
+    nearer = {**second, "eye": (np.array(second["eye"]) * 0.6 + np.array(second["target"]) * 0.4).tolist()}
+    two.go(nearer)
+    frames = one.refined(64), two.refined(64)
+    assert np.abs(picture_of(frames[0]) - expected(scene, first, 64)).mean() < 1.0
+    assert np.abs(picture_of(frames[1]) - expected(scene, nearer, 64, (100, 100))).mean() < 1.0
+    one.close()
+    two.close()
+
+
+def test_panel_changes_the_picture(browser, scene):
+    camera = browser.arrive()
+    browser.refined(64)
+    for name, value, settings in (
+        ("integrator", "normal", {"integrator": "normal"}),
+        ("integrator", "phong", {}),
+        ("shadows", False, {"shadows": False}),
+    ):
+        browser.set(name, value)
+        frame = browser.refined(64)
+        assert np.abs(picture_of(frame) - expected(scene, camera, 64, **settings)).mean() < 1.0, name
+
+
+def test_lights_come_and_go(browser, scene):
+    browser.arrive()
+    lit = picture_of(browser.refined(64))
+    browser.set("lamps.0.on", False)
+    head = picture_of(browser.refined(64))
+    assert np.abs(lit - head).mean() > 3.0
+    browser.say(type="press", name="lamps.add.sun")
+    browser.listen(lambda: "lamps.1.azimuth" in browser.controls())
+    browser.say(type="press", name="lamps.1.remove")
+    browser.say(type="press", name="lamps.0.remove")
+    browser.listen(lambda: "no_lamps" in browser.controls())
+    assert np.abs(picture_of(browser.refined(64)) - head).mean() < 1.0
+    assert len(scene.lights) == 1  # the scene itself is left alone
+
+
+def test_dragging_the_sun_tells_the_panel(browser):
+    browser.arrive()
+    browser.refined(64)
+    before = browser.controls()["lamps.0.azimuth"]["value"]
+    browser.say(type="sun", dx=0.1, dy=0.0)
+    values = browser.listen(lambda: browser.last("values"))["values"]
+    assert values["lamps.0.azimuth"] == pytest.approx(before + 18.0)
+
+
+def test_attributes_colour_with_a_legend(browser, scene, model):
+    camera = browser.arrive()
+    browser.refined(64)
+    browser.set("color_by", "height")
+    frame = browser.refined(64)
+    painted = pr.Scene()
+    painted.add(model, material=pr.Diffuse(pr.Attribute("height")))
+    painted.lights = scene.lights
+    assert np.abs(picture_of(frame) - expected(painted, camera, 64)).mean() < 1.0
+    legend = browser.listen(lambda: (m := browser.last("legend")) and m["image"])
+    assert legend.startswith("data:image/png;base64,")
+    assert "colormap" in browser.controls()
+
+
+def test_cuts_open_the_model(browser, scene):
+    camera = browser.arrive()
+    browser.refined(64)
+    browser.set("cuts.2.on", True)
+    frame = browser.refined(64)
+    cut = scene.copy()
+    cut.clips = [(scene.bounds.mean(axis=0), (0, 0, 1))]
+    assert np.abs(picture_of(frame) - expected(cut, camera, 64)).mean() < 1.0
+
+
+def test_click_tells_coordinates_and_attributes(browser, scene, model):
+    camera = browser.arrive()
+    view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], SIZE)
+    hits = scene.intersect(*view.rays(), attributes=())
+    rows, columns = np.nonzero(hits.instance == 0)
+    y, x = rows[len(rows) // 2], columns[len(rows) // 2]
+    place = {"x": (x + 0.5) / SIZE[0], "y": (y + 0.5) / SIZE[1]}
+    browser.say(type="pick", purpose="query", extend=False, **place)
+    picked = browser.listen(lambda: browser.last("picked"))
+    assert picked["position"] == pytest.approx(hits.position[y, x].tolist(), abs=1e-6)
+    row = int(hits.point[y, x])
+    assert f"point {row:,}" in picked["lines"]
+    assert "colour 180 180 180" in picked["lines"]
+    assert f"height {float(model.points.attributes['height'][row]):.7g}" in picked["lines"]
+    k = len(rows) // 3
+    other = {"x": (columns[k] + 0.5) / SIZE[0], "y": (rows[k] + 0.5) / SIZE[1]}
+    browser.say(type="pick", purpose="query", extend=True, **other)
+    measured = browser.listen(lambda: browser.last("measured"))
+    length = np.linalg.norm(hits.position[rows[k], columns[k]] - hits.position[y, x])
+    assert float(measured["text"]) == pytest.approx(length, rel=1e-4)
+    browser.say(type="pick", purpose="target", extend=False, **place)
+    assert browser.listen(lambda: browser.last("target"))["position"] == picked["position"]
+
+
+def test_a_surface_for_all_browsers(browser, viewer):
+    browser.arrive()
+    browser.refined(64)
+    browser.set("build.surface", "disc")
+    browser.listen(lambda: browser.controls()["build.surface"]["value"] == "disc")
+    two = Browser(viewer.url, SIZE)
+    two.arrive()
+    two.listen(lambda: two.last("panel") and two.controls().get("build.surface", {}).get("value") == "disc")
+    two.close()
+    browser.set("build.radius_scale", 1.5)
+    browser.listen(lambda: browser.controls()["build.radius_scale"]["value"] == 1.5)
+
+
+def test_what_the_owner_changes_is_seen(browser, scene):
+    camera = browser.arrive()
+    browser.refined(64)
+    scene.add(pr.Plane([0, 0, 0], [0, 0, 1]))
+    frame = browser.refined(64)
+    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < 1.0
+
+
+def test_a_saved_picture_is_that_of_render(browser, scene):
+    camera = browser.arrive()
+    for name, value in (("width", 90), ("height", 70), ("samples", 4)):
+        browser.set(f"output.{name}", value)
+    browser.say(type="press", name="save.picture")
+    header, payload = browser.listen(lambda: browser.files and browser.files[0])
+    assert header["name"] == "statue.png"
+    image = np.asarray(Image.open(io.BytesIO(payload)).convert("RGB")).astype(int)
+    assert image.shape == (70, 90, 3)
+    assert np.abs(image - expected(scene, camera, 4, (90, 70))).max() <= 1
+
+
+def test_a_recorded_turntable_is_a_film(browser):
+    pytest.importorskip("imageio_ffmpeg")
+    browser.arrive()
+    for name, value in (("width", 32), ("height", 32), ("samples", 1), ("seconds", 0.5), ("fps", 8.0)):
+        browser.set(f"output.{name}", value)
+    browser.say(type="press", name="save.film")
+    header, payload = browser.listen(lambda: browser.files and browser.files[0])
+    assert header["name"] == "statue.mp4"
+    assert payload[4:8] == b"ftyp"
+
+
+def test_the_camera_as_a_command_and_as_python(browser, scene):
+    camera = browser.arrive()
+    browser.say(type="press", name="copy.command")
+    text = browser.listen(lambda: browser.last("copy"))["text"]
+    assert text.startswith("pointray render ") and "--light sun:" in text
+    browser.say(type="press", name="copy.python")
+    text = browser.listen(lambda: (m := browser.last("copy")) and m["text"].startswith("camera") and m["text"])
+    names = {"pr": pr, "scene": scene}
+    exec(text.split("image =")[0], names)
+    assert names["camera"].eye == pytest.approx(camera["eye"])
+
+
+def test_views(browser, scene):
+    browser.arrive()
+    middle = scene.bounds.mean(axis=0)
+    for name, axis, sign in (("front", 1, -1), ("back", 1, 1), ("left", 0, -1), ("right", 0, 1), ("top", 2, 1)):
+        count = len(browser.told)
+        browser.say(type="view", name=name)
+        camera = browser.listen(lambda n=count: next((m for m in browser.told[n:] if m["type"] == "camera"), None))
+        way = np.array(camera["eye"]) - middle
+        assert np.abs(way).argmax() == axis and np.sign(way[axis]) == sign, name
+
+
+NONSENSE = (
+    "",
+    "{",
+    "[" * 20_000,
+    "null",
+    '"camera"',
+    '{"type": 3}',
+    '{"type": "unknown"}',
+    '{"type": "camera"}',
+    '{"type": "camera", "eye": [1, 2], "target": [0, 0, 0], "up": [0, 0, 1], "fov": 40, "time": 1}',
+    '{"type": "camera", "eye": [1, 2, NaN], "target": [0, 0, 0], "up": [0, 0, 1], "fov": 40, "time": 1}',
+    '{"type": "camera", "eye": [1, 2, 3], "target": [1, 2, 3], "up": [0, 0, 1], "fov": 40, "time": 1}',
+    '{"type": "camera", "eye": [1, 2, 3], "target": [0, 0, 0], "up": [0, 0, 0], "fov": 400, "time": 1}',
+    '{"type": "size", "width": 1e400, "height": 0}',
+    '{"type": "size", "width": "a", "height": [1]}',
+    '{"type": "set", "name": "integrator", "value": "magic"}',
+    '{"type": "set", "name": "__class__", "value": 1}',
+    '{"type": "set", "name": "lamps.99.on", "value": true}',
+    '{"type": "set", "name": "exposure", "value": 1e9}',
+    '{"type": "set", "name": "samples", "value": 64.5}',
+    '{"type": "press", "name": "save.picture.now"}',
+    '{"type": "press", "name": "lamps.-1.remove"}',
+    '{"type": "pick", "x": 2, "y": 0, "purpose": "query"}',
+    '{"type": "pick", "x": 0.5, "y": 0.5, "purpose": 7}',
+    '{"type": "view", "name": "inside"}',
+    '{"type": "seen", "number": 1e300}',
+    '{"type": "seen", "number": -1}',
+    '{"type": "sun", "dx": null, "dy": 0}',
+)
+
+
+def test_nonsense_is_ignored(browser, scene):
+    camera = browser.arrive()
+    browser.refined(64)
+    for text in NONSENSE:
+        browser.say_text(text)
+    browser.go(camera, fov=30.0)
+    frame = browser.refined(64)
+    assert np.abs(picture_of(frame) - expected(scene, {**camera, "fov": 30.0}, 64)).mean() < 1.0
+    assert browser.last("toast") is None
+
+
+def test_pages_of_others_are_refused(viewer):
+    for origin in ("http://evil.example", "http://evil.example:8080", "null"):
+        with pytest.raises(InvalidStatus, match="403"):
+            Browser(viewer.url, origin=origin)
+    Browser(viewer.url, origin=viewer.url.rstrip("/")).close()
+
+
+def ask(viewer, request):
+    """The answer to a request over HTTP, as text."""
+    with socket.create_connection(("127.0.0.1", int(viewer.url.rstrip("/").rsplit(":", 1)[1]))) as stream:
+        stream.sendall(request.encode())
+        stream.settimeout(5.0)
+        answer = b""
+        while b"\r\n\r\n" not in answer:
+            answer += stream.recv(65536)
+        return answer.decode(errors="replace")
+
+
+def test_only_files_of_the_page_are_served(viewer):
+    host = viewer.url.removeprefix("http://").rstrip("/")
+    for path in ("/../__init__.py", "/%2e%2e/server.py", "/etc/passwd", "/page", "//etc/passwd", "/nothing.js"):
+        assert "404" in ask(viewer, f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n").splitlines()[0], path
+    assert "403" in ask(viewer, "GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n").splitlines()[0]
+    page = ask(viewer, f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n")
+    assert "200" in page.splitlines()[0] and "Content-Security-Policy" in page
+
+
+def test_the_next_free_port_is_taken(scene):
+    one = Viewer(Subject("one", scene))
+    port = int(one.url.rstrip("/").rsplit(":", 1)[1])
+    two = Viewer(Subject("two", scene), port=port)
+    assert two.url != one.url
+    one.close()
+    two.close()
+
+
+def test_an_address_that_is_not_ours(scene):
+    with pytest.raises(OSError):
+        Viewer(Subject("x", scene), host="203.0.113.7")
+
+
+def test_closing_ends_all_threads(scene):
+    def threads():
+        return [t for t in threading.enumerate() if t.name.startswith("pointray")]
+
+    before = set(threads())
+    viewer = Viewer(Subject("x", scene))
+    for _ in range(5):
+        browser = Browser(viewer.url, SIZE)
+        browser.arrive()
+        browser.listen(lambda b=browser: b.frames)
+        browser.close()
+    viewer.close()
+    end = time.monotonic() + 10
+    while set(threads()) - before and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not set(threads()) - before
+
+
+def test_a_scene_that_fails_to_come_says_why():
+    def loader(subject):
+        subject.say("reading", 0.5)
+        raise ValueError("bad.ply: it is truncated")
+
+    subject = Subject("bad.ply")
+    viewer = Viewer(subject)
+    browser = Browser(viewer.url, SIZE)
+    subject.load(loader)
+    toast = browser.listen(lambda: browser.last("toast"))
+    assert toast == {"type": "toast", "level": "error", "text": "bad.ply: it is truncated", "stay": True}
+    browser.listen(lambda: (m := browser.last("progress")) and m["stage"] == "")
+    browser.close()
+    viewer.close()
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "good", "bad"),
+    [
+        ("range", {"value": 1.0, "low": 0, "high": 2}, [0, 2, 1.5], [-1, 3, "1", None, True, [1]]),
+        ("range", {"value": 4, "low": 2, "high": 16}, [2, 3.0], [2.5, 17]),
+        ("switch", {"value": True}, [True, False], [1, "yes", None]),
+        ("choice", {"value": "a", "options": [("a", "A"), ("b", "B")]}, ["a", "b"], ["c", 1, None, ["a"]]),
+        ("color", {"value": (1, 1, 1)}, [[0, 0.5, 1]], [[2, 0, 0], [0, 0], "red"]),
+        ("vector", {"value": (0, 0, 0)}, [[1, 2, -3e6]], [[1, 2], [1, 2, "x"], 4]),
+        ("button", {}, [], [1, None, True]),
+        ("note", {"value": "x"}, [], ["y"]),
+    ],
+)
+def test_controls_check(kind, options, good, bad):
+    control = Control("it", "it", kind, **options)
+    for value in good:
+        control.check(value)
+    for value in bad:
+        with pytest.raises(ValueError, match="it"):
+            control.check(value)
+
+
+def test_messages():
+    with pytest.raises(ValueError):
+        parse("[]")
+    assert size_of({"width": 100.7, "height": 50}) == (100, 50)
+    assert size_of({"width": 7680, "height": 4320}) == (3840, 2160)
+    message = {"eye": [1, 2, 3], "target": [0, 0, 0], "up": [0, 0, 1], "fov": 30}
+    assert camera_of(message, (4, 3)).size == (4, 3)
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (0, 0, -1), (0.3, -0.2, 0.9)])
+def test_lamps_give_back_the_lights_they_are_made_of(up):
+    axes = axes_of(up)
+    assert np.allclose(axes @ axes.T, np.eye(3)) and np.allclose(axes[2], np.array(up) / np.linalg.norm(up))
+    scene = pr.Scene()
+    scene.lights = [pr.SunLight([1, 2, -3], (3, 2, 1), 0.7), pr.PointLight([1, 2, 3], 4), pr.EnvironmentLight(2.0)]
+    sun, point, sky = lamps_of(scene, up)
+    made = sun.make(up)
+    assert np.allclose(made.direction, np.array([1, 2, -3]) / np.sqrt(14))
+    assert np.allclose(made.irradiance, (3, 2, 1), rtol=1e-4) and made.angle == 0.7
+    assert np.allclose(point.make(up).intensity, 4) and point.make(up).position == (1, 2, 3)
+    assert sky.make(up) is scene.lights[2]
+    assert Lamp(SUN, azimuth=0, elevation=90).make(up).direction == pytest.approx(-axes[2])
+
+
+def test_pace_holds_the_frame_rate():
+    for whole in (0.01, 0.05, 0.2, 1.0, 10.0):
+        pace = Pace()
+        for _ in range(40):
+            scale = pace.scale()
+            pace.took(whole * scale * scale, scale)
+        assert whole * scale * scale <= FRAME or scale == SCALES[-1]
+        finer = [s for s in SCALES if s > scale]
+        assert not finer or whole * finer[-1] ** 2 > 0.79 * FRAME
+    assert next_pass(1, 10.0) == 1
+    assert next_pass(8, 0.01) == 16

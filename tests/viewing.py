@@ -1,0 +1,84 @@
+"""A browser for tests of the viewer, without the page: it says what a page says, and keeps what it is told."""
+
+import json
+import struct
+import time
+
+from websockets.sync.client import connect
+
+
+class Browser:
+    """Connects, acknowledges pictures, and waits for messages."""
+
+    def __init__(self, url, size=(160, 120), **headers):
+        self._socket = connect(url.replace("http", "ws") + "socket", max_size=None, **headers)
+        self.told, self.frames, self.files = [], [], []
+        self.say(type="size", width=size[0], height=size[1])
+
+    def say(self, **message):
+        self._socket.send(json.dumps(message))
+
+    def say_text(self, text):
+        self._socket.send(text)
+
+    def listen(self, until, seconds=60.0):
+        """Take messages until a condition holds; what it returns."""
+        end = time.monotonic() + seconds
+        while not (found := until()):
+            left = end - time.monotonic()
+            assert left > 0, f"nothing came; last: {[m.get('type') for m in self.told[-5:]]}"
+            try:
+                self._take(self._socket.recv(timeout=left))
+            except TimeoutError:
+                continue
+        return found
+
+    def rest(self, seconds):
+        """Take what comes within some time."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            try:
+                self._take(self._socket.recv(timeout=left))
+            except TimeoutError:
+                return
+
+    def _take(self, message):
+        if isinstance(message, str):
+            self.told.append(json.loads(message))
+            return
+        length = struct.unpack("<I", message[:4])[0]
+        header, payload = json.loads(message[4 : 4 + length]), message[4 + length :]
+        if header["type"] == "file":
+            self.files.append((header, payload))
+            return
+        self.frames.append((header, payload))
+        self.say(type="seen", number=header["number"])
+
+    def last(self, kind):
+        """The newest message of a type, or None."""
+        return next((m for m in reversed(self.told) if m["type"] == kind), None)
+
+    def arrive(self):
+        """Go where the server says; returns the camera."""
+        camera = self.listen(lambda: self.last("camera"))
+        self.go(camera)
+        return camera
+
+    def go(self, camera, **changes):
+        places = {name: camera[name] for name in ("eye", "target", "up", "fov")}
+        self.say(**{"type": "camera", **places, "time": 1.0, **changes})
+
+    def refined(self, samples):
+        """The frame with so many samples that comes next."""
+        begun = len(self.frames)
+        return self.listen(lambda: next((f for f in self.frames[begun:] if f[0]["samples"] == samples), None))
+
+    def set(self, name, value):
+        self.say(type="set", name=name, value=value)
+
+    def controls(self):
+        """The controls of the panel by name."""
+        return {c["name"]: c for folder in self.last("panel")["folders"] for c in folder["controls"]}
+
+    def close(self):
+        self._socket.close()
