@@ -20,6 +20,7 @@ from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
 
 SIZE = (160, 120)
+CLOSE = 1.5  # of 255, what JPEG may change on average
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +74,7 @@ def test_the_picture_is_that_of_render(browser, scene):
     camera = browser.arrive()
     header, _ = frame = browser.refined(64)
     assert (header["width"], header["height"]) == SIZE
-    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < 1.0  # of 255: JPEG
+    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < CLOSE
     assert [f[0]["stage"] for f in browser.frames][-1] == "refined"
 
 
@@ -102,7 +103,7 @@ def test_another_camera_is_another_picture(browser, scene):
     other = {**camera, "eye": (target + (eye - target)[[1, 0, 2]] * [1, -1, 1]).tolist()}
     browser.go(other)
     frame = browser.refined(64)
-    assert np.abs(picture_of(frame) - expected(scene, other, 64)).mean() < 1.0
+    assert np.abs(picture_of(frame) - expected(scene, other, 64)).mean() < CLOSE
     assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() > 3.0
 
 
@@ -112,8 +113,8 @@ def test_two_browsers_have_cameras_of_their_own(viewer, scene):
     nearer = {**second, "eye": (np.array(second["eye"]) * 0.6 + np.array(second["target"]) * 0.4).tolist()}
     two.go(nearer)
     frames = one.refined(64), two.refined(64)
-    assert np.abs(picture_of(frames[0]) - expected(scene, first, 64)).mean() < 1.0
-    assert np.abs(picture_of(frames[1]) - expected(scene, nearer, 64, (100, 100))).mean() < 1.0
+    assert np.abs(picture_of(frames[0]) - expected(scene, first, 64)).mean() < CLOSE
+    assert np.abs(picture_of(frames[1]) - expected(scene, nearer, 64, (100, 100))).mean() < CLOSE
     one.close()
     two.close()
 
@@ -128,7 +129,7 @@ def test_panel_changes_the_picture(browser, scene):
     ):
         browser.set(name, value)
         frame = browser.refined(64)
-        assert np.abs(picture_of(frame) - expected(scene, camera, 64, **settings)).mean() < 1.0, name
+        assert np.abs(picture_of(frame) - expected(scene, camera, 64, **settings)).mean() < CLOSE, name
 
 
 def test_lights_come_and_go(browser, scene):
@@ -142,7 +143,7 @@ def test_lights_come_and_go(browser, scene):
     browser.say(type="press", name="lamps.1.remove")
     browser.say(type="press", name="lamps.0.remove")
     browser.listen(lambda: "no_lamps" in browser.controls())
-    assert np.abs(picture_of(browser.refined(64)) - head).mean() < 1.0
+    assert np.abs(picture_of(browser.refined(64)) - head).mean() < CLOSE
     assert len(scene.lights) == 1  # the scene itself is left alone
 
 
@@ -163,7 +164,7 @@ def test_attributes_colour_with_a_legend(browser, scene, model):
     painted = pr.Scene()
     painted.add(model, material=pr.Diffuse(pr.Attribute("height")))
     painted.lights = scene.lights
-    assert np.abs(picture_of(frame) - expected(painted, camera, 64)).mean() < 1.0
+    assert np.abs(picture_of(frame) - expected(painted, camera, 64)).mean() < CLOSE
     legend = browser.listen(lambda: (m := browser.last("legend")) and m["image"])
     assert legend.startswith("data:image/png;base64,")
     assert "colormap" in browser.controls()
@@ -176,7 +177,7 @@ def test_cuts_open_the_model(browser, scene):
     frame = browser.refined(64)
     cut = scene.copy()
     cut.clips = [(scene.bounds.mean(axis=0), (0, 0, 1))]
-    assert np.abs(picture_of(frame) - expected(cut, camera, 64)).mean() < 1.0
+    assert np.abs(picture_of(frame) - expected(cut, camera, 64)).mean() < CLOSE
 
 
 def test_click_tells_coordinates_and_attributes(browser, scene, model):
@@ -221,7 +222,7 @@ def test_what_the_owner_changes_is_seen(browser, scene):
     browser.refined(64)
     scene.add(pr.Plane([0, 0, 0], [0, 0, 1]))
     frame = browser.refined(64)
-    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < 1.0
+    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < CLOSE
 
 
 def test_a_saved_picture_is_that_of_render(browser, scene):
@@ -308,7 +309,7 @@ def test_nonsense_is_ignored(browser, scene):
         browser.say_text(text)
     browser.go(camera, fov=30.0)
     frame = browser.refined(64)
-    assert np.abs(picture_of(frame) - expected(scene, {**camera, "fov": 30.0}, 64)).mean() < 1.0
+    assert np.abs(picture_of(frame) - expected(scene, {**camera, "fov": 30.0}, 64)).mean() < CLOSE
     assert browser.last("toast") is None
 
 
