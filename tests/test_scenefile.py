@@ -103,6 +103,14 @@ kind = "environment"
 image = "sky.exr"
 radiance = 0.5
 
+[[clips]]
+point = [0, 0, 0.7]
+normal = [0.1, 0, 2]
+
+[[clips]]
+point = [-9, 0, 0]
+normal = [-1, 0, 0]
+
 [camera]
 eye = [0, -6, 2]
 target = [0, 0, 0]
@@ -169,6 +177,7 @@ def in_python(folder: Path) -> tuple[pr.Scene, pr.Camera, pr.Settings]:
     scene.add_light(pr.DiskLight((-3, 0, 5), (0, 0, -1), radius=0.5, radiance=3))
     scene.add_light(pr.SphereLight((3, 0, 5), radius=0.5, radiance=3))
     scene.add_light(pr.EnvironmentLight(image=sky(), radiance=0.5))
+    scene.clips = [((0, 0, 0.7), (0.1, 0, 2)), ((-9, 0, 0), (-1, 0, 0))]
     camera = pr.Camera.look_at((0, -6, 2), (0, 0, 0), fov=50, size=(32, 24), aperture=0.1, focus=5)
     return scene, camera, pr.Settings("path", spp=3, max_depth=None, seed=7, filter="tent")
 
@@ -199,7 +208,7 @@ def test_the_same_as_in_python(folder: Path) -> None:
     made = pr.load_scene(folder / "scene.toml")
     assert made.camera == camera and made.settings == settings
     assert (made.exposure, made.curve) == (0.5, "srgb")
-    assert np.array_equal(made.scene.bounds, scene.bounds)
+    assert np.array_equal(made.scene.bounds, scene.bounds) and np.array_equal(made.scene.clips, scene.clips)
     image = pr.render(made.scene, made.camera, made.settings)
     assert np.array_equal(image, pr.render(scene, camera, settings))
     assert image[..., :3].std() > 0.05
@@ -354,6 +363,26 @@ WRONG = {
     "no target": ("target = [0, 0, 0]", "", "camera", "target is missing"),
     "background": ("background = [0.1, 0.2, 0.3]", 'background = "blue"', "background", "must be a number or three"),
     "list": ("[[planes]]", "[planes]", "planes", "must be a list of tables"),
+    "clip": ("normal = [-1, 0, 0]", "normal = [0, 0, 0]", "clips[1].normal", "must not be zero"),
+    "short clip": (
+        "point = [-9, 0, 0]",
+        "point = [-9, 0]",
+        "clips[1].point",
+        "must be three finite numbers, not [-9",
+    ),
+    "no normal": ("normal = [-1, 0, 0]", "", "clips[1]", "normal is missing"),
+    "word of a clip": (
+        "normal = [-1, 0, 0]",
+        "offset = 1",
+        "clips[1].offset",
+        "unknown key 'offset'; there are: point",
+    ),
+    "clips": (
+        "[camera]",
+        "[[clips]]\nnormal = [0, 0, 1]\npoint = [0, 0, 9]\n" * 15 + "[camera]",
+        "clips[16]",
+        "at most 16",
+    ),
     "two skies": ('kind = "sphere"\ncenter = [3, 0, 5]\nradius = 0.5', 'kind = "environment"', "lights[5]", "already"),
 }
 
@@ -376,8 +405,10 @@ def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -
         start = line(text, "transform = [")
     elif case == "two places":
         start += 1
-    elif case in ("no kind", "missing", "no target"):  # the line of the table
-        start -= {"no kind": 1, "missing": 2, "no target": 2}[case]
+    elif case == "clips":  # the seventeenth
+        start += 3 * 14
+    elif case in ("no kind", "missing", "no target", "no normal"):  # the line of the table
+        start -= {"no kind": 1, "missing": 2, "no target": 2, "no normal": 2}[case]
     assert where == start, found
 
 
