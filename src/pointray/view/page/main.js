@@ -1,0 +1,185 @@
+/**
+ * pointray's viewer: the server's pictures, the user's hand.
+ *
+ * The server renders and knows the scene; this page knows the camera, and sends it when it has moved.
+ */
+
+import { copyCamera, isCamera, sameCamera } from "./camera.js";
+import { Connection } from "./connection.js";
+import { closeHelp, prepareDialogs, saveFile, showCopy, toggleHelp } from "./dialogs.js";
+import { Keys } from "./keys.js";
+import { Markers } from "./markers.js";
+import { Motion } from "./motion.js";
+import * as overlay from "./overlay.js";
+import { Panel } from "./panel.js";
+import { Picture } from "./picture.js";
+import { Pointer } from "./pointer.js";
+
+const WIDEST = 3840; // device pixels
+const TURN = Math.PI; // radians an orbit turns for a drag of the window's height
+const LATENCIES = 1000; // as many are kept
+
+const view = document.getElementById("view");
+const motion = new Motion();
+const markers = new Markers();
+const picture = new Picture(view, drawn);
+const panel = new Panel(document.getElementById("panel"), send);
+
+const sent = { camera: null, size: "" }; // what the server knows
+const sun = { dx: 0, dy: 0 }; // not sent yet
+let fresh = false; // connected, but the server's camera has not come yet
+let waiting = 0; // the animation frame that is asked for
+
+const report = { frames: 0, latency: [], timed: 0 };
+
+const messages = {
+  hello({ title }) {
+    document.title = `${title} - pointray`;
+    panel.setTitle(String(title));
+  },
+  place: ({ bounds }) => motion.setBounds(bounds),
+  camera: takeCamera,
+  panel: ({ folders }) => panel.build(folders),
+  values: ({ values }) => panel.setValues(values),
+  status: ({ lines }) => overlay.showStatus(lines),
+  progress: ({ stage, share }) => overlay.showProgress(stage, share),
+  toast: overlay.showToast,
+  copy: showCopy,
+  picked: (message) => markers.pick(message),
+  measured: (message) => markers.measure(message),
+  target: ({ position }) => act(() => motion.aim(position)),
+  legend: ({ image }) => overlay.showLegend(image),
+  frame: (header, payload) => picture.show(header, payload),
+  file: saveFile,
+};
+
+/** Types that this page does not know come from a newer server, and are nothing to it. */
+function received(message, payload) {
+  if (Object.hasOwn(messages, message?.type)) messages[message.type](message, payload);
+}
+
+/** The server's camera; after a reconnection it gets the page's instead. */
+function takeCamera(message) {
+  const keep = fresh && motion.camera;
+  fresh = false;
+  if (keep) sent.camera = null;
+  else if (!isCamera(message)) return;
+  else if (message.animate && motion.camera) motion.glide(copyCamera(message));
+  else {
+    motion.jump(message);
+    sent.camera = motion.camera;
+  }
+  wake();
+}
+
+function opened() {
+  fresh = true;
+  sent.camera = motion.camera;
+  sent.size = "";
+  picture.restart();
+  overlay.showBanner(false);
+  sendSize();
+}
+
+/** After each picture; also after one that was passed over, as the server waits for the word. */
+function drawn(header, shown) {
+  send({ type: "seen", number: header.number });
+  if (!shown) return;
+  report.frames += 1;
+  if (isCamera(header.camera)) markers.follow(header.camera, picture.aspect);
+  if (header.time > report.timed) measureLatency(header.time);
+}
+
+/** Of a camera's first picture only: the finer ones after it keep its time. */
+function measureLatency(time) {
+  report.timed = time;
+  requestAnimationFrame(() => {
+    report.latency.push(performance.now() - time);
+    if (report.latency.length > LATENCIES) report.latency.shift();
+  });
+}
+
+function send(message) {
+  return connection.send(message);
+}
+
+/** The view in device pixels. */
+function sendSize() {
+  const { innerWidth, innerHeight, devicePixelRatio } = window;
+  const ratio = Math.min(devicePixelRatio, WIDEST / innerWidth);
+  const size = { width: Math.round(innerWidth * ratio), height: Math.round(innerHeight * ratio) };
+  if (!(size.width > 0 && size.height > 0) || sent.size === JSON.stringify(size)) return;
+  if (send({ type: "size", ...size })) sent.size = JSON.stringify(size);
+}
+
+function sendCamera() {
+  if (!motion.camera || fresh || (sent.camera && sameCamera(sent.camera, motion.camera))) return;
+  if (send({ type: "camera", ...motion.camera, time: performance.now() })) sent.camera = motion.camera;
+}
+
+function sendSun() {
+  if (sun.dx || sun.dy) send({ type: "sun", ...sun });
+  sun.dx = sun.dy = 0;
+}
+
+/** Once an animation frame, and only while something moves. */
+function tick(now) {
+  waiting = 0;
+  if (motion.advance(now)) wake();
+  sendSize();
+  sendCamera();
+  sendSun();
+}
+
+function wake() {
+  waiting ||= requestAnimationFrame(tick);
+}
+
+/** Something that the next animation frame tells the server. */
+function act(action) {
+  action();
+  wake();
+}
+
+const connection = new Connection(`${location.protocol.replace("http", "ws")}//${location.host}/socket`, {
+  opened,
+  closed: () => overlay.showBanner(true),
+  received,
+});
+
+prepareDialogs();
+
+new Pointer(view, {
+  orbit: (dx, dy) => act(() => motion.orbit(-dx * TURN, dy * TURN)),
+  pan: (dx, dy) => act(() => motion.pan(dx, dy)),
+  dolly: (factor) => act(() => motion.dolly(factor)),
+  sun: (dx, dy) => act(() => Object.assign(sun, { dx: sun.dx + dx, dy: sun.dy + dy })),
+  query: (x, y, extend) => send({ type: "pick", x, y, purpose: "query", extend }),
+  target: (x, y) => send({ type: "pick", x, y, purpose: "target", extend: false }),
+});
+
+new Keys({
+  hold: (keys) => act(() => motion.hold(keys)),
+  view: (name) => send({ type: "view", name }),
+  clear: () => closeHelp() || markers.clear(),
+  help: toggleHelp,
+  plain: overlay.togglePlain,
+});
+
+window.addEventListener("resize", () => act(() => markers.redraw()));
+
+window.pointray = {
+  camera: () => motion.camera && copyCamera(motion.camera),
+  get frames() {
+    return report.frames;
+  },
+  get last() {
+    return picture.header;
+  },
+  get latency() {
+    return report.latency;
+  },
+  get connected() {
+    return connection.connected;
+  },
+};
