@@ -8,7 +8,6 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
-from viewing import Browser
 from websockets.exceptions import InvalidStatus
 
 import pointray as pr
@@ -18,6 +17,7 @@ from pointray.viewer.messages import camera_of, parse, size_of
 from pointray.viewer.pace import FRAME, SCALES, Pace, next_pass
 from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
+from viewing import Browser
 
 SIZE = (160, 120)
 CLOSE = 1.5  # of 255, what JPEG may change on average
