@@ -169,7 +169,7 @@ class Painter:
         picture = Picture(scene, camera, wish.looks.settings(1))
         picture.add(0, 1, cancel=cancel)
         if cancel is None or not cancel.wanted:
-            self._send(wish, picture.image, stage, 1, time.perf_counter() - begun)
+            self._send(wish, picture.image, stage, (1, 1), time.perf_counter() - begun)
 
     def _refine(self, wish: Wish, scene: Scene) -> None:
         """Add samples, and show what there is now and then."""
@@ -187,7 +187,7 @@ class Painter:
             done, last, seconds = done + count, count, time.perf_counter() - begun
             if not self._keeps_up(wish):
                 return
-            self._send(wish, picture.image, REFINED, done, seconds)
+            self._send(wish, picture.image, REFINED, (done, count), seconds)
 
     def _is_old(self, wish: Wish, seconds: float) -> bool:
         """Whether something else is wished for, or is within some time."""
@@ -202,7 +202,10 @@ class Painter:
             )
             return self._wish is wish and self._open
 
-    def _send(self, wish: Wish, image: NDArray[np.float32], stage: Stage, samples: int, seconds: float) -> None:
+    def _send(
+        self, wish: Wish, image: NDArray[np.float32], stage: Stage, samples: tuple[int, int], seconds: float
+    ) -> None:
+        """Send a picture. samples : a pixel's in all, and those that were added in these seconds."""
         looks = wish.looks
         levels = levels_of(image, srgb_to_linear(np.array(looks.backdrop)), looks.exposure, looks.curve)
         stream = io.BytesIO()
@@ -210,8 +213,8 @@ class Painter:
         height, width = levels.shape[:2]
         with self._changed:
             self._drawn += 1
-        rays = width * height * samples
-        self._deliver(Frame(self._drawn, wish, (width, height), stage, samples, stream.getvalue(), seconds, rays))
+        rays = width * height * samples[1]
+        self._deliver(Frame(self._drawn, wish, (width, height), stage, samples[0], stream.getvalue(), seconds, rays))
 
 
 def _scaled(camera: Camera, scale: float) -> Camera:

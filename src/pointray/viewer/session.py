@@ -222,6 +222,8 @@ class Session:
             fov = FOV if self._camera is None else self._camera.fov
             way = None if name == "home" else np.array(VIEWS[name]) @ axes_of(self._subject.up)
             camera = Camera.frame(scene.bounds, way, fov=fov, size=self._size, up=self._subject.up)
+        if not animate:
+            self._camera = camera
         self._say(camera_message(camera, animate))
 
     def _changed(self, rebuild: bool) -> None:
