@@ -20,9 +20,10 @@ from ..image.write import check_image_path, write_image
 from ..picture import render
 from ..shade.lights import PointLight, SunLight
 from .looks import Looks
-from .messages import packed
 from .painter import Wish
 from .panel import Output
+from .subject import Progress
+from .voice import Voice
 
 log = logging.getLogger("pointray.view")
 
@@ -38,14 +39,12 @@ class Exports:
 
     Parameters
     ----------
-    say : callable
-        Takes a message for the page.
-    send : callable
-        Takes a file for it, packed.
+    voice : Voice
+        To the page that they are for.
     """
 
-    def __init__(self, say: Callable[[dict[str, Any]], None], send: Callable[[bytes], None]) -> None:
-        self._say, self._send = say, send
+    def __init__(self, voice: Voice) -> None:
+        self._voice = voice
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -55,10 +54,10 @@ class Exports:
             text, what = _command(wish, output, title), "Camera as a command"
             if name == "copy.python":
                 text, what = _python(wish.camera, wish.looks, output), "Camera as Python"
-            self._say({"type": "copy", "text": text, "title": what})
+            self._voice.say(type="copy", text=text, title=what)
             return
         if self._thread is not None and self._thread.is_alive():
-            self._toast("warning", "one is being made: wait for it, or stop it")
+            self._voice.toast("warning", "one is being made: wait for it, or stop it")
             return
         self._stop.clear()
         work = self._film if name == "save.film" else self._picture
@@ -76,13 +75,13 @@ class Exports:
             with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
                 work(wish, output, Path(folder), stem)
         except StoppedError:
-            self._toast("info", "stopped")
+            self._voice.toast("info", "stopped")
         except (OSError, ValueError) as error:
-            self._toast("error", str(error))
+            self._voice.toast("error", str(error))
         except Exception as error:
             log.exception("while saving")
-            self._toast("error", f"{type(error).__name__}: {error}")
-        self._say({"type": "progress", "stage": "", "share": None})
+            self._voice.toast("error", f"{type(error).__name__}: {error}")
+        self._voice.progress(Progress())
 
     def _picture(self, wish: Wish, output: Output, folder: Path, stem: str) -> None:
         """Render and send one picture."""
@@ -120,15 +119,10 @@ class Exports:
     def _tell(self, stage: str, share: float) -> None:
         if self._stop.is_set():
             raise StoppedError
-        self._say({"type": "progress", "stage": stage, "share": share})
+        self._voice.progress(Progress(stage, share))
 
     def _give(self, path: Path) -> None:
-        """Send a file to the page, which saves it."""
-        header = {"type": "file", "name": path.name, "mime": MIME[path.suffix[1:]]}
-        self._send(packed(header, path.read_bytes()))
-
-    def _toast(self, level: str, text: str) -> None:
-        self._say({"type": "toast", "level": level, "text": text, "stay": False})
+        self._voice.file(path.name, MIME[path.suffix[1:]], path.read_bytes())
 
 
 def _command(wish: Wish, output: Output, title: str) -> str:

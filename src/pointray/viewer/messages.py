@@ -57,11 +57,6 @@ def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
     return Camera.look_at(**places, fov=number(message, "fov", 0.01, 179), size=size)  # type: ignore[arg-type]
 
 
-def camera_message(camera: Camera, animate: bool) -> dict[str, Any]:
-    """Tells a page to go where a camera is."""
-    return {"type": "camera", **describe(camera), "animate": animate}
-
-
 def describe(camera: Camera) -> dict[str, Any]:
     """A camera as pages have it."""
     return {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}

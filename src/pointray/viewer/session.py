@@ -1,41 +1,35 @@
-"""One browser: what it says, and what it is told."""
+"""One browser: what it says, and what is done about it."""
 
 from __future__ import annotations
 
-import base64
-import io
-import json
 import logging
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from PIL import Image
+from numpy.typing import NDArray
 
-from .. import __version__
 from ..camera import Camera
-from ..image.legend import draw_legend
 from ..scene import Scene
-from . import exports
-from .controls import Control
+from .controls import Control, Folder
+from .exports import Exports
 from .lamps import SUN, axes_of
 from .looks import CONSTANT, OWN, Looks
-from .messages import camera_message, camera_of, describe, number, packed, parse, size_of, word
-from .painter import Frame, Painter, Wish
+from .messages import camera_of, number, parse, size_of, word
+from .painter import Painter, Wish
 from .panel import Output, folders
 from .pick import pick
 from .server import Link
 from .subject import Subject
+from .voice import Voice
 
 log = logging.getLogger("pointray.view")
 
 SIZE = (1280, 720)  # of a view that has not said its size
 FOV = 40.0
-STATUS = 0.25  # seconds between two statistics
 TURN = 180.0  # degrees that the sun turns over a window's height
 VIEWS = {
     "front": (0.0, 1.0, 0.0),  # right, front, up
@@ -57,19 +51,22 @@ class Session:
     """
 
     def __init__(self, link: Link, subject: Subject, ended: Callable[[Session], None]) -> None:
-        self._link, self._subject, self._ended = link, subject, ended
+        self._subject, self._ended, self._voice = subject, ended, Voice(link)
         self._lock = threading.RLock()
         self._size, self._time = SIZE, 0.0
         self._camera: Camera | None = None
         self._looks: Looks | None = None
         self._output = Output()
         self._version: tuple[int, int] | None = None
-        self._last_pick: np.ndarray[Any, Any] | None = None
-        self._said, self._status_at, self._problem = "", 0.0, ""
+        self._picked: NDArray[np.float64] | None = None
+        self._problem = ""
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
-        self._export = exports.Exports(self._say, link.send)
-        self._painter = Painter(self._deliver, lambda text: self._toast("error", text))
-        self._say({"type": "hello", "title": subject.title, "version": __version__})
+        self._exports = Exports(self._voice)
+        self._painter = Painter(
+            lambda frame: self._voice.frame(frame, self._painter.frames_a_second),
+            lambda text: self._voice.toast("error", text),
+        )
+        self._voice.hello(subject.title)
         self._leave = subject.listen(self._follow)
         self._panel()
         self._follow()
@@ -90,7 +87,7 @@ class Session:
         """The browser has gone: nothing more is drawn for it."""
         self._leave()
         self._painter.close()
-        self._export.stop()
+        self._exports.stop()
         self._jobs.shutdown(wait=False, cancel_futures=True)
         self._ended(self)
 
@@ -143,9 +140,9 @@ class Session:
             self._looks = self._looks.without_lamp(int(name.split(".")[1]))
             self._changed(True)
         elif name == "save.stop":
-            self._export.stop()
+            self._exports.stop()
         elif self._camera is not None:
-            self._export.start(name, self._wish(), self._output, self._subject.title)
+            self._exports.start(name, self._wish(), self._output, self._subject.title)
 
     def _on_sun(self, message: dict[str, Any]) -> None:
         dx, dy = number(message, "dx", -10, 10), number(message, "dy", -10, 10)
@@ -162,7 +159,7 @@ class Session:
         elevation = max(-90.0, min(90.0, lamp.elevation - TURN * dy))
         at = f"lamps.{suns[0]}."
         self._looks = self._looks.with_value(f"{at}azimuth", azimuth).with_value(f"{at}elevation", elevation)
-        self._say({"type": "values", "values": {f"{at}azimuth": azimuth, f"{at}elevation": elevation}})
+        self._voice.say(type="values", values={f"{at}azimuth": azimuth, f"{at}elevation": elevation})
         self._want()
 
     def _on_view(self, message: dict[str, Any]) -> None:
@@ -189,12 +186,11 @@ class Session:
 
     def _follow(self) -> None:
         """The subject has changed in some way."""
-        progress = self._subject.progress
-        self._say({"type": "progress", "stage": progress.stage, "share": progress.share})
+        self._voice.progress(self._subject.progress)
         with self._lock:
             if self._subject.problem != self._problem:
                 self._problem = self._subject.problem
-                self._toast("error", self._problem, stay=True)
+                self._voice.toast("error", self._problem, stay=True)
             scene, version = self._subject.scene, self._subject.version
             if scene is not None and scene.models and version != self._version:
                 self._version = version
@@ -205,7 +201,7 @@ class Session:
         """There is another scene, or more of it."""
         if self._looks is None:
             self._looks = Looks.of(self._subject, scene)
-        self._say({"type": "place", "bounds": scene.bounds.tolist(), "up": list(self._subject.up)})
+        self._voice.place(scene, self._subject.up)
         self._panel()
         self._legend()
         if self._camera is None:
@@ -224,7 +220,7 @@ class Session:
             camera = Camera.frame(scene.bounds, way, fov=fov, size=self._size, up=self._subject.up)
         if not animate:
             self._camera = camera
-        self._say(camera_message(camera, animate))
+        self._voice.go(camera, animate)
 
     def _changed(self, rebuild: bool) -> None:
         """The looks are others."""
@@ -243,9 +239,9 @@ class Session:
         return Wish(self._camera, self._looks, self._subject.scene, subject.version, subject.up, refine, self._time)
 
     def _panel(self) -> None:
-        self._say({"type": "panel", "folders": [folder.describe() for folder in self._folders()]})
+        self._voice.panel(self._folders())
 
-    def _folders(self) -> Any:
+    def _folders(self) -> list[Folder]:
         scene = self._subject.scene
         looks = self._looks or Looks()
         return folders(looks, self._subject.build, self._output, None if self._looks is None else scene)
@@ -254,27 +250,23 @@ class Session:
         for folder in self._folders():
             for control in folder.controls:
                 if control.name == name:
-                    return control  # type: ignore[no-any-return]
+                    return control
         raise ValueError(f"there is no control {name!r:.60}")
 
     def _legend(self) -> None:
-        """Draw what the colours mean, beside the picture."""
+        """Say what the colours mean."""
         assert self._looks is not None
         if self._looks.color_by in (OWN, CONSTANT) or self._looks.material in ("mirror", "glass"):
-            self._say({"type": "legend", "image": None})
-            return
-        self._jobs.submit(self._draw_legend, self._wish())
+            self._voice.legend(None)
+        else:
+            self._jobs.submit(self._draw_legend, self._wish())
 
     def _draw_legend(self, wish: Wish) -> None:
         try:
             shown = self._painter.dress(wish).shown_attributes
         except ValueError:  # the painter says so
             return
-        blank = np.zeros((600, 220, 4), np.uint8)
-        stream = io.BytesIO()
-        Image.fromarray(draw_legend(blank, shown[0])).save(stream, "PNG")
-        data = base64.b64encode(stream.getvalue()).decode()
-        self._say({"type": "legend", "image": f"data:image/png;base64,{data}"})
+        self._voice.legend(shown[0])
 
     def _pick(self, wish: Wish, place: tuple[float, float], purpose: str, extend: bool) -> None:
         try:
@@ -284,49 +276,8 @@ class Session:
             return
         if found is None:
             return
-        position = found.position.tolist()
         if purpose == "target":
-            self._say({"type": "target", "position": position})
+            self._voice.say(type="target", position=found.position.tolist())
             return
-        first = self._last_pick if extend else None
-        self._say({"type": "picked", "lines": found.lines, "position": position, "second": first is not None})
-        if first is not None:
-            length = float(np.linalg.norm(found.position - first))
-            self._say({"type": "measured", "from": first.tolist(), "to": position, "text": f"{length:.6g}"})
-        self._last_pick = found.position
-
-    def _deliver(self, frame: Frame) -> None:
-        """A picture has been drawn."""
-        header = {
-            "type": "frame",
-            "number": frame.number,
-            "camera": describe(frame.wish.camera),
-            "time": frame.wish.time,
-            "width": frame.size[0],
-            "height": frame.size[1],
-            "stage": frame.stage.name,
-            "samples": frame.samples,
-            "mime": "image/jpeg",
-        }
-        self._link.send(packed(header, frame.jpeg))
-        now = time.perf_counter()
-        if now - self._status_at > STATUS or frame.samples == frame.wish.looks.samples:
-            self._status_at = now
-            self._say({"type": "status", "lines": self._statistics(frame)})
-
-    def _statistics(self, frame: Frame) -> list[str]:
-        models = frame.wish.scene.models
-        points = sum(len(model.points) for model in models)
-        held = sum(model.nbytes for model in models) / 2**20
-        size = f"{frame.size[0]}x{frame.size[1]}"
-        rate = f"{self._painter.frames_a_second:.0f} fps, {size}"
-        if frame.samples > 1:
-            rate = f"{frame.samples:,} of {frame.wish.looks.samples:,} samples, {size}"
-        rays = frame.rays / max(frame.seconds, 1e-9) / 1e6
-        return [rate, f"{rays:.1f} million camera rays/s", f"{points:,} points, {held:,.0f} MiB"]
-
-    def _toast(self, level: str, text: str, stay: bool = False) -> None:
-        self._say({"type": "toast", "level": level, "text": text, "stay": stay})
-
-    def _say(self, message: dict[str, Any]) -> None:
-        self._link.send(json.dumps(message))
+        self._voice.found(found, self._picked if extend else None)
+        self._picked = found.position

@@ -1,0 +1,108 @@
+"""What a page is told, in the words of the protocol."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from .. import __version__
+from ..camera import Camera
+from ..image.legend import draw_legend
+from ..scene import Scene
+from ..shade.attributes import Attribute
+from .controls import Folder
+from .messages import describe, packed
+from .painter import Frame
+from .pick import Found
+from .server import Link
+from .subject import Progress
+
+STATUS = 0.25  # seconds between two statistics
+LEGEND = (600, 220)  # pixels
+
+
+class Voice:
+    """Speaks to the page at the other end of a link; from any thread."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._status_at = 0.0
+
+    def say(self, **message: Any) -> None:
+        """A message as it is."""
+        self._link.send(json.dumps(message))
+
+    def hello(self, title: str) -> None:
+        self.say(type="hello", title=title, version=__version__)
+
+    def place(self, scene: Scene, up: Sequence[float]) -> None:
+        """Where the scene is."""
+        self.say(type="place", bounds=scene.bounds.tolist(), up=list(up))
+
+    def go(self, camera: Camera, animate: bool) -> None:
+        """The page's camera goes there."""
+        self.say(type="camera", **describe(camera), animate=animate)
+
+    def panel(self, folders: Sequence[Folder]) -> None:
+        self.say(type="panel", folders=[folder.describe() for folder in folders])
+
+    def progress(self, progress: Progress) -> None:
+        self.say(type="progress", stage=progress.stage, share=progress.share)
+
+    def toast(self, level: str, text: str, stay: bool = False) -> None:
+        """A word that goes away. level : "info", "warning", "error"."""
+        self.say(type="toast", level=level, text=text, stay=stay)
+
+    def found(self, found: Found, first: NDArray[np.float64] | None) -> None:
+        """What is under the mouse, and how far it is from what was before, if that was a first one."""
+        position = found.position.tolist()
+        self.say(type="picked", lines=found.lines, position=position, second=first is not None)
+        if first is not None:
+            length = float(np.linalg.norm(found.position - first))
+            self.say(**{"type": "measured", "from": first.tolist(), "to": position, "text": f"{length:.6g}"})
+
+    def legend(self, attribute: Attribute | None) -> None:
+        """What the colours mean, drawn; None: nothing."""
+        if attribute is None:
+            self.say(type="legend", image=None)
+            return
+        stream = io.BytesIO()
+        Image.fromarray(draw_legend(np.zeros((*LEGEND, 4), np.uint8), attribute)).save(stream, "PNG")
+        self.say(type="legend", image=f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}")
+
+    def file(self, name: str, mime: str, contents: bytes) -> None:
+        """A file for the page to save."""
+        self._link.send(packed({"type": "file", "name": name, "mime": mime}, contents))
+
+    def frame(self, frame: Frame, rate: float) -> None:
+        """A picture, and now and then the statistics. rate : frames a second."""
+        width, height = frame.size
+        header = {"number": frame.number, "camera": describe(frame.wish.camera), "time": frame.wish.time}
+        header |= {"width": width, "height": height, "stage": frame.stage.name, "samples": frame.samples}
+        self._link.send(packed({"type": "frame", **header, "mime": "image/jpeg"}, frame.jpeg))
+        now = time.perf_counter()
+        if now - self._status_at > STATUS or frame.samples == frame.wish.looks.samples:
+            self._status_at = now
+            self.say(type="status", lines=_statistics(frame, rate))
+
+
+def _statistics(frame: Frame, rate: float) -> list[str]:
+    models = frame.wish.scene.models
+    points, held = sum(len(model.points) for model in models), sum(model.nbytes for model in models) / 2**20
+    what = f"{rate:.0f} fps"
+    if frame.samples > 1:
+        what = f"{frame.samples:,} of {frame.wish.looks.samples:,} samples"
+    rays = frame.rays / max(frame.seconds, 1e-9) / 1e6
+    return [
+        f"{what}, {frame.size[0]}x{frame.size[1]}",
+        f"{rays:.1f} million camera rays/s",
+        f"{points:,} points, {held:,.0f} MiB",
+    ]
