@@ -41,7 +41,7 @@ def scene(model):
 
 @pytest.fixture
 def viewer(scene):
-    viewer = Viewer(Subject("statue", scene))
+    viewer = Viewer(Subject("statue", scene, source="my scans/statue.ply"))
     yield viewer
     viewer.close()
 
@@ -252,7 +252,8 @@ def test_the_camera_as_a_command_and_as_python(browser, scene):
     camera = browser.arrive()
     browser.say(type="press", name="copy.command")
     text = browser.listen(lambda: browser.last("copy"))["text"]
-    assert text.startswith("pointray render ") and "--light sun:" in text
+    assert text.startswith("pointray render 'my scans/statue.ply' -o picture.png --eye=")
+    assert " --light sun:" in text
     browser.say(type="press", name="copy.python")
     text = browser.listen(lambda: (m := browser.last("copy")) and m["text"].startswith("camera") and m["text"])
     names = {"pr": pr, "scene": scene}

@@ -30,7 +30,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
         typed = {name: value for name, value in options.items() if name != "files"}
         plan = SceneStage(files[0], typed, SERVING).plan
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
-        return Subject(files[0].name, up=tuple(up), settings=plan.settings), Described(plan)
+        return Subject(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
     up = View("1x1", up=place["up"]).up
     lights = [light_of(text) for text in place["light"] or []]
     background = background_of(place["background"]) if "background" in options else None
@@ -46,8 +46,10 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
 
     loader = Files(files, surface, furnish)
     loader.check()
-    title = files[0].name if len(files) == 1 else f"{files[0].name} and {len(files) - 1} more"
-    return Subject(title, up=up, settings=place["settings"]), loader
+    title, source = files[0].name, str(files[0])
+    if len(files) > 1:
+        title, source = f"{title} and {len(files) - 1} more", ""
+    return Subject(title, None, up, place["settings"], source), loader
 
 
 def serve(subject: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:

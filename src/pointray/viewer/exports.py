@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shlex
 import tempfile
 import threading
 from collections.abc import Callable
@@ -12,17 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
 from ..film import turntable
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
+from ..image.tone import srgb_to_linear
 from ..image.write import check_image_path, write_image
 from ..picture import render
 from ..shade.lights import PointLight, SunLight
-from .looks import Looks
+from .looks import CONSTANT, OWN
 from .painter import Wish
 from .panel import Output
-from .subject import Progress
+from .subject import Progress, Subject
 from .voice import Voice
 
 log = logging.getLogger("pointray.view")
@@ -48,13 +49,13 @@ class Exports:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def start(self, name: str, wish: Wish, output: Output, title: str) -> None:
+    def start(self, name: str, wish: Wish, output: Output, subject: Subject) -> None:
         """Do what a button says."""
-        if name.startswith("copy."):
-            text, what = _command(wish, output, title), "Camera as a command"
-            if name == "copy.python":
-                text, what = _python(wish.camera, wish.looks, output), "Camera as Python"
-            self._voice.say(type="copy", text=text, title=what)
+        if name == "copy.command":
+            self._voice.say(type="copy", text=_command(wish, output, subject.source), title="Picture as a command")
+            return
+        if name == "copy.python":
+            self._voice.say(type="copy", text=_python(wish, output), title="Picture as Python")
             return
         if self._thread is not None and self._thread.is_alive():
             self._voice.toast("warning", "one is being made: wait for it, or stop it")
@@ -62,7 +63,7 @@ class Exports:
         self._stop.clear()
         work = self._film if name == "save.film" else self._picture
         self._thread = threading.Thread(
-            target=self._run, args=(work, wish, output, Path(title).stem), name="pointray-export", daemon=True
+            target=self._run, args=(work, wish, output, Path(subject.title).stem), name="pointray-export", daemon=True
         )
         self._thread.start()
 
@@ -125,16 +126,22 @@ class Exports:
         self._voice.file(path.name, MIME[path.suffix[1:]], path.read_bytes())
 
 
-def _command(wish: Wish, output: Output, title: str) -> str:
-    """A command line that renders what is seen."""
+def _command(wish: Wish, output: Output, source: str) -> str:
+    """A command line that renders what is seen, as far as it has words for that."""
     camera, looks = wish.camera, wish.looks
-    vectors = " ".join(f"--{name}={_commas(getattr(camera, name))}" for name in ("eye", "target", "up"))
-    parts = [f"pointray render {title} -o picture.{output.format} {vectors} --fov {camera.fov:.6g}"]
-    parts.append(f"--size {output.width}x{output.height} --integrator {looks.integrator} --spp {output.samples}")
-    if not title.endswith(".toml"):
-        parts += [f"--light {text}" for text in map(_light_text, looks.lights(wish.up)) if text]
-        parts += ["--ground"] if looks.ground else []
-    return " ".join(parts)
+    words = ["pointray", "render", source, "-o", f"picture.{output.format}"]
+    words += [f"--{name}={_commas(getattr(camera, name))}" for name in ("eye", "target", "up")]
+    words += ["--fov", f"{camera.fov:.6g}", "--size", f"{output.width}x{output.height}"]
+    words += ["--integrator", looks.integrator, "--spp", str(output.samples)]
+    words += ["--exposure", f"{looks.exposure:g}"] if looks.exposure else []
+    if not source.endswith(".toml"):
+        for light in looks.lights(wish.up):
+            words += ["--light", text] if (text := _light_text(light)) else []
+        words += ["--ground"] if looks.ground else []
+        words += ["--background", _commas(srgb_to_linear(np.array(looks.backdrop)))]
+        if looks.color_by not in (OWN, CONSTANT):
+            words += ["--color-by", f"{looks.color_by}:{looks.colormap}"]
+    return shlex.join(words)
 
 
 def _light_text(light: Any) -> str:
@@ -146,8 +153,9 @@ def _light_text(light: Any) -> str:
     return ""
 
 
-def _python(camera: Camera, looks: Looks, output: Output) -> str:
+def _python(wish: Wish, output: Output) -> str:
     """Python that renders what is seen, of a scene."""
+    camera, looks = wish.camera, wish.looks
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height
     return (

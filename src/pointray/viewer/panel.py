@@ -11,7 +11,7 @@ from .controls import Control, Folder
 from .lamps import OWN as OWN_LIGHT
 from .lamps import POINT, SKY, SUN, Lamp
 from .looks import AXES, CONSTANT, OWN, Looks, colorings
-from .subject import Build
+from .subject import Build, Subject
 
 SAID = {
     "phong": "Phong: direct light, shadows",
@@ -40,13 +40,22 @@ class Output(NamedTuple):
     fps: float = 24.0
 
 
-def folders(looks: Looks, build: Build | None, output: Output, scene: Scene | None) -> list[Folder]:
-    """All of the panel."""
+def folders(looks: Looks, subject: Subject, output: Output, scene: Scene | None) -> list[Folder]:
+    """All of the panel, for a scene or while there is none yet."""
+    build = subject.build
     if scene is None:
         return [Folder("View", [Control("help", "", "note", KEYS)], open=True)]
     material = [] if not scene.models else [_material(looks, scene)]
     surface = [] if build is None else [_surface(build)]
-    return [_view(looks), _light(looks), *material, *surface, _cut(looks), _save(output), _film(output)]
+    return [
+        _view(looks),
+        _light(looks),
+        *material,
+        *surface,
+        _cut(looks),
+        _save(output, bool(subject.source)),
+        _film(output),
+    ]
 
 
 def _view(looks: Looks) -> Folder:
@@ -193,7 +202,7 @@ def _cut(looks: Looks) -> Folder:
     return Folder("Cut open, ground", [*rows, ground])
 
 
-def _save(output: Output) -> Folder:
+def _save(output: Output, has_command: bool) -> Folder:
     formats = [("png", "PNG"), ("jpg", "JPEG"), ("exr", "EXR")]
     return Folder(
         "Picture",
@@ -206,7 +215,7 @@ def _save(output: Output) -> Folder:
                 "output.denoise", "Denoise", "switch", output.denoise, hint="Of path tracing and ambient occlusion"
             ),
             Control("save.picture", "Save the picture", "button"),
-            Control("copy.command", "Copy as a command", "button"),
+            *([Control("copy.command", "Copy as a command", "button")] if has_command else []),
             Control("copy.python", "Copy as Python", "button"),
         ],
     )

@@ -142,7 +142,7 @@ class Session:
         elif name == "save.stop":
             self._exports.stop()
         elif self._camera is not None:
-            self._exports.start(name, self._wish(), self._output, self._subject.title)
+            self._exports.start(name, self._wish(), self._output, self._subject)
 
     def _on_sun(self, message: dict[str, Any]) -> None:
         dx, dy = number(message, "dx", -10, 10), number(message, "dy", -10, 10)
@@ -244,7 +244,7 @@ class Session:
     def _folders(self) -> list[Folder]:
         scene = self._subject.scene
         looks = self._looks or Looks()
-        return folders(looks, self._subject.build, self._output, None if self._looks is None else scene)
+        return folders(looks, self._subject, self._output, None if self._looks is None else scene)
 
     def _control(self, name: str) -> Control:
         for folder in self._folders():

@@ -58,6 +58,8 @@ class Subject:
     Attributes
     ----------
     title : str
+    source : str
+        The file, as `pointray render` takes it; empty: there is none, or several.
     up : (3,) tuple
     home : Camera or None
         Where a browser begins; None: where it sees all.
@@ -73,8 +75,9 @@ class Subject:
         scene: Scene | None = None,
         up: tuple[float, float, float] = (0.0, 0.0, 1.0),
         settings: Settings | None = None,
+        source: str = "",
     ) -> None:
-        self.title, self.up, self.settings = title, up, settings or Settings()
+        self.title, self.up, self.settings, self.source = title, up, settings or Settings(), source
         self.home: Camera | None = None
         self.exposure, self.curve = 0.0, "srgb"
         self.problem = ""
