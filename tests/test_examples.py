@@ -64,3 +64,14 @@ def test_example(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_the_same_in_toml_and_in_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = (picture_of(name, tmp_path, monkeypatch) for name in ("01_statue.toml", "06_statue.py"))
     assert (one == other).all()
+
+
+def test_notebook(tmp_path: Path) -> None:
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    book = nbformat.read(FOLDER / "notebook.ipynb", as_version=4)
+    for cell in book.cells:
+        cell.source = cell.source.replace("50_000", "2_500").replace("spp=16", "spp=2")
+    nbclient.NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    shown = [part.data for cell in book.cells for part in cell.get("outputs", []) if "data" in part]
+    assert any("<iframe src=" in data.get("text/html", "") for data in shown)
+    assert any("image/png" in data for data in shown)

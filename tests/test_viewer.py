@@ -446,3 +446,29 @@ def test_pace_holds_the_frame_rate():
         assert not finer or whole * finer[-1] ** 2 > 0.79 * FRAME
     assert next_pass(1, 10.0) == 1
     assert next_pass(8, 0.01) == 16
+
+
+def test_a_viewer_of_a_scene(scene, capsys):
+    viewer = pr.view(scene, open_browser=False, block=False)
+    assert viewer.url in capsys.readouterr().out
+    browser = Browser(viewer.url, SIZE)
+    camera = browser.arrive()
+    frame = browser.refined(64)
+    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < CLOSE
+    assert f'src="{viewer.url}"' in viewer._repr_html_()
+    browser.close()
+    viewer.close()
+    with pytest.raises(ValueError, match="view shows a Scene, not int"):
+        pr.view(3)
+
+
+def test_a_scene_without_models_waits_for_one(model):
+    scene = pr.Scene()
+    viewer = Viewer(Subject("empty", scene))
+    browser = Browser(viewer.url, SIZE)
+    browser.listen(lambda: browser.last("panel"))
+    scene.add(model)
+    browser.arrive()
+    browser.refined(64)
+    browser.close()
+    viewer.close()

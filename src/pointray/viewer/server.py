@@ -150,7 +150,7 @@ class Server:
                 )
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
-                    raise
+                    raise OSError(error.errno, f"cannot listen there: {error.strerror}", self.host) from error
                 continue
             self._ready.set()
             return listener

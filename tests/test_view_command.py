@@ -1,0 +1,167 @@
+"""`pointray view`, as a program: what it prints, what it shows of files, and how it ends."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from pointray.cli import execute
+from pointray.viewer import loading
+from pointray.viewer.subject import Subject
+from viewing import Browser
+
+SIZE = (160, 120)
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("view") / "statue.ply"
+    pr.write(path, pr.procedural("statue", 20_000))
+    return path
+
+
+@pytest.fixture
+def start():
+    started = []
+
+    def begin(*arguments):
+        """The process, and the address that it prints."""
+        command = [sys.executable, "-m", "pointray.cli", "view", "--no-open", *map(str, arguments)]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**os.environ, "BROWSER": "none"})
+        started.append(process)
+        said = []
+        while not (found := re.search(r"http://\S+/", said[-1] if said else "")):
+            said.append(process.stderr.readline())
+            assert said[-1], said
+        return process, found.group(), said
+
+    yield begin
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
+def test_it_shows_a_scan_until_it_is_interrupted(scan, start):
+    process, url, _ = start(scan, "--light", "sun:1,1,-2", "--ground")
+    browser = Browser(url, SIZE)
+    browser.arrive()
+    browser.refined(64)
+    assert browser.told[0]["title"] == "statue.ply"
+    assert "lamps.0.azimuth" in browser.controls() and "copy.command" in browser.controls()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10) == 130
+    assert process.stderr.read() == ""
+
+
+def test_a_taken_port_is_said(scan, start):
+    _, url, _ = start(scan)
+    port = int(url.rstrip("/").rsplit(":", 1)[1])
+    _, other, said = start(scan, "--port", port)
+    assert other != url
+    assert f"pointray: port {port} is taken\n" in said
+
+
+def test_listening_beyond_this_machine_is_said(scan, start):
+    _, url, said = start(scan, "--host", "0.0.0.0")
+    assert any("note: --host 0.0.0.0: whoever reaches this machine" in line for line in said)
+    Browser(url, SIZE).close()
+
+
+def test_several_files_and_saved_models_together(scan, start, tmp_path):
+    points = pr.procedural("sphere", 5_000)
+    pr.Model(pr.Points(points.positions + np.float32(3), points.normals)).save(tmp_path / "ball.pointray")
+    _, url, _ = start(scan, tmp_path / "ball.pointray")
+    browser = Browser(url, SIZE)
+    browser.arrive()
+    browser.refined(64)
+    assert browser.last("hello")["title"] == "statue.ply and 1 more"
+    assert browser.last("place")["bounds"][1] == pytest.approx([4, 4, 4], abs=0.01)
+    assert "copy.command" not in browser.controls()
+
+
+def test_a_scene_file(start, tmp_path):
+    text = """
+        exposure = 1.0
+        background = [0.2, 0.3, 0.4]
+        [models.ball]
+        procedural = "sphere"
+        points = 3000
+        [[instances]]
+        model = "ball"
+        [[lights]]
+        kind = "sphere"
+        center = [3, -3, 3]
+        radius = 0.5
+        radiance = 20
+        [camera]
+        eye = [0, -5, 1]
+        target = [0, 0, 0]
+        [settings]
+        integrator = "path"
+        spp = 128
+    """
+    (tmp_path / "ball.toml").write_text(text)
+    _, url, _ = start(tmp_path / "ball.toml")
+    browser = Browser(url, SIZE)
+    camera = browser.arrive()
+    assert camera["eye"] == [0, -5, 1]
+    browser.refined(128)
+    controls = browser.controls()
+    assert controls["integrator"]["value"] == "path" and controls["exposure"]["value"] == 1.0
+    assert controls["lamps.0.on"]["label"] == "1: SphereLight"
+
+
+def test_large_scans_are_shown_in_part_first(tmp_path, monkeypatch):
+    path = tmp_path / "statue.ply"
+    pr.write(path, pr.procedural("statue", 8_000))
+    monkeypatch.setattr(loading, "COARSE", 1_000)
+    monkeypatch.setattr(loading, "WORTH", 4_000)
+    shown, stages = [], []
+    subject = Subject("statue.ply")
+    subject.listen(lambda: (shown.append(subject.scene), stages.append(subject.progress.stage)))
+    subject.load(loading.Files([path], {}, lambda scene: None)).join(60)
+    models = list(dict.fromkeys(scene.models[0] for scene in shown if scene is not None))
+    assert [len(model.points) > 4_000 for model in models] == [False, True]
+    assert stages[0] == "reading statue.ply" and stages[-1] == "" and "building: tree" in stages
+    assert models[0].bounds == pytest.approx(models[1].bounds, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("nothing.ply", "nothing.ply: No such file or directory"),
+        ("note.txt", "note.txt: cannot read .txt"),
+        (".", "not a regular file"),
+        ("scan.ply a.toml", "a scene file is viewed alone"),
+        ("scan.ply --up 0,0,0", "--up must not be zero"),
+        ("scan.ply --light moon:1,2,3", "--light must be like"),
+        ("scan.ply --background blue", "--background must be three numbers"),
+        ("scan.ply --radius-scale 0", "--radius-scale must be a positive number"),
+        ("scan.ply --port 99999", "Invalid value for '--port'"),
+        ("scan.ply --host 203.0.113.7 --no-open", "203.0.113.7"),
+        ("scan.ply --host no.such.host.invalid --no-open", "no.such.host.invalid"),
+    ],
+)
+def test_bad_input(arguments, message, scan, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scan.ply").write_bytes(scan.read_bytes())
+    (tmp_path / "note.txt").write_text("x")
+    (tmp_path / "a.toml").write_text("")
+    assert execute(["view", *arguments.split()]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1, error
+
+
+def test_a_damaged_file_is_said_on_the_page(start, tmp_path, scan):
+    path = tmp_path / "cut.ply"
+    path.write_bytes(scan.read_bytes()[:50_000])
+    _, url, _ = start(path)
+    browser = Browser(url, SIZE)
+    toast = browser.listen(lambda: browser.last("toast"))
+    assert toast["level"] == "error" and toast["stay"] and "cut.ply" in toast["text"]
