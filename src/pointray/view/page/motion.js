@@ -63,7 +63,7 @@ export class Motion {
     if (this.camera && isVector(position)) this.glide(moves.aimedAt(this.camera, position));
   }
 
-  /** Which way held keys take the camera, from now on: flight [right, up, forward], turn [right, up], each -1, 0 or 1. */
+  /** Which way held keys take the camera from now on: flight [right, up, forward], turn [right, up]; each -1, 0, 1. */
   hold(keys) {
     const resting = !this.#held;
     this.#keys = keys;

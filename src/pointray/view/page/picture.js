@@ -2,7 +2,7 @@
  * The pictures: decoded one after the other and shown over the whole window.
  *
  * A "bitmaprenderer" canvas takes the decoded bitmap as it is; drawing it into a 2D canvas is a copy more, and an <img>
- * costs the browser half as much again for each picture.
+ * of a blob: URL costs the browser 1.6 times as much or more (measured with Chromium without a graphics card).
  */
 
 export class Picture {
