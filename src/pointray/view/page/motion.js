@@ -47,9 +47,10 @@ export class Motion {
     this.move((camera) => moves.dolly(camera, factor, CLOSEST * this.diagonal));
   }
 
+  /** Is there at once; also the first camera of all. */
   jump(camera) {
-    this.move(() => moves.copyCamera(camera));
-    this.camera ??= moves.copyCamera(camera);
+    this.#glide = null;
+    this.camera = moves.copyCamera(camera);
   }
 
   /** Goes there smoothly; `advance` does the steps. */
