@@ -140,7 +140,7 @@ export function between(a, b, share) {
   };
 }
 
-/** A function from a point to its place in the picture: x, y are 0..1 from the left and the top; depth along the view. */
+/** A function from a point to its place in the picture: x, y 0..1 from the left and the top; depth along the view. */
 export function projector(camera, aspect) {
   const { forward, right, top } = viewAxes(camera);
   const half = Math.tan(radians(camera.fov) / 2);

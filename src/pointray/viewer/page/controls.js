@@ -3,8 +3,8 @@
 import { LogarithmicRange, Note, NumberField, VectorFields } from "./widgets.js";
 
 /** Colours: [r, g, b] sRGB 0..1 in messages, "#rrggbb" in lil-gui. */
-const toHex = (channels) =>
-  "#" + channels.map((value) => Math.round(255 * Math.min(1, Math.max(0, value))).toString(16).padStart(2, "0")).join("");
+const toByte = (value) => Math.round(255 * Math.min(1, Math.max(0, value)));
+const toHex = (channels) => "#" + channels.map((value) => toByte(value).toString(16).padStart(2, "0")).join("");
 const fromHex = (hex) => [1, 3, 5].map((start) => parseInt(hex.slice(start, start + 2), 16) / 255);
 
 const toNumber = (value) => (Number.isFinite(value) ? value : 0);

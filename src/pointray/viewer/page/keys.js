@@ -24,6 +24,11 @@ const TYPED = "input:not([type=checkbox], [type=color], [type=button]), textarea
 
 const isTyping = (event) => event.target instanceof Element && event.target.matches(TYPED);
 
+/** Escape gives the keys back to the camera. */
+function leave({ code, target }) {
+  if (code === "Escape") target.blur();
+}
+
 /** Sum of the directions of held keys: opposite ones cancel. */
 function direction(table, held, length) {
   const ways = [...held].map((code) => table[code]).filter(Boolean);
@@ -47,7 +52,8 @@ export class Keys {
   }
 
   #down(event) {
-    if (isTyping(event) || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (isTyping(event)) return leave(event);
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
     const acted = this.#hold(event) || this.#act(event);
     if (acted) event.preventDefault();
   }

@@ -60,10 +60,10 @@ function received(message, payload) {
 
 /** The server's camera; after a reconnection it gets the page's instead. */
 function takeCamera(message) {
-  const keep = fresh && motion.camera;
+  if (!isCamera(message)) return;
+  const kept = fresh && motion.camera;
   fresh = false;
-  if (keep) sent.camera = null;
-  else if (!isCamera(message)) return;
+  if (kept) sent.camera = null;
   else if (message.animate && motion.camera) motion.glide(copyCamera(message));
   else {
     motion.jump(message);
@@ -74,7 +74,6 @@ function takeCamera(message) {
 
 function opened() {
   fresh = true;
-  sent.camera = motion.camera;
   sent.size = "";
   picture.restart();
   overlay.showBanner(false);

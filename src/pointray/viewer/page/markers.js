@@ -81,7 +81,8 @@ export class Markers {
     byId("line").toggleAttribute("hidden", !ends);
     if (!ends) return;
     const [from, to] = ends;
-    for (const stroke of byId("line").querySelectorAll("line")) set(stroke, { x1: from.x, y1: from.y, x2: to.x, y2: to.y });
+    const places = { x1: from.x, y1: from.y, x2: to.x, y2: to.y };
+    for (const stroke of byId("line").querySelectorAll("line")) set(stroke, places);
     set(byId("line-text"), { x: (from.x + to.x) / 2, y: (from.y + to.y) / 2 });
   }
 

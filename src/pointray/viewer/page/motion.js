@@ -47,9 +47,10 @@ export class Motion {
     this.move((camera) => moves.dolly(camera, factor, CLOSEST * this.diagonal));
   }
 
+  /** Is there at once; also the first camera of all. */
   jump(camera) {
-    this.move(() => moves.copyCamera(camera));
-    this.camera ??= moves.copyCamera(camera);
+    this.#glide = null;
+    this.camera = moves.copyCamera(camera);
   }
 
   /** Goes there smoothly; `advance` does the steps. */
@@ -63,7 +64,7 @@ export class Motion {
     if (this.camera && isVector(position)) this.glide(moves.aimedAt(this.camera, position));
   }
 
-  /** Which way held keys take the camera, from now on: flight [right, up, forward], turn [right, up], each -1, 0 or 1. */
+  /** Which way held keys take the camera from now on: flight [right, up, forward], turn [right, up]; each -1, 0, 1. */
   hold(keys) {
     const resting = !this.#held;
     this.#keys = keys;

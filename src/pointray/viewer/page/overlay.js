@@ -23,6 +23,7 @@ export function showProgress(stage, share) {
 
 /** A message that goes after a while unless it is to stay; a second time the same one takes the first one's place. */
 export function showToast({ level = "info", text, stay = false }) {
+  if (!text) return;
   const toasts = byId("toasts");
   const again = [...toasts.children].find((toast) => toast.dataset.text === String(text));
   again?.remove();

@@ -4,6 +4,7 @@ import { addControl } from "./controls.js";
 import { GUI } from "./lil-gui.esm.min.js";
 
 const PAUSE = 50; // ms between two values of one control
+const NARROW = 600; // CSS px; in a narrower window the panel is closed at first
 
 export class Panel {
   #container;
@@ -39,7 +40,7 @@ export class Panel {
     this.#controls.clear();
     this.#gui = new GUI({ container: this.#container, title: this.#title, injectStyles: false });
     for (const folder of folders) this.#addFolder(folder);
-    this.#gui.open(this.#toggled.get("") ?? true);
+    this.#gui.open(this.#toggled.get("") ?? window.innerWidth > NARROW);
     this.#gui.onOpenClose((gui) => this.#toggled.set(gui === this.#gui ? "" : gui._title, !gui._closed));
     this.#gui.$children.scrollTop = scrolled;
   }

@@ -1,8 +1,9 @@
 /**
  * The pictures: decoded one after the other and shown over the whole window.
  *
- * A "bitmaprenderer" canvas takes the decoded bitmap as it is; drawing it into a 2D canvas is a copy more, and an <img>
- * costs the browser half as much again for each picture.
+ * A "bitmaprenderer" canvas takes the decoded bitmap as it is. Drawing it into a 2D canvas is a copy more: the same CPU
+ * time at 640 x 360, an eighth more at 1280 x 720; an <img> of a blob: URL takes 1.2 to 1.8 times as much (Chromium
+ * without a graphics card).
  */
 
 export class Picture {

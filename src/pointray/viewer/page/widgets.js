@@ -3,10 +3,12 @@
 import { Controller, NumberController } from "./lil-gui.esm.min.js";
 
 const DIGITS = 10; // of a number as it is shown: metres of a map, and their millimetres
+const SHORT = 6; // beside a slider, where there is less room
 const SLIDER_DIGITS = 3; // of a value that a logarithmic slider gives
 const KEY_STEP = 1.05; // factor of one arrow key on a logarithmic value
 
-const readable = (value, digits = DIGITS) => String(Number(value.toPrecision(digits)));
+const rounded = (value, digits) => (Number.isInteger(value) ? value : Number(value.toPrecision(digits)));
+const readable = (value, digits = DIGITS) => String(rounded(value, digits));
 
 const element = (name, className) => Object.assign(document.createElement(name), { className });
 
@@ -30,7 +32,8 @@ export class NumberField extends NumberController {
 
   updateDisplay() {
     super.updateDisplay();
-    if (document.activeElement !== this.$input) this.$input.value = readable(this.getValue());
+    const digits = this._hasSlider ? SHORT : DIGITS;
+    if (document.activeElement !== this.$input) this.$input.value = readable(this.getValue(), digits);
     return this;
   }
 }
@@ -53,7 +56,7 @@ export class LogarithmicRange extends Controller {
   updateDisplay() {
     const share = Math.log(this.getValue() / this.min) / Math.log(this.max / this.min);
     this.fill.style.width = `${100 * Math.min(1, Math.max(0, share || 0))}%`;
-    this.field.value = readable(this.getValue());
+    this.field.value = readable(this.getValue(), SHORT);
     return this;
   }
 
@@ -70,7 +73,7 @@ export class LogarithmicRange extends Controller {
       const power = { ArrowUp: 1, ArrowDown: -1 }[event.key];
       if (!power) return;
       event.preventDefault();
-      this.#set(Number(readable(this.getValue() * KEY_STEP ** power, SLIDER_DIGITS)));
+      this.#set(rounded(this.getValue() * KEY_STEP ** power, SLIDER_DIGITS));
     });
   }
 
@@ -79,7 +82,7 @@ export class LogarithmicRange extends Controller {
     const share = Math.min(1, Math.max(0, (event.clientX - left) / width));
     const value = this.min * (this.max / this.min) ** share;
     const stepped = this.step > 0 && value > this.step ? Math.round(value / this.step) * this.step : value;
-    this.#set(Number(readable(stepped, stepped === value ? SLIDER_DIGITS : DIGITS)));
+    this.#set(rounded(stepped, stepped === value ? SLIDER_DIGITS : DIGITS));
   }
 
   #set(value) {
