@@ -40,6 +40,8 @@ class Looks:
 
     Attributes
     ----------
+    base : Settings
+        What the panel has nothing for.
     samples : int
         Of a pixel, when it is refined.
     backdrop : (3,) sRGB
@@ -53,6 +55,7 @@ class Looks:
         The range of the attribute; None: found.
     """
 
+    base: Settings = Settings()
     integrator: str = "phong"
     samples: int = 64
     max_depth: int = 4
@@ -81,6 +84,7 @@ class Looks:
         """How a subject's scene looks by itself."""
         settings = subject.settings
         looks = cls(
+            base=replace(settings, time_limit=None, noise=None, denoise=False),
             integrator=settings.integrator,
             samples=max(settings.spp, 64),
             max_depth=settings.depth,
@@ -117,7 +121,8 @@ class Looks:
 
     def settings(self, spp: int) -> Settings:
         """For a picture of so many samples a pixel."""
-        return Settings(integrator=self.integrator, spp=spp, max_depth=self.max_depth, shadows=self.shadows)
+        shown: dict[str, Any] = {"integrator": self.integrator, "max_depth": self.max_depth, "shadows": self.shadows}
+        return replace(self.base, spp=spp, **shown)
 
     def lights(self, up: Vector) -> list[Light | EnvironmentLight]:
         """Those that are on."""

@@ -60,7 +60,11 @@ def folders(looks: Looks, subject: Subject, output: Output, scene: Scene | None)
 
 def _view(looks: Looks) -> Folder:
     around = [("color", "this colour"), ("sky", "the light all around"), ("scene", "the scene's own")]
-    depth = [_range(looks, "max_depth", "Bounces", 1, 32, 1)] if looks.integrator in ("phong", "path") else []
+    depth = (
+        [_range(looks, "max_depth", "Bounces", 0, max(32, looks.max_depth), 1)]
+        if looks.integrator in ("phong", "path")
+        else []
+    )
     return Folder(
         "View",
         [

@@ -171,6 +171,9 @@ class Session:
         if self._subject.scene is not None and self._camera is not None and self._looks is not None:
             self._jobs.submit(self._pick, self._wish(), (x, y), purpose, extend)
 
+    def _on_clear(self, message: dict[str, Any]) -> None:
+        self._picked = None
+
     _handlers: dict[str, Callable[[Any, dict[str, Any]], None]] = {
         "size": _on_size,
         "camera": _on_camera,
@@ -180,6 +183,7 @@ class Session:
         "sun": _on_sun,
         "view": _on_view,
         "pick": _on_pick,
+        "clear": _on_clear,
     }
 
     # What the page is told.

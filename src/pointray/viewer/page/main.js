@@ -21,7 +21,7 @@ const LATENCIES = 1000; // as many are kept
 
 const view = document.getElementById("view");
 const motion = new Motion();
-const markers = new Markers();
+const markers = new Markers(() => send({ type: "clear" }));
 const picture = new Picture(view, drawn);
 const panel = new Panel(document.getElementById("panel"), send);
 
@@ -29,6 +29,7 @@ const sent = { camera: null, size: "" }; // what the server knows
 const sun = { dx: 0, dy: 0 }; // not sent yet
 let fresh = false; // connected, but the server's camera has not come yet
 let waiting = 0; // the animation frame that is asked for
+let touched = 0; // ms, when the user's hand moved first since the last camera was sent
 
 const report = { frames: 0, latency: [], timed: 0 };
 
@@ -113,7 +114,8 @@ function sendSize() {
 
 function sendCamera() {
   if (!motion.camera || fresh || (sent.camera && sameCamera(sent.camera, motion.camera))) return;
-  if (send({ type: "camera", ...motion.camera, time: performance.now() })) sent.camera = motion.camera;
+  if (send({ type: "camera", ...motion.camera, time: touched || performance.now() })) sent.camera = motion.camera;
+  touched = 0;
 }
 
 function sendSun() {
@@ -136,6 +138,7 @@ function wake() {
 
 /** Something that the next animation frame tells the server. */
 function act(action) {
+  touched ||= performance.now();
   action();
   wake();
 }

@@ -18,6 +18,12 @@ export class Markers {
   #points = []; // at most two
   #line = null; // {from, to}
   #box = null; // {position, width, height} px
+  #cleared;
+
+  /** cleared: told when the user has taken all away. */
+  constructor(cleared) {
+    this.#cleared = cleared;
+  }
 
   /** With the camera of another picture. */
   follow(camera, aspect) {
@@ -46,6 +52,7 @@ export class Markers {
     this.#points = [];
     this.#line = this.#box = null;
     this.redraw();
+    this.#cleared();
   };
 
   #showBox(position, lines) {
