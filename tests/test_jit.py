@@ -5,6 +5,8 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 
 import pointray
 from pointray import jit
-from pointray.jit import kernel, run, take
+from pointray.jit import Cancel, kernel, run, take
 
 PACKAGE = Path(pointray.__file__).parent
 
@@ -39,6 +41,23 @@ def test_an_error_in_a_worker_is_raised():
 
     with pytest.raises(ValueError, match="broken"):
         run(broken, 4, threads=2)
+
+
+def test_a_run_is_cancelled_between_two_tiles():
+    cancel, done = Cancel(), []
+
+    def slow(work):
+        while take(work) >= 0:
+            done.append(time.sleep(0.01))
+
+    timer = threading.Timer(0.2, cancel)
+    timer.start()
+    run(slow, 10_000, threads=2, cancel=cancel)
+    timer.join()
+    assert 1 <= len(done) < 5_000
+    count = len(done)
+    run(slow, 10_000, threads=2, cancel=cancel)  # asked for already
+    assert len(done) == count
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "many"])

@@ -416,3 +416,27 @@ def test_hits_of_a_miss(scene):
     hits = scene.intersect([0, -4, 0], [0, -1, 0])
     assert hits.t == np.inf and np.isnan(hits.position).all() and not hits.normal.any() and not hits.color.any()
     assert hits.point == -1 and hits.instance == -1
+
+
+def test_shapes_and_models_are_told_by_number() -> None:
+    model, other = pr.Model(pr.procedural("sphere", 500)), pr.Model(pr.procedural("torus", 500))
+    scene, plane = pr.Scene(), pr.Plane([0, 0, 0], [0, 0, 1])
+    numbers = [scene.add(shape) for shape in (model, plane, other, model)]
+    scene.remove(numbers[0])
+    assert scene.shapes == {numbers[1]: plane, numbers[2]: other, numbers[3]: model}
+    assert scene.models == [other, model]
+
+
+def test_exchange_puts_models_in_the_place_of_others() -> None:
+    points = pr.procedural("sphere", 2_000)
+    model, discs = pr.Model(points), pr.Model(points, surface="disc")
+    scene = pr.Scene()
+    scene.add(model)
+    moved = scene.add(model, pr.transform((5, 0, 0)))
+    other, expected = scene.exchange({model: discs}), pr.Scene()
+    expected.add(discs)
+    expected.add(discs, pr.transform((5, 0, 0)))
+    origins, way = np.array([[-9.0, 0.1, 0.2], [9.0, 0.1, 0.2], [5.1, -3.0, 0.3]]), [[1, 0, 0], [-1, 0, 0], [0, 1, 0]]
+    assert np.array_equal(other.intersect(origins, way).t, expected.intersect(origins, way).t)
+    assert scene.models == [model] and other.models == [discs] and moved in other.shapes
+    assert not np.array_equal(other.intersect(origins, way).t, scene.intersect(origins, way).t)

@@ -1,0 +1,40 @@
+"""The screen's levels by a table, against the formulas that write pictures."""
+
+import numpy as np
+import pytest
+
+from pointray.image.tone import linear_to_srgb, tone
+from pointray.screen import levels_of
+
+
+def plain(image, backdrop, exposure, curve):
+    """Level by level, without a table."""
+    light = np.nan_to_num(image[..., :3], posinf=1e30) * np.float32(2.0**exposure)
+    light = light + np.asarray(backdrop, np.float32) * (1 - image[..., 3:])
+    return np.rint(linear_to_srgb(tone(light, 0.0, curve)) * 255).astype(int)
+
+
+@pytest.mark.parametrize("curve", ["srgb", "filmic"])
+@pytest.mark.parametrize("exposure", [0.0, 1.5, -3.0])
+def test_levels_are_those_of_the_curves(curve, exposure):
+    rng = np.random.default_rng(7)
+    image = np.exp(rng.normal(-2, 3, (70, 90, 4))).astype(np.float32)
+    image[..., 3] = rng.uniform(0, 1, (70, 90))
+    backdrop = (0.1, 0.5, 0.9)
+    levels, expected = levels_of(image, backdrop, exposure, curve), plain(image, backdrop, exposure, curve)
+    assert np.abs(levels - expected).max() <= 1
+    assert (levels != expected).mean() < 0.02
+
+
+def test_every_level_comes_back():
+    from pointray.image.tone import srgb_to_linear
+
+    grey = np.ones((1, 256, 4), np.float32)
+    grey[..., :3] = srgb_to_linear(np.arange(256, dtype=np.uint8))[None, :, None]
+    assert (np.abs(levels_of(grey)[0, :, 0].astype(int) - np.arange(256)) <= 1).all()
+
+
+def test_what_is_no_light_is_dark_and_what_is_too_much_is_white():
+    image = np.ones((1, 4, 4), np.float32)
+    image[0, :, :3] = np.array([np.nan, -5.0, np.inf, 0.0])[:, None]
+    assert levels_of(image)[0, :, 0].tolist() == [0, 0, 255, 0]
