@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -43,21 +42,30 @@ def test_an_error_in_a_worker_is_raised():
         run(broken, 4, threads=2)
 
 
+@kernel
+def _slow(work, out):
+    t = take(work)
+    while t >= 0:
+        x = 1.0
+        for _ in range(1_000_000):
+            x = (x * 1.1) % 7.0
+        out[t] = x
+        t = take(work)
+    return 0
+
+
 def test_a_run_is_cancelled_between_two_tiles():
-    cancel, done = Cancel(), []
-
-    def slow(work):
-        while take(work) >= 0:
-            done.append(time.sleep(0.01))
-
+    out, cancel = np.zeros(10_000), Cancel()
+    run(_slow, 2, out)  # compiled
+    out[:] = 0.0
     timer = threading.Timer(0.2, cancel)
     timer.start()
-    run(slow, 10_000, threads=2, cancel=cancel)
+    run(_slow, len(out), out, threads=2, cancel=cancel)
     timer.join()
-    assert 1 <= len(done) < 5_000
-    count = len(done)
-    run(slow, 10_000, threads=2, cancel=cancel)  # asked for already
-    assert len(done) == count
+    count = np.count_nonzero(out)
+    assert 1 <= count < 5_000
+    run(_slow, len(out), out, threads=2, cancel=cancel)  # asked for already
+    assert np.count_nonzero(out) == count
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "many"])
