@@ -124,8 +124,8 @@ class Scene:
         Parameters
         ----------
         clips : sequence of (point, normal), or (k, 6) array_like
-            At most 16 planes, in the world: a point of each and its normal, of any length. What lies in the plane
-            itself stays. Without planes, (), all is there.
+            At most 16 planes, in the world: a point of each and its normal, of any length. Without any, (), all is
+            there.
 
         Returns
         -------

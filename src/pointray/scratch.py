@@ -19,8 +19,7 @@ NORMAL, COLOR, LOCAL = 8 * TILE, 11 * TILE, 14 * TILE  # of that hit, 3 rows eac
 START, HEADING, SPEED, LOW = 17 * TILE, 20 * TILE, 23 * TILE, 24 * TILE
 SIDE_OF = 25 * TILE  # +1 where a ray that starts on a surface is outside of it, -1 where it is inside
 TOP_LOW, TOP_SPEED = 26 * TILE, 27 * TILE  # the ray in the tree over the instances, as LOW and SPEED
-CUT = 28 * TILE  # 1 where a clip plane cuts a ray's beginning off, so that it begins on no surface, else 0
-WORLD_ROWS = 29
+WORLD_ROWS = 28
 INSTANCE_OF, LEAF_OF, SLOT_OF = 0, TILE, 2 * TILE  # int64: of the nearest hit, -1 for none
 FOUND = 3 * TILE  # leaf of the hit in the current model, -1 for none
 WAITING_COUNT = 4 * TILE  # rays that wait at each place
@@ -33,7 +32,8 @@ ENTER, LEAVE, FIRST, LAST = 13 * TILE, 14 * TILE, 15 * TILE, 16 * TILE
 END = 17 * TILE  # where it ends, whatever it hits: what is found in one leaf must not depend on what was in another
 SIDE = 18 * TILE  # see SIDE_OF
 TOP_OX, TOP_IX, TOP_LENGTH = 19 * TILE, 22 * TILE, 25 * TILE  # in the tree over the instances, 3, 3 and 1
-BEGIN = 26 * TILE  # 0 where the ray may begin on a surface, else just above, see CUT and `trace/leaf.py`
+# Where the ray begins, in any model: 0, or just above where a clip plane has cut it, so that it begins on no surface.
+BEGIN = 26 * TILE
 MODEL_ROWS = 27
 # float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
 # looked at and the direction; t there, half its length; the first and the last sample, where they are; the nearest hit;

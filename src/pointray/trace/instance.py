@@ -9,8 +9,6 @@ import numpy as np
 from ..jit import inline
 from ..records import INSTANCE, SHAPE_ROW, tree_at
 from ..scratch import (
-    BEGIN,
-    CUT,
     DIRECTION,
     DX,
     END,
@@ -47,7 +45,6 @@ from .traverse import closest, make_ray
 # So many rays of a tile at most are put into a model's space one by one, not all 64 as vectors, and traced alone:
 # 10,000 statues five pixels high take 0.84 of what they take with 4, larger ones the same.
 LONELY = 16
-BEHIND = np.float32(1e-30)  # not where the ray begins, as far as the start rule knows
 
 
 @inline
@@ -71,7 +68,6 @@ def _narrow(i, scratch):  # type: ignore[no-untyped-def]
     put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
     put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
     rows[END + i], rows[SIDE + i] = rows[LENGTH + i], np.float32(wide[SIDE_OF + i])
-    rows[BEGIN + i] = BEHIND * np.float32(wide[CUT + i])
     scratch.numbers[FOUND + i] = -1
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from ..jit import inline
 from ..records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
 from ..scratch import (
+    BEGIN,
     COLOR,
-    CUT,
     DIRECTION,
     INSTANCE_OF,
     LEAF_OF,
@@ -24,6 +24,7 @@ from ..scratch import (
     row,
 )
 from ..vec import add, dot, length, scale, sub, triple
+from .surface import ZERO
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
@@ -32,7 +33,7 @@ ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 def _plane_hit(world, at, ray, start_rule):  # type: ignore[no-untyped-def]
     """t of a ray with a plane.
 
-    start_rule : the side of it that a ray is on which starts on the plane; 1 if the ray was only cut there, else 0
+    start_rule : the side of it that a ray is on which starts on the plane; not 0 if the ray was only cut there
     """
     o, d, t_min, t_max = ray
     side, cut = start_rule
@@ -40,7 +41,7 @@ def _plane_hit(world, at, ray, start_rule):  # type: ignore[no-untyped-def]
     start = add(o, scale(d, t_min))
     height, rise = dot(normal, sub(start, point)), dot(normal, d)
     if abs(height) <= ON_PLANE * (length(start) + length(point)):
-        return t_min if (cut != 0.0 or rise * side < 0.0) and t_min <= t_max else np.inf
+        return t_min if (cut > ZERO or rise * side < 0.0) and t_min <= t_max else np.inf
     t = t_min - height / rise
     return t if t >= t_min and t <= t_max else np.inf
 
@@ -65,7 +66,7 @@ def tile_on_plane(world, at, scratch):  # type: ignore[no-untyped-def]
     wide, numbers = scratch.world, scratch.numbers
     for i in range(TILE):
         o, d = row(wide, ORIGIN + i), row(wide, DIRECTION + i)
-        start_rule = wide[SIDE_OF + i], wide[CUT + i]
+        start_rule = wide[SIDE_OF + i], scratch.model[BEGIN + i]
         t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), start_rule)
         if t < np.inf:
             wide[NEAREST + i] = t
