@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from .model import Model
 from .rays import Hits, check_rays
 from .records import CATCHER, KIND, MODEL, SHAPE_ROW, World, model_table
 from .shade.attributes import Attribute
-from .shade.environment import EnvironmentLight, no_sky
+from .shade.environment import EnvironmentLight, check_lights, no_sky
 from .shade.lights import Light, rgb
 from .shade.materials import Material
 from .trace.cast import blend_attribute, closest_hits, occlusions
@@ -298,16 +298,3 @@ class Scene:
             )
             self._built = world, models
         return self._built
-
-
-def check_lights(lights: Sequence[Any]) -> None:
-    """ValueError if one is no light, or there are two from all around."""
-    for light in lights:
-        if isinstance(light, EnvironmentLight):
-            continue
-        if not isinstance(light, Light):
-            known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
-            raise ValueError(f"a light is one of {known}, not {type(light).__name__}")
-        light.record()
-    if sum(isinstance(light, EnvironmentLight) for light in lights) > 1:
-        raise ValueError("the scene has an EnvironmentLight already")

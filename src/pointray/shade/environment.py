@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +24,7 @@ from ..records import (
     SKY_Z,
     SKY_ZENITH,
 )
-from .lights import rgb, unit_vector
+from .lights import Light, rgb, unit_vector
 from .pictures import read_picture
 
 Floats = NDArray[np.float64]
@@ -185,3 +186,16 @@ def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Fl
         d = (np.sin(around) * s)[:, None] * axes[0] + (np.cos(around) * s)[:, None] * axes[1] + c * axes[2]
         total += angles[k] * harmonics(d) @ colors[k].astype(np.float64)
     return (COSINE_LOBE[:, None] * total).reshape(-1)
+
+
+def check_lights(lights: Sequence[Any]) -> None:
+    """ValueError if one is no light, or there are two from all around."""
+    for light in lights:
+        if isinstance(light, EnvironmentLight):
+            continue
+        if not isinstance(light, Light):
+            known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
+            raise ValueError(f"a light is one of {known}, not {type(light).__name__}")
+        light.record()
+    if sum(isinstance(light, EnvironmentLight) for light in lights) > 1:
+        raise ValueError("the scene has an EnvironmentLight already")
