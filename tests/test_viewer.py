@@ -1,13 +1,11 @@
 """The viewer without a page: what the server says, draws and refuses."""
 
-import io
 import socket
 import threading
 import time
 
 import numpy as np
 import pytest
-from PIL import Image
 from websockets.exceptions import InvalidStatus
 
 import pointray as pr
@@ -17,10 +15,7 @@ from pointray.viewer.messages import camera_of, parse, size_of
 from pointray.viewer.pace import FRAME, SCALES, Pace, next_pass
 from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
-from viewing import Browser
-
-SIZE = (160, 120)
-CLOSE = 1.5  # of 255, what JPEG may change on average
+from viewing import CLOSE, SIZE, Browser, compile_kernels, expected, levels_in
 
 
 @pytest.fixture(scope="module")
@@ -28,15 +23,21 @@ def model():
     points = pr.procedural("statue", 20_000)
     grey = np.full((len(points), 3), 180, np.uint8)
     high = points.positions[:, 2].astype(np.float32)
-    return pr.Model(pr.Points(points.positions, points.normals, grey, {"height": high}))
+    model = pr.Model(pr.Points(points.positions, points.normals, grey, {"height": high}))
+    compile_kernels(scene_of(model))
+    return model
 
 
-@pytest.fixture
-def scene(model):
+def scene_of(model):
     scene = pr.Scene()
     scene.add(model)
     scene.add_light(pr.SunLight([1, 1, -1.5], 3))
     return scene
+
+
+@pytest.fixture
+def scene(model):
+    return scene_of(model)
 
 
 @pytest.fixture
@@ -53,28 +54,11 @@ def browser(viewer):
     browser.close()
 
 
-def picture_of(frame):
-    return np.asarray(Image.open(io.BytesIO(frame[1])).convert("RGB")).astype(int)
-
-
-def expected(scene, camera, samples, size=SIZE, **settings):
-    """What `render` makes of it, over the viewer's backdrop."""
-    from pointray.image.tone import srgb_to_linear
-    from pointray.screen import levels_of
-    from pointray.viewer.looks import BACKDROP
-
-    copy = scene.copy()
-    copy.background = srgb_to_linear(np.array(BACKDROP))
-    view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], size)
-    image = pr.render(copy, view, pr.Settings(spp=samples, **settings))
-    return levels_of(image).astype(int)
-
-
 def test_the_picture_is_that_of_render(browser, scene):
     camera = browser.arrive()
     header, _ = frame = browser.refined(64)
     assert (header["width"], header["height"]) == SIZE
-    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < CLOSE
+    assert np.abs(levels_in(frame[1]) - expected(scene, camera, 64)).mean() < CLOSE
     assert [f[0]["stage"] for f in browser.frames][-1] == "refined"
 
 
@@ -103,8 +87,8 @@ def test_another_camera_is_another_picture(browser, scene):
     other = {**camera, "eye": (target + (eye - target)[[1, 0, 2]] * [1, -1, 1]).tolist()}
     browser.go(other)
     frame = browser.refined(64)
-    assert np.abs(picture_of(frame) - expected(scene, other, 64)).mean() < CLOSE
-    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() > 3.0
+    assert np.abs(levels_in(frame[1]) - expected(scene, other, 64)).mean() < CLOSE
+    assert np.abs(levels_in(frame[1]) - expected(scene, camera, 64)).mean() > 3.0
 
 
 def test_two_browsers_have_cameras_of_their_own(viewer, scene):
@@ -113,8 +97,8 @@ def test_two_browsers_have_cameras_of_their_own(viewer, scene):
     nearer = {**second, "eye": (np.array(second["eye"]) * 0.6 + np.array(second["target"]) * 0.4).tolist()}
     two.go(nearer)
     frames = one.refined(64), two.refined(64)
-    assert np.abs(picture_of(frames[0]) - expected(scene, first, 64)).mean() < CLOSE
-    assert np.abs(picture_of(frames[1]) - expected(scene, nearer, 64, (100, 100))).mean() < CLOSE
+    assert np.abs(levels_in(frames[0][1]) - expected(scene, first, 64)).mean() < CLOSE
+    assert np.abs(levels_in(frames[1][1]) - expected(scene, nearer, 64, (100, 100))).mean() < CLOSE
     one.close()
     two.close()
 
@@ -129,21 +113,21 @@ def test_panel_changes_the_picture(browser, scene):
     ):
         browser.set(name, value)
         frame = browser.refined(64)
-        assert np.abs(picture_of(frame) - expected(scene, camera, 64, **settings)).mean() < CLOSE, name
+        assert np.abs(levels_in(frame[1]) - expected(scene, camera, 64, **settings)).mean() < CLOSE, name
 
 
 def test_lights_come_and_go(browser, scene):
     browser.arrive()
-    lit = picture_of(browser.refined(64))
+    lit = levels_in(browser.refined(64)[1])
     browser.set("lamps.0.on", False)
-    head = picture_of(browser.refined(64))
+    head = levels_in(browser.refined(64)[1])
     assert np.abs(lit - head).mean() > 3.0
     browser.say(type="press", name="lamps.add.sun")
     browser.listen(lambda: "lamps.1.azimuth" in browser.controls())
     browser.say(type="press", name="lamps.1.remove")
     browser.say(type="press", name="lamps.0.remove")
     browser.listen(lambda: "no_lamps" in browser.controls())
-    assert np.abs(picture_of(browser.refined(64)) - head).mean() < CLOSE
+    assert np.abs(levels_in(browser.refined(64)[1]) - head).mean() < CLOSE
     assert len(scene.lights) == 1  # the scene itself is left alone
 
 
@@ -164,7 +148,7 @@ def test_attributes_colour_with_a_legend(browser, scene, model):
     painted = pr.Scene()
     painted.add(model, material=pr.Diffuse(pr.Attribute("height")))
     painted.lights = scene.lights
-    assert np.abs(picture_of(frame) - expected(painted, camera, 64)).mean() < CLOSE
+    assert np.abs(levels_in(frame[1]) - expected(painted, camera, 64)).mean() < CLOSE
     legend = browser.listen(lambda: (m := browser.last("legend")) and m["image"])
     assert legend.startswith("data:image/png;base64,")
     assert "colormap" in browser.controls()
@@ -177,7 +161,7 @@ def test_cuts_open_the_model(browser, scene):
     frame = browser.refined(64)
     cut = scene.copy()
     cut.clips = [(scene.bounds.mean(axis=0), (0, 0, 1))]
-    assert np.abs(picture_of(frame) - expected(cut, camera, 64)).mean() < CLOSE
+    assert np.abs(levels_in(frame[1]) - expected(cut, camera, 64)).mean() < CLOSE
 
 
 def test_click_tells_coordinates_and_attributes(browser, scene, model):
@@ -222,7 +206,7 @@ def test_what_the_owner_changes_is_seen(browser, scene):
     browser.refined(64)
     scene.add(pr.Plane([0, 0, 0], [0, 0, 1]))
     frame = browser.refined(64)
-    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < CLOSE
+    assert np.abs(levels_in(frame[1]) - expected(scene, camera, 64)).mean() < CLOSE
 
 
 def test_a_saved_picture_is_that_of_render(browser, scene):
@@ -232,7 +216,7 @@ def test_a_saved_picture_is_that_of_render(browser, scene):
     browser.say(type="press", name="save.picture")
     header, payload = browser.listen(lambda: browser.files and browser.files[0])
     assert header["name"] == "statue.png"
-    image = np.asarray(Image.open(io.BytesIO(payload)).convert("RGB")).astype(int)
+    image = levels_in(payload)
     assert image.shape == (70, 90, 3)
     assert np.abs(image - expected(scene, camera, 4, (90, 70))).max() <= 1
 
@@ -310,7 +294,7 @@ def test_nonsense_is_ignored(browser, scene):
         browser.say_text(text)
     browser.go(camera, fov=30.0)
     frame = browser.refined(64)
-    assert np.abs(picture_of(frame) - expected(scene, {**camera, "fov": 30.0}, 64)).mean() < CLOSE
+    assert np.abs(levels_in(frame[1]) - expected(scene, {**camera, "fov": 30.0}, 64)).mean() < CLOSE
     assert browser.last("toast") is None
 
 

@@ -1,16 +1,49 @@
 """A browser for tests of the viewer, without the page: it says what a page says, and keeps what it is told."""
 
+import io
 import json
 import struct
 import time
 
+import numpy as np
+from PIL import Image
 from websockets.sync.client import connect
+
+import pointray as pr
+from pointray.image.tone import srgb_to_linear
+from pointray.screen import levels_of
+from pointray.viewer.looks import BACKDROP
+from pointray.viewer.messages import describe
+
+SIZE = (160, 120)
+CLOSE = 1.5  # of 255, what JPEG may change on average
+
+
+def levels_in(file):
+    """The picture in a file, (h, w, 3)."""
+    return np.asarray(Image.open(io.BytesIO(file)).convert("RGB")).astype(int)
+
+
+def expected(scene, camera, samples, size=SIZE, exposure=0.0, **settings):
+    """What `render` makes of it, over the viewer's backdrop."""
+    copy = scene.copy()
+    copy.background = srgb_to_linear(np.array(BACKDROP))
+    view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], size)
+    image = pr.render(copy, view, pr.Settings(spp=samples, **settings))
+    return levels_of(image, exposure=exposure).astype(int)
+
+
+def compile_kernels(scene):
+    """Before anybody waits for a picture: a first time takes minutes."""
+    camera = describe(pr.Camera.frame(scene.bounds))
+    for settings in ({}, {"integrator": "normal"}):
+        expected(scene, camera, 2, (8, 8), **settings)
 
 
 class Browser:
     """Connects, acknowledges pictures, and waits for messages."""
 
-    def __init__(self, url, size=(160, 120), **headers):
+    def __init__(self, url, size=SIZE, **headers):
         self._socket = connect(url.replace("http", "ws") + "socket", max_size=None, **headers)
         self.told, self.frames, self.files = [], [], []
         self.say(type="size", width=size[0], height=size[1])

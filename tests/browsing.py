@@ -1,0 +1,156 @@
+"""A page of the viewer in a real browser, worked as a user would; `viewing` says the same without a page."""
+
+import base64
+import io
+import json
+import shutil
+import struct
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from PIL import Image
+
+SECONDS = 60.0  # for anything to happen: other programs may have the processors
+FLAGS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+)
+
+# The last picture is finished: of as many samples, and of the camera that the page has.
+FINISHED = """([samples, number]) => {
+    const { last } = pointray;
+    const camera = pointray.camera();
+    const same = (name) => JSON.stringify(last.camera[name]) === JSON.stringify(camera[name]);
+    return last && camera && last.number > number && last.stage === "refined" && last.samples === samples
+        && ["eye", "target", "up", "fov"].every(same);
+}"""
+
+
+@contextmanager
+def chromium():
+    """Debian's browser, without a window; skips where there is none."""
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright is not here")
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("chromium is not here")
+    with sync.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=program, args=list(FLAGS))
+        yield browser
+        if browser.is_connected():
+            browser.close()
+
+
+class Page:
+    """The viewer's page in a tab of its own.
+
+    Attributes
+    ----------
+    tab : of playwright
+    problems : list of str
+        What went wrong in it: errors on the console, requests that failed.
+    said : list of str
+        All messages it has sent.
+    headers : list of dict
+        Of all pictures that came.
+    """
+
+    def __init__(self, browser, url, size, **options):
+        self.tab = browser.new_page(
+            bypass_csp=True,  # for `wait_for_function`, which evaluates text
+            viewport={"width": size[0], "height": size[1]},
+            **options,
+        )
+        self.tab.set_default_timeout(1e3 * SECONDS)
+        self.problems, self.said, self.headers = [], [], []
+        self.tab.on("console", lambda m: m.type in ("error", "warning") and self.problems.append(m.text))
+        self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.tab.on("requestfailed", lambda request: self.problems.append(f"{request.url} {request.failure}"))
+        self.tab.on("response", lambda r: r.status >= 400 and self.problems.append(f"{r.url} {r.status}"))
+        self.tab.on("websocket", self._hear)
+        self.tab.goto(url)
+
+    def _hear(self, socket):
+        socket.on("framesent", lambda text: self.said.append(text))
+        socket.on("framereceived", self._note)
+
+    def _note(self, message):
+        if isinstance(message, bytes):
+            header = json.loads(message[4 : 4 + struct.unpack("<I", message[:4])[0]])
+            if header["type"] == "frame":
+                self.headers.append(header)
+
+    def close(self):
+        self.tab.close()
+
+    def until(self, condition, argument=None):
+        """Wait for a condition of the page."""
+        return self.tab.wait_for_function(condition, arg=argument)
+
+    @property
+    def camera(self):
+        return self.tab.evaluate("pointray.camera()")
+
+    @property
+    def last(self):
+        """The header of the picture that is shown."""
+        return self.tab.evaluate("pointray.last")
+
+    @property
+    def frames(self):
+        return self.tab.evaluate("pointray.frames")
+
+    def picture(self):
+        """What the canvas shows, (h, w, 3) levels."""
+        url = self.tab.evaluate("document.getElementById('view').toDataURL()")
+        image = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2])))
+        return np.asarray(image.convert("RGB")).astype(int)
+
+    def finished(self, samples, after=-1):
+        """Wait until nothing is left to do on the picture; its header."""
+        self.until(FINISHED, [samples, after])
+        return self.last
+
+    @contextmanager
+    def another(self, samples):
+        """Wait for another finished picture than the one there is at first."""
+        number = self.last["number"]
+        yield
+        self.finished(samples, number)
+
+    def row(self, name):
+        """A control's row in the panel."""
+        return self.tab.locator(f'[data-name="{name}"]')
+
+    def open_folder(self, title):
+        self.tab.locator(".lil-title").get_by_text(title, exact=True).click()
+
+    def choose(self, name, label):
+        self.row(name).locator("select").select_option(label=label)
+
+    def drag(self, start, by, steps=8, button="left"):
+        """With whatever keys are held."""
+        self.tab.mouse.move(*start)
+        self.tab.mouse.down(button=button)
+        self.tab.mouse.move(start[0] + by[0], start[1] + by[1], steps=steps)
+        self.tab.mouse.up(button=button)
+
+    def slide(self, name, share):
+        """Drag a slider from its middle to a share of its width."""
+        slider = self.row(name).locator(".lil-slider")
+        slider.scroll_into_view_if_needed()
+        box = slider.bounding_box()
+        middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        self.drag(middle, ((share - 0.5) * box["width"], 0))
+
+    def number(self, name):
+        """What a field of the panel says."""
+        return float(self.row(name).locator("input").input_value())
+
+    @contextmanager
+    def holding(self, key):
+        self.tab.keyboard.down(key)
+        yield
+        self.tab.keyboard.up(key)

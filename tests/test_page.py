@@ -1,0 +1,368 @@
+"""The page of the viewer in a browser: worked with mouse and keys, its picture compared with what `render` makes."""
+
+import http.server
+import json
+import re
+import shlex
+import socketserver
+import threading
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from math import radians, tan
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from browsing import Page, chromium
+from pointray.cli import execute
+from pointray.viewer.lamps import lamps_of
+from pointray.viewer.loading import Files
+from pointray.viewer.subject import Subject
+from pointray.viewer.viewer import Viewer
+from viewing import CLOSE, compile_kernels, expected, levels_in
+
+SIZE = (640, 360)
+SAMPLES = 4  # of finished pictures: the page is told so, as a user would
+MODEL = (310, 180)  # where it is in the view at first, beside the panel
+NAMES = ("eye", "target", "up")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def model():
+    model = pr.Model(pr.procedural("statue", 20_000))
+    compile_kernels(scene_of(model))
+    return model
+
+
+def scene_of(model):
+    scene = pr.Scene()
+    scene.add(model)
+    scene.add_light(pr.SunLight([1, 1, -1.5], 3))
+    return scene
+
+
+@pytest.fixture
+def scene(model):
+    return scene_of(model)
+
+
+@pytest.fixture
+def viewer(scene):
+    viewer = Viewer(Subject("statue.ply", scene))
+    yield viewer
+    viewer.close()
+
+
+@contextmanager
+def shown(browser, viewer, **options):
+    """The page of a viewer, its picture finished; nothing may go wrong in it."""
+    page = Page(browser, viewer.url, SIZE, **options)
+    page.until("pointray.last")
+    page.choose("samples", f"{SAMPLES}")
+    page.finished(SAMPLES)
+    yield page
+    page.close()
+    assert page.problems == []
+
+
+@pytest.fixture
+def page(browser, viewer):
+    with shown(browser, viewer) as page:
+        yield page
+
+
+def apart(page, scene, camera, exposure=0.0, **settings):
+    """How far the picture is from what `render` makes of a camera; levels, mean."""
+    picture, image = page.picture(), expected(scene, camera, SAMPLES, SIZE, exposure, **settings)
+    return np.abs(picture - image).mean() if picture.shape == image.shape else np.inf  # a small one: moving
+
+
+def shows(page, scene, **settings):
+    """Whether the picture is what `render` makes of the page's camera."""
+    return apart(page, scene, page.camera, **settings) < CLOSE
+
+
+def becomes(page, scene, **settings):
+    """Wait for it: a slider draws pictures on its way."""
+    number = page.finished(SAMPLES)["number"]
+    while not shows(page, scene, **settings):
+        number = page.finished(SAMPLES, number)["number"]
+    return True
+
+
+def away(camera):
+    """From the target to the eye."""
+    return np.subtract(camera["eye"], camera["target"])
+
+
+def surface_at(scene, camera, x, y):
+    """The place of the surface under a pixel's upper left corner, and the size of a pixel there."""
+    view = pr.Camera.look_at(*(camera[name] for name in (*NAMES, "fov")), SIZE)
+    origins, directions = view.rays()
+    corner = np.s_[y - 1 : y + 1, x - 1 : x + 1]
+    hits = scene.intersect(origins[corner].mean(axis=(0, 1)), directions[corner].mean(axis=(0, 1)))
+    assert hits.instance == 0
+    return hits.position, float(hits.t) * 2 * tan(radians(camera["fov"] / 2)) / SIZE[1]
+
+
+def coordinates(page):
+    """The place that the box of a click names."""
+    text = page.tab.locator("#picked").inner_text()
+    return np.array([float(re.search(rf"^{axis} (\S+)", text, re.MULTILINE)[1]) for axis in "xyz"])
+
+
+def test_it_shows_the_model(page, scene, model):
+    assert page.tab.title() == "statue.ply - pointray"
+    assert shows(page, scene)
+    assert f"{len(model.points):,} points" in page.tab.locator("#status").inner_text()
+    icon = page.tab.evaluate("document.querySelector('link[rel=icon]').href")
+    assert icon.startswith("data:") or page.tab.request.get(icon).ok
+
+
+def test_a_drag_turns_the_model(page, scene):
+    first = page.camera
+    with page.another(SAMPLES):
+        page.drag(MODEL, (60, 20))
+    assert away(page.camera) @ away(first) < 0.95 * (away(first) @ away(first))
+    assert np.linalg.norm(away(page.camera)) == pytest.approx(np.linalg.norm(away(first)))
+    assert shows(page, scene)
+    assert apart(page, scene, first) > 3.0
+
+
+def test_wheel_right_drag_and_flight(page, scene):
+    for act, check in (
+        (lambda: page.tab.mouse.wheel(0, -120), lambda a, b: np.allclose(away(b), 0.9 * away(a))),
+        (lambda: page.drag(MODEL, (30, 10), button="right"), lambda a, b: np.allclose(away(b), away(a))),
+        (lambda: page.tab.keyboard.press("d", delay=50), lambda a, b: np.allclose(away(b), away(a))),
+    ):
+        before = page.camera
+        with page.another(SAMPLES):
+            act()
+        assert page.camera != before and check(before, page.camera)
+        assert shows(page, scene)
+
+
+def test_the_picture_is_refined_while_nothing_moves(page, scene):
+    page.choose("samples", "64")
+    page.finished(64)
+    count = len(page.headers)
+    with page.another(64):
+        page.drag(MODEL, (-50, 10))
+    stages = [(header["stage"], header["samples"]) for header in page.headers[count:]]
+    assert stages[0] == ("moving", 1) and stages[-1] == ("refined", 64)
+    last = stages[max(k for k, (stage, _) in enumerate(stages) if stage == "moving") + 1 :]
+    assert last[0] == ("still", 1) and len(last) > 2
+    assert [samples for _, samples in last] == sorted(samples for _, samples in last)
+    assert np.abs(page.picture() - expected(scene, page.camera, 64, SIZE)).mean() < CLOSE
+
+
+def test_a_stray_mouse_changes_nothing(page):
+    count, before = len(page.said), page.frames
+    page.tab.mouse.move(MODEL[0] - 40, MODEL[1] - 20)
+    page.tab.mouse.move(*MODEL, steps=20)
+    page.tab.mouse.click(*MODEL)  # its answer comes after all that was said before
+    page.tab.locator("#picked").wait_for()
+    assert [json.loads(text)["type"] for text in page.said[count:]] == ["pick"]
+    assert page.frames == before and page.last["samples"] == SAMPLES
+
+
+def test_the_panel_acts(page, scene):
+    with page.another(SAMPLES):
+        page.choose("integrator", "Normals")
+    assert shows(page, scene, integrator="normal")
+    with page.another(SAMPLES):
+        page.choose("integrator", "Phong: direct light, shadows")
+    assert shows(page, scene)
+    with page.another(SAMPLES):
+        page.row("shadows").locator("input").uncheck()
+    assert shows(page, scene, shadows=False)
+    with page.another(SAMPLES):
+        page.row("shadows").locator("input").check()
+    page.slide("exposure", 0.6)
+    exposure = page.number("exposure")
+    assert 0.5 < exposure < 2.0
+    assert becomes(page, scene, exposure=exposure)
+    page.row("exposure").locator("input").fill("-1")
+    page.row("exposure").locator("input").press("Enter")
+    assert becomes(page, scene, exposure=-1.0)
+
+
+def test_a_material_for_the_model(page, scene, model):
+    page.open_folder("Material")
+    with page.another(SAMPLES):
+        page.choose("color_by", "z")
+    page.tab.locator("#legend").wait_for()
+    painted = scene_of(model)
+    painted.update(0, material=pr.Diffuse(pr.Attribute("z")))
+    assert shows(page, painted)
+
+
+def test_each_page_has_a_camera_of_its_own(browser, viewer, page, scene):
+    with shown(browser, viewer) as other:
+        first = page.camera
+        with other.another(SAMPLES):
+            other.drag(MODEL, (80, 0))
+        with page.another(SAMPLES):
+            page.tab.mouse.wheel(0, -240)
+        assert shows(page, scene) and shows(other, scene)
+        assert np.allclose(away(page.camera), 0.81 * away(first))
+        assert apart(other, scene, page.camera) > 3.0
+
+
+def test_a_double_click_looks_there(page, scene):
+    before = page.camera
+    place, pixel = surface_at(scene, before, *MODEL)
+    with page.another(SAMPLES):
+        page.tab.mouse.dblclick(*MODEL)
+        page.until("target => pointray.camera().target.every((x, k) => x !== target[k])", before["target"])
+    assert np.linalg.norm(page.camera["target"] - place) < 2 * pixel
+    assert np.allclose(away(page.camera), away(before))
+    assert shows(page, scene)
+    assert page.tab.locator("#picked").is_hidden()
+
+
+def test_clicks_show_coordinates_and_measure(page, scene):
+    box, line = page.tab.locator("#picked"), page.tab.locator("#line-text")
+    place, pixel = surface_at(scene, page.camera, *MODEL)
+    page.tab.mouse.click(*MODEL)
+    box.wait_for()
+    assert np.linalg.norm(coordinates(page) - place) < pixel
+    marker = page.tab.locator("#first").get_attribute("transform")
+    assert [float(x) for x in re.findall(r"[\d.]+", marker)] == pytest.approx(MODEL, abs=1.0)
+    second = MODEL[0] + 10, MODEL[1] + 60
+    with page.holding("Shift"):
+        page.tab.mouse.click(*second)
+    line.wait_for()
+    length = np.linalg.norm(surface_at(scene, page.camera, *second)[0] - place)
+    assert float(line.text_content()) == pytest.approx(length, abs=2 * pixel)
+    page.tab.keyboard.press("Escape")
+    box.wait_for(state="hidden")
+    line.wait_for(state="hidden")
+
+
+def test_a_saved_picture_is_that_of_render(page, scene, tmp_path):
+    page.open_folder("Picture")
+    for name, value in (("width", 90), ("height", 70), ("samples", SAMPLES)):
+        page.row(f"output.{name}").locator("input").fill(str(value))
+    with page.tab.expect_download() as download:
+        page.row("save.picture").locator("button").click()
+    assert download.value.suggested_filename == "statue.png"
+    download.value.save_as(tmp_path / "saved.png")
+    image = levels_in((tmp_path / "saved.png").read_bytes())
+    assert np.abs(image - expected(scene, page.camera, SAMPLES, (90, 70))).max() <= 1
+
+
+def test_the_camera_is_copied_as_a_command(browser, viewer, model, tmp_path, monkeypatch):
+    with shown(browser, viewer, permissions=["clipboard-read", "clipboard-write"]) as page:
+        with page.another(SAMPLES):
+            page.drag(MODEL, (30, -20))
+        page.open_folder("Picture")
+        page.row("copy.command").locator("button").click()
+        page.tab.locator("#copy-state", has_text="Copied").wait_for()
+        text = page.tab.locator("#copy-text").input_value()
+        assert page.tab.evaluate("navigator.clipboard.readText()") == text
+        program, *words = shlex.split(text)
+        for name in NAMES:
+            (said,) = (word.partition("=")[2] for word in words if word.startswith(f"--{name}="))
+            assert [float(x) for x in said.split(",")] == pytest.approx(page.camera[name], rel=1e-6)
+        page.tab.locator("#copy .dismiss").click()
+    monkeypatch.chdir(tmp_path)
+    pr.write(tmp_path / "statue.ply", model.points)
+    assert program == "pointray" and execute([*words, "--size", "32x32"]) == 0
+    assert (tmp_path / "picture.png").exists()
+
+
+def test_keys_of_the_standard_views(page, scene):
+    middle = scene.bounds.mean(axis=0)
+    for key, axis, sign in (("1", 1, -1), ("2", 1, 1), ("3", 0, -1), ("4", 0, 1), ("5", 2, 1), ("6", 2, -1)):
+        with page.another(SAMPLES):
+            page.tab.keyboard.press(key)
+            way = "([middle, axis, sign]) => sign * (pointray.camera().eye[axis] - middle[axis]) > 0"
+            page.until(way, [middle.tolist(), axis, sign])
+        way = np.array(page.camera["eye"]) - middle
+        assert np.abs(way).argmax() == axis and np.sign(way[axis]) == sign, key
+    assert shows(page, scene)
+    count = len(page.said)
+    field = page.row("exposure").locator("input")
+    field.press("1")
+    field.press("Escape")
+    assert not [text for text in page.said[count:] if json.loads(text)["type"] == "view"]
+
+
+def test_control_drag_moves_the_sun(page, scene):
+    camera, before = page.camera, page.number("lamps.0.azimuth")
+    with page.holding("Control"), page.another(SAMPLES):
+        page.drag(MODEL, (72, 0), steps=4)  # a fifth of the height: 36 degrees
+        field = "before => Math.abs(document.querySelector(`[data-name='lamps.0.azimuth'] input`).value - before) > 35"
+        page.until(field, before)
+    assert page.camera == camera
+    assert page.number("lamps.0.azimuth") == pytest.approx(before + 36.0, abs=0.5)
+    (lamp,) = lamps_of(scene, (0.0, 0.0, 1.0))
+    moved = scene.copy()
+    moved.lights = [replace(lamp, azimuth=lamp.azimuth + 36.0).make((0.0, 0.0, 1.0))]
+    assert becomes(page, moved)
+    assert apart(page, scene, camera) > CLOSE
+
+
+def test_a_file_that_does_not_open(browser, tmp_path):
+    path = tmp_path / "cut.ply"
+    pr.write(path, pr.procedural("statue", 100))
+    path.write_bytes(path.read_bytes()[:-50])
+    subject = Subject(path.name)
+    viewer = Viewer(subject)
+    page = Page(browser, viewer.url, SIZE)
+    subject.load(Files((path,), {}, lambda scene: None))
+    toast = page.tab.locator("#toasts .toast.error")
+    toast.wait_for()
+    assert subject.problem and subject.problem in toast.inner_text() and "cut.ply" in subject.problem
+    page.tab.locator("#progress").wait_for(state="hidden")
+    page.close()
+    viewer.close()
+    assert page.problems == []
+
+
+def test_the_end_of_the_server_and_another_one(page, viewer, scene):
+    with page.another(SAMPLES):
+        page.drag(MODEL, (50, 10))
+    camera, picture = page.camera, page.picture()
+    viewer.close()
+    page.tab.locator("#banner").wait_for()
+    assert not page.tab.evaluate("pointray.connected")
+    assert np.array_equal(page.picture(), picture)
+    again = Viewer(Subject("statue.ply", scene), port=int(re.search(r":(\d+)/", viewer.url)[1]))
+    assert again.url == viewer.url
+    page.tab.locator("#banner").wait_for(state="hidden")
+    page.finished(64)
+    assert page.camera == camera
+    assert np.abs(page.picture() - expected(scene, camera, 64, SIZE)).mean() < CLOSE
+    with page.another(64):
+        page.tab.mouse.wheel(0, -120)
+    again.close()
+    page.problems = [text for text in page.problems if "ERR_CONNECTION_REFUSED" not in text]
+
+
+def test_a_page_of_another_origin_cannot_connect(browser, viewer, page, tmp_path):
+    (tmp_path / "index.html").write_text("<!doctype html><link rel=icon href='data:,'><title>elsewhere</title>")
+    opens = """url => new Promise((resolve) => {
+        const socket = new WebSocket(url);
+        socket.onopen = () => resolve("open");
+        socket.onerror = () => resolve("refused");
+    })"""
+    handler = partial(http.server.SimpleHTTPRequestHandler, directory=tmp_path)
+    handler.log_message = lambda *words: None
+    with socketserver.TCPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, name="elsewhere").start()
+        other = Page(browser, f"http://127.0.0.1:{server.server_address[1]}/", SIZE)
+        socket = viewer.url.replace("http", "ws") + "socket"
+        assert other.tab.evaluate(opens, socket) == "refused"
+        assert page.tab.evaluate(opens, socket) == "open"
+        other.close()
+        server.shutdown()
