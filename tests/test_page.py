@@ -56,7 +56,7 @@ def scene(model):
 
 @pytest.fixture
 def viewer(scene):
-    viewer = Viewer(Subject("statue.ply", scene))
+    viewer = Viewer(Subject("statue.ply", scene, source="statue.ply"))
     yield viewer
     viewer.close()
 

@@ -438,7 +438,7 @@ def test_a_viewer_of_a_scene(scene, capsys):
     browser = Browser(viewer.url, SIZE)
     camera = browser.arrive()
     frame = browser.refined(64)
-    assert np.abs(picture_of(frame) - expected(scene, camera, 64)).mean() < CLOSE
+    assert np.abs(levels_in(frame[1]) - expected(scene, camera, 64)).mean() < CLOSE
     assert f'src="{viewer.url}"' in viewer._repr_html_()
     browser.close()
     viewer.close()
