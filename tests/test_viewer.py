@@ -12,7 +12,7 @@ import pointray as pr
 from pointray.viewer.controls import Control
 from pointray.viewer.lamps import SUN, Lamp, axes_of, lamps_of
 from pointray.viewer.messages import camera_of, parse, size_of
-from pointray.viewer.pace import FRAME, SCALES, Pace, next_pass
+from pointray.viewer.pace import ROOM, SCALES, Pace, next_pass
 from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
 from viewing import CLOSE, SIZE, Browser, compile_kernels, expected, levels_in
@@ -425,9 +425,9 @@ def test_pace_holds_the_frame_rate():
         for _ in range(40):
             scale = pace.scale()
             pace.took(whole * scale * scale, scale)
-        assert whole * scale * scale <= FRAME or scale == SCALES[-1]
-        finer = [s for s in SCALES if s > scale]
-        assert not finer or whole * finer[-1] ** 2 > 0.79 * FRAME
+        assert whole * scale * scale <= SCALES[scale] or scale == min(SCALES)
+        finer = min((s for s in SCALES if s > scale), default=None)
+        assert finer is None or whole * finer * finer > ROOM * SCALES[finer]
     assert next_pass(1, 10.0) == 1
     assert next_pass(8, 0.01) == 16
 

@@ -1,10 +1,12 @@
 """How good the picture is, and when: the whole policy of the viewer is in this table.
 
-| stage   | when                                        | pixels                        | samples       | JPEG |
-|---------|---------------------------------------------|-------------------------------|---------------|------|
-| moving  | something changed less than 0.12 s ago      | as many as 25 frames a second | 1             | 80   |
-| still   | 0.12 s later                                | all                           | 1             | 90   |
-| refined | at once after it                            | all                           | 2, 4, 8, ...  | 94   |
+| stage   | when                                   | pixels                                | samples      | JPEG |
+|---------|----------------------------------------|---------------------------------------|--------------|------|
+| moving  | something changed less than 0.12 s ago | all, if that makes 30 frames a second | 1            | 80   |
+|         |                                        | half across and down, if that makes   |              |      |
+|         |                                        | 20; else fewer, see SCALES            |              |      |
+| still   | 0.12 s later                           | all                                   | 1            | 90   |
+| refined | at once after it                       | all                                   | 2, 4, 8, ... | 94   |
 
 What has changed, camera or looks, makes it moving again; that ends the others between two tiles. A camera message with
 the same camera changes nothing.
@@ -15,11 +17,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 REST = 0.12  # seconds without a change, then it is still
-FRAME = 1 / 25  # seconds that a frame may take while something moves
 PASS = 0.4  # seconds that a pass of refinement may take: so often the picture gets better
-# Shares of the view's width and height: moving pictures are one of these.
-SCALES = (1.0, 0.75, 0.625, 0.5, 0.375, 0.25, 0.1875, 0.125)
-ROOM = 0.8  # of a frame's time: a finer scale must fit into it, so that the scale does not swing
+# Shares of the view's width and height that moving pictures have, and the seconds that a picture may take then: fewer
+# pixels than half across and down are worse to look at than fewer pictures.
+SCALES = {1.0: 1 / 30, 0.75: 1 / 28, 0.625: 1 / 25, 0.5: 1 / 20, 0.375: 1 / 13, 0.25: 1 / 10, 0.1875: 1 / 8, 0.125: 1.0}
+ROOM = 0.8  # of these seconds: a finer scale must fit into that, so that the scale does not swing
 ADAPT = 0.3  # weight of the newest measurement
 START = 0.5  # scale of the first frame
 
@@ -48,8 +50,12 @@ class Pace:
         """For the next moving picture."""
         if self._seconds is None:
             return self._scale
-        fitting = [s for s in SCALES if self._seconds * s * s <= FRAME * (ROOM if s > self._scale else 1.0)]
-        self._scale = max(fitting, default=SCALES[-1])
+        fitting = [
+            scale
+            for scale, allowed in SCALES.items()
+            if self._seconds * scale * scale <= allowed * (ROOM if scale > self._scale else 1.0)
+        ]
+        self._scale = max(fitting, default=min(SCALES))
         return self._scale
 
     def took(self, seconds: float, scale: float) -> None:
