@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from PIL import Image
 
 import pointray as pr
 from pointray.cli import execute
+from viewing import Browser, serve
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
@@ -41,6 +43,18 @@ def load_film(path: Path) -> None:
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] > 1
 
 
+def see(arguments: list[str]) -> None:
+    """Look at what `pointray view` shows, and end it."""
+    process, url, _ = serve(*arguments)
+    browser = Browser(url)
+    browser.arrive()
+    browser.refined(64)
+    browser.close()
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=10)
+    assert process.returncode == 130
+
+
 def test_there_is_something_to_test() -> None:
     assert len(blocks("sh")) >= 3 and len(blocks("python")) >= 2
     assert set(re.findall(r"^```(\w+)", README, re.MULTILINE)) <= {"sh", "python"}
@@ -52,6 +66,9 @@ def test_commands(block: str, folder: Path) -> None:
     for line in lines:
         program, *arguments = shlex.split(line, comments=True) or [""]
         assert program == "pointray", f"do not know how to test {line!r}"
+        if arguments[0] == "view":
+            see(arguments[1:])
+            continue
         assert execute(arguments) == 0
         if "-o" in arguments:
             made = folder / arguments[arguments.index("-o") + 1]

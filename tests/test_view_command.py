@@ -1,9 +1,6 @@
 """`pointray view`, as a program: what it prints, what it shows of files, and how it ends."""
 
-import os
-import re
 import signal
-import subprocess
 import sys
 
 import numpy as np
@@ -13,7 +10,7 @@ import pointray as pr
 from pointray.cli import execute
 from pointray.viewer import loading
 from pointray.viewer.subject import Subject
-from viewing import Browser
+from viewing import Browser, serve
 
 SIZE = (160, 120)
 
@@ -30,18 +27,12 @@ def start():
     started = []
 
     def begin(*arguments):
-        """The process, and the address that it prints."""
-        command = [sys.executable, "-m", "pointray.cli", "view", "--no-open", *map(str, arguments)]
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**os.environ, "BROWSER": "none"})
-        started.append(process)
-        said = []
-        while not (found := re.search(r"http://\S+/", said[-1] if said else "")):
-            said.append(process.stderr.readline())
-            assert said[-1], said
-        return process, found.group(), said
+        """The process, the address that it prints, and all that it has printed."""
+        started.append(serve(*arguments))
+        return started[-1]
 
     yield begin
-    for process in started:
+    for process, _, _ in started:
         process.kill()
         process.communicate()
 

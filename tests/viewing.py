@@ -2,7 +2,10 @@
 
 import io
 import json
+import re
 import struct
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -115,3 +118,14 @@ class Browser:
 
     def close(self):
         self._socket.close()
+
+
+def serve(*arguments):
+    """`pointray view` as a process: that, the address that it prints, and all that it has printed."""
+    command = [sys.executable, "-m", "pointray.cli", "view", "--no-open", *map(str, arguments)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    said = []
+    while not (found := re.search(r"http://\S+/", said[-1] if said else "")):
+        said.append(process.stderr.readline())
+        assert said[-1], said
+    return process, found.group(), said
