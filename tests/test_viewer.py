@@ -131,6 +131,17 @@ def test_lights_come_and_go(browser, scene):
     assert len(scene.lights) == 1  # the scene itself is left alone
 
 
+def test_lights_that_hold_arrays_can_go(browser, scene):
+    edges = np.array([0.0, 0, 1]), np.array([1.0, 0, 0])
+    scene.lights = [pr.RectLight(np.array([0.0, -3, k]), *edges, np.array([k, 1.0, 1])) for k in (2.0, 3.0)]
+    browser.arrive()
+    browser.listen(lambda: "lamps.1.on" in browser.controls())
+    both = levels_in(browser.refined(64)[1])
+    browser.say(type="press", name="lamps.0.remove")
+    browser.listen(lambda: "lamps.1.on" not in browser.controls())
+    assert np.abs(levels_in(browser.refined(64)[1]) - both).mean() > CLOSE
+
+
 def test_dragging_the_sun_tells_the_panel(browser):
     browser.arrive()
     browser.refined(64)

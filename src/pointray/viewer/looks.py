@@ -89,16 +89,20 @@ class Looks:
             samples=max(settings.spp, 64),
             max_depth=settings.depth,
             shadows=settings.shadows,
-            lamps=lamps_of(scene, subject.up),
             exposure=subject.exposure,
             curve=subject.curve,
         )
+        return looks.lit_as(scene, subject.up)
+
+    def lit_as(self, scene: Scene, up: Vector) -> Looks:
+        """With the lights and the background that a scene has."""
+        looks = replace(self, lamps=lamps_of(scene, up))
         if scene.shows_sky:
             return replace(looks, around="sky")
-        if scene.background is not None:
-            r, g, b = linear_to_srgb(np.clip(scene.background, 0, 1)).tolist()
-            return replace(looks, backdrop=(r, g, b))
-        return looks
+        if scene.background is None:
+            return looks
+        r, g, b = linear_to_srgb(np.clip(scene.background, 0, 1)).tolist()
+        return replace(looks, around="color", backdrop=(r, g, b))
 
     def with_value(self, name: str, value: Any) -> Looks:
         """With another value of a control: a field's, or one of a lamp or a cut, like "lamps.0.color"."""

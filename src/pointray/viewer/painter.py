@@ -51,7 +51,9 @@ class Wish(NamedTuple):
 
     def same_picture(self, other: Wish | None) -> bool:
         """Whether nothing that is seen differs."""
-        return other is not None and self._replace(scene=other.scene, time=other.time) == other
+        if other is None or self.looks is not other.looks:  # not ==: lights may hold arrays
+            return False
+        return (self.camera, self.version, self.refine) == (other.camera, other.version, other.refine)
 
 
 class Frame(NamedTuple):
@@ -85,7 +87,7 @@ class Painter:
         self._open, self._cancel = True, Cancel()
         self._drawn, self._seen = 0, 0
         self._pace = Pace()
-        self._dressed: tuple[tuple[Looks, tuple[int, int]], Scene] | None = None
+        self._dressed: tuple[Wish, Scene] | None = None
         self._times: deque[float] = deque(maxlen=60)
         self._thread = threading.Thread(target=self._run, name="pointray-painter", daemon=True)
         self._thread.start()
@@ -124,10 +126,10 @@ class Painter:
 
     def dress(self, wish: Wish) -> Scene:
         """The scene of a wish as it looks."""
-        key = wish.looks, wish.version
-        if self._dressed is None or self._dressed[0] != key:
-            self._dressed = key, wish.looks.dress(wish.scene, wish.up)
-        return self._dressed[1]
+        dressed = self._dressed
+        if dressed is None or dressed[0].looks is not wish.looks or dressed[0].version != wish.version:
+            dressed = self._dressed = wish, wish.looks.dress(wish.scene, wish.up)
+        return dressed[1]
 
     def _run(self) -> None:
         done: Wish | None = None

@@ -58,6 +58,7 @@ class Session:
         self._looks: Looks | None = None
         self._output = Output()
         self._version: tuple[int, int] | None = None
+        self._light: tuple[Any, ...] = (None, None, None)  # of the scene, when it was looked at last
         self._picked: NDArray[np.float64] | None = None
         self._problem = ""
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
@@ -203,8 +204,12 @@ class Session:
 
     def _meet(self, scene: Scene) -> None:
         """There is another scene, or more of it."""
+        light = scene.lights, scene.background, scene.shows_sky
         if self._looks is None:
             self._looks = Looks.of(self._subject, scene)
+        elif any(a is not b for a, b in zip(light, self._light, strict=True)):
+            self._looks = self._looks.lit_as(scene, self._subject.up)
+        self._light = light
         self._voice.place(scene, self._subject.up)
         self._panel()
         self._legend()
