@@ -31,7 +31,7 @@ NAMES = ("eye", "target", "up")
 
 @pytest.fixture(scope="module")
 def browser():
-    with chromium() as browser:
+    with chromium() as launch, launch() as browser:
         yield browser
 
 
@@ -212,6 +212,8 @@ def test_each_page_has_a_camera_of_its_own(browser, viewer, page, scene):
             other.drag(MODEL, (80, 0))
         with page.another(SAMPLES):
             page.tab.mouse.wheel(0, -240)
+        with page.another(SAMPLES), other.another(SAMPLES):
+            scene.add(pr.Plane([0, 0, 0], [0, 0, 1]))
         assert shows(page, scene) and shows(other, scene)
         assert np.allclose(away(page.camera), 0.81 * away(first))
         assert apart(other, scene, page.camera) > 3.0
