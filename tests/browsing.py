@@ -28,19 +28,19 @@ FINISHED = """([samples, number]) => {
         && ["eye", "target", "up", "fov"].every(same);
 }"""
 
+# Where an element is, after a scroll to it.
+BOX = "element => { element.scrollIntoView({ block: 'nearest' }); return element.getBoundingClientRect().toJSON(); }"
+
 
 @contextmanager
 def chromium():
-    """Debian's browser, without a window; skips where there is none."""
+    """A function that starts Debian's browser, without a window; skips where there is none."""
     sync = pytest.importorskip("playwright.sync_api", reason="playwright is not here")
     program = shutil.which("chromium")
     if program is None:
         pytest.skip("chromium is not here")
     with sync.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=program, args=list(FLAGS))
-        yield browser
-        if browser.is_connected():
-            browser.close()
+        yield lambda: play.chromium.launch(executable_path=program, args=list(FLAGS))
 
 
 class Page:
@@ -139,9 +139,7 @@ class Page:
 
     def slide(self, name, share):
         """Drag a slider from its middle to a share of its width."""
-        slider = self.row(name).locator(".lil-slider")
-        slider.scroll_into_view_if_needed()
-        box = slider.bounding_box()
+        box = self.row(name).locator(".lil-slider").evaluate(BOX)  # at once: the panel may be built anew at any time
         middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         self.drag(middle, ((share - 0.5) * box["width"], 0))
 

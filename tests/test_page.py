@@ -4,7 +4,6 @@ import http.server
 import json
 import re
 import shlex
-import socketserver
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
@@ -25,13 +24,13 @@ from viewing import CLOSE, compile_kernels, expected, levels_in
 
 SIZE = (640, 360)
 SAMPLES = 4  # of finished pictures: the page is told so, as a user would
-MODEL = (310, 180)  # where it is in the view at first, beside the panel
+MODEL = (310, 165)  # where it is in the view at first, beside the panel
 NAMES = ("eye", "target", "up")
 
 
 @pytest.fixture(scope="module")
 def browser():
-    with chromium() as browser:
+    with chromium() as launch, launch() as browser:
         yield browser
 
 
@@ -71,6 +70,22 @@ def shown(browser, viewer, **options):
     yield page
     page.close()
     assert page.problems == []
+
+
+@contextmanager
+def serving(folder):
+    """Another site: the address of a folder's files."""
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *words):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=folder)) as server:
+        threading.Thread(target=server.serve_forever, name="elsewhere").start()
+        try:
+            yield f"http://127.0.0.1:{server.server_address[1]}/"
+        finally:
+            server.shutdown()
 
 
 @pytest.fixture
@@ -212,6 +227,8 @@ def test_each_page_has_a_camera_of_its_own(browser, viewer, page, scene):
             other.drag(MODEL, (80, 0))
         with page.another(SAMPLES):
             page.tab.mouse.wheel(0, -240)
+        with page.another(SAMPLES), other.another(SAMPLES):
+            scene.add(pr.Plane([0, 0, 0], [0, 0, 1]))
         assert shows(page, scene) and shows(other, scene)
         assert np.allclose(away(page.camera), 0.81 * away(first))
         assert apart(other, scene, page.camera) > 3.0
@@ -356,13 +373,9 @@ def test_a_page_of_another_origin_cannot_connect(browser, viewer, page, tmp_path
         socket.onopen = () => resolve("open");
         socket.onerror = () => resolve("refused");
     })"""
-    handler = partial(http.server.SimpleHTTPRequestHandler, directory=tmp_path)
-    handler.log_message = lambda *words: None
-    with socketserver.TCPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, name="elsewhere").start()
-        other = Page(browser, f"http://127.0.0.1:{server.server_address[1]}/", SIZE)
+    with serving(tmp_path) as address:
+        other = Page(browser, address, SIZE)
         socket = viewer.url.replace("http", "ws") + "socket"
         assert other.tab.evaluate(opens, socket) == "refused"
         assert page.tab.evaluate(opens, socket) == "open"
         other.close()
-        server.shutdown()

@@ -78,6 +78,12 @@ class Browser:
             except TimeoutError:
                 return
 
+    def answer(self, seconds):
+        """As `rest`, and forget what came."""
+        self.rest(seconds)
+        self.told = [m for m in (self.last("camera"), self.last("panel")) if m]
+        self.frames.clear()
+
     def _take(self, message):
         if isinstance(message, str):
             self.told.append(json.loads(message))

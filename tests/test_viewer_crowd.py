@@ -1,0 +1,248 @@
+"""`pointray view` under many hands: it neither grows nor loses a thread, and complains of nothing."""
+
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import contextmanager
+
+import numpy as np
+import psutil
+import pytest
+
+import pointray as pr
+from browsing import Page, chromium
+from viewing import Browser
+
+EVENTS = 10_000
+BY_HAND = 400  # of them in a real browser, which is killed after half of them
+WARM = 6000  # events before them and before memory is measured: until then it grows to what so many hands need
+VISITORS = 3  # without a page
+GROWTH = 1.05
+SECONDS = 60.0
+SIZES = ((160, 120), (200, 100), (96, 128))
+LEAST, MOST = 1, 3  # lights
+PROGRAM = "from pointray.cli import main; main()"
+INTEGRATORS = ("phong", "ao", "path", "normal", "depth", "color", "cost")
+MATERIALS = ("own", "diffuse", "phong", "principled", "mirror", "glass")
+
+
+@contextmanager
+def serving(model, log):
+    """`pointray view` of a saved model: the process, and the address of its page."""
+    with log.open("w") as stream:
+        words = [sys.executable, "-c", PROGRAM, "view", model, "--no-open"]
+        # One heap: with one for each of the threads that come and go, holes in them look like growth for long.
+        process = subprocess.Popen(words, stderr=stream, env={**os.environ, "MALLOC_ARENA_MAX": "1"})
+    try:
+        yield psutil.Process(process.pid), wait(lambda: re.search(r"http://\S+/", log.read_text()))[0]
+        process.send_signal(signal.SIGINT)
+        process.wait(SECONDS)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def wait(condition):
+    """What a condition returns, when it holds."""
+    end = time.monotonic() + SECONDS
+    while not (found := condition()):
+        assert time.monotonic() < end, "it never happened"
+        time.sleep(0.02)
+    return found
+
+
+class Visitor:
+    """Somebody without a page, who does things at random."""
+
+    ACTS = {
+        "turn": 60,
+        "set": 14,
+        "sun": 8,
+        "pick": 7,
+        "size": 2,
+        "view": 2,
+        "lamp": 2,
+        "press": 1,
+        "come": 3,
+        "rave": 1,
+    }
+
+    def __init__(self, url, dice):
+        self.url, self.dice = url, dice
+        self.come()
+
+    def come(self):
+        """Come, or go and come again."""
+        self.leave()
+        self.socket = Browser(self.url, self.dice.choice(SIZES))
+        self.camera = self.socket.arrive()
+        self.socket.listen(lambda: self.socket.controls().get("samples"))
+        for name, value in (("samples", 4), ("output.width", 64), ("output.height", 48), ("output.samples", 1)):
+            self.socket.set(name, value)
+
+    def leave(self):
+        if hasattr(self, "socket"):
+            self.socket.close()
+
+    def act(self):
+        """One event; its name."""
+        (name,) = self.dice.choices(list(self.ACTS), self.ACTS.values())
+        getattr(self, name)()
+        self.socket.answer(0.002)
+        return name
+
+    def turn(self):
+        """A step of a drag."""
+        angle = self.dice.uniform(-0.2, 0.2)
+        c, s = np.cos(angle), np.sin(angle)
+        target = np.array(self.camera["target"])
+        x, y, z = np.array(self.camera["eye"]) - target
+        eye = target + np.array([c * x - s * y, s * x + c * y, z]) * self.dice.uniform(0.97, 1.03)
+        self.camera = {**self.camera, "eye": eye.tolist()}
+        self.socket.go(self.camera)
+
+    def set(self):
+        """A control of the panel; seldom one that builds the model anew."""
+        hidden = ("samples", "output.", "" if self.dice.random() < 0.03 else "build.")
+        controls = [c for name, c in self.socket.controls().items() if not name.startswith(tuple(filter(None, hidden)))]
+        control = self.dice.choice([c for c in controls if c["kind"] in ("choice", "range", "switch", "color")])
+        self.socket.set(control["name"], self.value(control))
+
+    def value(self, control):
+        """A value that a control may have."""
+        if control["kind"] == "choice":
+            return self.dice.choice(control["options"])[0]
+        if control["kind"] == "switch":
+            return self.dice.random() < 0.5
+        if control["kind"] == "color":
+            return [self.dice.random() for _ in range(3)]
+        value = self.dice.uniform(control["min"], control["max"])
+        return round(value) if isinstance(control["value"], int) else value
+
+    def sun(self):
+        self.socket.say(type="sun", dx=self.dice.uniform(-0.1, 0.1), dy=self.dice.uniform(-0.1, 0.1))
+
+    def pick(self):
+        purpose = self.dice.choice(("query", "target"))
+        place = {"x": self.dice.random(), "y": self.dice.random(), "extend": self.dice.random() < 0.5}
+        self.socket.say(type="pick", purpose=purpose, **place)
+
+    def size(self):
+        width, height = self.dice.choice(SIZES)
+        self.socket.say(type="size", width=width, height=height)
+
+    def view(self):
+        self.socket.say(type="view", name=self.dice.choice(("home", "front", "top", "left")))
+
+    def lamp(self):
+        """A light more or less."""
+        lamps = [name for name in self.socket.controls() if re.fullmatch(r"lamps\.\d+\.remove", name)]
+        more = len(lamps) < MOST and (len(lamps) <= LEAST or self.dice.random() < 0.5)
+        self.socket.say(type="press", name="lamps.add.sun" if more else self.dice.choice(lamps))
+
+    def press(self):
+        self.socket.say(
+            type="press", name=self.dice.choice(("copy.command", "copy.python", "save.stop", "save.picture"))
+        )
+
+    def rave(self):
+        self.socket.say_text(
+            self.dice.choice(("{", "null", '{"type": "camera"}', '{"type": "set", "name": "lamps.9.on"}'))
+        )
+
+    def try_all(self):
+        """Everything that loads machine code: it stays, and is no leak."""
+        for integrator in INTEGRATORS:
+            for material in MATERIALS:
+                self.socket.set("integrator", integrator)
+                self.socket.set("material", material)
+                self.turn()
+                self.socket.refined(4)
+                self.socket.answer(0.002)
+
+
+class Hand:
+    """Somebody with a real browser."""
+
+    def __init__(self, launch, url, dice):
+        self.dice = dice
+        self.browser = launch()
+        self.page = Page(self.browser, url, (480, 270))
+        self.page.until("pointray.last")
+
+    def act(self):
+        """Some events; how many."""
+        steps = self.dice.randint(5, 12)
+        choice = self.dice.random()
+        if choice < 0.6:
+            self.page.drag((120, 130), (self.dice.uniform(-80, 80), self.dice.uniform(-80, 80)), steps)
+        elif choice < 0.8:
+            self.page.slide("exposure", self.dice.random())
+            steps = 8
+        else:
+            self.page.tab.keyboard.press(self.dice.choice("123456h"))
+            steps = 1
+        return steps
+
+    def killed(self):
+        """By signal 9; nothing is said to the server."""
+        started = [p for p in psutil.Process().children(recursive=True) if p.name() == "chromium"]
+        (main,) = [p for p in started if not any(word.startswith("--type=") for word in p.cmdline())]
+        main.send_signal(signal.SIGKILL)
+        main.wait(SECONDS)
+
+    def leave(self):
+        assert self.page.problems == []
+        self.browser.close()
+
+
+def alone(server):
+    """Memory and threads of the server when everybody has left."""
+    before = []
+
+    def calm():
+        before.append((server.num_threads(), server.memory_info().rss))
+        return len(before) > 50 and len(set(before[-50:])) == 1
+
+    wait(calm)
+    return before[-1]
+
+
+@pytest.mark.long
+def test_ten_thousand_events(tmp_path):
+    pr.Model(pr.procedural("statue", 20_000)).save(tmp_path / "statue.pointray")
+    dice, done, log = random.Random(7), Counter(), tmp_path / "stderr"
+    with chromium() as launch, serving(tmp_path / "statue.pointray", log) as (server, url):
+
+        def crowd(count, hands):
+            """So many events, some of them by a hand."""
+            visitors = [Visitor(url, dice) for _ in range(VISITORS)]
+            hand, before = Hand(launch, url, dice), done["hand"]
+            for k in range(count - hands):
+                done[visitors[k % VISITORS].act()] += 1
+                while (done["hand"] - before) * (count - hands) < hands * (k + 1):
+                    done["hand"] += hand.act()
+            for visitor in visitors:
+                visitor.leave()
+            return hand
+
+        visitor = Visitor(url, dice)
+        visitor.try_all()
+        visitor.leave()
+        crowd(WARM, BY_HAND // 2).leave()
+        threads, memory = alone(server)
+        done.clear()
+        crowd(EVENTS // 2, BY_HAND // 2).killed()
+        crowd(EVENTS // 2, BY_HAND // 2).leave()
+        after = alone(server)
+        said = f"{threads} threads, {memory:,} bytes; then {after}; {sum(done.values())} events: {dict(done)}"
+        print(said)
+        assert sum(done.values()) >= EVENTS and done["hand"] >= 300, said
+        assert after[0] <= threads and after[1] <= GROWTH * memory, said
+    assert "Traceback" not in log.read_text()
+    assert len(log.read_text().splitlines()) == 1, log.read_text()
