@@ -4,7 +4,7 @@
 |---------|----------------------------------------|---------------------------------------|--------------|------|
 | moving  | something changed less than 0.12 s ago | all, if that makes 30 frames a second | 1            | 80   |
 |         |                                        | half across and down, if that makes   |              |      |
-|         |                                        | 20; else fewer, see SCALES            |              |      |
+|         |                                        | 18; else fewer, see SCALES            |              |      |
 | still   | 0.12 s later                           | all                                   | 1            | 90   |
 | refined | at once after it                       | all                                   | 2, 4, 8, ... | 94   |
 
@@ -20,7 +20,7 @@ REST = 0.12  # seconds without a change, then it is still
 PASS = 0.4  # seconds that a pass of refinement may take: so often the picture gets better
 # Shares of the view's width and height that moving pictures have, and the seconds that a picture may take then: fewer
 # pixels than half across and down are worse to look at than fewer pictures.
-SCALES = {1.0: 1 / 30, 0.75: 1 / 28, 0.625: 1 / 25, 0.5: 1 / 20, 0.375: 1 / 13, 0.25: 1 / 10, 0.1875: 1 / 8, 0.125: 1.0}
+SCALES = {1.0: 1 / 30, 0.75: 1 / 28, 0.625: 1 / 25, 0.5: 1 / 18, 0.375: 1 / 13, 0.25: 1 / 10, 0.1875: 1 / 8, 0.125: 1.0}
 ROOM = 0.8  # of these seconds: a finer scale must fit into that, so that the scale does not swing
 ADAPT = 0.3  # weight of the newest measurement
 START = 0.5  # scale of the first frame
