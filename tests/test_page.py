@@ -265,6 +265,13 @@ def test_clicks_show_coordinates_and_measure(page, scene):
     line.wait_for(state="hidden")
 
 
+def test_quick_clicks_at_two_places_are_two(page):
+    page.tab.mouse.click(*MODEL)
+    with page.holding("Shift"):
+        page.tab.mouse.click(MODEL[0] + 10, MODEL[1] + 60)
+    page.tab.locator("#line-text").wait_for()
+
+
 def test_a_saved_picture_is_that_of_render(page, scene, tmp_path):
     page.open_folder("Picture")
     for name, value in (("width", 90), ("height", 70), ("samples", SAMPLES)):

@@ -106,11 +106,13 @@ export class Pointer {
 
   #clicked(event, { x, y, shiftKey }) {
     const before = this.#click;
-    clearTimeout(before?.timer);
     this.#click = null;
     const place = [x / (this.#view.clientWidth || 1), y / (this.#view.clientHeight || 1)];
     const again = before && event.timeStamp - before.time < DOUBLE;
-    if (again && Math.hypot(x - before.x, y - before.y) < 2 * SLOP) return this.#actions.target(...place);
+    if (again && Math.hypot(x - before.x, y - before.y) < 2 * SLOP) {
+      clearTimeout(before.timer);
+      return this.#actions.target(...place);
+    }
     const timer = setTimeout(() => this.#actions.query(...place, shiftKey), QUERY_DELAY);
     this.#click = { x, y, time: event.timeStamp, timer };
   }
