@@ -1,6 +1,5 @@
 """`pointray view` under many hands: it neither grows nor loses a thread, and complains of nothing."""
 
-import os
 import random
 import re
 import signal
@@ -36,8 +35,7 @@ def serving(model, log):
     """`pointray view` of a saved model: the process, and the address of its page."""
     with log.open("w") as stream:
         words = [sys.executable, "-c", PROGRAM, "view", model, "--no-open"]
-        # One heap: with one for each of the threads that come and go, holes in them look like growth for long.
-        process = subprocess.Popen(words, stderr=stream, env={**os.environ, "MALLOC_ARENA_MAX": "1"})
+        process = subprocess.Popen(words, stderr=stream)
     try:
         yield psutil.Process(process.pid), wait(lambda: re.search(r"http://\S+/", log.read_text()))[0]
         process.send_signal(signal.SIGINT)

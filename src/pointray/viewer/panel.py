@@ -91,8 +91,8 @@ def _view(looks: Looks) -> Folder:
 def _light(looks: Looks) -> Folder:
     rows = [Control("shadows", "Shadows", "switch", looks.shadows)] if looks.integrator == "phong" else []
     if not looks.lamps:
-        words = "None: a headlight at the camera." if looks.integrator != "path" else "None: an even white sky."
-        rows.append(Control("no_lamps", "", "note", words))
+        instead = {"phong": "None: a headlight at the camera.", "path": "None: an even white sky."}
+        rows.append(Control("no_lamps", "", "note", instead.get(looks.integrator, "None, and none is needed.")))
     for k, lamp in enumerate(looks.lamps):
         rows += _lamp(f"lamps.{k}.", k, lamp)
     rows.append(Control("lamps.add.sun", "Add a sun", "button", hint="Ctrl and drag turns it"))
