@@ -20,7 +20,7 @@ from pointray.viewer.lamps import lamps_of
 from pointray.viewer.loading import Files
 from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
-from viewing import CLOSE, compile_kernels, expected, levels_in
+from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of
 
 SIZE = (640, 360)
 SAMPLES = 4  # of finished pictures: the page is told so, as a user would
@@ -39,13 +39,6 @@ def model():
     model = pr.Model(pr.procedural("statue", 20_000))
     compile_kernels(scene_of(model))
     return model
-
-
-def scene_of(model):
-    scene = pr.Scene()
-    scene.add(model)
-    scene.add_light(pr.SunLight([1, 1, -1.5], 3))
-    return scene
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from pointray.viewer.messages import camera_of, parse, size_of
 from pointray.viewer.pace import ROOM, SCALES, Pace, next_pass
 from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
-from viewing import CLOSE, SIZE, Browser, compile_kernels, expected, levels_in
+from viewing import CLOSE, SIZE, Browser, compile_kernels, expected, levels_in, scene_of
 
 
 @pytest.fixture(scope="module")
@@ -26,13 +26,6 @@ def model():
     model = pr.Model(pr.Points(points.positions, points.normals, grey, {"height": high}))
     compile_kernels(scene_of(model))
     return model
-
-
-def scene_of(model):
-    scene = pr.Scene()
-    scene.add(model)
-    scene.add_light(pr.SunLight([1, 1, -1.5], 3))
-    return scene
 
 
 @pytest.fixture

@@ -36,6 +36,14 @@ def expected(scene, camera, samples, size=SIZE, exposure=0.0, **settings):
     return levels_of(image, exposure=exposure).astype(int)
 
 
+def scene_of(model):
+    """A model under a sun."""
+    scene = pr.Scene()
+    scene.add(model)
+    scene.add_light(pr.SunLight([1, 1, -1.5], 3))
+    return scene
+
+
 def compile_kernels(scene):
     """Before anybody waits for a picture: a first time takes minutes."""
     camera = describe(pr.Camera.frame(scene.bounds))
