@@ -13,7 +13,7 @@ from pointray.viewer.controls import Control
 from pointray.viewer.lamps import SUN, Lamp, axes_of, lamps_of
 from pointray.viewer.messages import camera_of, parse, size_of
 from pointray.viewer.pace import ROOM, SCALES, Pace, next_pass
-from pointray.viewer.subject import Subject
+from pointray.viewer.subject import Build, Subject
 from pointray.viewer.viewer import Viewer
 from viewing import CLOSE, SIZE, Browser, compile_kernels, expected, levels_in, scene_of
 
@@ -203,6 +203,34 @@ def test_a_surface_for_all_browsers(browser, viewer):
     two.close()
     browser.set("build.radius_scale", 1.5)
     browser.listen(lambda: browser.controls()["build.radius_scale"]["value"] == 1.5)
+
+
+def test_a_rebuilt_model_goes_on_following_its_scene(browser, scene, model):
+    camera = browser.arrive()
+    browser.refined(64)
+    browser.set("build.surface", "disc")
+    browser.listen(lambda: browser.controls()["build.surface"]["value"] == "disc")
+    browser.refined(64)
+    scene.add(model, pr.transform((0.3, 0.2, 0)))
+    frame = browser.refined(64)
+    discs, other = pr.Model(model.points, model.radii, surface="disc"), pr.Scene()
+    other.add(discs)
+    other.add(discs, pr.transform((0.3, 0.2, 0)))
+    other.lights = scene.lights
+    assert np.abs(levels_in(frame[1]) - expected(other, camera, 64)).mean() < CLOSE
+
+
+def test_of_many_wishes_for_a_surface_the_newest_counts(scene, monkeypatch):
+    built = []
+    whole = pr.Model.__init__
+    monkeypatch.setattr(pr.Model, "__init__", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])
+    subject = Subject("x", scene)
+    scales = [1.0 + k / 20 for k in range(1, 9)]
+    threads = [subject.rebuild(Build("imls", 4, scale)) for scale in scales]
+    for thread in threads:
+        thread.join()
+    assert subject.build == Build("imls", 4, scales[-1]) and len(built) <= 3
+    assert subject.scene.models[0].surface == "imls" and scene.models[0].surface == "apss"
 
 
 def test_what_the_owner_changes_is_seen(browser, scene):

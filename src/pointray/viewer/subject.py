@@ -6,14 +6,9 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
-from weakref import WeakKeyDictionary
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, Protocol
 
 from ..camera import Camera
-from ..data import Points
 from ..model import Model
 from ..scene import Scene
 from ..settings import Settings
@@ -36,14 +31,6 @@ class Progress:
 
     stage: str = ""
     share: float | None = None
-
-
-class Given(NamedTuple):
-    """What a model is built of: points, their radii, and by how much these were scaled since."""
-
-    points: Points
-    radii: NDArray[np.float32]
-    scale: float
 
 
 class Loader(Protocol):
@@ -83,16 +70,22 @@ class Subject:
         self.problem = ""
         self.progress = Progress()
         self._scene, self._shown = scene, 0
-        self._given: WeakKeyDictionary[Model, Given] = (
-            WeakKeyDictionary()
-        )  # what the models that were built here are built of
+        self._wanted: Build | None = None  # how the user wants models to be built; None: as they came
+        self._built: tuple[Build, dict[Model, Model]] | None = None  # how they were, and what in the place of what
+        self._exchanged: tuple[Any, Scene] | None = None  # what that was made for, and the scene with them
         self._listeners: list[Callable[[], None]] = []
         self._lock, self._building = threading.Lock(), threading.Lock()
 
     @property
     def scene(self) -> Scene | None:
-        """What there is so far."""
-        return self._scene
+        """What there is so far, with models that were built anew in the place of those that came."""
+        scene, built = self._scene, self._built
+        if scene is None or built is None:
+            return scene
+        key, exchanged = (scene, scene._version, built), self._exchanged
+        if exchanged is None or exchanged[0] != key:
+            exchanged = self._exchanged = key, scene.exchange(built[1])
+        return exchanged[1]
 
     @property
     def version(self) -> tuple[int, int]:
@@ -116,55 +109,45 @@ class Subject:
 
         def work() -> None:
             loader(self)
+            self._rebuild()
 
         return self._start(work)
 
     def show(self, scene: Scene, home: Camera | None = None) -> None:
         """This is what is shown from now on, and where a browser begins."""
-        self._scene, self.home = scene, home or self.home
+        self._scene, self._built, self.home = scene, None, home or self.home
         self._shown += 1
         self.tell()
 
     @property
     def build(self) -> Build | None:
         """How the models that are shown are built; of several, the first."""
+        if self._built is not None:
+            return self._built[0]
         models = [] if self._scene is None else self._scene.models
-        if not models:
-            return None
-        scale = self._given[models[0]].scale if models[0] in self._given else 1.0
-        return Build(models[0].surface, models[0].settings.samples, scale)
+        return Build(models[0].surface, models[0].settings.samples) if models else None
 
     def rebuild(self, build: Build) -> threading.Thread:
-        """Build all models anew, in the background; what is there is shown until then."""
+        """Build all models anew, in the background; what is there is shown until then. The newest wish counts."""
+        self._wanted = build
+        return self._start(self._rebuild)
 
-        def work() -> None:
-            with self._building:
-                scene = self._scene
-                if scene is None or build == self.build:
-                    return
-                made: dict[Model, Model] = {}
-                for k, model in enumerate(scene.models):
+    def _rebuild(self) -> None:
+        with self._building:
+            scene, build = self._scene, self._wanted
+            if scene is None or build is None or build == self.build:
+                return
+            models = scene.models
+            self._built = build, {model: self._rebuilt(model, build, k, len(models)) for k, model in enumerate(models)}
+            self._shown += 1
+            self.tell()
 
-                    def say(stage: str, share: float, k: int = k) -> None:
-                        self.say(f"building: {stage}", (k + share) / len(scene.models))
+    def _rebuilt(self, model: Model, build: Build, number: int, count: int) -> Model:
+        def say(stage: str, share: float) -> None:
+            self.say(f"building: {stage}", (number + share) / count)
 
-                    made[model] = self._rebuilt(model, build, say)
-                self.show(scene.exchange(made))
-
-        return self._start(work)
-
-    def _rebuilt(self, model: Model, build: Build, say: Callable[[str, float], None]) -> Model:
-        given = self._given.get(model, Given(model.points, model.radii, 1.0))
-        built = Model(
-            given.points,
-            given.radii,
-            surface=build.surface,
-            samples=build.samples,
-            radius_scale=build.radius_scale,
-            progress=say,
-        )
-        self._given[built] = given._replace(scale=build.radius_scale)
-        return built
+        how: dict[str, Any] = {"surface": build.surface, "samples": build.samples, "radius_scale": build.radius_scale}
+        return Model(model.points, model.radii, **how, progress=say)
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
         thread = threading.Thread(target=self._run, args=(work,), name="pointray-builder", daemon=True)
