@@ -9,6 +9,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 import pointray as pr
+from pointray.records import ACROSS, FORWARD, UPWARD
 from pointray.viewer.controls import Control
 from pointray.viewer.lamps import SUN, Lamp, axes_of, lamps_of
 from pointray.viewer.messages import camera_of, parse, size_of
@@ -62,6 +63,20 @@ def test_a_still_picture_is_drawn_whole_before_it_is_refined(browser):
     assert ("still", 1) in stages
     samples = [s for _, s in stages[stages.index(("still", 1)) :]]
     assert samples == sorted(samples)
+
+
+def test_the_model_fits_into_the_view_whatever_its_shape(viewer, scene):
+    corners = np.stack(np.meshgrid(*scene.bounds.T), -1).reshape(-1, 3)
+    for size in ((300, 60), (60, 300)):
+        browser = Browser(viewer.url, size)
+        browser.rest(0.5)
+        camera = browser.last("camera")
+        view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], size).record()
+        forward, across, upward = (view[k : k + 3] for k in (FORWARD, ACROSS, UPWARD))
+        away = corners - camera["eye"]
+        places = np.stack([away @ axis / (axis @ axis) / (away @ forward) for axis in (across, upward)])
+        assert 0.8 < np.abs(places).max() < 1.0
+        browser.close()
 
 
 def test_the_same_camera_again_changes_nothing(browser):
@@ -226,7 +241,7 @@ def test_of_many_wishes_for_a_surface_the_newest_counts(scene, monkeypatch):
     monkeypatch.setattr(pr.Model, "__init__", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])
     subject = Subject("x", scene)
     scales = [1.0 + k / 20 for k in range(1, 9)]
-    threads = [subject.rebuild(Build("imls", 4, scale)) for scale in scales]
+    threads = [subject.rebuild(surface="imls"), *(subject.rebuild(radius_scale=scale) for scale in scales)]
     for thread in threads:
         thread.join()
     assert subject.build == Build("imls", 4, scales[-1]) and len(built) <= 3

@@ -55,6 +55,7 @@ class Session:
         self._lock = threading.RLock()
         self._size, self._time = SIZE, 0.0
         self._camera: Camera | None = None
+        self._at_home = False  # where it was taken at first, and has not moved
         self._looks: Looks | None = None
         self._output = Output()
         self._version: tuple[int, int] | None = None
@@ -96,12 +97,15 @@ class Session:
 
     def _on_size(self, message: dict[str, Any]) -> None:
         self._size = size_of(message)
-        if self._camera is not None:
+        if self._at_home:
+            self._go("home", animate=False)  # as large as fits into this view
+        elif self._camera is not None:
             self._camera = replace(self._camera, size=self._size)
         self._want()
 
     def _on_camera(self, message: dict[str, Any]) -> None:
         self._camera = camera_of(message, self._size)
+        self._at_home = False
         self._time = number(message, "time")
         self._want()
 
@@ -113,9 +117,7 @@ class Session:
         control = self._control(name)
         value = control.check(message.get("value"))
         if name.startswith("build."):
-            build = self._subject.build
-            if build is not None:
-                self._subject.rebuild(replace(build, **{name.removeprefix("build."): value}))
+            self._subject.rebuild(**{name.removeprefix("build."): value})
             return
         if name.startswith("output."):
             self._output = self._output._replace(**{name.removeprefix("output."): value})
@@ -228,7 +230,7 @@ class Session:
             way = None if name == "home" else np.array(VIEWS[name]) @ axes_of(self._subject.up)
             camera = Camera.frame(scene.bounds, way, fov=fov, size=self._size, up=self._subject.up)
         if not animate:
-            self._camera = camera
+            self._camera, self._at_home = camera, True
         self._voice.go(camera, animate)
 
     def _changed(self, rebuild: bool) -> None:

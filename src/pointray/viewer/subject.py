@@ -127,9 +127,12 @@ class Subject:
         models = [] if self._scene is None else self._scene.models
         return Build(models[0].surface, models[0].settings.samples) if models else None
 
-    def rebuild(self, build: Build) -> threading.Thread:
-        """Build all models anew, in the background; what is there is shown until then. The newest wish counts."""
-        self._wanted = build
+    def rebuild(self, **changes: Any) -> threading.Thread:
+        """Build all models anew, with changes to what was wished for last; until it is done the old ones are shown."""
+        last = self._wanted or self.build
+        if last is None:
+            raise ValueError("there is no model to build anew")
+        self._wanted = replace(last, **changes)
         return self._start(self._rebuild)
 
     def _rebuild(self) -> None:
