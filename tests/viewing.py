@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 
 import numpy as np
 from PIL import Image
@@ -55,7 +56,9 @@ class Browser:
     """Connects, acknowledges pictures, and waits for messages."""
 
     def __init__(self, url, size=SIZE, **headers):
-        self._socket = connect(url.replace("http", "ws") + "socket", max_size=None, **headers)
+        self._left = ExitStack()
+        socket = connect(url.replace("http", "ws") + "socket", max_size=None, **headers)
+        self._socket = self._left.enter_context(socket)
         self.told, self.frames, self.files = [], [], []
         self.say(type="size", width=size[0], height=size[1])
 
@@ -131,7 +134,7 @@ class Browser:
         return {c["name"]: c for folder in self.last("panel")["folders"] for c in folder["controls"]}
 
     def close(self):
-        self._socket.close()
+        self._left.close()
 
 
 def serve(*arguments):

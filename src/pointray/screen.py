@@ -17,6 +17,7 @@ ROWS = 16  # that a thread takes at a time
 # The table has an entry for each value of the exponent and the first 9 bits behind it: from 2^-14, which is level 0, to
 # 2^8, which is white on any curve; the level is off by 0.1 at most, and so wrong by one where the 10th bit decides.
 DARKEST, BRIGHTEST = np.float32(2.0**-14), np.float32(2.0**8)
+WHITEST = BRIGHTEST * np.float32(0.999)  # within the table
 SHIFT = 14
 _FIRST, _LAST = (int(np.array(x).view(np.int32)) >> SHIFT for x in (DARKEST, BRIGHTEST))
 
@@ -40,7 +41,8 @@ def _levels(work, image, backdrop, gain, table, out):  # type: ignore[no-untyped
                 rest = np.float32(1.0) - image[y, x, 3]
                 for c in range(3):
                     value = (image[y, x, c] * gain) + backdrop[c] * rest
-                    value = max(min(value, BRIGHTEST * np.float32(0.999)), DARKEST)  # NaN is dark
+                    value = value if value > DARKEST else DARKEST  # NaN too; `max` may keep it
+                    value = value if value < WHITEST else WHITEST
                     out[y, x, c] = table[(float_bits(value) >> SHIFT) - _FIRST]
         block = take(work)
     return 0

@@ -38,10 +38,12 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
     lights = [light_of(text) for text in place["light"] or []]
     background = background_of(place["background"]) if "background" in options else None
 
+    made: list[Any] = []  # once, for the coarse version as for the whole
+
     def furnish(scene: Any) -> None:
         bounds = scene.bounds
-        for make in lights:
-            scene.add_light(make(bounds.mean(axis=0)))
+        made.extend(make(bounds.mean(axis=0)) for make in lights[len(made) :])
+        scene.lights = made
         if place["ground"]:
             scene.add(ground_under(bounds, up))
         if background is not None:
@@ -65,7 +67,7 @@ def serve(subject: Any, loader: Any, host: str, port: int, open_browser: bool) -
     if port and not viewer.url.endswith(f":{port}/"):
         _tell(f"port {port} is taken")
     if viewer.is_public:
-        _tell(f"note: --host {host}: whoever reaches this machine can see and turn the model")
+        _tell(f"note: --host {host}: whoever reaches this machine sees the model and has it work")
     subject.load(loader)
     opened = open_browser and viewer.open_browser()
     _tell(f"{viewer.url}{'' if opened else ' (open it in a browser)'}, Ctrl-C ends")

@@ -19,6 +19,7 @@ from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
 from ..image.write import check_image_path, write_image
 from ..picture import render
+from ..shade.environment import EnvironmentLight
 from ..shade.lights import PointLight, SunLight
 from .looks import CONSTANT, OWN
 from .painter import Wish
@@ -52,10 +53,12 @@ class Exports:
     def start(self, name: str, wish: Wish, output: Output, subject: Subject) -> None:
         """Do what a button says."""
         if name == "copy.command":
-            self._voice.say(type="copy", text=_command(wish, output, subject.source), title="Picture as a command")
+            self._voice.say(
+                type="copy", text=_command(wish, output, subject.source), title="View and lights as a command"
+            )
             return
         if name == "copy.python":
-            self._voice.say(type="copy", text=_python(wish, output), title="Picture as Python")
+            self._voice.say(type="copy", text=_python(wish, output), title="Camera as Python")
             return
         if self._thread is not None and self._thread.is_alive():
             self._voice.toast("warning", "one is being made: wait for it, or stop it")
@@ -138,7 +141,8 @@ def _command(wish: Wish, output: Output, source: str) -> str:
         for light in looks.lights(wish.up):
             words += ["--light", text] if (text := _light_text(light)) else []
         words += ["--ground"] if looks.ground else []
-        words += ["--background", _commas(srgb_to_linear(np.array(looks.backdrop)))]
+        color = _commas(srgb_to_linear(np.array(looks.backdrop)))
+        words += ["--background", "sky" if looks.around == "sky" else color]
         if looks.color_by not in (OWN, CONSTANT):
             words += ["--color-by", f"{looks.color_by}:{looks.colormap}"]
     return shlex.join(words)
@@ -150,6 +154,8 @@ def _light_text(light: Any) -> str:
         return f"sun:{_commas(light.direction)}:{float(np.max(light.irradiance)):.6g}"
     if isinstance(light, PointLight):
         return f"point:{_commas(light.position)}:{float(np.max(light.intensity)):.6g}"
+    if isinstance(light, EnvironmentLight) and light.image is None and light.horizon is None and light.ground is None:
+        return f"sky:{_commas(np.broadcast_to(light.radiance, 3))}"
     return ""
 
 

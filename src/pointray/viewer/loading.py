@@ -92,5 +92,5 @@ class Described:
 
     def __call__(self, subject: Subject) -> None:
         made = self.plan.build(subject.say)
-        subject.exposure, subject.curve = made.exposure, made.curve
+        subject.exposure, subject.curve = float(made.exposure), made.curve
         subject.show(made.scene, made.camera)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,6 +25,23 @@ from .subject import Subject
 OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
 AXES = ("x", "y", "z")
+
+
+# The values that `dress` depends on.
+DRESS: tuple[str, ...] = (
+    "lamps",
+    "around",
+    "backdrop",
+    "ground",
+    "cuts",
+    "material",
+    "color_by",
+    "color",
+    "colormap",
+    "low",
+    "high",
+)
+DRESS += ("specular", "exponent", "roughness", "metallic", "ior")
 
 
 @dataclass(frozen=True)
@@ -92,17 +111,20 @@ class Looks:
             exposure=subject.exposure,
             curve=subject.curve,
         )
-        return looks.lit_as(scene, subject.up)
+        return replace(looks, lamps=lamps_of(scene, subject.up)).before(scene)
 
-    def lit_as(self, scene: Scene, up: Vector) -> Looks:
-        """With the lights and the background that a scene has."""
-        looks = replace(self, lamps=lamps_of(scene, up))
+    def before(self, scene: Scene) -> Looks:
+        """With the background that a scene has."""
         if scene.shows_sky:
-            return replace(looks, around="sky")
+            return replace(self, around="sky")
         if scene.background is None:
-            return looks
+            return self
         r, g, b = linear_to_srgb(np.clip(scene.background, 0, 1)).tolist()
-        return replace(looks, around="color", backdrop=(r, g, b))
+        return replace(self, around="color", backdrop=(r, g, b))
+
+    def dressed_like(self, other: Looks) -> bool:
+        """Whether the scene is dressed the same way; by identity, as lights may hold arrays."""
+        return all(getattr(self, name) is getattr(other, name) for name in DRESS)
 
     def with_value(self, name: str, value: Any) -> Looks:
         """With another value of a control: a field's, or one of a lamp or a cut, like "lamps.0.color"."""
@@ -143,7 +165,7 @@ class Looks:
         if self.ground:
             top = axes_of(up)[2]
             dressed.add(Plane(np.where(top >= 0, low, high), up))
-        dressed.clips = self._clips(low, high)
+        dressed.clips = [*map(tuple, scene.clips), *self._clips(low, high)]
         if self.material != OWN or self.color_by != OWN:
             material = self._material()
             for number, shape in scene.shapes.items():
@@ -178,17 +200,21 @@ class Looks:
         return made[self.material]()  # type: ignore[no-any-return]
 
 
+_FITTING: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # found once a model: it looks at all values
+
+
 def colorings(scene: Scene) -> list[str]:
     """The attributes by which all models of a scene can be coloured."""
-    models = scene.models
-    names = [name for name in (models[0].points.attributes if models else ()) if _fits_all(name, scene)]
-    return [*names, *COORDINATES]
+    of_models = [_fitting(model) for model in scene.models]
+    return [*(name for name in of_models[0] if all(name in names for names in of_models)), *COORDINATES]
 
 
-def _fits_all(name: str, scene: Scene) -> bool:
-    try:
-        for model in scene.models:
-            check_attribute(model.points, Attribute(name))
-    except ValueError:
-        return False
-    return True
+def _fitting(model: Model) -> list[str]:
+    if model not in _FITTING:
+        names = []
+        for name in model.points.attributes:
+            with suppress(ValueError):
+                check_attribute(model.points, Attribute(name))
+                names.append(name)
+        _FITTING[model] = names
+    return _FITTING[model]

@@ -127,7 +127,7 @@ class Painter:
     def dress(self, wish: Wish) -> Scene:
         """The scene of a wish as it looks."""
         dressed = self._dressed
-        if dressed is None or dressed[0].looks is not wish.looks or dressed[0].version != wish.version:
+        if dressed is None or dressed[0].version != wish.version or not dressed[0].looks.dressed_like(wish.looks):
             dressed = self._dressed = wish, wish.looks.dress(wish.scene, wish.up)
         return dressed[1]
 

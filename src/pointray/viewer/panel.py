@@ -147,7 +147,7 @@ def _material(looks: Looks, scene: Scene) -> Folder:
             rows.append(Control("color", "", "color", looks.color))
         elif looks.color_by != OWN:
             rows.append(_choice(looks, "colormap", "Map", [(name, name) for name in EMBEDDED]))
-            rows += _limits(looks, scene)
+            rows += _limits(looks)
     more = {
         "phong": [("specular", "Specular", 0.0, 1.0, 0.01), ("exponent", "Exponent", 1.0, 1000.0, 1.0)],
         "principled": [("roughness", "Roughness", 0.0, 1.0, 0.01), ("metallic", "Metallic", 0.0, 1.0, 0.01)],
@@ -157,8 +157,8 @@ def _material(looks: Looks, scene: Scene) -> Folder:
     return Folder("Material", rows)
 
 
-def _limits(looks: Looks, scene: Scene) -> list[Control]:
-    """The range of the attribute: where none is set, the one that was found."""
+def _limits(looks: Looks) -> list[Control]:
+    """The range of the attribute, once one was found."""
     rows = []
     for name, label in (("low", "From"), ("high", "To")):
         rows.append(Control(name, label, "number", getattr(looks, name)))
@@ -211,8 +211,8 @@ def _save(output: Output, has_command: bool) -> Folder:
     return Folder(
         "Picture",
         [
-            Control("output.width", "Width", "number", output.width, low=1, high=16384),
-            Control("output.height", "Height", "number", output.height, low=1, high=16384),
+            Control("output.width", "Width", "number", output.width, low=1, high=8192),
+            Control("output.height", "Height", "number", output.height, low=1, high=8192),
             Control("output.samples", "Samples", "number", output.samples, low=1, high=65536),
             Control("output.format", "Format", "choice", output.format, formats),
             Control(

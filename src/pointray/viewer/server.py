@@ -30,6 +30,7 @@ KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".m
 PORT = 8080  # where none is asked for; the next free one, if it is taken
 TRIES = 100
 LARGEST_MESSAGE = 1 << 16  # bytes, of the page's
+MOST_WAITING = 1 << 29  # bytes, for a browser that does not read: it is let go
 # Nothing from elsewhere is loaded or asked, and no other site may show the page in a frame but a notebook of this
 # machine.
 POLICY = (
@@ -54,10 +55,15 @@ class Link:
     def __init__(self, connection: ServerConnection, loop: asyncio.AbstractEventLoop) -> None:
         self._connection, self._loop = connection, loop
         self.open = True
+        self._waiting = 0  # bytes
 
     def send(self, message: str | bytes) -> None:
         """Send, some time soon; to a browser that has gone, nothing."""
+        if self._waiting > MOST_WAITING:
+            self.open = False
+            self._loop.call_soon_threadsafe(self._connection.transport.abort)
         if self.open:
+            self._waiting += len(message)
             try:
                 asyncio.run_coroutine_threadsafe(self._send(message), self._loop)
             except RuntimeError:  # the loop has ended
@@ -68,6 +74,8 @@ class Link:
             await self._connection.send(message)
         except ConnectionClosed:
             self.open = False
+        finally:
+            self._waiting -= len(message)
 
 
 class Server:
@@ -91,7 +99,7 @@ class Server:
     def __init__(self, welcome: Callable[[Link], Visitor], host: str, port: int) -> None:
         self._welcome, self.host, self.port = welcome, host, port or PORT
         self._ready = threading.Event()
-        self._failed: OSError | None = None
+        self._failed: Exception | None = None
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="pointray-server", daemon=True)
         self._thread.start()
@@ -127,7 +135,7 @@ class Server:
         self._ended = asyncio.Event()
         try:
             listener = await self._listen()
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: a host that is no name
             self._failed = error
             return
         finally:
@@ -152,7 +160,6 @@ class Server:
                 if error.errno != errno.EADDRINUSE:
                     raise OSError(error.errno, f"cannot listen there: {error.strerror}", self.host) from error
                 continue
-            self._ready.set()
             return listener
         raise OSError(errno.EADDRINUSE, f"ports {first} to {self.port} are all taken", self.host)
 
@@ -181,12 +188,17 @@ class Server:
         name = (urlsplit(f"//{host}").hostname or "").lower()
         if name in {"localhost", self.host.lower()} or _is_address(name):
             return True
-        return self.is_public and name.partition(".")[0] == socket.gethostname().lower().partition(".")[0]
+        own = socket.gethostname().lower()
+        return self.is_public and name in {own, f"{own}.local", socket.getfqdn().lower()}
 
     async def _attend(self, connection: ServerConnection) -> None:
         """One browser, from coming to going."""
         link = Link(connection, self._loop)
-        visitor = self._welcome(link)
+        try:
+            visitor = self._welcome(link)
+        except Exception:
+            log.exception("while a browser came")
+            raise
         try:
             async for message in connection:
                 if isinstance(message, str):

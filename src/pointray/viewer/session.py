@@ -16,7 +16,7 @@ from ..camera import Camera
 from ..scene import Scene
 from .controls import Control, Folder
 from .exports import Exports
-from .lamps import SUN, axes_of
+from .lamps import SUN, axes_of, lamps_of
 from .looks import CONSTANT, OWN, Looks
 from .messages import camera_of, number, parse, size_of, word
 from .painter import Painter, Wish
@@ -28,8 +28,8 @@ from .voice import Voice
 
 log = logging.getLogger("pointray.view")
 
-SIZE = (1280, 720)  # of a view that has not said its size
 FOV = 40.0
+MOST_SAID = 10  # messages of one page that are ignored and told in the log
 TURN = 180.0  # degrees that the sun turns over a window's height
 VIEWS = {
     "front": (0.0, 1.0, 0.0),  # right, front, up
@@ -53,15 +53,19 @@ class Session:
     def __init__(self, link: Link, subject: Subject, ended: Callable[[Session], None]) -> None:
         self._subject, self._ended, self._voice = subject, ended, Voice(link)
         self._lock = threading.RLock()
-        self._size, self._time = SIZE, 0.0
+        self._size: tuple[int, int] | None = None  # of the view; until it is known nothing is shown
+        self._time = 0.0
         self._camera: Camera | None = None
         self._at_home = False  # where it was taken at first, and has not moved
         self._looks: Looks | None = None
         self._output = Output()
         self._version: tuple[int, int] | None = None
-        self._light: tuple[Any, ...] = (None, None, None)  # of the scene, when it was looked at last
+        self._lights: tuple[Any, ...] = ()  # of the scene, when it was looked at last
+        self._around: Any = None
         self._picked: NDArray[np.float64] | None = None
         self._problem = ""
+        self._picking = False
+        self._nonsense = 0
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
         self._exports = Exports(self._voice)
         self._painter = Painter(
@@ -70,7 +74,8 @@ class Session:
         )
         self._voice.hello(subject.title)
         self._leave = subject.listen(self._follow)
-        self._panel()
+        with self._lock:
+            self._panel()
         self._follow()
 
     def receive(self, text: str) -> None:
@@ -82,8 +87,10 @@ class Session:
                 raise ValueError(f"unknown type {message['type']!r:.40}")
             with self._lock:
                 handler(self, message)
-        except (ValueError, KeyError, IndexError, TypeError, OverflowError) as error:
-            log.info("ignored a message of the page: %s", error)
+        except Exception as error:
+            self._nonsense += 1
+            if self._nonsense <= MOST_SAID:
+                log.warning("ignored a message of the page: %s", error)
 
     def leave(self) -> None:
         """The browser has gone: nothing more is drawn for it."""
@@ -97,14 +104,14 @@ class Session:
 
     def _on_size(self, message: dict[str, Any]) -> None:
         self._size = size_of(message)
-        if self._at_home:
+        if (self._camera is None or self._at_home) and self._looks is not None:
             self._go("home", animate=False)  # as large as fits into this view
         elif self._camera is not None:
             self._camera = replace(self._camera, size=self._size)
         self._want()
 
     def _on_camera(self, message: dict[str, Any]) -> None:
-        self._camera = camera_of(message, self._size)
+        self._camera = camera_of(message, self._size or (1, 1))
         self._at_home = False
         self._time = number(message, "time")
         self._want()
@@ -171,8 +178,10 @@ class Session:
     def _on_pick(self, message: dict[str, Any]) -> None:
         x, y = number(message, "x", 0, 1), number(message, "y", 0, 1)
         purpose, extend = word(message, "purpose"), message.get("extend") is True
-        if self._subject.scene is not None and self._camera is not None and self._looks is not None:
-            self._jobs.submit(self._pick, self._wish(), (x, y), purpose, extend)
+        if self._subject.scene is None or self._camera is None or self._looks is None or self._picking:
+            return
+        self._picking = True
+        self._jobs.submit(self._pick, self._wish(), (x, y), purpose, extend)
 
     def _on_clear(self, message: dict[str, Any]) -> None:
         self._picked = None
@@ -197,7 +206,8 @@ class Session:
         with self._lock:
             if self._subject.problem != self._problem:
                 self._problem = self._subject.problem
-                self._voice.toast("error", self._problem, stay=True)
+                if self._problem:
+                    self._voice.toast("error", self._problem, stay=True)
             scene, version = self._subject.scene, self._subject.version
             if scene is not None and scene.models and version != self._version:
                 self._version = version
@@ -206,29 +216,31 @@ class Session:
 
     def _meet(self, scene: Scene) -> None:
         """There is another scene, or more of it."""
-        light = scene.lights, scene.background, scene.shows_sky
+        lights, around = scene.lights, (scene.shows_sky, None if scene.background is None else list(scene.background))
         if self._looks is None:
             self._looks = Looks.of(self._subject, scene)
-        elif any(a is not b for a, b in zip(light, self._light, strict=True)):
-            self._looks = self._looks.lit_as(scene, self._subject.up)
-        self._light = light
+        if len(lights) != len(self._lights) or any(a is not b for a, b in zip(lights, self._lights, strict=True)):
+            self._looks = replace(self._looks, lamps=lamps_of(scene, self._subject.up))
+        if around != self._around:
+            self._looks = self._looks.before(scene)
+        self._lights, self._around = lights, around
         self._voice.place(scene, self._subject.up)
         self._panel()
         self._legend()
-        if self._camera is None:
+        if self._camera is None and self._size is not None:
             self._go("home", animate=False)
 
     def _go(self, name: str, animate: bool) -> None:
         """Take the page to one of the standard views."""
-        scene = self._subject.scene
-        if scene is None or (name not in VIEWS and name != "home"):
+        scene, size = self._subject.scene, self._size
+        if scene is None or size is None or (name not in VIEWS and name != "home"):
             raise ValueError(f"there is no view {name!r:.40}")
         if name == "home" and self._subject.home is not None:
-            camera = replace(self._subject.home, size=self._size)
+            camera = replace(self._subject.home, size=size)
         else:
             fov = FOV if self._camera is None else self._camera.fov
             way = None if name == "home" else np.array(VIEWS[name]) @ axes_of(self._subject.up)
-            camera = Camera.frame(scene.bounds, way, fov=fov, size=self._size, up=self._subject.up)
+            camera = Camera.frame(scene.bounds, way, fov=fov, size=size, up=self._subject.up)
         if not animate:
             self._camera, self._at_home = camera, True
         self._voice.go(camera, animate)
@@ -241,7 +253,8 @@ class Session:
         self._legend()
 
     def _want(self) -> None:
-        if self._camera is not None and self._looks is not None and self._subject.scene is not None:
+        known = self._camera is not None and self._size is not None and self._looks is not None
+        if known and self._subject.scene is not None:
             self._painter.want(self._wish())
 
     def _wish(self) -> Wish:
@@ -274,17 +287,25 @@ class Session:
 
     def _draw_legend(self, wish: Wish) -> None:
         try:
-            shown = self._painter.dress(wish).shown_attributes
+            shown = self._painter.dress(wish).shown_attributes[0]
         except ValueError:  # the painter says so
             return
-        self._voice.legend(shown[0])
+        with self._lock:
+            if wish.looks is not self._looks:
+                return
+            self._voice.legend(shown)
+            if self._looks.low is None and shown.range is not None:  # what was found can be changed now
+                self._looks = replace(self._looks, low=shown.range[0], high=shown.range[1])
+                self._panel()
+                self._want()
 
     def _pick(self, wish: Wish, place: tuple[float, float], purpose: str, extend: bool) -> None:
         try:
             found = pick(self._painter.dress(wish), wish.camera, *place)
-        except ValueError as error:
-            log.info("cannot pick: %s", error)
+        except ValueError:  # the painter says so
             return
+        finally:
+            self._picking = False
         if found is None:
             return
         if purpose == "target":

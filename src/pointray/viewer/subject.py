@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
-from ..camera import Camera
+from ..camera import Camera, _check_direction
 from ..model import Model
 from ..scene import Scene
 from ..settings import Settings
@@ -64,7 +64,8 @@ class Subject:
         settings: Settings | None = None,
         source: str = "",
     ) -> None:
-        self.title, self.up, self.settings, self.source = title, up, settings or Settings(), source
+        self.title, self.settings, self.source = title, settings or Settings(), source
+        self.up = _check_direction(up, "up")
         self.home: Camera | None = None
         self.exposure, self.curve = 0.0, "srgb"
         self.problem = ""
@@ -115,7 +116,9 @@ class Subject:
 
     def show(self, scene: Scene, home: Camera | None = None) -> None:
         """This is what is shown from now on, and where a browser begins."""
-        self._scene, self._built, self.home = scene, None, home or self.home
+        self._scene, self._built = scene, None
+        if home is not None:  # the page knows this projection only
+            self.home = replace(home, projection="perspective", aperture=0.0, focus=None)
         self._shown += 1
         self.tell()
 
@@ -137,19 +140,27 @@ class Subject:
 
     def _rebuild(self) -> None:
         with self._building:
-            scene, build = self._scene, self._wanted
-            if scene is None or build is None or build == self.build:
-                return
-            models = scene.models
-            self._built = build, {model: self._rebuilt(model, build, k, len(models)) for k, model in enumerate(models)}
-            self._shown += 1
-            self.tell()
+            while True:
+                scene, build = self._scene, self._wanted
+                if scene is None or build is None or build == self.build:
+                    return
+                models = scene.models
+                try:
+                    made = {model: self._rebuilt(model, build, k, len(models)) for k, model in enumerate(models)}
+                except Exception:
+                    self._wanted = None
+                    raise
+                if scene is self._scene and build is self._wanted:
+                    self._built = build, made
+                    self._shown += 1
+                    self.tell()
 
     def _rebuilt(self, model: Model, build: Build, number: int, count: int) -> Model:
         def say(stage: str, share: float) -> None:
             self.say(f"building: {stage}", (number + share) / count)
 
         how: dict[str, Any] = {"surface": build.surface, "samples": build.samples, "radius_scale": build.radius_scale}
+        how["refine"] = model.settings.refine
         return Model(model.points, model.radii, **how, progress=say)
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
@@ -158,6 +169,7 @@ class Subject:
         return thread
 
     def _run(self, work: Callable[[], None]) -> None:
+        self.problem = ""
         try:
             work()
         except (OSError, ValueError) as error:
@@ -177,4 +189,7 @@ class Subject:
         with self._lock:
             listeners = list(self._listeners)
         for listener in listeners:
-            listener()
+            try:
+                listener()
+            except Exception:  # of one browser; the others are told all the same
+                log.exception("while telling a browser")

@@ -35,6 +35,7 @@ class Voice:
     def __init__(self, link: Link) -> None:
         self._link = link
         self._status_at = 0.0
+        self._described: list[dict[str, Any]] = []
 
     def say(self, **message: Any) -> None:
         """A message as it is."""
@@ -52,7 +53,11 @@ class Voice:
         self.say(type="camera", **describe(camera), animate=animate)
 
     def panel(self, folders: Sequence[Folder]) -> None:
-        self.say(type="panel", folders=[folder.describe() for folder in folders])
+        """The panel, if it has become another: a new one would be built under the user's hand."""
+        described = [folder.describe() for folder in folders]
+        if described != self._described:
+            self._described = described
+            self.say(type="panel", folders=described)
 
     def progress(self, progress: Progress) -> None:
         self.say(type="progress", stage=progress.stage, share=progress.share)

@@ -28,7 +28,7 @@ export class Connection {
     return this.#socket?.readyState === WebSocket.OPEN;
   }
 
-  /** Whether it could be sent: what happens while disconnected is dropped, the state is sent anew afterwards. */
+  /** Whether it could be sent: what happens while disconnected is dropped, size and camera are sent anew afterwards. */
   send(message) {
     if (this.connected) this.#socket.send(JSON.stringify(message));
     return this.connected;

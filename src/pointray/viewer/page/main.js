@@ -27,7 +27,6 @@ const panel = new Panel(document.getElementById("panel"), send);
 
 const sent = { camera: null, size: "" }; // what the server knows
 const sun = { dx: 0, dy: 0 }; // not sent yet
-let fresh = false; // connected, but the server's camera has not come yet
 let waiting = 0; // the animation frame that is asked for
 let touched = 0; // ms, when the user's hand moved first since the last camera was sent
 
@@ -59,13 +58,10 @@ function received(message, payload) {
   if (Object.hasOwn(messages, message?.type)) messages[message.type](message, payload);
 }
 
-/** The server's camera; after a reconnection it gets the page's instead. */
+/** The server's camera. */
 function takeCamera(message) {
   if (!isCamera(message)) return;
-  const kept = fresh && motion.camera;
-  fresh = false;
-  if (kept) sent.camera = null;
-  else if (message.animate && motion.camera) motion.glide(copyCamera(message));
+  if (message.animate && motion.camera) motion.glide(copyCamera(message));
   else {
     motion.jump(message);
     sent.camera = motion.camera;
@@ -74,10 +70,12 @@ function takeCamera(message) {
 }
 
 function opened() {
-  fresh = true;
   sent.size = "";
   picture.restart();
   overlay.showBanner(false);
+  // Before the size, which the server answers with a camera of its own as long as it knows of no other.
+  sent.camera = null;
+  sendCamera();
   sendSize();
 }
 
@@ -113,7 +111,7 @@ function sendSize() {
 }
 
 function sendCamera() {
-  if (!motion.camera || fresh || (sent.camera && sameCamera(sent.camera, motion.camera))) return;
+  if (!motion.camera || (sent.camera && sameCamera(sent.camera, motion.camera))) return;
   if (send({ type: "camera", ...motion.camera, time: touched || performance.now() })) sent.camera = motion.camera;
   touched = 0;
 }

@@ -40,10 +40,11 @@ export class Picture {
   /** Shows a picture after those that came before it. */
   show(header, payload) {
     const age = this.#age;
-    this.#queue = this.#queue.then(async () => {
+    const next = async () => {
       const bitmap = await decode(header, payload);
       if (age === this.#age) this.#present(header, bitmap);
-    });
+    };
+    this.#queue = this.#queue.then(next).catch(console.error); // one that fails must not end the others
   }
 
   #present(header, bitmap) {
