@@ -503,3 +503,67 @@ def test_a_scene_without_models_waits_for_one(model):
     browser.refined(64)
     browser.close()
     viewer.close()
+
+
+def test_clip_planes_of_the_scene_stay(browser, scene):
+    scene.clips = [(scene.bounds.mean(axis=0), (0, 0, 1))]
+    camera = browser.arrive()
+    browser.set("cuts.0.on", True)
+    both = scene.copy()
+    both.clips = [*map(tuple, scene.clips), (scene.bounds.mean(axis=0), (1, 0, 0))]
+    wanted = expected(both, camera, 64)
+    browser.listen(lambda: browser.frames and np.abs(levels_in(browser.refined(64)[1]) - wanted).mean() < CLOSE)
+
+
+def test_what_the_user_did_to_the_lights_outlives_the_coarse_version(model, scene):
+    subject = Subject("x", scene)
+    viewer = Viewer(subject)
+    browser = Browser(viewer.url, SIZE)
+    browser.arrive()
+    browser.say(type="press", name="lamps.add.point")
+    browser.listen(lambda: "lamps.1.position" in browser.controls())
+    whole = pr.Scene()
+    whole.add(pr.Model(model.points))
+    whole.lights = scene.lights
+    told = len(browser.told)
+    subject.show(whole)
+    browser.listen(lambda: any(m["type"] == "place" for m in browser.told[told:]))
+    browser.rest(0.5)
+    assert "lamps.1.position" in browser.controls()
+    browser.close()
+    viewer.close()
+
+
+def test_a_surface_that_cannot_be_built_is_said_and_forgotten(browser, monkeypatch):
+    whole = pr.Model.__init__
+
+    def refuse(self, *arguments, **options):
+        if options["surface"] == "paper":
+            raise ValueError("not this one")
+        whole(self, *arguments, **options)
+
+    browser.arrive()
+    monkeypatch.setattr(pr.Model, "__init__", refuse)
+    for _ in range(2):
+        told = len(browser.told)
+        browser.set("build.surface", "paper")
+        browser.listen(
+            lambda n=told: any(m["type"] == "toast" and m["text"] == "not this one" for m in browser.told[n:])
+        )
+    browser.set("build.samples", 8)
+    browser.listen(lambda: browser.controls()["build.samples"]["value"] == 8)
+    assert browser.controls()["build.surface"]["value"] == "apss"
+
+
+def test_the_range_that_was_found_can_be_changed(browser, scene, model):
+    camera = browser.arrive()
+    browser.set("color_by", "height")
+    browser.listen(lambda: "low" in browser.controls())
+    browser.set("low", 1.0)
+    painted = pr.Scene()
+    painted.add(
+        model, material=pr.Diffuse(pr.Attribute("height", "viridis", (1.0, browser.controls()["high"]["value"])))
+    )
+    painted.lights = scene.lights
+    wanted = expected(painted, camera, 64)
+    browser.listen(lambda: np.abs(levels_in(browser.refined(64)[1]) - wanted).mean() < CLOSE)

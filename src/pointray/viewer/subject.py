@@ -169,7 +169,9 @@ class Subject:
         return thread
 
     def _run(self, work: Callable[[], None]) -> None:
-        self.problem = ""
+        if self.problem:
+            self.problem = ""
+            self.tell()  # so that the same one is said again
         try:
             work()
         except (OSError, ValueError) as error:
