@@ -14,6 +14,7 @@ from pointray.viewer.controls import Control
 from pointray.viewer.lamps import SUN, Lamp, axes_of, lamps_of
 from pointray.viewer.messages import camera_of, parse, size_of
 from pointray.viewer.pace import ROOM, SCALES, Pace, next_pass
+from pointray.viewer.session import MOST_SAID
 from pointray.viewer.subject import Build, Subject
 from pointray.viewer.viewer import Viewer
 from viewing import CLOSE, SIZE, Browser, compile_kernels, expected, levels_in, scene_of
@@ -334,7 +335,7 @@ NONSENSE = (
 )
 
 
-def test_nonsense_is_ignored(browser, scene):
+def test_nonsense_is_ignored(browser, scene, caplog):
     camera = browser.arrive()
     browser.refined(64)
     for text in NONSENSE:
@@ -343,6 +344,8 @@ def test_nonsense_is_ignored(browser, scene):
     frame = browser.refined(64)
     assert np.abs(levels_in(frame[1]) - expected(scene, {**camera, "fov": 30.0}, 64)).mean() < CLOSE
     assert browser.last("toast") is None
+    said = [record.message for record in caplog.records if record.name == "pointray.view"]
+    assert len(said) == MOST_SAID and all(text.startswith("ignored a message of the page: ") for text in said)
 
 
 def test_pages_of_others_are_refused(viewer):

@@ -242,5 +242,5 @@ def test_ten_thousand_events(tmp_path):
         print(said)
         assert sum(done.values()) >= EVENTS and done["hand"] >= 300, said
         assert after[0] <= threads and after[1] <= GROWTH * memory, said
-    assert "Traceback" not in log.read_text()
-    assert len(log.read_text().splitlines()) == 1, log.read_text()
+    said = [line for line in log.read_text().splitlines() if not line.startswith("ignored a message of the page: ")]
+    assert len(said) == 1, said  # the address
