@@ -46,12 +46,15 @@ def load_film(path: Path) -> None:
 def see(arguments: list[str]) -> None:
     """Look at what `pointray view` shows, and end it."""
     process, url, _ = serve(*arguments)
-    browser = Browser(url)
-    browser.arrive()
-    browser.refined(64)
-    browser.close()
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=10)
+    try:
+        browser = Browser(url)
+        browser.arrive()
+        browser.refined(64)
+        browser.close()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=10)
+    finally:
+        process.kill()
     assert process.returncode == 130
 
 

@@ -19,7 +19,7 @@ from viewing import Browser
 
 EVENTS = 10_000
 BY_HAND = 400  # of them in a real browser, which is killed after half of them
-WARM = 6000  # events before them and before memory is measured: until then it grows to what so many hands need
+WARM = 10_000  # events before them and before memory is measured: until then it grows to what so many hands need
 VISITORS = 3  # without a page
 GROWTH = 1.05
 SECONDS = 60.0

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -71,7 +73,13 @@ def serve(subject: Any, loader: Any, host: str, port: int, open_browser: bool) -
     subject.load(loader)
     opened = open_browser and viewer.open_browser()
     _tell(f"{viewer.url}{'' if opened else ' (open it in a browser)'}, Ctrl-C ends")
-    viewer.wait()
+    interrupted: list[int] = []
+    if threading.current_thread() is threading.main_thread():
+        # A note, no exception: one that is raised while something is being freed is lost.
+        signal.signal(signal.SIGINT, lambda number, frame: interrupted.append(number))
+    viewer.wait(lambda: bool(interrupted))
+    if interrupted:
+        raise KeyboardInterrupt
 
 
 def _tell(text: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import threading
 import webbrowser
+from collections.abc import Callable
 from typing import Any
 
 from .server import Link, Server
@@ -40,10 +41,10 @@ class Viewer:
         for session in sessions:
             session.leave()
 
-    def wait(self) -> None:
-        """Until it is closed, from another thread or by Ctrl-C."""
+    def wait(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Until it is closed, from another thread or by Ctrl-C, or a condition holds."""
         try:
-            while not self._ended.wait(0.2):
+            while not self._ended.wait(0.2) and not until():
                 pass
         finally:
             self.close()
