@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-LONGEST = 200  # letters of a text
-
 
 @dataclass(frozen=True)
 class Control:
@@ -19,7 +17,7 @@ class Control:
     name : str
         What it changes.
     kind : str
-        choice, range, number, switch, color (sRGB), text, vector, button, note.
+        choice, range, number, switch, color (sRGB), vector, button, note.
     options : list of (value, label), of a choice
     low, high, step : float, of a range; the limits of a number, whose step does not matter
     log : bool
@@ -76,11 +74,6 @@ class Control:
     def _check_switch(self, value: Any) -> bool:
         if not isinstance(value, bool):
             raise ValueError(f"{self.name} must be true or false, not {value!r}")
-        return value
-
-    def _check_text(self, value: Any) -> str:
-        if not isinstance(value, str) or len(value) > LONGEST:
-            raise ValueError(f"{self.name} must be a text of at most {LONGEST} letters")
         return value
 
     def _check_vector(self, value: Any) -> tuple[float, float, float]:

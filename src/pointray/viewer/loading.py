@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data import Points
 from ..model import Model
-from ..points.files import check_readable, check_regular, read
+from ..points.files import read
 from ..saved import SAVED
 from ..scene import Scene
 from ..scenefile import Plan
@@ -38,23 +38,26 @@ class Files:
     surface: dict[str, Any]
     furnish: Callable[[Scene], None]
 
-    def check(self) -> None:
-        """Raise what keeps a file from being opened."""
-        for path in self.paths:
-            (check_regular if path.suffix.lower() == SAVED else check_readable)(path)
-
     def __call__(self, subject: Subject) -> None:
         clouds: list[Points | Model] = []
         for path in self.paths:
             subject.say(f"reading {path.name}", None)
             clouds.append(Model.load(path) if path.suffix.lower() == SAVED else read(path))
-        if any(isinstance(cloud, Points) and len(cloud) > WORTH for cloud in clouds):
+        if any(_is_large(cloud) for cloud in clouds):
             subject.say("building a coarse version", None)
-            subject.show(self._scene([_coarse(cloud) for cloud in clouds]))
-        whole = [self._whole(cloud, path, subject) for cloud, path in zip(clouds, self.paths, strict=True)]
-        subject.show(self._scene(whole))
+            # Small ones are models from here on, and not built again.
+            clouds = [cloud if _is_large(cloud) else self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
+            subject.show(self._scene([self._coarse(cloud) for cloud in clouds]))
+        subject.show(self._scene([self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]))
 
-    def _whole(self, cloud: Points | Model, path: Path, subject: Subject) -> Model:
+    def _coarse(self, cloud: Points | Model) -> Model:
+        """Of some of the points."""
+        if isinstance(cloud, Model):
+            return cloud
+        rows = np.random.default_rng(0).choice(np.flatnonzero(cloud.finite), COARSE)
+        return Model(cloud.select(np.unique(rows)), **self.surface)
+
+    def _whole(self, cloud: Points | Model, number: int, subject: Subject) -> Model:
         if isinstance(cloud, Model):
             return cloud
 
@@ -64,7 +67,7 @@ class Files:
         try:
             return Model(cloud, radii_in(cloud), **self.surface, progress=say)
         except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
+            raise ValueError(f"{self.paths[number]}: {error}") from error
 
     def _scene(self, models: Sequence[Model]) -> Scene:
         scene = Scene()
@@ -74,14 +77,8 @@ class Files:
         return scene
 
 
-def _coarse(cloud: Points | Model) -> Model:
-    """Of some of the points."""
-    if isinstance(cloud, Model):
-        return cloud
-    if len(cloud) <= WORTH:
-        return Model(cloud)
-    rows = np.random.default_rng(0).choice(np.flatnonzero(cloud.finite), COARSE)
-    return Model(cloud.select(np.unique(rows)))
+def _is_large(cloud: Points | Model) -> bool:
+    return isinstance(cloud, Points) and len(cloud) > WORTH
 
 
 @dataclass(frozen=True)

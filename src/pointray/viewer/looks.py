@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -24,24 +24,9 @@ from .subject import Subject
 
 OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
-AXES = ("x", "y", "z")
 
-
-# The values that `dress` depends on.
-DRESS: tuple[str, ...] = (
-    "lamps",
-    "around",
-    "backdrop",
-    "ground",
-    "cuts",
-    "material",
-    "color_by",
-    "color",
-    "colormap",
-    "low",
-    "high",
-)
-DRESS += ("specular", "exponent", "roughness", "metallic", "ior")
+# Values of the picture, not of the scene: `dress` does not depend on them.
+PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "exposure", "curve")
 
 
 @dataclass(frozen=True)
@@ -124,7 +109,8 @@ class Looks:
 
     def dressed_like(self, other: Looks) -> bool:
         """Whether the scene is dressed the same way; by identity, as lights may hold arrays."""
-        return all(getattr(self, name) is getattr(other, name) for name in DRESS)
+        names = [field.name for field in fields(self) if field.name not in PICTURE]
+        return all(getattr(self, name) is getattr(other, name) for name in names)
 
     def with_value(self, name: str, value: Any) -> Looks:
         """With another value of a control: a field's, or one of a lamp or a cut, like "lamps.0.color"."""

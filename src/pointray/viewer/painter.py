@@ -89,8 +89,7 @@ class Painter:
         self._pace = Pace()
         self._dressed: tuple[Wish, Scene] | None = None
         self._times: deque[float] = deque(maxlen=60)
-        self._thread = threading.Thread(target=self._run, name="pointray-painter", daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._run, name="pointray-painter", daemon=True).start()
 
     def want(self, wish: Wish) -> None:
         """From now on this is to be seen."""
@@ -113,10 +112,6 @@ class Painter:
             self._open = False
             self._cancel()
             self._changed.notify_all()
-
-    def join(self, timeout: float) -> None:
-        """Wait for the thread's end."""
-        self._thread.join(timeout)
 
     @property
     def frames_a_second(self) -> float:
@@ -176,7 +171,7 @@ class Painter:
     def _refine(self, wish: Wish, scene: Scene) -> None:
         """Add samples, and show what there is now and then."""
         most = wish.looks.samples
-        if most == 1 or not wish.refine:
+        if most == 1 or not wish.refine or self._cancel.wanted:
             return
         picture = Picture(scene, wish.camera, wish.looks.settings(most), in_passes=True)
         done, last, seconds = 0, 1, 0.0

@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 from ..scene import Scene
 from ..settings import INTEGRATORS
+from ..shade.attributes import COORDINATES
 from ..shade.colormaps import EMBEDDED
 from .controls import Control, Folder
 from .lamps import OWN as OWN_LIGHT
 from .lamps import POINT, SKY, SUN, Lamp
-from .looks import AXES, CONSTANT, OWN, Looks, colorings
+from .looks import CONSTANT, OWN, Looks, colorings
 from .subject import Build, Subject
 
 SAID = {
@@ -198,7 +199,7 @@ def _surface(build: Build) -> Folder:
 def _cut(looks: Looks) -> Folder:
     rows = []
     for k, cut in enumerate(looks.cuts):
-        rows.append(Control(f"cuts.{k}.on", f"Across {AXES[k]}", "switch", cut.on))
+        rows.append(Control(f"cuts.{k}.on", f"Across {COORDINATES[k]}", "switch", cut.on))
         if cut.on:
             rows.append(Control(f"cuts.{k}.at", "Place", "range", cut.at, low=0.0, high=1.0, step=0.001))
             rows.append(Control(f"cuts.{k}.flip", "Other side", "switch", cut.flip))

@@ -34,7 +34,7 @@ MOST_WAITING = 1 << 29  # bytes, for a browser that does not read: it is let go
 # Nothing from elsewhere is loaded or asked, and no other site may show the page in a frame but a notebook of this
 # machine.
 POLICY = (
-    "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; connect-src 'self' ws: wss:; "
+    "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
     "frame-ancestors 'self' http://localhost:* http://127.0.0.1:* https://localhost:* vscode-webview:"
 )
 
