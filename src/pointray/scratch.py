@@ -23,7 +23,7 @@ WORLD_ROWS = 28
 INSTANCE_OF, LEAF_OF, SLOT_OF = 0, TILE, 2 * TILE  # int64: of the nearest hit, -1 for none
 FOUND = 3 * TILE  # leaf of the hit in the current model, -1 for none
 WAITING_COUNT = 4 * TILE  # rays that wait at each place
-NUMBER_ROWS = 5
+NUMBER_ROWS = 6
 # float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * TILE for k in range(9))
 LENGTH = 9 * TILE  # where its nearest hit in this model is, at first where it ends; below 0 where it misses the bounds
@@ -35,6 +35,8 @@ TOP_OX, TOP_IX, TOP_LENGTH = 19 * TILE, 22 * TILE, 25 * TILE  # in the tree over
 # Where the ray begins, in any model: 0, or just above where a clip plane has cut it, so that it begins on no surface.
 BEGIN = 26 * TILE
 MODEL_ROWS = 27
+# The same rows of all the tile's rays, while a group of them stands in the rows above; FOUND of these.
+ASIDE, FOUND_ASIDE = MODEL_ROWS * TILE, 5 * TILE
 # float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
 # looked at and the direction; t there, half its length; the first and the last sample, where they are; the nearest hit;
 # the side.
@@ -137,7 +139,7 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
         places,
         np.empty(places.size + LANES, np.int32),
         np.zeros(WORLD_ROWS * TILE, np.float64),
-        np.zeros(MODEL_ROWS * TILE, np.float32),
+        np.zeros(2 * MODEL_ROWS * TILE, np.float32),
         np.zeros(NUMBER_ROWS * TILE, np.int64),
         np.zeros(PART_ROWS * PART, np.float32),
         np.zeros(SPOT_ROWS * TILE, np.float64),

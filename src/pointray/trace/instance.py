@@ -37,9 +37,10 @@ from ..scratch import (
 )
 from ..simd import count_bits, load16, lowest, select, spread16, store
 from ..vec import add, dot, scale, transform_transposed
+from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
 from .space import either, into_model, matrix_at, model_bounds
 from .surface import ONE, ZERO
-from .tile import ALL, bits_of_row, closest_of_tile, coherent, leaf_edge, tile_ray
+from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
 from .traverse import closest, make_ray
 
 # So many rays of a tile at most are put into a model's space one by one, not all 64 as vectors, and traced alone:
@@ -113,6 +114,33 @@ def _all_enter(matrix, bounds, some, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _together(table, model, entered, scratch):  # type: ignore[no-untyped-def]
+    """Those of the tile's rays (bits) that are alike go through a model together; returns those that must go alone."""
+    rows, edge = scratch.model, leaf_edge(tree_at(table, model))
+    whole = coherent(edge, rows)
+    if not whole:
+        set_aside(scratch)
+    left, alone, failures = entered, np.int64(0), 0
+    while left != 0:
+        some, end = left, TILE
+        if not whole:
+            some = alike(edge, rows, left)
+            if count_bits(some) < FEWEST:
+                failures += 1
+                some = left if failures == FAILURES else some
+                alone |= some
+                left &= ~some
+                continue
+            end = bring(some, scratch)
+        lifted = closest_of_tile(table, model, (0, end), scratch)
+        alone |= lifted if whole else take_back(some, lifted, scratch)
+        left &= ~some
+    if not whole:
+        put_back(scratch)
+    return alone & entered
+
+
+@inline
 def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
     """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before."""
     model = np.int64(world.instances[at + SHAPE_ROW])
@@ -125,17 +153,7 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
         return
     entered = alone
     if not few:
-        edge = leaf_edge(tree)
-        if coherent(edge, rows, 0, TILE):
-            alone = closest_of_tile(world.table, model, (0, TILE), scratch)
-        else:
-            alone = np.int64(0)
-            for v in range(0, TILE, LANES):
-                if coherent(edge, rows, v, v + LANES):
-                    alone |= closest_of_tile(world.table, model, (v, v + LANES), scratch)
-                else:
-                    alone |= np.int64(0xFFFF) << v
-        alone &= entered
+        alone = _together(world.table, model, entered, scratch)
     while alone != 0:
         i = lowest(alone)
         alone &= alone - 1

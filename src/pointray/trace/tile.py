@@ -7,8 +7,6 @@ only rays that go through all three search it. Hits are those of `traverse.close
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..jit import inline
@@ -63,10 +61,6 @@ from .traverse import FLAT, expect, far_planes, insert, near_planes
 from .voxel import search_alone, search_together, together
 
 ALL = -1  # rays as bits of an int64
-WIDEST = np.float32(0.2)  # by how much components of the directions may differ
-# And those of the origins, in edges of a leaf: rays far apart have no leaves in common. As a share of the bounds, 0.1,
-# 24 statues of a million points were 5% slower, with levels of detail 8%; with 2 and 16 edges 4 and 35% slower.
-SCATTERED = np.float32(4.0)
 
 
 @inline
@@ -86,29 +80,6 @@ def range_of(rows, at, some):  # type: ignore[no-untyped-def]
         numbers = load16(rows, at + k)
         low, high = vmin(low, numbers), vmax(high, numbers)
     return least(low), greatest(high)
-
-
-@inline
-def leaf_edge(tree):  # type: ignore[no-untyped-def]
-    """How wide leaves are, about: as if they covered the bounds."""
-    x, y, z = tree.head[3] - tree.head[0], tree.head[4] - tree.head[1], tree.head[5] - tree.head[2]
-    return np.float32(math.sqrt(np.float32(4.0) * (x * y + y * z + z * x) / np.float32(tree.spans.size)))
-
-
-@inline
-def coherent(edge, rows, first, end):  # type: ignore[no-untyped-def]
-    """Whether rays are worth a walk together: all components of the directions have one sign, and are alike.
-
-    edge : how wide a leaf is
-    """
-    for c in range(3):
-        low, high = range_of(rows, DX + c * TILE, (first, end))
-        if (low < ZERO and high > ZERO) or high - low > WIDEST:
-            return False
-        low, high = range_of(rows, OX + c * TILE, (first, end))
-        if high - low > SCATTERED * edge:
-            return False
-    return True
 
 
 @inline

@@ -1,0 +1,74 @@
+"""Rays of a tile that go in groups: what they hit does not depend on who else is in the tile."""
+
+import numpy as np
+import pytest
+
+import pointray as pr
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    scene = pr.Scene()
+    model = pr.Model(pr.procedural("statue", 20_000))
+    scene.add(model)
+    away = np.diag([1.0, -1.0, 1.0, 1.0])  # mirrored, beside the other one
+    away[:3, 3] = 2.5, 0.3, 0.1
+    scene.add(model, away)
+    return scene
+
+
+def view(scene, eye):
+    """Rays of 64 x 64 pixels, in the order of tiles."""
+    camera = pr.Camera.look_at(eye, scene.bounds.mean(axis=0), fov=22, size=(64, 64))
+    tiles = [a.reshape(8, 8, 8, 8, 3).swapaxes(1, 2).reshape(-1, 3) for a in camera.rays()]
+    return tiles[0], tiles[1]
+
+
+def mixed(groups, order):
+    return (np.concatenate(rays)[order] for rays in zip(*groups, strict=True))
+
+
+ORDERS = {
+    "in turn": lambda n, g: np.arange(n * g).reshape(g, n).T.reshape(-1),
+    "two in three": lambda n, g: np.argsort(np.concatenate([np.arange(n) * 1.5, *[np.arange(n) * 3.0] * (g - 1)])),
+    "at random": lambda n, g: RNG.permutation(n * g),
+}
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_groups_that_share_tiles(scene, order):
+    """Of several views a tile's rays lie in each other: each hits what it hits among its own."""
+    eyes = (5.0, -6.0, 3.0), (-5.0, -4.0, 2.0), (1.0, 7.0, 0.5), (1.25, -7.0, 0.0)
+    groups = [view(scene, eye) for eye in eyes]
+    n = len(groups[0][0])
+    order = ORDERS[order](n, len(groups))
+    origins, directions = mixed(groups, order)
+    together = scene.intersect(origins, directions)
+    alone = [scene.intersect(*rays) for rays in groups]
+    instance, point, t, normal = (
+        np.concatenate([getattr(hits, name) for hits in alone])[order]
+        for name in ("instance", "point", "t", "normal")
+    )
+    hit = np.isfinite(t)
+    assert 0.1 < hit.mean() < 0.9, hit.mean()
+    assert np.array_equal(together.instance, instance)
+    assert np.array_equal(together.point, point)
+    assert np.allclose(together.t, t, rtol=1e-6)
+    assert np.abs(together.normal - normal).max() < 1e-4
+    assert np.array_equal(scene.occluded(origins, directions), hit)
+    assert not scene.occluded(origins, directions, t_max=0.5).any()
+
+
+def test_shadow_rays_of_pixels_beside_a_silhouette(scene):
+    """Neighbouring pixels on different parts of the shape: their shadow rays, in their tiles and alone."""
+    origins, directions = view(scene, (5.0, -6.0, 3.0))
+    hits = scene.intersect(origins, directions)
+    hit = np.isfinite(hits.t)
+    starts = hits.position[hit]
+    towards = np.array([-8.0, -9.0, 6.0]) - starts
+    blocked = scene.occluded(starts, towards, t_max=1.0)
+    assert 0.05 < blocked.mean() < 0.95, blocked.mean()
+    order = RNG.permutation(len(starts))
+    assert np.array_equal(scene.occluded(starts[order], towards[order], t_max=1.0), blocked[order])
