@@ -6,6 +6,7 @@ gathered into working memory; from these the splats near four of them, or near o
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from ..simd import (
     pack,
     select,
     spread16,
+    spread_from,
     store,
     vabs,
     vmax,
@@ -58,13 +60,18 @@ def segment(o, d, t_low, t_high):  # type: ignore[no-untyped-def]
 
 
 @inline
-def around(part, k, frame, half, active):  # type: ignore[no-untyped-def]
-    """The capsule along ray k of `scratch.part` around parts of many.
+def around(part, ends, frame, half, active):  # type: ignore[no-untyped-def]
+    """The capsule around parts of many rays, along the middle between two of them.
 
-    frame, half : these, in vectors: their middles and half their lengths; active : mask of those that count
+    ends : the places of these two in `scratch.part`: of tiles along a Morton curve the first and the last ray are at
+        opposite corners. Along the first one capsules were twice as wide: ... of the time
+    frame, half : the parts, in vectors: their middles and half their lengths; active : mask of those that count
     """
-    px, py, pz = part[AT_X + k], part[AT_Y + k], part[AT_Z + k]
-    ax, ay, az = part[AT_DX + k], part[AT_DY + k], part[AT_DZ + k]
+    i, j = ends
+    px, py, pz = HALF * (part[AT_X + i] + part[AT_X + j]), HALF * (part[AT_Y + i] + part[AT_Y + j]), HALF * (part[AT_Z + i] + part[AT_Z + j])
+    ax, ay, az = part[AT_DX + i] + part[AT_DX + j], part[AT_DY + i] + part[AT_DY + j], part[AT_DZ + i] + part[AT_DZ + j]
+    scale = ONE / np.float32(math.sqrt(ax * ax + ay * ay + az * az))
+    ax, ay, az = ax * scale, ay * scale, az * scale
     # Middles and half lengths, across the axis and along it.
     x, y, z = frame.x - px, frame.y - py, frame.z - pz
     turn = frame.dx * ax + frame.dy * ay + frame.dz * az
@@ -169,13 +176,13 @@ def list_splats_of(scratch, first, end):  # type: ignore[no-untyped-def]
         square = spread16(INF)
         for k in range(first, end):
             ray = Capsule(
-                part[AT_X + k],
-                part[AT_Y + k],
-                part[AT_Z + k],
-                part[AT_DX + k],
-                part[AT_DY + k],
-                part[AT_DZ + k],
-                part[AT_HALF + k],
+                spread_from(part, AT_X + k),
+                spread_from(part, AT_Y + k),
+                spread_from(part, AT_Z + k),
+                spread_from(part, AT_DX + k),
+                spread_from(part, AT_DY + k),
+                spread_from(part, AT_DZ + k),
+                spread_from(part, AT_HALF + k),
                 ZERO,
             )
             square = vmin(square, _distances(ray, x, y, z))

@@ -157,7 +157,7 @@ def _gather_for(tree, leaf, at, count, scratch):  # type: ignore[no-untyped-def]
         load16(part, AT_SIDE + at),
     )
     active = mask16((1 << min(count, LANES)) - 1)
-    list_blocks(tree, leaf, around(part, at, frame, load16(part, AT_HALF + at), active), scratch)
+    list_blocks(tree, leaf, around(part, (at, at + min(count, LANES) - 1), frame, load16(part, AT_HALF + at), active), scratch)
     gather(tree, scratch)
 
 
@@ -230,7 +230,7 @@ def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-de
             left &= left - 1
         rays = (1 << count_bits(four)) - 1
         frame, reach, half = _four(part, at)
-        capsule = around(part, at, frame, half, all_samples(rays))
+        capsule = around(part, (at, at + count_bits(four) - 1), frame, half, all_samples(rays))
         way, waiting = (ONE if sheeted else ZERO), rays
         while waiting != 0:
             _list_for(scratch, capsule, least, (at, at + count_bits(four)))
