@@ -49,7 +49,8 @@ from .near import around, gather, keep_sheet, list_blocks, list_splats, list_spl
 from .root import Frame, all_samples
 from .surface import HALF, INF, ONE, ZERO
 
-APART = np.float32(1.0)  # least radii: rays farther from each other than this see splats of their own
+# Least radii: rays farther from their middle than this see splats of their own. With 0.1, 0.2 and 0.35 the same, with 1 4% (near).
+APART = np.float32(0.3)
 
 
 @inline
