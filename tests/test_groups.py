@@ -48,8 +48,7 @@ def test_groups_that_share_tiles(scene, order):
     together = scene.intersect(origins, directions)
     alone = [scene.intersect(*rays) for rays in groups]
     instance, point, t, normal = (
-        np.concatenate([getattr(hits, name) for hits in alone])[order]
-        for name in ("instance", "point", "t", "normal")
+        np.concatenate([getattr(hits, name) for hits in alone])[order] for name in ("instance", "point", "t", "normal")
     )
     hit = np.isfinite(t)
     assert 0.1 < hit.mean() < 0.9, hit.mean()
@@ -72,3 +71,43 @@ def test_shadow_rays_of_pixels_beside_a_silhouette(scene):
     assert 0.05 < blocked.mean() < 0.95, blocked.mean()
     order = RNG.permutation(len(starts))
     assert np.array_equal(scene.occluded(starts[order], towards[order], t_max=1.0), blocked[order])
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return pr.Model(pr.procedural("sphere", 20_000))
+
+
+def test_rays_that_a_clip_plane_cuts_beside_others(sphere):
+    """Those begin at the plane, on no surface though close to it; the others in the tile are not cut."""
+    scene = pr.Scene()
+    scene.add(sphere)
+    scene.clips = [((0, 0, 0.3), (0, 0, 1))]
+    turn = np.linspace(0, 0.1, 600)
+    out = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
+    through, directions = out * (np.sqrt(1 - 0.3**2) - 3e-5) + (0, 0, 0.3), out - (0, 0, 0.6)
+    cut = through - 2 * directions, directions  # from within, 0.0006 radii below the surface
+    whole = 3 * out - (0, 0, 0.4), -out
+    origins, directions = mixed((cut, whole), ORDERS["in turn"](600, 2))
+    hits = scene.intersect(origins, directions)
+    assert (hits.instance == 0).all() and scene.occluded(origins, directions).all()
+    assert np.abs(hits.position[::2] - through).max() < 1e-3
+    assert np.abs(np.linalg.norm(hits.position[1::2], axis=-1) - 1).max() < 1e-3
+
+
+@pytest.fixture(scope="module")
+def bowl():
+    return pr.Model(pr.procedural("sphere", 200_000))
+
+
+@pytest.mark.parametrize("integrator", ["phong", "path"])
+def test_inside_and_outside_of_a_surface_in_one_tile(bowl, integrator):
+    """A light at the eye throws no shadow that is seen: not on the outside of a bowl, and not within."""
+    scene, eye = pr.Scene(), (0.3, -5.0, 3.0)
+    scene.add(bowl, material=pr.Diffuse(0.5))
+    scene.clips = [((0, 0, 0.3), (0.1, 0, 1))]
+    scene.add_light(pr.PointLight(eye, 20))
+    camera = pr.Camera.look_at(eye, (0, 0, 0), fov=25, size=(160, 160))
+    lit, bare = (pr.render(scene, camera, pr.Settings(integrator, max_depth=1, shadows=s)) for s in (True, False))
+    assert 0.2 < (bare[..., 3] > 0).mean() < 0.9
+    assert (np.abs(lit - bare)[..., :3].max(axis=-1) > 1e-4).mean() < 1e-3

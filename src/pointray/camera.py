@@ -201,11 +201,27 @@ class Camera:
         directions : (h, w, 3) float64
             Unit; row 0 is the top of the picture.
         """
+        width, height = self.size
+        u = ((2 * np.arange(width) + 1) / width - 1)[None, :]
+        v = (1 - (2 * np.arange(height) + 1) / height)[:, None]
+        return self.rays_through(u, v)
+
+    def rays_through(self, u: Any, v: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Rays through places of the picture, and the middle of the lens.
+
+        Parameters
+        ----------
+        u, v : array_like, broadcast against each other
+            From -1 at the left edge to 1 at the right one, and from -1 at the bottom to 1 at the top.
+
+        Returns
+        -------
+        origins, directions : (..., 3) float64
+            World; directions have unit length.
+        """
         record = self.record()
         eye, forward, right, up = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
-        width, height = self.size
-        u = ((2 * np.arange(width) + 1) / width - 1)[None, :, None]
-        v = (1 - (2 * np.arange(height) + 1) / height)[:, None, None]
+        u, v = (np.asarray(a, np.float64)[..., None] for a in (u, v))
         if record[PROJECTION] == ORTHOGRAPHIC:
             origins = eye + u * right + v * up
             return origins, np.broadcast_to(forward, origins.shape).copy()
@@ -214,7 +230,7 @@ class Camera:
             directions = np.cos(tilt) * (np.cos(turn) * forward + np.sin(turn) * right) + np.sin(tilt) * up
         else:
             directions = forward + u * right + v * up
-        directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
         return np.broadcast_to(eye, directions.shape).copy(), directions
 
 

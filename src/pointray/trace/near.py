@@ -63,15 +63,14 @@ def segment(o, d, t_low, t_high):  # type: ignore[no-untyped-def]
 def around(part, ends, frame, half, active):  # type: ignore[no-untyped-def]
     """The capsule around parts of many rays, along the middle between two of them.
 
-    ends : the places of these two in `scratch.part`: of tiles along a Morton curve the first and the last ray are at
-        opposite corners. Along the first one capsules were twice as wide: ... of the time
+    ends : where these two are in `scratch.part`: along a Morton curve the first and the last are at opposite corners
     frame, half : the parts, in vectors: their middles and half their lengths; active : mask of those that count
     """
     i, j = ends
-    px, py, pz = HALF * (part[AT_X + i] + part[AT_X + j]), HALF * (part[AT_Y + i] + part[AT_Y + j]), HALF * (part[AT_Z + i] + part[AT_Z + j])
+    px, py, pz = part[AT_X + i] + part[AT_X + j], part[AT_Y + i] + part[AT_Y + j], part[AT_Z + i] + part[AT_Z + j]
     ax, ay, az = part[AT_DX + i] + part[AT_DX + j], part[AT_DY + i] + part[AT_DY + j], part[AT_DZ + i] + part[AT_DZ + j]
     scale = ONE / np.float32(math.sqrt(ax * ax + ay * ay + az * az))
-    ax, ay, az = ax * scale, ay * scale, az * scale
+    px, py, pz, ax, ay, az = HALF * px, HALF * py, HALF * pz, ax * scale, ay * scale, az * scale
     # Middles and half lengths, across the axis and along it.
     x, y, z = frame.x - px, frame.y - py, frame.z - pz
     turn = frame.dx * ax + frame.dy * ay + frame.dz * az

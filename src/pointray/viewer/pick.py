@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..model import Model
-from ..records import ACROSS, EYE, FORWARD, UPWARD
 from ..scene import Scene
 
 MOST_LINES = 24
@@ -27,8 +26,7 @@ class Found:
 
 def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
     """What is at a place of the view, 0 to 1 from the left and from the top; None: nothing."""
-    origin, direction = _ray(camera, x, y)
-    hits = scene.intersect(origin, direction)
+    hits = scene.intersect(*camera.rays_through(2 * x - 1, 1 - 2 * y))
     if hits.instance < 0:
         return None
     position = hits.position
@@ -62,11 +60,3 @@ def _rounded(value: float, pixel: float) -> str:
     """A coordinate with as many decimals as a tenth of a pixel has."""
     decimals = max(0, min(9, 1 - math.floor(math.log10(max(pixel, 1e-300)))))
     return f"{value:.{decimals}f}"
-
-
-def _ray(camera: Camera, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The ray through a place of the view, as `Camera.rays` has it through the middles of pixels."""
-    record = camera.record()
-    eye, forward, across, upward = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
-    direction = forward + (2 * x - 1) * across + (1 - 2 * y) * upward
-    return eye, direction / np.linalg.norm(direction)

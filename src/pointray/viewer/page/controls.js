@@ -35,11 +35,6 @@ const KINDS = {
   number: ({ step }) => ({ inward: toNumber, add: (folder, model) => new NumberField(folder, model, { step }) }),
   switch: () => ({ inward: Boolean, add: (folder, model) => folder.add(model, "value") }),
   color: () => ({ inward: toHex, outward: fromHex, add: (folder, model) => folder.addColor(model, "value") }),
-  text: () => ({
-    inward: (value) => String(value ?? ""),
-    add: (folder, model) => folder.add(model, "value"),
-    whole: true,
-  }),
   vector: () => ({ inward: (value) => value.map(toNumber), add: (folder, model) => new VectorFields(folder, model) }),
   note: () => ({ inward: (value) => String(value ?? ""), add: (folder, model) => new Note(folder, model) }),
 };
@@ -51,12 +46,10 @@ function addButton(folder, pressed) {
 
 /** A row with a value: `show` gives it a new one without a report. */
 function addValue(folder, control, changed) {
-  const { inward, outward = itself, add, whole } = KINDS[control.kind](control);
+  const { inward, outward = itself, add } = KINDS[control.kind](control);
   const model = { value: inward(control.value) };
   const row = add(folder, model);
-  const report = () => changed(outward(model.value));
-  if (whole) row.onFinishChange(report); // half a word is no value
-  else row.onChange(report);
+  row.onChange(() => changed(outward(model.value)));
   const show = (value) => {
     model.value = inward(value);
     row.updateDisplay();
