@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.cli import execute
 
 
 @pytest.fixture(scope="module")
@@ -41,3 +42,18 @@ def test_without_its_package(stage, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     with pytest.raises(ValueError, match=r"pip install 'pointray\[denoise\]'"):
         picture(stage, denoise=True, spp=65536)  # said before the work begins
+
+
+@pytest.mark.parametrize("command", ["render -o out.png", "animate -o film"])
+@pytest.mark.parametrize("file", ["scan.ply", "scene.toml"])
+def test_a_command_says_so_before_it_begins(tmp_path, monkeypatch, capsys, command, file):
+    """Nothing of the scan has been read, and nothing written."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "pyoidn", None)
+    (tmp_path / "scan.ply").write_text("no points")
+    (tmp_path / "scene.toml").write_text('[models.a]\nfile = "scan.ply"\n[[instances]]\nmodel = "a"\n')
+    name, *output = command.split()
+    assert execute([name, file, *output, "--denoise"]) == 2
+    said = capsys.readouterr().err
+    assert "pointray[denoise]" in said and len(said.splitlines()) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"scan.ply", "scene.toml"}

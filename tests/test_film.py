@@ -15,7 +15,8 @@ def seen(camera, points):
     eye, forward, right, up = camera.record()[:12].reshape(4, 3)
     offset = points - eye
     depth = offset @ forward
-    return np.abs(offset @ right / (right @ right) / depth), np.abs(offset @ up / (up @ up) / depth), depth.min() > 0
+    scale = 1.0 if camera.projection == "orthographic" else depth
+    return np.abs(offset @ right / (right @ right) / scale), np.abs(offset @ up / (up @ up) / scale), depth.min() > 0
 
 
 def corners(box):
@@ -66,9 +67,11 @@ def test_what_is_no_turntable(frames, turns):
 @pytest.mark.parametrize("size", [(400, 300), (100, 400)])
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 2, 3)])
 @pytest.mark.parametrize("box", [BOX, [[0, 0, 0], [9, 1, 1]], [[0, 0, 0], [1, 1, 9]], [[5, 5, 5], [5, 5, 5]]])
-def test_a_turning_box_stays_in_the_picture_and_fills_it(box, up, size):
+@pytest.mark.parametrize(("projection", "fov"), [("perspective", 35), ("orthographic", 35), ("orthographic", 150)])
+def test_a_turning_box_stays_in_the_picture_and_fills_it(box, up, size, projection, fov):
     box = np.array(box, float)
-    first = frame_turning(box, 35, size, up)
+    first = frame_turning(box, fov, size, up, projection)
+    assert first.projection == projection
     np.testing.assert_allclose(views([first]), views([pr.Camera.frame(box, fov=35, size=size, up=up)]))
     axis = np.array(up) / np.linalg.norm(up)
     np.testing.assert_allclose(np.cross(first.target - box.mean(axis=0), axis), 0, atol=1e-9)

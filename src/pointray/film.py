@@ -54,14 +54,26 @@ def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
 
 
 def frame_turning(
-    bounds: ArrayLike, fov: float = 40, size: tuple[int, int] = SIZE, up: ArrayLike = (0, 0, 1)
+    bounds: ArrayLike,
+    fov: float = 40,
+    size: tuple[int, int] = SIZE,
+    up: ArrayLike = (0, 0, 1),
+    projection: str = "perspective",
 ) -> Camera:
     """The camera that `Camera.frame` makes, as far away as a box needs to stay in the picture while it turns.
 
     It looks at a place on the axis, which goes along `up` through the middle of the box; parameters as for
-    `Camera.frame`.
+    `Camera.frame`. An orthographic camera whose `fov` is so wide that its eye would be among what turns stands farther
+    away, with a smaller one: the picture is the same.
+
+    Raises
+    ------
+    ValueError
+        If it is a panorama, which nothing turns before.
     """
-    framed = Camera.frame(bounds, fov=fov, size=size, up=up)
+    if projection == "panorama":
+        raise ValueError("a panorama is all around the camera: there is no turntable before it")
+    framed = Camera.frame(bounds, fov=fov, size=size, up=up, projection=projection)
     forward, right, top = (_unit(framed.record()[k : k + 3]) for k in (FORWARD, ACROSS, UPWARD))
     box = np.asarray(bounds, np.float64)
     middle, axis = box.mean(axis=0), _unit(np.asarray(framed.up))
@@ -71,9 +83,16 @@ def frame_turning(
     way = np.concatenate([_turned(corners, axis, angle) for angle in 2 * np.pi * np.arange(CORNERS) / CORNERS])
     half = np.tan(np.radians(framed.fov) / 2) / MARGIN
     depth, across, high = way @ forward, way @ right, way @ top
-    upwards, far_up = _fit(high, depth, half)
-    _, far_across = _fit(across, depth, half * framed.size[0] / framed.size[1])
-    distance = max(far_up, far_across, -MARGIN * float(depth.min())) or 1.0
+    wide, nearest = half * framed.size[0] / framed.size[1], -MARGIN * float(depth.min())
+    if projection == "orthographic":
+        upwards = (high.max() + high.min()) / 2
+        tall = max((high.max() - high.min()) / 2 / half, np.abs(across).max() / wide)
+        distance = max(tall, nearest) or 1.0
+        framed = replace(framed, fov=float(np.degrees(2 * np.arctan(half * MARGIN * (tall or 1.0) / distance))))
+    else:
+        upwards, far_up = _fit(high, depth, half)
+        _, far_across = _fit(across, depth, wide)
+        distance = max(far_up, far_across, nearest) or 1.0
     eye = middle + upwards * top - distance * forward
     # On the way forward, where it meets the axis.
     flat = forward - axis * (forward @ axis)

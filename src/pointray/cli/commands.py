@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -44,6 +44,7 @@ from .options import (
     given,
     numbers,
     positive,
+    settings_of,
     use_threads,
 )
 from .waiting import Progress, in_background, writing
@@ -102,12 +103,9 @@ def render(
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
     check_scan(file)
-    from ..settings import Settings
-
     view = View(size, fov, up, eye, target, projection.value, aperture, focus)
-    effort: dict[str, Any] = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise}
-    effort |= {"filter": filter.value, "denoise": denoise}
-    settings = Settings(integrator.value, seed=seed, threads=use_threads(threads), **effort)
+    effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
+    settings = settings_of(integrator, filter, seed=seed, threads=threads, **effort)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
     stage = Stage(file, shape, place)
@@ -138,9 +136,15 @@ def animate(
     up: UpOption = "0,0,1",
     fov: FovOption = 40.0,
     size: SizeOption = "800x600",
+    projection: ProjectionOption = Projection.perspective,
+    aperture: ApertureOption = 0.0,
+    focus: FocusOption = None,
     integrator: IntegratorOption = Integrator.phong,
     spp: SppOption = 4,
     max_depth: MaxDepthOption = 4,
+    time_limit: TimeLimitOption = None,
+    noise: NoiseOption = None,
+    denoise: DenoiseOption = False,
     filter: FilterOption = Filter["blackman-harris"],
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
@@ -164,12 +168,10 @@ def animate(
         print(animate_scene(file, goal, given(context), fps))
         return
     check_scan(file)
-    from ..settings import Settings
-
-    view = View(size, fov, up, eye, target)
+    view = View(size, fov, up, eye, target, projection.value, aperture, focus)
     way = Way(view, fps, {"seconds": seconds, "turns": turns, "keys": keys, "eye": eye, "target": target})
-    count = use_threads(threads)
-    settings = Settings(integrator.value, spp, max_depth, seed=seed, threads=count, filter=filter.value)
+    effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
+    settings = settings_of(integrator, filter, seed=seed, threads=threads, **effort)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
     stage = Stage(file, shape, place)

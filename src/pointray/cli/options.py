@@ -188,7 +188,7 @@ class View:
     @property
     def settings(self) -> dict[str, Any]:
         """What a turntable's frames depend on, as JSON takes it; the size apart."""
-        return {"eye": self.eye, "target": self.target, "up": self.up, "fov": self.lens["fov"]}
+        return {"eye": self.eye, "target": self.target, "up": self.up, **self.lens}
 
     def camera(self, bounds: Any) -> Any:
         """The camera for a box."""
@@ -208,8 +208,19 @@ class View:
         from ..film import frame_turning
 
         if self.eye is None and self.target is None:
-            return frame_turning(bounds, self.lens["fov"], self.size, self.up)
+            framed = frame_turning(bounds, self.lens["fov"], self.size, self.up, self.lens["projection"])
+            return replace(framed, aperture=self.lens["aperture"], focus=self.lens["focus"])
         return self.camera(bounds)
+
+
+def settings_of(integrator: Integrator, filter: Filter, *, threads: int | None, **others: Any) -> Any:
+    """How a picture is made; raises what is wrong, also where what takes out noise is not installed."""
+    from ..image.denoise import check_denoise
+    from ..settings import Settings
+
+    if others["denoise"]:
+        check_denoise()
+    return Settings(integrator.value, filter=filter.value, threads=use_threads(threads), **others)
 
 
 def given(context: typer.Context) -> dict[str, Any]:

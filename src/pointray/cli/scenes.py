@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 VECTORS = ("eye", "target", "up")
 CAMERA = (*VECTORS, "fov", "size", "projection", "aperture", "focus")
-SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "filter", "seed", "threads")
+SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads")
 LOOK = ("background", "exposure")
 FILM = ("seconds", "fps", "turns", "keys")  # options that are about the film, not about what it shows
 
@@ -62,6 +62,7 @@ class SceneStage:
         texts |= {"size": size_of(options["size"])} if "size" in options else {}
         texts |= {"background": background_of(options["background"])} if "background" in options else {}
         plain = {name: getattr(value, "value", value) for name, value in options.items()} | texts
+        from ..image.denoise import check_denoise
         from ..scenefile import Plan
 
         self.plan = plan = Plan(file)
@@ -70,6 +71,8 @@ class SceneStage:
             {name: plain[name] for name in SETTINGS if name in plain},
             {name: plain[name] for name in LOOK if name in plain},
         )
+        if plan.settings.denoise:
+            check_denoise()
         use_threads(plan.settings.threads)
 
     @property
