@@ -174,6 +174,9 @@ def test_backgrounds_show_through(ball):
         free = lit * (1 - hidden) / (lit + np.pi)
         assert image[20, 20, :3] == pytest.approx(np.array([1, 2, 3]) * free, rel=0.1)
         assert image[0, 0, :3] == pytest.approx([1, 2, 3], rel=0.1)
+    image = pr.render(sky, camera, pr.Settings("ao", spp=256, ao_distance=100))  # which asks for an even sky only
+    assert (image[..., 3] == 1).all()
+    assert image[20, 20, :3] == pytest.approx(np.array([1, 2, 3]) * 24 / 25, rel=0.01)
 
 
 def test_only_the_camera_sees_it_so(ball):

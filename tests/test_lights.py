@@ -278,3 +278,21 @@ def test_one_environment_only():
     scene.add_light(pr.EnvironmentLight())
     with pytest.raises(ValueError, match="already"):
         scene.add_light(pr.EnvironmentLight())
+
+
+@pytest.mark.parametrize("integrator", ["phong", "ao", "path"])
+def test_the_sky_behind_is_the_same_in_every_integrator(integrator):
+    """Beside a sphere, and all around where there is nothing; without any light it is white but for `phong`."""
+    scene, camera = pr.Scene(), pr.Camera.look_at((0, -6, 1), (0, 0, 0), fov=40, size=(40, 40))
+    scene.add(pr.Model(pr.procedural("sphere", 3000)))
+    scene.background = "environment"
+    image = pr.render(scene, camera, pr.Settings(integrator, spp=4))
+    assert (image[..., 3] == 1).all() and image[2, 2, :3] == pytest.approx(0 if integrator == "phong" else 1)
+    scene.add_light(pr.EnvironmentLight((0.2, 0.4, 0.9), horizon=(0.8, 0.8, 0.8), ground=(0.3, 0.2, 0.1)))
+    image = pr.render(scene, camera, pr.Settings(integrator, spp=4, filter="box"))
+    up = camera.rays()[1][..., 2:]
+    free = np.ones((40, 40), bool)
+    free[8:32, 8:32] = False
+    wanted = np.where(up > 0, 0.8 + up * (np.array([0.2, 0.4, 0.9]) - 0.8), [0.3, 0.2, 0.1])
+    assert (image[..., 3] == 1).all()
+    assert np.abs(image[..., :3] - wanted)[free & (np.abs(up[..., 0]) > 0.02)].max() < 0.01

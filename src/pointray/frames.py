@@ -172,18 +172,21 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
 
 
 @inline
-def _occlusion(world, sample, reach, scratch):  # type: ignore[no-untyped-def]
-    """Ambient occlusion along the tile's rays; returns those that have met anything (bits)."""
+def _occlusion(world, sample, reach, sky_shows, scratch):  # type: ignore[no-untyped-def]
+    """Ambient occlusion along the tile's rays; returns those that have met anything (bits), if only the sky."""
     trace_tile(world, scratch)
     describe_tile(world, scratch)
     met = np.int64(0)
     for i in range(TILE):
-        hit = tile_hit(scratch, i)
-        keep_spot(scratch, i, hit, _tile_ray(scratch, i))
-        met |= np.int64(hit.instance >= 0) << i
+        ray, hit = _tile_ray(scratch, i), tile_hit(scratch, i)
+        keep_spot(scratch, i, hit, ray)
+        met |= np.int64(hit.instance >= 0 or sky_shows) << i
+        if hit.instance < 0 and sky_shows:
+            add_radiance(scratch, i, sky_radiance(world, ray[1]))
     caught = find_caught(world, scratch)
     see_sky(world, sample, reach, scratch)
     catch_occlusion(caught, scratch)
+    show_caught(world, sky_shows, scratch)
     return met
 
 
@@ -211,7 +214,7 @@ def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-unt
                 aim_pixels(camera, (width, height), corner, sample, samples, scratch)
                 begin_radiance(scratch)
                 if integrator == AO:
-                    met = _occlusion(world, sample, reach, scratch)
+                    met = _occlusion(world, sample, reach, sky_shows != 0, scratch)
                 else:
                     begin_paths(scratch)
                     met = trace_paths(world, sample, most, sky_shows != 0, scratch)

@@ -155,7 +155,8 @@ def _plan(
     integrator = INTEGRATORS.index(settings.integrator)
     if integrator == AO:
         reach = float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
-        return world, sampled_frame, ((integrator, reach, 1, 0), background)
+        world = _lit(world) if scene.shows_sky else world
+        return world, sampled_frame, ((integrator, reach, 1, int(scene.shows_sky)), background)
     if integrator == PATH:
         return _lit(world), sampled_frame, ((integrator, 0.0, settings.depth, int(scene.shows_sky)), background)
     onward = min(settings.depth, MOST_ONWARD)
