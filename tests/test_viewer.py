@@ -10,10 +10,12 @@ from websockets.exceptions import InvalidStatus
 
 import pointray as pr
 from pointray.records import ACROSS, FORWARD, UPWARD
+from pointray.viewer import session
 from pointray.viewer.controls import Control
 from pointray.viewer.lamps import SUN, Lamp, axes_of, lamps_of
 from pointray.viewer.messages import camera_of, parse, size_of
 from pointray.viewer.pace import ROOM, SCALES, Pace, next_pass
+from pointray.viewer.pick import pick
 from pointray.viewer.session import MOST_SAID
 from pointray.viewer.subject import Build, Subject
 from pointray.viewer.viewer import Viewer
@@ -206,6 +208,30 @@ def test_click_tells_coordinates_and_attributes(browser, scene, model):
     assert float(measured["text"]) == pytest.approx(length, rel=1e-4)
     browser.say(type="pick", purpose="target", extend=False, **place)
     assert browser.listen(lambda: browser.last("target"))["position"] == picked["position"]
+
+
+def test_of_clicks_while_one_is_looked_at_the_last_counts(browser, monkeypatch):
+    """A slow machine loses none but those between."""
+    busy, go, asked = threading.Event(), threading.Event(), []
+
+    def slow(scene, camera, x, y):
+        asked.append(x)
+        busy.set()
+        assert go.wait(60)
+        return pick(scene, camera, x, y)
+
+    monkeypatch.setattr(session, "pick", slow)
+    browser.arrive()
+    browser.say(type="pick", purpose="query", extend=False, x=0.5, y=0.5)
+    assert busy.wait(60)
+    for x in (0.1, 0.2, 0.51):
+        browser.say(type="pick", purpose="query", extend=True, x=x, y=0.5)
+    before = browser.last("camera")
+    browser.say(type="view", name="front")  # its answer comes after the clicks have
+    browser.listen(lambda: browser.last("camera") is not before)
+    go.set()
+    assert float(browser.listen(lambda: browser.last("measured"))["text"]) > 0
+    assert asked == [0.5, 0.51]
 
 
 def test_a_surface_for_all_browsers(browser, viewer):

@@ -64,7 +64,7 @@ class Session:
         self._around: Any = None
         self._picked: NDArray[np.float64] | None = None
         self._problem = ""
-        self._picking = False
+        self._asked: tuple[Wish, tuple[float, float], str, bool] | None = None  # what is to be picked next
         self._nonsense = 0
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
         self._exports = Exports(self._voice)
@@ -178,10 +178,11 @@ class Session:
     def _on_pick(self, message: dict[str, Any]) -> None:
         x, y = number(message, "x", 0, 1), number(message, "y", 0, 1)
         purpose, extend = word(message, "purpose"), message.get("extend") is True
-        if self._subject.scene is None or self._camera is None or self._looks is None or self._picking:
+        if self._subject.scene is None or self._camera is None or self._looks is None:
             return
-        self._picking = True
-        self._jobs.submit(self._pick, self._wish(), (x, y), purpose, extend)
+        with self._lock:
+            self._asked = self._wish(), (x, y), purpose, extend
+        self._jobs.submit(self._pick_newest)
 
     def _on_clear(self, message: dict[str, Any]) -> None:
         self._picked = None
@@ -299,13 +300,18 @@ class Session:
                 self._panel()
                 self._want()
 
+    def _pick_newest(self) -> None:
+        """Of clicks that have come while another one was looked at the last one counts."""
+        with self._lock:
+            asked, self._asked = self._asked, None
+        if asked is not None:
+            self._pick(*asked)
+
     def _pick(self, wish: Wish, place: tuple[float, float], purpose: str, extend: bool) -> None:
         try:
             found = pick(self._painter.dress(wish), wish.camera, *place)
         except ValueError:  # the painter says so
             return
-        finally:
-            self._picking = False
         if found is None:
             return
         if purpose == "target":

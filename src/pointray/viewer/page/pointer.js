@@ -1,7 +1,7 @@
 /** Mouse, pen and touch over the picture, as movements of the camera and clicks. */
 
 const SLOP = 4; // CSS px the pointer may move in a click
-const CLICK = 400; // ms a click may last
+const TAP = 400; // ms a click of a finger or a pen may last
 const DOUBLE = 500; // ms from one click to the second of a double click
 const QUERY_DELAY = 250; // ms, so that most double clicks do not query first
 const NOTCH = 0.9; // distance factor of one notch of the wheel
@@ -95,7 +95,8 @@ export class Pointer {
     const press = this.#press;
     const alone = this.#fingers.size === 1;
     this.#lift(event);
-    const still = press && alone && !press.moved && event.timeStamp - press.time < CLICK;
+    const brief = event.pointerType === "mouse" || event.timeStamp - press?.time < TAP;
+    const still = press && alone && !press.moved && brief;
     if (still && press.button === 0 && press.kind !== "sun") this.#clicked(event, press);
   }
 
