@@ -166,8 +166,9 @@ def test_the_picture_is_refined_while_nothing_moves(page, scene):
         page.drag(MODEL, (-50, 10))
     stages = [(header["stage"], header["samples"]) for header in page.headers[count:]]
     assert stages[0] == ("moving", 1) and stages[-1] == ("refined", 64)
-    last = stages[max(k for k, (stage, _) in enumerate(stages) if stage == "moving") + 1 :]
-    assert last[0] == ("still", 1) and {stage for stage, _ in last[1:]} == {"refined"}
+    # A slow machine may take the hand to be still on its way: what counts is the last time.
+    last = stages[max(k for k, stage in enumerate(stages) if stage == ("still", 1)) + 1 :]
+    assert {stage for stage, _ in last} == {"refined"}
     assert [samples for _, samples in last] == sorted(samples for _, samples in last)
     assert np.abs(page.picture() - expected(scene, page.camera, 64, SIZE)).mean() < CLOSE
 
