@@ -1,5 +1,6 @@
 """`pointray animate`: the camera's projection and lens, and how long a frame takes."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -63,10 +64,20 @@ def test_frames_end_by_noise_or_time(scan):
     assert film(scan, *corner, "--time-limit", "0.01")[0].shape == one.shape
 
 
+def test_panoramas_fly_and_turn_on_no_table(scan, capsys):
+    keys = [{"time": t, "eye": [2 * t, -3, 0], "target": [0, 0, 0]} for t in (0, 1)]
+    (scan.parent / "keys.json").write_text(json.dumps({"keys": keys}))
+    out = scan.parent / "film"
+    command = ["animate", str(scan), "-o", str(out), "--size", "32x16", "--spp", "1", "--fps", "1"]
+    command += ["--projection", "panorama"]
+    assert execute([*command, "--keys", str(scan.parent / "keys.json")]) == 0 and len(list(out.glob("*.png"))) == 2
+    scan.write_text("nothing that could be read")
+    assert execute(command) == 2 and "no turntable" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--projection", "panorama"], "no turntable"),
         (["--projection", "orthographic", "--aperture", "-1"], "aperture"),
         (["--focus", "3"], "--aperture"),
         (["--time-limit", "0"], "time_limit"),

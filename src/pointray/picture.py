@@ -52,14 +52,13 @@ def render(
     white sky of radiance 1.
     """
     settings = settings or Settings()
-    noisy = settings.integrator in ("ao", "path")
-    if settings.denoise and noisy:
+    if settings.denoised:
         check_denoise()
     picture = Picture(scene, camera, settings)
     for share in picture.passes(progress):
         if progress is not None:
             progress(share)
-    if not (settings.denoise and noisy):
+    if not settings.denoised:
         return picture.image
     albedo, normal = (_surfaces(scene, camera, settings, name) for name in ("color", "normal"))
     return denoise(picture.image, albedo[..., :3], 2.0 * normal[..., :3] - normal[..., 3:])

@@ -94,6 +94,11 @@ class Settings:
         return MOST_SAMPLES if open_ended else self.spp
 
     @property
+    def denoised(self) -> bool:
+        """Whether noise is taken out: where it is asked for, and there is any."""
+        return self.denoise and self.integrator in ("ao", "path")
+
+    @property
     def depth(self) -> int:
         """Scatterings at most."""
         return DEEPEST if self.max_depth is None else self.max_depth

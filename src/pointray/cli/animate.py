@@ -28,6 +28,8 @@ class Way:
         self.view, self.fps = view, positive(fps, "--fps")
         self._cameras: list[Any] = []  # of keys; a turntable's depend on the first one
         if wishes["keys"] is None:
+            if isinstance(view, View) and view.framed and view.lens["projection"] == "panorama":
+                raise ValueError("a panorama is all around the camera, no turntable before it: say --keys, or --eye")
             seconds = SECONDS if wishes["seconds"] is None else positive(wishes["seconds"], "--seconds")
             self._turns = TURNS if wishes["turns"] is None else wishes["turns"]
             if not math.isfinite(self._turns):

@@ -190,13 +190,18 @@ class View:
         """What a turntable's frames depend on, as JSON takes it; the size apart."""
         return {"eye": self.eye, "target": self.target, "up": self.up, **self.lens}
 
+    @property
+    def framed(self) -> bool:
+        """Whether the options leave it to the scan where the camera is."""
+        return self.eye is None and self.target is None
+
     def camera(self, bounds: Any) -> Any:
         """The camera for a box."""
         from ..camera import Camera
 
         fov, projection = self.lens["fov"], self.lens["projection"]
         framed = Camera.frame(bounds, fov=fov, size=self.size, up=self.up, projection=projection)
-        if self.eye is None and self.target is None:
+        if self.framed:
             return replace(framed, **self.lens)
         target = self.target or [(low + high) / 2 for low, high in zip(*bounds, strict=True)]
         # Without an eye: as far away, and on the same side, as to frame the box.
@@ -204,10 +209,13 @@ class View:
         return Camera.look_at(eye, target, self.up, size=self.size, **self.lens)
 
     def turning(self, bounds: Any) -> Any:
-        """The camera for a box that turns; where the options say nothing, it stays in the picture all the way."""
+        """The camera for a box that turns; where the options say nothing, it stays in the picture all the way.
+
+        Not for a panorama, which is all around the camera: `Way` has refused its turntable, keys do without this one.
+        """
         from ..film import frame_turning
 
-        if self.eye is None and self.target is None:
+        if self.framed and self.lens["projection"] != "panorama":
             framed = frame_turning(bounds, self.lens["fov"], self.size, self.up, self.lens["projection"])
             return replace(framed, aperture=self.lens["aperture"], focus=self.lens["focus"])
         return self.camera(bounds)
@@ -218,9 +226,10 @@ def settings_of(integrator: Integrator, filter: Filter, *, threads: int | None, 
     from ..image.denoise import check_denoise
     from ..settings import Settings
 
-    if others["denoise"]:
+    settings = Settings(integrator.value, filter=filter.value, threads=use_threads(threads), **others)
+    if settings.denoised:
         check_denoise()
-    return Settings(integrator.value, filter=filter.value, threads=use_threads(threads), **others)
+    return settings
 
 
 def given(context: typer.Context) -> dict[str, Any]:

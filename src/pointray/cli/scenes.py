@@ -71,7 +71,7 @@ class SceneStage:
             {name: plain[name] for name in SETTINGS if name in plain},
             {name: plain[name] for name in LOOK if name in plain},
         )
-        if plan.settings.denoise:
+        if plan.settings.denoised:
             check_denoise()
         use_threads(plan.settings.threads)
 

@@ -158,10 +158,8 @@ def _gather_for(tree, leaf, at, count, scratch):  # type: ignore[no-untyped-def]
         load16(part, AT_CENTER + at),
         load16(part, AT_SIDE + at),
     )
-    active = mask16((1 << min(count, LANES)) - 1)
-    list_blocks(
-        tree, leaf, around(part, (at, at + min(count, LANES) - 1), frame, load16(part, AT_HALF + at), active), scratch
-    )
+    active, ends = mask16((1 << count) - 1), (at, at + count - 1)
+    list_blocks(tree, leaf, around(part, ends, frame, load16(part, AT_HALF + at), active), scratch)
     gather(tree, scratch)
 
 
@@ -227,7 +225,7 @@ def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-de
     least, sheeted = tree.leaves[leaf * LEAF + LEAST], tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
         if at % LANES == 0:
-            _gather_for(tree, leaf, at, count_bits(left), scratch)
+            _gather_for(tree, leaf, at, min(count_bits(left), LANES), scratch)
         four = np.int64(0)
         for _ in range(4):
             four |= left & -left
