@@ -85,8 +85,7 @@ def frame_turning(
     depth, across, high = way @ forward, way @ right, way @ top
     wide, nearest = half * framed.size[0] / framed.size[1], -MARGIN * float(depth.min())
     if projection == "orthographic":
-        upwards = (high.max() + high.min()) / 2
-        tall = max((high.max() - high.min()) / 2 / half, np.abs(across).max() / wide)
+        upwards, tall = 0.0, max(np.abs(high).max() / half, np.abs(across).max() / wide)
         distance = max(tall, nearest) or 1.0
         framed = replace(framed, fov=float(np.degrees(2 * np.arctan(half * MARGIN * (tall or 1.0) / distance))))
     else:
