@@ -23,6 +23,7 @@ from .tree.build import Splats, TreeSettings, build_tree
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
 TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii; see ARCHITECTURE.md
 LOOSE_TRIM = 0.95  # the same where the radii are too small to cover the surface: it lies in gaps
+LEVEL_SAMPLES = 2  # N of levels of detail: no more error or flicker than with 4, in 0.92 (24 statues) to 0.86 of the time
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii; see ARCHITECTURE.md
 SMALLEST, LARGEST = 1e-12, 1e12  # of a radius
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
@@ -161,7 +162,8 @@ class Model:
         """Make coarser versions for where points are finer than pixels: each of half as many points along a line.
 
         Pictures then take of each instance the level that fits its distance: less flicker in films, more frames a
-        second. Their surface is "paper"'s: points there are about as far apart as pixels. Memory grows by a third.
+        second. Their surface is "paper"'s, with N = 2: points there are about as far apart as pixels. Memory grows by
+        a third.
         `save` does not keep them; `Settings(levels=False)` leaves them alone.
 
         Attributes
@@ -180,7 +182,7 @@ class Model:
             if len(coarse) < LEAST_POINTS or len(coarse) * LEAST_GAIN > len(cloud):
                 break
             say("levels", 1.0 - len(coarse) / len(self.points))
-            levels.append(Model(coarse, surface="paper", samples=self.settings.samples, refine=self.settings.refine))
+            levels.append(Model(coarse, surface="paper", samples=LEVEL_SAMPLES))
             cloud = coarse
         self.levels = tuple(levels)
 

@@ -150,3 +150,12 @@ def occlude_tile(world, scratch):  # type: ignore[no-untyped-def]
 def is_blocked(scratch, i):  # type: ignore[no-untyped-def]
     """Whether ray i of the tile has met anything."""
     return scratch.numbers[INSTANCE_OF + i] >= 0
+
+
+@inline
+def meets_nothing(scratch):  # type: ignore[no-untyped-def]
+    """Whether none of the tile's rays has met anything."""
+    greatest = np.int64(-1)
+    for i in range(TILE):
+        greatest = max(greatest, scratch.numbers[INSTANCE_OF + i])
+    return greatest < 0
