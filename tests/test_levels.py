@@ -122,12 +122,68 @@ def test_off_by_a_setting_and_only_in_pictures(statue):
     assert away.max() < statue.radii.max()
 
 
-def test_what_an_attribute_colours_stays_whole(statue):
-    """A colour map knows the points of the model itself, not those of its levels."""
+@pytest.mark.parametrize("name, allowed", [("z", 0.01), ("x", 0.01), ("wave", 0.05)])
+def test_colours_by_an_attribute(statue, name, allowed):
+    """By places and by values of points: the colours of many samples of all points, up to silhouettes."""
     scene = pr.Scene()
-    scene.add(statue, material=pr.Diffuse(pr.Attribute("z")))
+    scene.background = 0.5
+    x = statue.points.world
+    points = pr.Points(x, statue.points.normals, attributes={"wave": np.sin(3 * x[:, 2]) + x[:, 0]})
+    model = pr.Model(points, statue.radii)
+    model.make_levels()
+    scene.add(model, material=pr.Diffuse(pr.Attribute(name)))
     far = pr.Camera.look_at((0, -60, 1), (0, 0, 1), size=(64, 64), fov=5)
-    pictures = [pr.render(scene, far, pr.Settings("color", levels=levels)) for levels in (True, False)]
-    np.testing.assert_array_equal(*pictures)
-    scene.add(statue, moved((0, 1, 0)))
-    assert sorted(level_of(scene, far)) == [0, len(statue.levels)]
+    assert level_of(scene, far)[0] >= 2
+    exact = pr.render(scene, far, pr.Settings("color", spp=64, levels=False))
+    inside = exact[..., 3] == 1
+    picture = pr.render(scene, far, pr.Settings("color"))
+    assert inside.mean() > 0.1
+    assert np.abs(picture - exact)[inside].mean() < allowed
+    assert np.abs(picture - pr.render(scene, far, pr.Settings("color", levels=False)))[inside].max() > 0
+
+
+def test_each_instance_has_the_paint_of_its_level(statue):
+    """Several levels, paints and models at once: each as if it were alone."""
+    cameras = [pr.Camera.look_at((0, -d, 1), (0, 0, 1), size=(48, 48), fov=240 / d) for d in (5, 20, 60)]
+    values = {"a": statue.points.world[:, 2], "b": statue.points.world[:, 0]}
+    points = pr.Points(statue.points.world, statue.points.normals, attributes=values)
+    model = pr.Model(points, statue.radii)
+    model.make_levels()
+    together = pr.Scene()
+    ids = [together.add(model, moved((9 * k, 0, 0)), pr.Diffuse(pr.Attribute(n))) for k, n in enumerate("abx")]
+    together.add(statue, moved((36, 0, 0)))
+    for k, name in enumerate("abx"):
+        alone = pr.Scene()
+        alone.add(model, moved((9 * k, 0, 0)), pr.Diffuse(pr.Attribute(name)))
+        for camera in cameras:
+            there = np.array([9.0 * k, 0, 0])
+            view = pr.Camera.look_at(camera.eye + there, camera.target + there, size=(48, 48), fov=camera.fov)
+            for other in ids:
+                together.update(other, transform=moved((9 * ids.index(other), 0, 0 if other == ids[k] else 1000)))
+            np.testing.assert_array_equal(*(pr.render(s, view, pr.Settings("color")) for s in (alone, together)))
+
+
+def test_classes_stay_whole(statue):
+    """A mean of classes is no class; nor is there a paint for levels that were made after it."""
+    kinds = {"kind": (statue.points.world[:, 2] > 1).astype(float), "smooth": statue.points.world[:, 2]}
+    points = pr.Points(statue.points.world, statue.points.normals, attributes=kinds)
+    model = pr.Model(points, statue.radii)
+    model.make_levels()
+    scene = pr.Scene()
+    far = pr.Camera.look_at((0, -60, 1), (0, 0, 1), size=(64, 64), fov=5)
+    scene.add(model, material=pr.Diffuse(pr.Attribute("kind", "tab10")))
+    assert level_of(scene, far) == [0]
+    late, model.levels = model.levels, ()
+    scene = pr.Scene()
+    scene.add(model, material=pr.Diffuse(pr.Attribute("smooth")))
+    before = pr.render(scene, far, pr.Settings("color"))
+    model.levels = late
+    assert level_of(scene, far) == [0]
+    np.testing.assert_array_equal(pr.render(scene, far, pr.Settings("color")), before)
+
+
+def test_means_of_attributes_with_gaps():
+    x = np.array([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [5, 5, 5], [5.1, 5, 5], [5.2, 5, 5]], float)
+    values = [1.0, np.nan, 3.0, np.nan, np.inf, 9.0]
+    coarse = coarsen(pr.Points(x, np.tile([0, 0, 1.0], (6, 1)), attributes={"v": values}, origin=(0, 0, 0)), 1.0)
+    np.testing.assert_array_equal(coarse.attributes["v"], [2.0, np.nan])

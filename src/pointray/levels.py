@@ -6,7 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
-from .records import INSTANCE, KIND, MODEL, PAINT, SHAPE_ROW, TO_MODEL, World, model_table
+from .records import (
+    INSTANCE,
+    KIND,
+    MODEL,
+    PAINT,
+    PAINT_COARSER,
+    PAINT_KIND,
+    PAINT_SIZE,
+    PLACED,
+    SHAPE_ROW,
+    TO_MODEL,
+    World,
+    model_table,
+)
 from .scene import Scene
 
 # Pixels: the largest spacing of points, as their median radius tells it. Statues of a million points, 100 pixels high:
@@ -19,7 +32,7 @@ FINEST = 0.25  # of that, however many samples a pixel has
 def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
     """The scene's world with each instance in the level that fits; the world itself where no model has any.
 
-    Instances coloured by an attribute stay as fine as they are.
+    Instances coloured by classes of an attribute stay as fine as they are.
 
     Parameters
     ----------
@@ -34,7 +47,6 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
     levels = [level for family in families for level in family]
     instances = world.instances.reshape(-1, INSTANCE).copy()
     rows = np.flatnonzero(instances[:, KIND] == MODEL)
-    whole = instances[rows, PAINT] >= 0  # what colours these by an attribute knows the splats of the model itself
     shapes = instances[rows, SHAPE_ROW].astype(int)
     pixel = _pixel_sizes(camera, scene._instances.boxes[rows]) * _scales(instances[rows])  # in the model's unit
     finest = FINENESS * max(spp**-0.5, FINEST)
@@ -42,9 +54,24 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
         spacing = [level.spacing for level in family[1:]]
         mine = shapes == k
         level = np.searchsorted(spacing, finest * pixel[mine], side="right")
-        instances[rows[mine], SHAPE_ROW] = first[k] + np.where(whole[mine], 0, level)
+        instances[rows[mine], SHAPE_ROW] = first[k] + _repaint(world, instances, rows[mine], level, len(spacing))
     table, longest = model_table([level.tree for level in levels]), max(level.longest for level in levels)
     return world._replace(table=table, instances=instances.reshape(-1), longest=longest)
+
+
+def _repaint(
+    world: World, instances: NDArray[np.float64], rows: NDArray[np.int64], level: NDArray[np.int64], count: int
+) -> NDArray[np.int64]:
+    """Give instances the paints of their levels of detail; returns the levels, 0 where there is no such paint.
+
+    count : of the levels of their model, which may have been made after the paints were
+    """
+    painted = np.flatnonzero(instances[rows, PAINT] >= 0)
+    records = world.paints.reshape(-1, PAINT_SIZE)[instances[rows[painted], PAINT].astype(int)]
+    by_splats = records[:, PAINT_KIND] != PLACED
+    level[painted[by_splats & (records[:, PAINT_COARSER] != count)]] = 0
+    instances[rows[painted[by_splats]], PAINT] += level[painted[by_splats]]
+    return level
 
 
 def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from .records import (
     BLENDED,
     CLASSES,
     PAINT_ALONG,
+    PAINT_COARSER,
     PAINT_COLORS,
     PAINT_COUNT,
     PAINT_KIND,
@@ -89,8 +90,10 @@ class Paints:
         shown = self._find_ranges(coats)
         self.shown = list(shown.values())
         wanted = [(shown[c.attribute], None if c.attribute.name in COORDINATES else c.model) for c in coats]
-        paints = list(dict.fromkeys(wanted))
-        row_of = {paint: row for row, paint in enumerate(paints)}
+        paints, row_of = [], {}
+        for paint in dict.fromkeys(wanted):
+            row_of[paint] = len(paints)
+            paints += [paint, *_coarser(*paint)]
         self._find_levels([(attribute, model) for attribute, model in paints if model is not None])
         colors = [np.concatenate([colormap(a.colormap), [NEUTRAL]]).astype(np.uint8) for a in self.shown]
         starts = dict(zip(self.shown, np.cumsum([0, *(c.size for c in colors)]), strict=False))
@@ -101,7 +104,7 @@ class Paints:
                 _place(record, attribute)
                 continue
             record[PAINT_KIND] = CLASSES if shows_classes(attribute.colormap) else BLENDED
-            record[PAINT_LEVELS] = begin
+            record[PAINT_LEVELS], record[PAINT_COARSER] = begin, len(_coarser(attribute, model))
             begin += len(model.tree.order)
         linear = srgb_to_linear(np.concatenate([*colors, np.zeros((0, 3), np.uint8)]))
         tables = PaintTables(records.reshape(-1), self._joined, linear.reshape(-1))
@@ -127,6 +130,13 @@ class Paints:
             levels = [_levels(attribute, model) for attribute, model in painted]
             self._joined = levels[0] if len(levels) == 1 else np.concatenate([*levels, np.zeros(0, np.float32)])
             self._painted = painted
+
+
+def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute, Model | None]]:
+    """The paints of a model's levels of detail: none for classes, whose means are no classes."""
+    if model is None or shows_classes(attribute.colormap):
+        return []
+    return [(attribute, level) for level in model.levels]
 
 
 def _range_of(coat: Coat) -> Range | None:

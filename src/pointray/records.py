@@ -216,6 +216,7 @@ BLENDED, CLASSES, PLACED = range(3)  # levels of splats, blended; of the splat o
 PAINT_COLORS, PAINT_COUNT = 1, 2  # where its map begins in World.map_colors, how many colours it has
 PAINT_LEVELS = 3  # where the levels of its model's splats begin in World.levels
 PAINT_ALONG, PAINT_START = 3, 6  # PLACED: the level of a place x in the world is along (3).x + start
+PAINT_COARSER = 7  # BLENDED: how many paints follow that are the same for the levels of detail of its model
 
 # A camera: 16 float64.
 CAMERA = 16

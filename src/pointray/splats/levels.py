@@ -31,6 +31,7 @@ def coarsen(points: Points, cell: float) -> Points:
     -------
     Points
         About the same origin, in the order of the cells. Colours are means of their squares: nearly that of light.
+        Attributes are means of finite values; NaN where these are less than half.
     """
     assert points.normals is not None
     order, starts = _cells(points, cell)
@@ -39,6 +40,12 @@ def coarsen(points: Points, cell: float) -> Points:
     def mean(values: NDArray[Any]) -> NDArray[np.float64]:
         total = np.add.reduceat(values[order].astype(np.float64), starts, axis=0)
         return np.asarray(total / counts.reshape(-1, *[1] * (values.ndim - 1)))
+
+    def known(values: NDArray[Any]) -> NDArray[np.float64]:
+        finite = np.isfinite(values)
+        share = mean(finite)
+        total = mean(np.where(finite, values, 0.0))
+        return np.divide(total, share, out=np.full(share.shape, np.nan), where=share >= 0.5)
 
     normals = mean(points.normals)
     colors = None
@@ -49,7 +56,7 @@ def coarsen(points: Points, cell: float) -> Points:
         mean(points.positions).astype(np.float32),
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
         colors,
-        {name: mean(values) for name, values in points.attributes.items()},
+        {name: known(values) for name, values in points.attributes.items()},
     )
 
 
