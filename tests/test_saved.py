@@ -107,12 +107,14 @@ def test_other_files_are_an_error(tmp_path):
         ('"pointray model"', '"mesh"', "not a saved model"),
         ('"tree.refs"', '"tree.rags"', "tree.refs is missing"),
         ('"surface": "apss"', '"surface": "none"', "settings"),
+        ('"levels": []', '"levels": 17', "settings"),
+        (', "levels": []', ',"levels":[{}]', "missing"),
     ],
 )
 def test_another_description_is_an_error(tmp_path, saved, old, new, words):
     data = saved[1].read_bytes()
     start, end = data.index(b"{", 80), data.index(b"]", data.index(b'"arrays"'))
-    end = data.index(b"}}", end) + 2
+    end = data.index(b"]}", end) + 2
     text = data[start:end].decode().replace(old, new)
     json.loads(text)
     assert len(text) <= end - start
@@ -154,6 +156,58 @@ def damages():
         ("leaves", put(SHEETED, 1.0)),
         ("leaves", put(STEP, 0.0)),
     ]
+
+
+@pytest.fixture(scope="module")
+def leveled(tmp_path_factory):
+    model = pr.Model(cloud(30_000))
+    model.make_levels()
+    path = tmp_path_factory.mktemp("leveled") / "torus.pointray"
+    model.save(path)
+    return model, path
+
+
+def far_picture(model, **settings):
+    scene = pr.Scene()
+    scene.add(model, material=pr.Diffuse(pr.Attribute("heat")))
+    near = pr.Camera.frame(model.bounds, size=(32, 32))
+    eye = np.array(near.target) + 8 * (np.array(near.eye) - near.target)
+    return pr.render(scene, pr.Camera.look_at(eye, near.target, size=(32, 32)), pr.Settings("color", **settings))
+
+
+def test_levels_of_detail_come_back(tmp_path, leveled):
+    model, path = leveled
+    again = pr.Model.load(path)
+    assert len(again.levels) == len(model.levels) >= 2 and again.nbytes == model.nbytes
+    for one, other in zip(model.levels, again.levels, strict=True):
+        assert (one.settings, one.spacing, one.longest) == (other.settings, other.spacing, other.longest)
+        assert np.array_equal(one.tree.blocks, other.tree.blocks)
+    picture = far_picture(again)
+    np.testing.assert_array_equal(picture, far_picture(model))
+    assert np.abs(picture - far_picture(again, levels=False)).max() > 0
+    again.save(tmp_path / "m")
+    assert (tmp_path / "m").read_bytes() == path.read_bytes()
+
+
+def test_a_file_without_a_word_on_levels_is_read(tmp_path, saved):
+    """As they were before files kept levels."""
+    data = saved[1].read_bytes()
+    assert data.count(b', "levels": []') == 1
+    (tmp_path / "m").write_bytes(data.replace(b', "levels": []', b" " * 14))
+    assert pr.Model.load(tmp_path / "m").levels == ()
+
+
+def test_a_damaged_level_is_an_error(tmp_path, leveled):
+    model = pr.Model.load(leveled[1])
+    model.levels[-1].tree.refs[3] = 10**8
+    model.save(tmp_path / "m")
+    with pytest.raises(ValueError, match="damaged"):
+        pr.Model.load(tmp_path / "m")
+    model = pr.Model.load(leveled[1])
+    del model.levels[0].points.attributes["heat"]
+    model.save(tmp_path / "m")
+    with pytest.raises(ValueError, match="other attributes"):
+        pr.Model.load(tmp_path / "m")
 
 
 @pytest.mark.parametrize(("name", "change"), damages())

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .data import FARTHEST, Points
 from .points import normals as point_normals
 from .records import SURFACES, Tree
-from .saved import read_model, take_array, write_model
+from .saved import Part, read_model, write_model
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, coarsen
 from .splats.radii import check_radii
 from .splats.support import CROWD, find_support
@@ -113,7 +113,7 @@ class Model:
         self.levels: tuple[Model, ...] = ()
 
     def save(self, path: str | os.PathLike[str], progress: Callable[[float], None] | None = None) -> None:
-        """Write the model, tree and all, to a file that `load` maps.
+        """Write the model, its tree and its levels of detail to a file that `load` maps.
 
         Parameters
         ----------
@@ -127,10 +127,10 @@ class Model:
         OSError
             If the file cannot be written.
         """
-        about = {"settings": self.settings._asdict()}
-        arrays: dict[str, NDArray[Any]] = {"radii": self.radii, "bounds": self._bounds}
-        arrays |= {f"tree.{name}": array for name, array in zip(Tree._fields, self.tree, strict=True)}
-        write_model(path, about, self.points, arrays, progress or (lambda share: None))
+        write_model(path, [model._part() for model in (self, *self.levels)], progress or (lambda share: None))
+
+    def _part(self) -> Part:
+        return Part(self.settings._asdict(), self.points, self.radii, self._bounds, self.tree)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Model:
@@ -145,17 +145,20 @@ class Model:
         ValueError
             If it is no saved model, of another version, or damaged.
         """
-        about, points, arrays, tree = read_model(path)
-        model = cls.__new__(cls)
+        parts = read_model(path)
         try:
-            model.settings = _settings_of(about["settings"])
-            model.radii = take_array(arrays, "radii", np.float32, (len(points),))
-            model._bounds = take_array(arrays, "bounds", np.float64, (2, 3))
-            if not (np.isfinite(model._bounds).all() and (model._bounds[0] <= model._bounds[1]).all()):
-                raise ValueError("its bounds are none")
-        except (ValueError, KeyError, TypeError) as error:
+            model, *levels = (cls._restore(part) for part in parts)
+        except (ValueError, TypeError) as error:
             raise ValueError(f"{path}: the model is damaged: {error}") from error
-        model.points, model.surface, model.tree, model.levels = points, model.settings.surface, tree, ()
+        model.levels = tuple(levels)
+        return model
+
+    @classmethod
+    def _restore(cls, part: Part) -> Model:
+        model = cls.__new__(cls)
+        model.settings = _settings_of(part.settings)
+        model.points, model.radii, model._bounds, model.tree = part.points, part.radii, part.bounds, part.tree
+        model.surface, model.levels = model.settings.surface, ()
         return model
 
     def make_levels(self, progress: Callable[[str, float], None] | None = None) -> None:
@@ -163,8 +166,7 @@ class Model:
 
         Pictures then take of each instance the level that fits its distance: less flicker in films, more frames a
         second. Their surface is "paper"'s, with N = 2: points there are about as far apart as pixels. Memory grows by
-        a third.
-        `save` does not keep them; `Settings(levels=False)` leaves them alone.
+        a third. `Settings(levels=False)` leaves them alone.
 
         Attributes
         ----------

@@ -90,7 +90,8 @@ class Paints:
         shown = self._find_ranges(coats)
         self.shown = list(shown.values())
         wanted = [(shown[c.attribute], None if c.attribute.name in COORDINATES else c.model) for c in coats]
-        paints, row_of = [], {}
+        paints: list[tuple[Attribute, Model | None]] = []
+        row_of: dict[tuple[Attribute, Model | None], int] = {}
         for paint in dict.fromkeys(wanted):
             row_of[paint] = len(paints)
             paints += [paint, *_coarser(*paint)]

@@ -1,5 +1,7 @@
 """Models as files: one after the other the arrays, each as NumPy's .npy, behind one that names them. Read by mapping.
 
+A model's levels of detail stand behind it, as models of their own.
+
 A file is not trusted: names, types, lengths and every number that a ray follows are checked before the first ray, so
 that a damaged one is an error.
 """
@@ -10,8 +12,8 @@ import json
 import math
 import mmap
 import os
-from collections.abc import Callable
-from typing import IO, Any
+from collections.abc import Callable, Sequence
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.lib import format as npy
@@ -31,23 +33,40 @@ CHUNK = 1 << 24  # items written between two words on the progress
 Say = Callable[[float], None]
 
 
-def write_model(
-    path: str | os.PathLike[str], about: dict[str, Any], points: Points, arrays: dict[str, NDArray[Any]], say: Say
-) -> None:
+class Part(NamedTuple):
+    """A model, or one of its levels of detail, as a file keeps it.
+
+    Attributes
+    ----------
+    settings : dict
+        As JSON can hold it.
+    points : Points
+    radii : (n,) float32
+    bounds : (2, 3) float64
+    tree : Tree
+    """
+
+    settings: dict[str, Any]
+    points: Points
+    radii: NDArray[np.float32]
+    bounds: NDArray[np.float64]
+    tree: Tree
+
+
+def write_model(path: str | os.PathLike[str], parts: Sequence[Part], say: Say) -> None:
     """Write a file that `read_model` reads; it takes its name when all is written.
 
     Parameters
     ----------
-    about : dict
-        What is kept besides arrays, as JSON can hold it.
-    arrays : dict
-        The tree's, and more.
+    parts : sequence of Part
+        The model, then its levels of detail.
     say : callable
         Told the share done.
     """
-    named = {**_arrays_of(points), **arrays}
-    names = list(named)
-    meta = {"format": FORMAT, "version": VERSION, "layout": LAYOUT, "arrays": names, **about}
+    named = {f"{_prefix(k)}{name}": array for k, part in enumerate(parts) for name, array in _arrays_of(part).items()}
+    settings = [part.settings for part in parts]
+    about = {"format": FORMAT, "version": VERSION, "layout": LAYOUT, "arrays": list(named)}
+    meta = {**about, "settings": settings[0], "levels": settings[1:]}
     head = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     total, done = sum(array.size for array in named.values()) or 1, 0
     with replacing(path) as beside, beside.open("wb") as file:
@@ -63,15 +82,23 @@ def write_model(
         file.write(bytes(ALIGN))
 
 
-def _arrays_of(points: Points) -> dict[str, NDArray[Any]]:
-    """The points' arrays, under the names they have in a file."""
+def _prefix(k: int) -> str:
+    """Of the names of a part's arrays: none of the model's own."""
+    return f"level{k}." if k else ""
+
+
+def _arrays_of(part: Part) -> dict[str, NDArray[Any]]:
+    """A part's arrays, under the names they have in a file."""
+    points = part.points
     named = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
     named |= {f"attribute.{name}": values for name, values in points.attributes.items()}
+    named |= {"radii": part.radii, "bounds": part.bounds}
+    named |= {f"tree.{name}": array for name, array in zip(Tree._fields, part.tree, strict=True)}
     return {name: array for name, array in named.items() if array is not None}
 
 
-def read_model(path: str | os.PathLike[str]) -> tuple[dict[str, Any], Points, dict[str, NDArray[Any]], Tree]:
-    """What was written, the points, further arrays, and the tree: mapped, so that it is there at once.
+def read_model(path: str | os.PathLike[str]) -> list[Part]:
+    """What was written, the model and its levels of detail: mapped, so that it is there at once.
 
     Raises
     ------
@@ -84,14 +111,30 @@ def read_model(path: str | os.PathLike[str]) -> tuple[dict[str, Any], Points, di
     try:
         with file.open("rb") as stream:
             about, found = _read_arrays(stream)
-        points = _take_points(found)
-        tree = _take_tree(found)
+        parts = [_take_part(settings, found, _prefix(k)) for k, settings in enumerate(_settings_in(about))]
+        for part in parts[1:]:
+            if _columns_of(part.points) != _columns_of(parts[0].points):
+                raise ValueError("the model is damaged: a level of detail has other attributes or colors")
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
-    problems = check_indices(tree, len(points))
-    if problems:
-        raise ValueError(f"{file}: the model is damaged: {problems[0]}")
-    return about, points, found, tree
+    return parts
+
+
+def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
+    """Of the model, and of its levels of detail; an older file has none."""
+    settings = [about.get("settings"), *_listed(about.get("levels", []))]
+    if not all(isinstance(one, dict) for one in settings):
+        raise ValueError("the model is damaged: its settings are none")
+    return settings  # type: ignore[return-value]
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _columns_of(points: Points) -> dict[str, Any]:
+    """What all levels of a model have alike."""
+    return {"": points.colors is None, **{name: values.shape[1:] for name, values in points.attributes.items()}}
 
 
 def _read_arrays(stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -139,7 +182,21 @@ def _next_array(stream: IO[bytes], memory: mmap.mmap, size: int, name: str) -> N
     return np.frombuffer(memory, dtype, count, start).reshape(shape)
 
 
-def take_array(found: dict[str, NDArray[Any]], name: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
+def _take_part(settings: dict[str, Any], found: dict[str, NDArray[Any]], prefix: str) -> Part:
+    """The part whose arrays' names begin so, checked."""
+    mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
+    points = _take_points(mine)
+    radii, bounds = _take(mine, "radii", np.float32, (len(points),)), _take(mine, "bounds", np.float64, (2, 3))
+    if not (np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all()):
+        raise ValueError("the model is damaged: its bounds are none")
+    part = Part(settings, points, radii, bounds, _take_tree(mine))
+    problems = check_indices(part.tree, len(points))
+    if problems:
+        raise ValueError(f"the model is damaged: {problems[0]}")
+    return part
+
+
+def _take(found: dict[str, NDArray[Any]], name: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
     """An array of the file, out of `found`; -1 in `shape` stands for any length. ValueError if it is not so."""
     if name not in found:
         raise ValueError(f"{name} is missing")
@@ -151,8 +208,8 @@ def take_array(found: dict[str, NDArray[Any]], name: str, dtype: type, shape: tu
 
 
 def _take_points(found: dict[str, NDArray[Any]]) -> Points:
-    positions = take_array(found, "points.positions", np.float32, (-1, 3))
-    origin = take_array(found, "points.origin", np.float64, (3,))
+    positions = _take(found, "points.positions", np.float32, (-1, 3))
+    origin = _take(found, "points.origin", np.float64, (3,))
     names = [name for name in found if name.startswith("attribute.")]
     attributes = {name.removeprefix("attribute."): found.pop(name) for name in names}
     normals, colors = found.pop("points.normals", None), found.pop("points.colors", None)
@@ -163,4 +220,4 @@ def _take_tree(found: dict[str, NDArray[Any]]) -> Tree:
     whole = {"children", "spans", "refs", "order", "colors"}
     small = {"borders", "facing"}
     types = {name: np.int32 if name in whole else np.int8 if name in small else np.float32 for name in Tree._fields}
-    return Tree(*(take_array(found, f"tree.{name}", types[name], (-1,)) for name in Tree._fields))
+    return Tree(*(_take(found, f"tree.{name}", types[name], (-1,)) for name in Tree._fields))

@@ -43,9 +43,8 @@ def coarsen(points: Points, cell: float) -> Points:
 
     def known(values: NDArray[Any]) -> NDArray[np.float64]:
         finite = np.isfinite(values)
-        share = mean(finite)
-        total = mean(np.where(finite, values, 0.0))
-        return np.divide(total, share, out=np.full(share.shape, np.nan), where=share >= 0.5)
+        share, total = mean(finite), mean(np.where(finite, values, 0.0))
+        return np.where(share >= 0.5, total / np.maximum(share, 0.5), np.nan)
 
     normals = mean(points.normals)
     colors = None
