@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.cli import execute
 from pointray.levels import at_distance
 from pointray.records import INSTANCE, SHAPE_ROW
 from pointray.splats.levels import coarsen
@@ -187,3 +188,57 @@ def test_means_of_attributes_with_gaps():
     values = [1.0, np.nan, 3.0, np.nan, np.inf, 9.0]
     coarse = coarsen(pr.Points(x, np.tile([0, 0, 1.0], (6, 1)), attributes={"v": values}, origin=(0, 0, 0)), 1.0)
     np.testing.assert_array_equal(coarse.attributes["v"], [2.0, np.nan])
+
+
+# ------------------------------------------------------------------------------------------- on the command line
+
+SMALL = ["--size", "48x36", "--spp", "1"]
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("levels") / "statue.ply"
+    pr.write(path, pr.procedural("statue", 40_000))
+    return path
+
+
+def frames(scan, name, *more):
+    """The pictures of a film of two frames."""
+    folder = scan.with_name(name)
+    film = ["--seconds", "1", "--fps", "2"]
+    assert execute(["animate", str(scan), "-o", str(folder), *film, *SMALL, *more]) == 0
+    return [path.read_bytes() for path in sorted(folder.iterdir())]
+
+
+def test_films_of_a_scan_show_levels(scan, monkeypatch):
+    made = []
+    real = pr.Model.make_levels
+    monkeypatch.setattr(pr.Model, "make_levels", lambda model, *said: (made.append(model), real(model, *said)))
+    with_levels, without = frames(scan, "with"), frames(scan, "without", "--no-levels")
+    assert len(made) == 1 and all(a != b for a, b in zip(with_levels, without, strict=True))
+    # None are made where none is shown, nor in the place of a surface that is asked for.
+    assert frames(scan, "near", "--size", "240x180") and frames(scan, "disc", "--surface", "disc")
+    assert len(made) == 1
+
+
+def test_saved_models_have_levels(scan, tmp_path):
+    plain, whole = tmp_path / "plain.pointray", tmp_path / "whole.pointray"
+    assert execute(["prepare", str(scan), "-o", str(whole)]) == 0
+    assert execute(["prepare", str(scan), "-o", str(plain), "--no-levels"]) == 0
+    assert pr.Model.load(plain).levels == () and len(pr.Model.load(whole).levels) >= 2
+    pictures = {}
+    for name, model, more in (("plain", plain, []), ("levels", whole, []), ("off", whole, ["--no-levels"])):
+        assert execute(["render", str(model), "-o", str(tmp_path / f"{name}.png"), *SMALL, *more]) == 0
+        pictures[name] = (tmp_path / f"{name}.png").read_bytes()
+    assert pictures["off"] == pictures["plain"] != pictures["levels"]
+
+
+def test_scene_files_and_levels_of_saved_models(scan, tmp_path):
+    model = tmp_path / "whole.pointray"
+    assert execute(["prepare", str(scan), "-o", str(model)]) == 0
+    file = tmp_path / "scene.toml"
+    for word in ("", "levels = true"):
+        file.write_text(f'[models.a]\nfile = "whole.pointray"\n{word}\n[[instances]]\nmodel = "a"\n')
+        for name, more in (("on", []), ("off", ["--no-levels"])):
+            assert execute(["render", str(file), "-o", str(tmp_path / f"{name}.png"), *SMALL, *more]) == 0
+        assert (tmp_path / "on.png").read_bytes() != (tmp_path / "off.png").read_bytes()

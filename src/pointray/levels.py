@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera
+from .model import COARSER, Model
 from .records import (
     INSTANCE,
     KIND,
@@ -49,7 +50,7 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
     rows = np.flatnonzero(instances[:, KIND] == MODEL)
     shapes = instances[rows, SHAPE_ROW].astype(int)
     pixel = _pixel_sizes(camera, scene._instances.boxes[rows]) * _scales(instances[rows])  # in the model's unit
-    finest = FINENESS * max(spp**-0.5, FINEST)
+    finest = _finest(spp)
     for k, family in enumerate(families):
         spacing = [level.spacing for level in family[1:]]
         mine = shapes == k
@@ -57,6 +58,17 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
         instances[rows[mine], SHAPE_ROW] = first[k] + _repaint(world, instances, rows[mine], level, len(spacing))
     table, longest = model_table([level.tree for level in levels]), max(level.longest for level in levels)
     return world._replace(table=table, instances=instances.reshape(-1), longest=longest)
+
+
+def is_far(model: Model, camera: Camera, spp: int) -> bool:
+    """Whether a picture of the model, where it was scanned, would show it in a level of detail if it had some."""
+    pixel = float(_pixel_sizes(camera, model.bounds.reshape(1, 6))[0])
+    return COARSER * model.spacing <= _finest(spp) * pixel
+
+
+def _finest(spp: int) -> float:
+    """Pixels: the largest spacing of points that are shown."""
+    return float(FINENESS * max(spp**-0.5, FINEST))
 
 
 def _repaint(

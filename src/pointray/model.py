@@ -24,6 +24,7 @@ SURFACE = "apss"  # the default: of the three the one without bias (measured in 
 TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii; see ARCHITECTURE.md
 LOOSE_TRIM = 0.95  # the same where the radii are too small to cover the surface: it lies in gaps
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 of the time (24)
+COARSER = 2.0  # how many times the cells of a level are those of the one before; of the first, the model's spacing
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii; see ARCHITECTURE.md
 SMALLEST, LARGEST = 1e-12, 1e12  # of a radius
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
@@ -179,7 +180,7 @@ class Model:
         cloud = cloud.with_normals(_unit_normals(cloud))
         spacing, levels = float(np.median(self.radii[used])), []
         while True:
-            spacing *= 2.0
+            spacing *= COARSER
             coarse = coarsen(cloud, spacing)
             if len(coarse) < LEAST_POINTS or len(coarse) * LEAST_GAIN > len(cloud):
                 break

@@ -112,6 +112,8 @@ class Subject(NamedTuple):
     curve : str
     settings : dict
         What the scene depends on, as JSON takes it.
+    leveled : bool
+        Whether its models get levels of detail where frames would show these.
     """
 
     build: Callable[[Progress], tuple[Any, Any]]
@@ -119,6 +121,7 @@ class Subject(NamedTuple):
     exposure: float
     curve: str
     settings: dict[str, Any]
+    leveled: bool = False
 
 
 def scan_subject(stage: Stage, view: View, picture: Any, exposure: float) -> Subject:
@@ -128,7 +131,7 @@ def scan_subject(stage: Stage, view: View, picture: Any, exposure: float) -> Sub
         scene, model = stage.build(progress)
         return scene, view.turning(model.bounds)
 
-    return Subject(build, picture, exposure, "srgb", stage.settings)
+    return Subject(build, picture, exposure, "srgb", stage.settings, picture.levels and stage.is_plain)
 
 
 def animate(target: Target, way: Way, subject: Subject) -> str:
@@ -168,10 +171,14 @@ def animate(target: Target, way: Way, subject: Subject) -> str:
 
 def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progress: Progress) -> None:
     """Render frames, one after the other: each is kept before the next one begins."""
+    from ..levels import is_far
     from ..picture import render
 
     scene, first = subject.build(progress)
     cameras = way.cameras(first)
+    for model in scene.models if subject.leveled else ():
+        if not model.levels and any(is_far(model, camera, subject.picture.most) for camera in cameras):
+            in_background(partial(model.make_levels, progress.show))
 
     def picture(camera: Any, done: int) -> Any:
         def show(share: float) -> None:

@@ -23,6 +23,7 @@ from .options import (
     Integrator,
     IntegratorOption,
     LegendOption,
+    LevelsOption,
     LightOption,
     MaxDepthOption,
     NoiseOption,
@@ -81,6 +82,7 @@ def render(
     filter: FilterOption = Filter["blackman-harris"],
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    levels: LevelsOption = True,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
@@ -105,7 +107,7 @@ def render(
     check_scan(file)
     view = View(size, fov, up, eye, target, projection.value, aperture, focus)
     effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
-    settings = settings_of(integrator, filter, seed=seed, threads=threads, **effort)
+    settings = settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
     stage = Stage(file, shape, place)
@@ -148,6 +150,7 @@ def animate(
     filter: FilterOption = Filter["blackman-harris"],
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    levels: LevelsOption = True,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
@@ -171,7 +174,7 @@ def animate(
     view = View(size, fov, up, eye, target, projection.value, aperture, focus)
     way = Way(view, fps, {"seconds": seconds, "turns": turns, "keys": keys, "eye": eye, "target": target})
     effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
-    settings = settings_of(integrator, filter, seed=seed, threads=threads, **effort)
+    settings = settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
     stage = Stage(file, shape, place)
@@ -225,6 +228,9 @@ def prepare(
     drop_outliers: Annotated[bool, typer.Option("--drop-outliers", help="Drop what lies far from the rest.")] = False,
     estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="Replaces those there are.")] = False,
     viewpoint: Annotated[str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it.")] = None,
+    levels: Annotated[
+        bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
+    ] = True,
     threads: ThreadsOption = None,
 ) -> None:
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
@@ -240,6 +246,7 @@ def prepare(
         "drop_outliers": drop_outliers,
         "estimate_normals": estimate_normals,
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
+        "levels": levels,
     }
     print(work(file, output, wishes))
 

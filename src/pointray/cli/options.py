@@ -41,6 +41,9 @@ DenoiseOption = Annotated[bool, typer.Option("--denoise/--no-denoise", help="Tak
 FilterOption = Annotated[Filter, typer.Option(help="How a pixel is made of its samples.")]
 SeedOption = Annotated[int, typer.Option(help="Of all that is left to chance.")]
 ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
+LevelsOption = Annotated[
+    bool, typer.Option("--levels/--no-levels", help="From afar, take levels of detail in the place of all points.")
+]
 SurfaceOption = Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")]
 SamplesOption = Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")]
 RadiusScaleOption = Annotated[float, typer.Option(help="All radii times this.")]

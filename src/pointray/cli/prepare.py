@@ -60,6 +60,8 @@ def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
                 model = in_background(lambda: pr.Model(points, radii_in(points), progress=progress.show))
             except ValueError as error:
                 raise ValueError(f"{file}: {error}") from error
+            if wishes["levels"]:
+                in_background(lambda: model.make_levels(progress.show))
             with writing(output):
                 in_background(lambda: model.save(output, lambda share: progress.show("writing", share)))
             return f"{output}: a model of {len(points):,} points; {', '.join(done) or 'nothing else was to be done'}"

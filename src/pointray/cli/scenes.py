@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 VECTORS = ("eye", "target", "up")
 CAMERA = (*VECTORS, "fov", "size", "projection", "aperture", "focus")
-SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads")
+SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads", "levels")
 LOOK = ("background", "exposure")
 FILM = ("seconds", "fps", "turns", "keys")  # options that are about the film, not about what it shows
 

@@ -11,6 +11,7 @@ from ..splats.radii import radii_in
 from .options import background_of, color_of, light_of, positive
 from .waiting import Progress, in_background
 
+PLAIN = {"surface": None, "samples": 4, "radius_scale": 1.0}  # of a surface: what the options say by default
 HEIGHT = "height"  # of --color-by: the coordinate along --up
 
 
@@ -51,6 +52,11 @@ class Stage:
         return {**scan, **self._surface, **self._place}
 
     @property
+    def is_plain(self) -> bool:
+        """Whether the surface is the default one, and not one that the user wants to see."""
+        return self._surface == PLAIN
+
+    @property
     def legend(self) -> Any:
         """What the scan is coloured by, with the range that is shown, by the name that was asked for."""
         assert self._color is not None
@@ -73,7 +79,7 @@ class Stage:
         file = self.file
         progress.show("reading", 0.0)
         if file.suffix.lower() == SAVED:
-            if self._surface != {"surface": None, "samples": 4, "radius_scale": 1.0}:
+            if not self.is_plain:
                 raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
             return in_background(lambda: pr.Model.load(file))
         points = in_background(lambda: pr.read(file))

@@ -91,7 +91,7 @@ def _check_procedural(source: Source, key: Key, name: str, count: int, seed: int
 def load_model(source: Source, recipe: Recipe, say: Say) -> Model:
     """Read and build it, and its levels of detail if they are asked for."""
     model = _load(source, recipe, say)
-    if recipe.levels:
+    if recipe.levels and not model.levels:  # a saved model may have brought them
         with source.telling(recipe.key):
             model.make_levels(say)
     return model
