@@ -10,7 +10,7 @@ import pointray as pr
 from pointray.cli import execute
 from pointray.viewer import loading
 from pointray.viewer.subject import Subject
-from viewing import Browser, serve
+from viewing import Browser, expected, levels_in, serve
 
 SIZE = (160, 120)
 
@@ -121,6 +121,50 @@ def test_large_scans_are_shown_in_part_first(tmp_path, monkeypatch):
     assert [len(model.points) > 4_000 for model in models] == [False, True]
     assert stages[0] == "reading statue.ply" and stages[-1] == "" and "building: tree" in stages
     assert models[0].bounds == pytest.approx(models[1].bounds, abs=0.1)
+
+
+def is_rather(frame, wanted, other):
+    """Whether a frame, in its full size, is the one picture and not the other, up to what JPEG changes in both."""
+    seen = levels_in(frame[1])
+    if seen.shape != wanted.shape:
+        return False
+    nearer = np.abs(seen - other).mean() - np.abs(seen - wanted).mean()
+    return nearer > 0.5 * np.abs(wanted - other).mean()
+
+
+@pytest.mark.parametrize("leveled", [True, False])
+def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
+    path = tmp_path / "statue.ply"
+    pr.write(path, pr.procedural("statue", 40_000))
+    monkeypatch.setattr(loading, "COARSE", 1_000)
+    monkeypatch.setattr(loading, "WORTH", 4_000)
+    shown, subject = [], Subject("statue.ply")
+    subject.listen(lambda: shown.append((subject.scene, len(subject.scene.models[0].levels) if subject.scene else 0)))
+    subject.load(loading.Files([path], {}, lambda scene: None, leveled)).join(60)
+    counts = [count for _, count in shown]
+    assert counts == sorted(counts) and (counts[-1] >= 2) == leveled
+    if leveled:  # a scene of its own: what colours points counts the levels
+        scenes = list(dict.fromkeys(scene for scene, _ in shown if scene is not None))
+        assert len(scenes) == 3 and scenes[1].models == scenes[2].models
+
+
+def test_levels_in_the_panel(tmp_path, start, monkeypatch):
+    """As `render` makes it with levels, and with all points when they are switched off."""
+    model = pr.Model(pr.procedural("statue", 40_000))
+    model.make_levels()
+    model.save(tmp_path / "a.pointray")
+    _, url, _ = start(tmp_path / "a.pointray")
+    browser = Browser(url, SIZE)
+    camera = browser.arrive()
+    browser.set("samples", 1)
+    scene = pr.Scene()
+    scene.add(model)
+    with_levels, without = (expected(scene, camera, 1, levels=levels) for levels in (True, False))
+    for levels, pictures in ((True, (with_levels, without)), (False, (without, with_levels))):
+        browser.set("levels", levels)
+        browser.listen(lambda two=pictures: browser.frames and is_rather(browser.frames[-1], *two))
+    browser.say(type="press", name="copy.command")
+    assert " --no-levels" in browser.listen(lambda: browser.last("copy"))["text"]
 
 
 @pytest.mark.parametrize(

@@ -194,6 +194,7 @@ def view(
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True,
     up: UpOption = "0,0,1",
     integrator: IntegratorOption = Integrator.phong,
+    levels: LevelsOption = True,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
@@ -207,7 +208,7 @@ def view(
     from .view import serve, subject_of
 
     use_threads(threads)
-    place = {"settings": Settings(integrator=integrator.value), "up": up, "light": light}
+    place = {"settings": Settings(integrator=integrator.value, levels=levels), "up": up, "light": light}
     place |= {"background": background, "ground": ground}
     look = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     positive(radius_scale, "--radius-scale")

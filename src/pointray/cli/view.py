@@ -14,7 +14,7 @@ from typing import Any
 
 from .options import View, background_of, light_of
 from .scenes import SceneStage, is_scene
-from .stage import check_scan, ground_under
+from .stage import PLAIN, check_scan, ground_under
 
 M_ARENA_MAX = -8  # of glibc's mallopt
 SERVING = ("host", "port", "open_browser")  # options that are about neither the scene nor the picture
@@ -24,7 +24,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
     """What is viewed, and what brings it. Raises what is wrong with files and options at once.
 
     options : those that the user has typed; place : settings, up, light, background and ground; surface : as `Model`
-    takes it
+    takes it; another than the default one is shown with all points always
     """
     from ..viewer.loading import Described, Files
     from ..viewer.subject import Subject
@@ -56,7 +56,9 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
     title, source = files[0].name, str(files[0])
     if len(files) > 1:
         title, source = f"{title} and {len(files) - 1} more", ""
-    return Subject(title, None, up, place["settings"], source), Files(files, surface, furnish)
+    settings = place["settings"]
+    loader = Files(files, surface, furnish, settings.levels and surface == PLAIN)
+    return Subject(title, None, up, settings, source), loader
 
 
 def serve(subject: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:

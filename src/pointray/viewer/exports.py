@@ -137,6 +137,7 @@ def _command(wish: Wish, output: Output, source: str) -> str:
     words += ["--fov", f"{camera.fov:.6g}", "--size", f"{output.width}x{output.height}"]
     words += ["--integrator", looks.integrator, "--spp", str(output.samples)]
     words += ["--exposure", f"{looks.exposure:g}"] if looks.exposure else []
+    words += [] if looks.levels else ["--no-levels"]
     if not source.endswith(".toml"):
         for light in looks.lights(wish.up):
             words += ["--light", text] if (text := _light_text(light)) else []
@@ -164,9 +165,10 @@ def _python(wish: Wish, output: Output) -> str:
     camera, looks = wish.camera, wish.looks
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height
+    more = "" if looks.levels else ", levels=False"
     return (
         f"camera = pr.Camera.look_at({eye}, {target}, {up}, fov={camera.fov:.6g}, size={size})\n"
-        f'settings = pr.Settings(integrator="{looks.integrator}", spp={output.samples}, shadows={looks.shadows})\n'
+        f'settings = pr.Settings("{looks.integrator}", spp={output.samples}, shadows={looks.shadows}{more})\n'
         f"image = pr.render(scene, camera, settings)\n"
         f'pr.write_image("picture.{output.format}", image, exposure={looks.exposure}, curve="{looks.curve}")'
     )

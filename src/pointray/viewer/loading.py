@@ -1,4 +1,4 @@
-"""From files to a scene that is shown while it comes: first a coarse version of some of the points, then all."""
+"""From files to a scene that is shown while it comes: a coarse version of some of the points, all, levels of detail."""
 
 from __future__ import annotations
 
@@ -32,11 +32,14 @@ class Files:
         surface, samples and radius_scale, as `Model` takes them.
     furnish : callable
         Puts lights and the like into a scene that has its models.
+    leveled : bool
+        Whether large scans get levels of detail.
     """
 
     paths: Sequence[Path]
     surface: dict[str, Any]
     furnish: Callable[[Scene], None]
+    leveled: bool = True
 
     def __call__(self, subject: Subject) -> None:
         clouds: list[Points | Model] = []
@@ -48,7 +51,13 @@ class Files:
             # Small ones are models from here on, and not built again.
             clouds = [cloud if _is_large(cloud) else self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
             subject.show(self._scene([self._coarse(cloud) for cloud in clouds]))
-        subject.show(self._scene([self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]))
+        models = [self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
+        subject.show(self._scene(models))
+        large = [model for cloud, model in zip(clouds, models, strict=True) if _is_large(cloud)]
+        if self.leveled and large:
+            for model in large:
+                model.make_levels(lambda stage, share: subject.say(f"building: {stage}", share))
+            subject.show(self._scene(models))  # anew: what colours the points by an attribute counts the levels too
 
     def _coarse(self, cloud: Points | Model) -> Model:
         """Of some of the points."""

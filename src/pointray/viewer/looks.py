@@ -26,7 +26,7 @@ OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
 
 # Values of the picture, not of the scene: `dress` does not depend on them.
-PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "exposure", "curve")
+PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposure", "curve")
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class Looks:
     samples: int = 64
     max_depth: int = 4
     shadows: bool = True
+    levels: bool = True
     exposure: float = 0.0
     curve: str = "srgb"
     around: str = "color"
@@ -93,6 +94,7 @@ class Looks:
             samples=max(settings.spp, 64),
             max_depth=settings.depth,
             shadows=settings.shadows,
+            levels=settings.levels,
             exposure=subject.exposure,
             curve=subject.curve,
         )
@@ -134,7 +136,7 @@ class Looks:
     def settings(self, spp: int) -> Settings:
         """For a picture of so many samples a pixel."""
         shown: dict[str, Any] = {"integrator": self.integrator, "max_depth": self.max_depth, "shadows": self.shadows}
-        return replace(self.base, spp=spp, **shown)
+        return replace(self.base, spp=spp, levels=self.levels, **shown)
 
     def lights(self, up: Vector) -> list[Light | EnvironmentLight]:
         """Those that are on."""

@@ -49,7 +49,7 @@ def folders(looks: Looks, subject: Subject, output: Output, scene: Scene | None)
     material = [] if not scene.models else [_material(looks, scene)]
     surface = [] if build is None else [_surface(build)]
     return [
-        _view(looks),
+        _view(looks, any(model.levels for model in scene.models)),
         _light(looks),
         *material,
         *surface,
@@ -59,13 +59,15 @@ def folders(looks: Looks, subject: Subject, output: Output, scene: Scene | None)
     ]
 
 
-def _view(looks: Looks) -> Folder:
+def _view(looks: Looks, has_levels: bool) -> Folder:
     around = [("color", "this colour"), ("sky", "the light all around"), ("scene", "the scene's own")]
     depth = (
         [_range(looks, "max_depth", "Bounces", 0, max(32, looks.max_depth), 1)]
         if looks.integrator in ("phong", "path")
         else []
     )
+    hint = "Where points are finer than pixels their means are shown: faster and calmer"
+    levels = [Control("levels", "Levels of detail", "switch", looks.levels, hint=hint)] if has_levels else []
     return Folder(
         "View",
         [
@@ -79,6 +81,7 @@ def _view(looks: Looks) -> Folder:
                 hint="How far the picture is refined while nothing moves",
             ),
             *depth,
+            *levels,
             _range(looks, "exposure", "Exposure", -6, 6, 0.1, "Stops: each doubles the light"),
             _choice(looks, "curve", "Curve", [("srgb", "sRGB"), ("filmic", "filmic")]),
             _choice(looks, "around", "Background", around),
