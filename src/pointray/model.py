@@ -80,12 +80,23 @@ class Model:
         scale = _check_scale(radius_scale)
         given = None if radii is None else check_radii(radii, len(self.points))
         say = progress or (lambda stage, share: None)
+        self.levels: tuple[Model, ...] = ()
+        self._build(given, scale, None, say)
+
+    def _build(
+        self,
+        given: NDArray[np.float32] | None,
+        scale: float,
+        most: NDArray[np.float32] | None,
+        say: Callable[[str, float], None],
+    ) -> None:
+        """Find the supports, none larger than `most`, and build the tree."""
         used = np.flatnonzero(self.points.finite).astype(np.int32)
         lost = len(self.points) - len(used)
         if lost:
             warnings.warn(
                 f"{lost:,} of {len(self.points):,} points have no finite position below {FARTHEST:g}: left out",
-                stacklevel=2,
+                stacklevel=3,
             )
         cloud = self.points.select(used) if lost else self.points
         say("normals", 0.0)
@@ -99,6 +110,7 @@ class Model:
             scale,
             borders=automatic,
             sheets=automatic and self.surface != "paper",
+            most=most,
         )
         if support.tight:
             self.settings = self.settings._replace(trim=LOOSE_TRIM)
@@ -111,7 +123,6 @@ class Model:
         )
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = cloud.bounds
-        self.levels: tuple[Model, ...] = ()
 
     def save(self, path: str | os.PathLike[str], progress: Callable[[float], None] | None = None) -> None:
         """Write the model, its tree and its levels of detail to a file that `load` maps.
@@ -178,16 +189,26 @@ class Model:
         used = self.points.finite & (self.radii > 0)
         cloud = self.points.select(used)
         cloud = cloud.with_normals(_unit_normals(cloud))
-        spacing, levels = float(np.median(self.radii[used])), []
+        radii, levels = self.radii[used], []
+        spacing = float(np.median(radii))
         while True:
             spacing *= COARSER
-            coarse = coarsen(cloud, spacing)
+            coarse, reach = coarsen(cloud, radii, spacing)
             if len(coarse) < LEAST_POINTS or len(coarse) * LEAST_GAIN > len(cloud):
                 break
             say("levels", 1.0 - len(coarse) / len(self.points))
-            levels.append(Model(coarse, surface="paper", samples=LEVEL_SAMPLES))
-            cloud = coarse
+            levels.append(Model._level(coarse, reach))
+            cloud, radii = coarse, levels[-1].radii
         self.levels = tuple(levels)
+
+    @classmethod
+    def _level(cls, points: Points, most: NDArray[np.float32]) -> Model:
+        """A level of detail, whose supports are not larger than `most`: what stands alone stays as small as it was."""
+        model = cls.__new__(cls)
+        model.points, model.surface, model.levels = points, "paper", ()
+        model.settings = _check_settings(model.surface, LEVEL_SAMPLES, 1, "auto")
+        model._build(None, 1.0, most, lambda stage, share: None)
+        return model
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -223,7 +244,7 @@ def _unit_normals(points: Points) -> NDArray[np.float32]:
         return normals
     mended, message = point_normals.mend_normals(points)
     if message:
-        warnings.warn(message, stacklevel=3)
+        warnings.warn(message, stacklevel=4)
     assert mended.normals is not None
     return mended.normals
 
@@ -233,7 +254,7 @@ def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
     lost = int(crowded.sum())
     if not lost:
         return splats
-    warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=3)
+    warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=4)
     arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[~crowded]) for array in splats]
     return Splats(*arrays)
 

@@ -17,21 +17,25 @@ LEAST_GAIN = 1.5  # how many times fewer points a level has than the one before
 MOST_CELLS = 2**20  # along an axis
 
 
-def coarsen(points: Points, cell: float) -> Points:
+def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Points, NDArray[np.float32]]:
     """One point for each cell of a grid and each of the six ways that normals mainly look: their means.
 
     Parameters
     ----------
     points : Points
         Finite, with unit normals.
+    radii : (n,) float32
+        Of their supports.
     cell : float
         Edge of the cells.
 
     Returns
     -------
-    Points
+    points : Points
         About the same origin, in the order of the cells. Colours are means of their squares: nearly that of light.
         Attributes are means of finite values; NaN where these are less than half.
+    reach : (m,) float32
+        How far from each the supports of those that it stands for reach: no farther should its own.
     """
     assert points.normals is not None
     order, starts = _cells(points, cell)
@@ -50,13 +54,16 @@ def coarsen(points: Points, cell: float) -> Points:
     colors = None
     if points.colors is not None:
         colors = np.rint(np.sqrt(mean(points.colors.astype(np.float32) ** 2))).astype(np.uint8)
-    return Points.about(
+    middles = mean(points.positions).astype(np.float32)
+    away = np.linalg.norm(points.positions[order] - np.repeat(middles, counts, axis=0), axis=1) + radii[order]
+    coarse = Points.about(
         points.origin,
-        mean(points.positions).astype(np.float32),
+        middles,
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
         colors,
         {name: known(values) for name, values in points.attributes.items()},
     )
+    return coarse, np.maximum.reduceat(away, starts)
 
 
 def _cells(points: Points, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
