@@ -15,7 +15,7 @@ from .data import FARTHEST, Points
 from .points import normals as point_normals
 from .records import SURFACES, Tree
 from .saved import Part, read_model, write_model
-from .splats.levels import LEAST_GAIN, LEAST_POINTS, coarsen
+from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.radii import check_radii
 from .splats.support import CROWD, find_support
 from .tree.build import Splats, TreeSettings, build_tree
@@ -87,10 +87,10 @@ class Model:
         self,
         given: NDArray[np.float32] | None,
         scale: float,
-        most: NDArray[np.float32] | None,
+        within: tuple[float, NDArray[np.float32]] | None,
         say: Callable[[str, float], None],
     ) -> None:
-        """Find the supports, none larger than `most`, and build the tree."""
+        """Find the supports, see `find_support`, and build the tree."""
         used = np.flatnonzero(self.points.finite).astype(np.int32)
         lost = len(self.points) - len(used)
         if lost:
@@ -110,7 +110,7 @@ class Model:
             scale,
             borders=automatic,
             sheets=automatic and self.surface != "paper",
-            most=most,
+            within=within,
         )
         if support.tight:
             self.settings = self.settings._replace(trim=LOOSE_TRIM)
@@ -197,17 +197,17 @@ class Model:
             if len(coarse) < LEAST_POINTS or len(coarse) * LEAST_GAIN > len(cloud):
                 break
             say("levels", 1.0 - len(coarse) / len(self.points))
-            levels.append(Model._level(coarse, reach))
+            levels.append(Model._level(coarse, (SUPPORT * spacing, reach)))
             cloud, radii = coarse, levels[-1].radii
         self.levels = tuple(levels)
 
     @classmethod
-    def _level(cls, points: Points, most: NDArray[np.float32]) -> Model:
-        """A level of detail, whose supports are not larger than `most`: what stands alone stays as small as it was."""
+    def _level(cls, points: Points, within: tuple[float, NDArray[np.float32]]) -> Model:
+        """A level of detail. Its supports have limits: what stands alone stays about as small as it was."""
         model = cls.__new__(cls)
         model.points, model.surface, model.levels = points, "paper", ()
         model.settings = _check_settings(model.surface, LEVEL_SAMPLES, 1, "auto")
-        model._build(None, 1.0, most, lambda stage, share: None)
+        model._build(None, 1.0, within, lambda stage, share: None)
         return model
 
     @property

@@ -52,7 +52,7 @@ def find_support(
     *,
     borders: bool,
     sheets: bool,
-    most: NDArray[np.float32] | None = None,
+    within: tuple[float, NDArray[np.float32]] | None = None,
 ) -> Support:
     """The support of every splat, all of it from one search for neighbours.
 
@@ -67,8 +67,8 @@ def find_support(
         All radii times this.
     borders, sheets : bool
         What to look for besides radii; sheets only with borders. A handful of places has neither.
-    most : (n,) float32, optional
-        None is chosen larger than this.
+    within : (float, (n,) float32), optional
+        None is chosen smaller or larger than these.
 
     Raises
     ------
@@ -84,8 +84,8 @@ def find_support(
     sites = (positions, normals) if len(rows) == len(positions) else (positions[rows], normals[rows])
     hood = neighbors(sites[0], NEIGHBORS + 1)
     covering, ends = choose_radii(*sites, *hood)
-    if most is not None:
-        covering = np.minimum(covering, most[rows])
+    if within is not None:
+        covering = np.clip(covering, np.float32(within[0]), within[1][rows])
     chosen = covering[places] * np.float32(scale) if given is None else given
     if not borders:
         return Support(chosen, None, None, False, places)
