@@ -67,7 +67,7 @@ def test_supports_of_levels_reach_no_farther_than_those_they_stand_for():
     whole = hit(model)
     for level in model.levels:
         seen = hit(level)
-        grown = 0.2 if len(level.points) > 2000 else 1.0  # a cell of the last is three times as wide as what stands alone
+        grown = 0.2 if len(level.points) > 2000 else 1.0  # the last one's cells are wider than what stands alone
         assert (seen & ~whole).sum() < grown * whole.sum() and (whole & ~seen).sum() < 0.03 * whole.sum()
 
 
