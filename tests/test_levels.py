@@ -146,11 +146,10 @@ def test_off_by_a_setting_and_only_in_pictures(statue):
     assert away.max() < statue.radii.max()
 
 
-@pytest.mark.parametrize("name, allowed", [("z", 0.01), ("x", 0.01), ("wave", 0.05)])
+@pytest.mark.parametrize("name, allowed", [("z", 0.01), ("x", 0.01), ("wave", 0.02)])
 def test_colours_by_an_attribute(statue, name, allowed):
     """By places and by values of points: the colours of many samples of all points, up to silhouettes."""
     scene = pr.Scene()
-    scene.background = 0.5
     x = statue.points.world
     points = pr.Points(x, statue.points.normals, attributes={"wave": np.sin(3 * x[:, 2]) + x[:, 0]})
     model = pr.Model(points, statue.radii)
@@ -161,9 +160,9 @@ def test_colours_by_an_attribute(statue, name, allowed):
     exact = pr.render(scene, far, pr.Settings("color", spp=64, levels=False))
     inside = exact[..., 3] == 1
     picture = pr.render(scene, far, pr.Settings("color"))
-    assert inside.mean() > 0.1
+    assert inside.mean() > 0.02
     assert np.abs(picture - exact)[inside].mean() < allowed
-    assert np.abs(picture - pr.render(scene, far, pr.Settings("color", levels=False)))[inside].max() > 0
+    assert np.abs(picture - pr.render(scene, far, pr.Settings("color", levels=False))).max() > 0
 
 
 def test_each_instance_has_the_paint_of_its_level(statue):
