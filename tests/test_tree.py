@@ -33,9 +33,7 @@ def test_trees_are_whole(name, surface):
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), places=4000) == []
 
 
-@pytest.mark.parametrize(
-    "width", [pytest.param(LEAF_WIDTH / 4, marks=pytest.mark.long), LEAF_WIDTH / 2, LEAF_WIDTH]
-)
+@pytest.mark.parametrize("width", [pytest.param(LEAF_WIDTH / 4, marks=pytest.mark.long), LEAF_WIDTH / 2, LEAF_WIDTH])
 @pytest.mark.parametrize("name", ["stanford_bunny", "nefertiti_50k", "stanford_dragon_stand_rangescans"])
 def test_trees_over_uneven_splats_are_whole(name, width):
     cloud = splats(name)
