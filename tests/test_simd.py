@@ -21,6 +21,7 @@ from pointray.simd import (
     last_quarter,
     load8,
     load16,
+    look_up16,
     lowest,
     mask16,
     pack,
@@ -104,6 +105,20 @@ def test_comparisons_know_nan_and_inf():
     v, w = a[1:9], a[21:29]
     assert out[32:40] == pytest.approx(v * w - a[3])
     assert np.array_equal(out[40:], np.minimum(v, w))
+
+
+@kernel
+def _looked_up(a, places, out):
+    store(out, 0, look_up16(a, 5, load16(places, 0)))
+    return 0
+
+
+def test_numbers_are_looked_up_by_their_places():
+    rng = np.random.default_rng(6)
+    a, out = rng.normal(size=24).astype(np.float32), np.zeros(16, np.float32)
+    places = rng.integers(16, size=16).astype(np.float32)
+    _looked_up(a, places, out)
+    assert np.array_equal(out, a[5 + places.astype(int)])
 
 
 @kernel

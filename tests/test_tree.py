@@ -7,6 +7,7 @@ import pytest
 
 import pointray as pr
 from conftest import shared_model
+from pointray.records import NOWHERE
 from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
 from pointray.tree.check import check_tree
 
@@ -41,6 +42,16 @@ def test_trees_over_uneven_splats_are_whole(name, width):
     radii[::500] *= 4
     tree = build_tree(cloud._replace(radii=radii), TreeSettings("apss", leaf_width=width))
     assert check_tree(tree, places=4000) == []
+
+
+def test_columns_are_thinner_than_their_leaf(torus):
+    tree = build_tree(torus, TreeSettings("apss"))
+    full = tree.spans[1::2] > 0
+    slab = np.diff(tree.leaves.reshape(-1, 16)[full, 9:11])[:, 0]
+    low, high = (tree.patches.reshape(-1, 4, 16)[full, row] for row in (2, 3))
+    limited, held = np.isfinite(low).all(axis=1), low != NOWHERE
+    assert limited.mean() > 0.9 and held.mean() > 0.5
+    assert ((high - low)[limited].sum(axis=1) / held[limited].sum(axis=1) / slab[limited]).mean() < 0.5
 
 
 def test_a_tree_does_not_depend_on_the_number_of_threads():
@@ -91,6 +102,19 @@ def thin_slabs(tree):
     leaves[full, 10] -= 0.45 * (leaves[full, 10] - leaves[full, 9])
 
 
+def thin_patches(tree):
+    """By nearly half of their thickness on one side."""
+    low, high = tree.patches.reshape(-1, 4, 16)[:, 2], tree.patches.reshape(-1, 4, 16)[:, 3]
+    full = np.isfinite(high - low)  # those of empty leaves are unlimited
+    high[full] -= 0.45 * (high - low)[full]
+
+
+def turn_patches(tree):
+    """As if the columns lay along other axes."""
+    patches = tree.patches.reshape(-1, 4, 4, 4)
+    patches[:] = patches.swapaxes(2, 3).copy()
+
+
 def thin_boxes(tree):
     """The leaves' boxes, by a twentieth."""
     rows, leaf = (
@@ -129,6 +153,8 @@ CORRUPTIONS = {
     move_slabs: "outside of the slab",
     thin_slabs: "outside of the slab",
     thin_boxes: "outside of the box",
+    thin_patches: "outside of the slab of their column",
+    turn_patches: "outside of the slab of their column",
     widen_voxels: "more than one voxel",
     narrow_voxels: "in no voxel",
     shrink_spheres: "sphere does not enclose",

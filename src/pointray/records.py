@@ -7,6 +7,7 @@ What 'none' means
 -----------------
 - A ray that misses has t = inf; a degenerate ray (a direction that is zero or not finite) misses.
 - An empty box is lo = +inf, hi = -inf: no ray enters it. Every box test must get this right without a special case.
+- A column of a leaf that no support reaches has PATCH_LOW = PATCH_HIGH = NOWHERE (1e30): no ray is in its slab.
 - An empty slot of a block is a splat at EMPTY (1e15) with radius 1: its weight is 0 everywhere. No other is beyond FAR.
 - An empty slot of a group of spheres has a squared radius of -1: no ray is near it.
 - The surface function is NaN where no support reaches; a comparison with it is false, so that no sign change counts.
@@ -40,6 +41,13 @@ LEAST = 13  # least support radius over the voxel and around it, see `tree/cells
 BORDERED = 14  # 1 where one of them lies on an open border
 SHEETED = 15  # 1 where one of them belongs to two sheets that face away from each other
 
+# A leaf's patches: 4 rows of 16 float32, one of each of its 4 x 4 columns, see `tree/patches.py`. Relative to the least
+# corner of its voxel, u and v in columns, the surface is where PATCH_LOW <= w + PATCH_B u + PATCH_C v <= PATCH_HIGH.
+COLUMNS = 4
+PATCH = 4 * COLUMNS * COLUMNS
+PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH = 0, 16, 32, 48
+NOWHERE = np.float32(1e30)
+
 # A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.
 WIDTH = 8
 NODE = 6 * WIDTH
@@ -66,6 +74,7 @@ class Tree(NamedTuple):
     boxes : (nodes * 48,) float32, the children's tight boxes
     children : (nodes * 8,) int32
     leaves : (leaves * 16,) float32, see `LEAF`
+    patches : (leaves * 64,) float32, see `PATCH`
     spans : (leaves * 2,) int32, first group and number of groups
     spheres : (groups * 64,) float32, bounding spheres of the blocks that a leaf knows
     refs : (groups * 16,) int32, their numbers; 0 in an empty slot
@@ -82,6 +91,7 @@ class Tree(NamedTuple):
     boxes: Array
     children: Array
     leaves: Array
+    patches: Array
     spans: Array
     spheres: Array
     refs: Array
@@ -111,14 +121,15 @@ def tree_at(table, model):  # type: ignore[no-untyped-def]
         array_at(table[i + 2], table[i + 3], _F32),
         array_at(table[i + 4], table[i + 5], _I32),
         array_at(table[i + 6], table[i + 7], _F32),
-        array_at(table[i + 8], table[i + 9], _I32),
-        array_at(table[i + 10], table[i + 11], _F32),
-        array_at(table[i + 12], table[i + 13], _I32),
-        array_at(table[i + 14], table[i + 15], _F32),
-        array_at(table[i + 16], table[i + 17], _I32),
-        array_at(table[i + 18], table[i + 19], _I8),
+        array_at(table[i + 8], table[i + 9], _F32),
+        array_at(table[i + 10], table[i + 11], _I32),
+        array_at(table[i + 12], table[i + 13], _F32),
+        array_at(table[i + 14], table[i + 15], _I32),
+        array_at(table[i + 16], table[i + 17], _F32),
+        array_at(table[i + 18], table[i + 19], _I32),
         array_at(table[i + 20], table[i + 21], _I8),
-        array_at(table[i + 22], table[i + 23], _I32),
+        array_at(table[i + 22], table[i + 23], _I8),
+        array_at(table[i + 24], table[i + 25], _I32),
     )
 
 

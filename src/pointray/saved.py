@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from .data import Points
 from .points.files import check_regular, replacing
-from .records import BLOCK, GROUP, HEAD, LEAF, NODE, Tree
+from .records import BLOCK, GROUP, HEAD, LEAF, NODE, PATCH, Tree
 from .tree.indices import check_indices
 
 SAVED = ".pointray"  # how the name of such a file usually ends
 FORMAT, VERSION = "pointray model", 2
-LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD]  # of the records: another layout is another tree
+LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]  # of the records: another layout is another tree
 ALIGN = 64  # bytes: where an array begins, and what follows the last, for loads past its end
 CHUNK = 1 << 24  # items written between two words on the progress
 

@@ -33,6 +33,7 @@ from .lanes import (
 from .memory import (
     load8,
     load16,
+    look_up16,
     move4,
     pack,
     prefetch,
@@ -53,6 +54,7 @@ __all__ = [
     "least",
     "load16",
     "load8",
+    "look_up16",
     "lowest",
     "mask16",
     "move4",

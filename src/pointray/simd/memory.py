@@ -44,6 +44,8 @@ def _check(array, index, lanes):  # type: ignore[no-untyped-def]
         raise IndexError("a vector reaches beyond its array")
 
 
+PACKS = "+avx512f" in cpu_features()
+
 load8 = _loader(F8, "Lanes 0..7: array[index + lane] of a flat float32 array.")
 load16 = _loader(F16, "Lanes 0..15: array[index + lane] of a flat float32 array.")
 _load4 = _loader(F4, "Lanes 0..3: array[index + lane] of a flat float32 array.")
@@ -123,13 +125,46 @@ def repeat4(array, index):  # type: ignore[no-untyped-def]
     return _each_quarter(_load4(array, index))
 
 
+@intrinsic
+def _permute(typingctx, array, index, places):  # type: ignore[no-untyped-def]
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        where = builder.fptosi(args[2], ir.VectorType(INT, 16))
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], F16)
+        if PACKS:
+            kind = ir.FunctionType(F16.llvm, [F16.llvm, where.type])
+            permute = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.permvar.sf.512")
+            return builder.call(permute, [builder.load(pointer, align=4), where])
+        out = ir.Constant(F16.llvm, ir.Undefined)
+        first = builder.bitcast(pointer, ir.FloatType().as_pointer())
+        for k in range(16):
+            value = builder.load(builder.gep(first, [builder.extract_element(where, INT(k))]))
+            out = builder.insert_element(out, value, INT(k))
+        return out
+
+    return F16(array, types.intp, F16), codegen
+
+
+@inline
+def look_up16(array, index, places):  # type: ignore[no-untyped-def]
+    """array[index + place] of each lane's place, a float32 from 0 to 15."""
+    if CHECK:
+        _check(array, index, 16)
+        _check_places(places)
+    return _permute(array, index, places)
+
+
+@inline
+def _check_places(places):  # type: ignore[no-untyped-def]
+    """Raise where one is not from 0 to 15."""
+    for k in range(16):
+        if not 0 <= lane(places, k) < 16:
+            raise IndexError("a place is none of the 16")
+
+
 @inline
 def move4(source, index, target, at):  # type: ignore[no-untyped-def]
     """target[at : at + 4] = source[index : index + 4]."""
     store(target, at, _load4(source, index))
-
-
-PACKS = "+avx512f" in cpu_features()
 
 
 @intrinsic

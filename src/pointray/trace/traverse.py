@@ -8,11 +8,11 @@ from ..jit import inline
 from ..records import CELL, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
 from ..scratch import COUNT_LEAVES, COUNT_NODES
 from ..simd import bits, lane, load8, lowest, prefetch, spread8, vmax, vmin
+from .patch import FLAT
 from .surface import INF, ONE, ZERO
 from .voxel import search_alone
 
 TINY = np.float32(1e-20)
-FLAT = np.float32(1e-6)  # the least rise that a slab test divides by
 
 
 @inline

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import DISC, LEAF, LEAST, SHEETED, SURFACE, Hit
+from ..records import DISC, LEAF, SHEETED, SURFACE, Hit
 from ..scratch import (
     AT_CENTER,
     AT_DX,
@@ -30,6 +30,7 @@ from ..scratch import (
     ENTER,
     FIRST,
     FOUND,
+    IX,
     LANES,
     LAST,
     LENGTH,
@@ -42,16 +43,13 @@ from ..scratch import (
     SIDE,
     TILE,
 )
-from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, spread16, store_packed
+from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, select, spread16, store_packed
 from .disc import search_discs
 from .leaf import Reach, lattice, search
 from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, segment
-from .root import Frame, all_samples
+from .patch import axes_of, narrow
+from .root import Frame
 from .surface import HALF, INF, ONE, ZERO
-
-# Least radii: rays farther from their middle than this see splats of their own. With 0.1, 0.2 and 0.35 as fast, with 1
-# 4% slower (near).
-APART = np.float32(0.3)
 
 
 @inline
@@ -70,9 +68,18 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
     """
     enter, leave, low, high = interval
     hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
-    o, d = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz)
+    o, d, inverse = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz), (ray.ix, ray.iy, ray.iz)
     ends = spread16(ray.t_min), spread16(ray.t_max)
-    reach, fine = lattice(tree, leaf, (spread16(enter), spread16(low), spread16(high)), ends)
+    u, v, w = axes = axes_of(tree, leaf)
+    rays = (
+        (spread16(o[u]), spread16(o[v]), spread16(o[w])),
+        (spread16(d[u]), spread16(d[v]), spread16(d[w])),
+        (spread16(inverse[u]), spread16(inverse[v])),
+    )
+    near, far = narrow(tree, leaf, axes, rays, (spread16(low), spread16(high)))
+    if not lane(near, 0) <= lane(far, 0):
+        return hit
+    reach, fine = lattice(tree, leaf, (spread16(enter), near, far), ends)
     if bits(fine) == 0:
         return hit
     capsule = segment(o, d, lane(reach.t_low, 0), lane(reach.t_high, 0))
@@ -112,16 +119,35 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
 
 
 @inline
+def _along(axes, rows, v):  # type: ignore[no-untyped-def]
+    """16 rays of the tile, from v on, along the axes of a leaf's columns: see `narrow`."""
+    x, y, z = axes[0] * TILE + v, axes[1] * TILE + v, axes[2] * TILE + v
+    return (
+        (load16(rows, OX + x), load16(rows, OX + y), load16(rows, OX + z)),
+        (load16(rows, DX + x), load16(rows, DX + y), load16(rows, DX + z)),
+        (load16(rows, IX + x), load16(rows, IX + y)),
+    )
+
+
+@inline
 def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
-    """Put the rays of the tile that pass (bits), and that float32 can follow, into `scratch.part`; returns them."""
+    """Put the rays of the tile that pass (bits) into `scratch.part`; returns them.
+
+    Not those that miss the surface in every column, nor those that float32 cannot follow.
+    """
     rows, part, n, taken = scratch.model, scratch.part, 0, np.int64(0)
+    axes = axes_of(tree, leaf)
     for v in range(0, TILE, LANES):
         word = (passing >> v) & 0xFFFF
         if word == 0:
             continue
-        interval = load16(rows, ENTER + v), load16(rows, FIRST + v), load16(rows, LAST + v)
+        low, high = narrow(tree, leaf, axes, _along(axes, rows, v), (load16(rows, FIRST + v), load16(rows, LAST + v)))
+        met = low <= high
+        interval = load16(rows, ENTER + v), select(met, low, spread16(ZERO)), select(met, high, spread16(ZERO))
         reach, fine = lattice(tree, leaf, interval, (load16(rows, BEGIN + v), load16(rows, END + v)))
-        word &= bits(fine)
+        word &= bits(fine & met)
+        if word == 0:
+            continue
         active = mask16(word)
         center, half = HALF * (reach.t_low + reach.t_high), HALF * (reach.t_high - reach.t_low)
         dx, dy, dz = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
@@ -165,7 +191,7 @@ def _gather_for(tree, leaf, at, count, scratch):  # type: ignore[no-untyped-def]
 
 @inline
 def _four(part, at):  # type: ignore[no-untyped-def]
-    """Rays at to at + 3 of those that search a leaf: frame, samples, half lengths."""
+    """Rays at to at + 3 of those that search a leaf: frame and samples."""
     frame = Frame(
         repeat4(part, AT_X + at),
         repeat4(part, AT_Y + at),
@@ -182,16 +208,7 @@ def _four(part, at):  # type: ignore[no-untyped-def]
         repeat4(part, AT_LOW + at),
         repeat4(part, AT_HIGH + at),
     )
-    return frame, reach, repeat4(part, AT_HALF + at)
-
-
-@inline
-def _list_for(scratch, capsule, least, rays):  # type: ignore[no-untyped-def]
-    """List the splats near up to four rays, (first, end): of each, where they are far apart."""
-    if capsule.spread > APART * least:
-        list_splats_of(scratch, rays[0], rays[1])
-    else:
-        list_splats(scratch, capsule)
+    return frame, reach
 
 
 @inline
@@ -222,7 +239,7 @@ def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-de
     left = _take(tree, leaf, passing, scratch)
     part, lifted, at = scratch.part, np.int64(0), 0
     none = spread16(ZERO)
-    least, sheeted = tree.leaves[leaf * LEAF + LEAST], tree.leaves[leaf * LEAF + SHEETED] != ZERO
+    sheeted = tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
         if at % LANES == 0:
             _gather_for(tree, leaf, at, min(count_bits(left), LANES), scratch)
@@ -231,11 +248,10 @@ def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-de
             four |= left & -left
             left &= left - 1
         rays = (1 << count_bits(four)) - 1
-        frame, reach, half = _four(part, at)
-        capsule = around(part, (at, at + count_bits(four) - 1), frame, half, all_samples(rays))
+        frame, reach = _four(part, at)
         way, waiting = (ONE if sheeted else ZERO), rays
         while waiting != 0:
-            _list_for(scratch, capsule, least, (at, at + count_bits(four)))
+            list_splats_of(scratch, at, at + count_bits(four))
             now = keep_sheet(tree, scratch, frame, way, waiting) if sheeted else waiting
             waiting &= ~now
             found = search(tree, leaf, frame, reach, now, (way, none), scratch)

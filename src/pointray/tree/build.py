@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import run
-from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
+from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, PATCH, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
 from .blocks import make_blocks, sort_splats
 from .leaves import fill_groups, fill_leaves, longest_step
 from .roots import build_cells
@@ -69,7 +69,8 @@ def build_tree(
     """Build the tree of a model (paper, parts III and IV).
 
     Four splats make a block; space is cut into voxels that know every block with a splat over them; in each voxel a
-    conservative test tells where the surface can be; the voxels' tight boxes are gathered into nodes of eight.
+    conservative test tells where the surface can be, as a whole and column by column; the voxels' tight boxes are
+    gathered into nodes of eight.
     """
     say = progress or (lambda share: None)
     order = sort_splats(splats.positions, threads)
@@ -82,13 +83,15 @@ def build_tree(
     nodes = np.flatnonzero(cells.children[:, 0] < 0).astype(np.int32)
     leaves = np.zeros(len(nodes) * LEAF, np.float32)
     tight = np.empty((len(nodes), 6))
+    patches = np.empty(len(nodes) * PATCH, np.float32)
     surface = SURFACES.index(settings.surface)
     low = len(splats.radii) // 50
     reference = float(np.partition(splats.radii, low)[low])
     chosen = (surface, settings.samples, reference, int(settings.cut))
     borders = _borders(order, splats.borders, len(bounds))
     marks = borders, _facing(order, splats, len(bounds))
-    run(fill_leaves, -(-len(nodes) // 64), cells, blocks, marks, chosen, (nodes, leaves, tight), threads=threads)
+    out = nodes, leaves, patches, tight
+    run(fill_leaves, -(-len(nodes) // 64), cells, blocks, marks, chosen, out, threads=threads)
     full = tight[:, 0] <= tight[:, 3]
     say(0.9)
 
@@ -120,6 +123,7 @@ def build_tree(
         wide_boxes[: wide * NODE].copy(),
         wide_children[: wide * WIDTH].copy(),
         leaves,
+        patches,
         spans.reshape(-1),
         spheres,
         refs,

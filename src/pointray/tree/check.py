@@ -11,11 +11,17 @@ from scipy.spatial import cKDTree
 from ..records import (
     BLOCK,
     CELL,
+    COLUMNS,
     DISC,
     IMLS,
     LEAF,
     NO_CHILD,
     PAPER,
+    PATCH,
+    PATCH_B,
+    PATCH_C,
+    PATCH_HIGH,
+    PATCH_LOW,
     RADIUS,
     SLAB,
     SLAB_HI,
@@ -26,6 +32,7 @@ from ..records import (
     Tree,
 )
 from .indices import check_lengths
+from .patches import across
 
 Floats = NDArray[np.float32]
 
@@ -145,15 +152,38 @@ def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDA
     slab = (height < records[:, SLAB_LO] - slack) | (height > records[:, SLAB_HI] + slack)
     cut = ((x < box[:, :3] - slack[:, None]) | (x > box[:, 3:] + slack[:, None])).any(axis=1)
     full = (tree.spans[2 * leaf + 1] > 0) & (reached[leaf] == 1)
+    patch = _out_of_patch(tree, leaf, x, slack)
     problems = []
     for wrong, what in (
         (~full, "in an empty leaf"),
         (full & slab, "outside of the slab"),
         (full & cut, "outside of the box"),
+        (full & patch, "outside of the slab of their column"),
     ):
         if wrong.any():
             problems.append(f"{wrong.sum()} of {len(x)} places of the surface lie {what}, such as {x[wrong][0]}")
     return problems
+
+
+def _out_of_patch(
+    tree: Tree, leaf: NDArray[np.int64], x: NDArray[np.float64], slack: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether places of leaves lie outside of the slab of their column."""
+    records = tree.leaves.reshape(-1, LEAF)
+    axes = np.array([across.py_func(*record[SLAB : SLAB + 3]) for record in records])[leaf]
+    cell = records[leaf, CELL : CELL + 6].astype(np.float64)
+    place = np.take_along_axis(x - cell[:, :3], axes, axis=1)
+    width = np.take_along_axis(cell[:, 3:] - cell[:, :3], axes, axis=1)[:, :2] / COLUMNS
+    u, v = (place[:, :2] / width).T
+    i, j = (np.clip(np.floor(at).astype(np.int64), 0, COLUMNS - 1) for at in (u, v))
+    patch = tree.patches.reshape(-1, PATCH)[leaf].astype(np.float64)
+    b, c, low, high = (
+        np.take_along_axis(patch, (row + COLUMNS * i + j)[:, None], axis=1)[:, 0]
+        for row in (PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH)
+    )
+    height = place[:, 2] + b * u + c * v
+    out: NDArray[np.bool_] = (height < low - slack) | (height > high + slack)
+    return out
 
 
 def _codes(tree: Tree) -> NDArray[np.int64]:

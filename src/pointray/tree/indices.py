@@ -15,6 +15,7 @@ from ..records import (
     NO_CHILD,
     NODE,
     OVERHANG,
+    PATCH,
     REFINE,
     SHEETED,
     STEP,
@@ -37,6 +38,8 @@ def check_lengths(tree: Tree) -> list[str]:
         wrong.append("boxes and children are of different lengths")
     if tree.spans.size != 2 * leaves or tree.spheres.size != groups * GROUP or tree.order.size != 4 * blocks:
         wrong.append("spans, spheres or order are of the wrong length")
+    if tree.patches.size != leaves * PATCH:
+        wrong.append("patches are of the wrong length")
     if tree.colors.size not in (0, tree.order.size) or tree.borders.size not in (0, 3 * tree.order.size):
         wrong.append("colors or borders is of the wrong length")
     if tree.facing.size not in (0, 3 * tree.order.size):

@@ -9,7 +9,7 @@ has m.v <= S r_j. So all surface in the voxel lies where
 
 For `apss`, f is the mean of `paper` and `imls` plus u4 |x - P|^2, at most the spread of the normals times |x - P|:
 S is taken APSS_REACH times as large. A slab that misses the voxel proves it empty. The tight box encloses the balls
-of all splats cut by slab and voxel.
+of all splats cut by slab and voxel. What lies in a leaf is told more closely, column by column, by `tree/patches.py`.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ from ..records import (
     LEAF,
     LEAST,
     NX,
+    PATCH,
+    PATCH_HIGH,
+    PATCH_LOW,
     PX,
     RADIUS,
     SHEETED,
@@ -39,6 +42,7 @@ from ..records import (
 )
 from .blocks import PER_BLOCK
 from .cells import overlap
+from .patches import fill_patches, slab_along
 
 APSS_REACH = 2.0
 LEEWAY = 0.1  # a step may be 2**0.1 times the asked length, so that nearly equal radii share one lattice
@@ -79,15 +83,7 @@ def _slab(members, reach):  # type: ignore[no-untyped-def]
     if length < 1e-6:
         mx, my, mz, length = 0.0, 0.0, 1.0, 1.0
     mx, my, mz = mx / length, my / length, mz / length
-    cosine = 1.0
-    for row in members:
-        cosine = min(cosine, mx * row[3] + my * row[4] + mz * row[5])
-    sine = min(1.0, reach * math.sqrt(max(0.0, 1.0 - cosine * cosine))) if cosine > 0.0 else 1.0
-    low, high = np.inf, -np.inf
-    for row in members:
-        height = mx * row[0] + my * row[1] + mz * row[2]
-        low = min(low, height - sine * row[6])
-        high = max(high, height + sine * row[6])
+    low, high = slab_along(members, range(len(members)), (mx, my, mz), reach)
     return mx, my, mz, low, high
 
 
@@ -160,16 +156,17 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
 
     marks : borders and facing, as in `Tree`
     settings : surface, samples in a support's diameter, reference radius, whether to cut (0: unlimited slabs and boxes)
-    out : numbers of the leaf nodes (leaves,), records (leaves * 16,), boxes (leaves, 6) float64
+    out : numbers of the leaf nodes (leaves,), records (leaves * 16,), patches (leaves * 64,), boxes (leaves, 6) float64
     """
     boxes, spans, refs = cells.boxes, cells.spans, cells.refs
     surface, samples, reference, cut = settings
-    nodes, records, tight = out
+    nodes, records, patches, tight = out
     borders, facing = marks
     longest = 0
     for node in nodes:
         longest = max(longest, spans[node, 1] - spans[node, 0])
     rows = np.empty((longest * PER_BLOCK, 7), np.float64)
+    room = np.empty(longest * PER_BLOCK, np.int64), np.empty(6, np.float64)
     tile = take(work)
     while tile >= 0:
         for leaf in range(tile * 64, min((tile + 1) * 64, nodes.size)):
@@ -179,6 +176,9 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
             box = tight[leaf]
             box[:] = cell
             record[:] = 0.0
+            patch = patches[leaf * PATCH : (leaf + 1) * PATCH]
+            patch[:] = 0.0
+            patch[PATCH_LOW:PATCH_HIGH], patch[PATCH_HIGH:] = -np.inf, np.inf
             record[CELL : CELL + 6] = cell
             record[SLAB + 2], record[SLAB_LO], record[SLAB_HI] = 1.0, -np.inf, np.inf
             mean, least = 0.0, cells.least[nodes[leaf]]
@@ -196,7 +196,8 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
             record[SHEETED] = 1.0 if _is_marked(facing, refs, spans[nodes[leaf]]) else 0.0
             if cut == 0:
                 continue
-            slab = _slab(members, APSS_REACH if surface == APSS else 1.0)
+            reach = APSS_REACH if surface == APSS else 1.0
+            slab = _slab(members, reach)
             _tight_box(members, slab, box)
             _cut_by_slab(slab, box)
             pad = PAD * mean
@@ -204,6 +205,7 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
             if not (box[0] <= box[3] and box[1] <= box[4] and box[2] <= box[5]):
                 box[0], box[3] = np.inf, -np.inf
                 continue
+            fill_patches(members, cell, mean, (record[SLAB : SLAB + 3], slab[3], slab[4], reach), room, patch)
             for c in range(3):
                 box[c] -= pad
                 box[3 + c] += pad

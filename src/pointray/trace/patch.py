@@ -1,0 +1,81 @@
+"""Where rays can meet the surface in a voxel: their way through its columns, each with a slab (`tree/patches.py`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..jit import inline
+from ..records import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB
+from ..simd import bits, look_up16, select, spread16, vabs, vmax, vmin, whole
+from ..tree.patches import across
+from .surface import INF, ONE, ZERO
+
+FLAT = np.float32(1e-6)  # the least rise that a slab test divides by
+THIN = np.float32(1e-20)  # the least width of a column that is divided by
+LAST = np.float32(COLUMNS - 1)
+MOST = 2 * COLUMNS - 1  # columns that a ray can pass
+
+
+@inline
+def axes_of(tree, leaf):  # type: ignore[no-untyped-def]
+    """The axes (u, v, w) of a leaf's columns."""
+    at = leaf * LEAF + SLAB
+    return across(tree.leaves[at], tree.leaves[at + 1], tree.leaves[at + 2])
+
+
+@inline
+def _edge(tree, leaf, axis):  # type: ignore[no-untyped-def]
+    """Where a leaf's voxel begins along an axis, and the width of its columns."""
+    low, high = tree.leaves[leaf * LEAF + CELL + axis], tree.leaves[leaf * LEAF + CELL + 3 + axis]
+    return low, (high - low) * np.float32(1.0 / COLUMNS) + THIN
+
+
+@inline
+def _begin(place, inverse):  # type: ignore[no-untyped-def]
+    """Across the columns: which one rays are in, the side on which they leave it, the next, and the last."""
+    ahead = inverse > ZERO
+    column = whole(vmin(vmax(place, spread16(ZERO)), spread16(LAST)))
+    side = select(ahead, spread16(ONE), spread16(ZERO))
+    return column, side, side + side - ONE, LAST * side
+
+
+@inline
+def narrow(tree, leaf, axes, rays, interval):  # type: ignore[no-untyped-def]
+    """The part (low, high) of 16 rays' intervals in which the surface can be; low > high where it is nowhere.
+
+    Unlimited columns are so all together: the intervals are returned as they are.
+    axes : of the leaf's columns; rays : origins and directions along u, v, w, inverse directions along u and v
+    """
+    if not tree.patches[leaf * PATCH + PATCH_LOW] > -INF:
+        return interval
+    (ou, ov, ow), (du, dv, dw), (iu, iv) = rays
+    (low_u, wide_u), (low_v, wide_v) = _edge(tree, leaf, axes[0]), _edge(tree, leaf, axes[1])
+    low_w, patch = _edge(tree, leaf, axes[2])[0], leaf * PATCH
+    enter, length = interval[0], interval[1] - interval[0]
+    # In columns, from where the rays enter.
+    per_u, per_v = ONE / wide_u, ONE / wide_v
+    u, v, w = (ou + enter * du - low_u) * per_u, (ov + enter * dv - low_v) * per_v, ow + enter * dw - low_w
+    du, dv, iu, iv = du * per_u, dv * per_v, iu * wide_u, iv * wide_v
+    (i, side_u, next_u, end_u), (j, side_v, next_v, end_v) = _begin(u, iu), _begin(v, iv)
+    inside, first, last = spread16(ZERO), spread16(INF), spread16(-INF)
+    for _ in range(MOST):
+        at = np.float32(COLUMNS) * i + j
+        b, c = look_up16(tree.patches, patch + PATCH_B, at), look_up16(tree.patches, patch + PATCH_C, at)
+        low, high = look_up16(tree.patches, patch + PATCH_LOW, at), look_up16(tree.patches, patch + PATCH_HIGH, at)
+        # Beyond the outermost columns the voxel ends, but for rounding.
+        out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, spread16(INF))
+        out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, spread16(INF))
+        out = vmin(vmin(out_u, out_v), length)
+        height, rise = w + b * u + c * v, dw + b * du + c * dv
+        rise = ONE / select(vabs(rise) < spread16(FLAT), spread16(FLAT), rise)
+        x, y = (low - height) * rise, (high - height) * rise
+        near, far = vmax(inside, vmin(x, y)), vmin(out, vmax(x, y))
+        met = near <= far
+        first, last = select(met, vmin(first, near), first), select(met, vmax(last, far), last)
+        going = out < length
+        if bits(going) == 0:
+            break
+        go_v = (out_v < out_u) & going
+        i, j = select(going ^ go_v, i + next_u, i), select(go_v, j + next_v, j)
+        inside = vmax(inside, out)
+    return enter + first, enter + last

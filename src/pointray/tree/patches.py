@@ -1,0 +1,103 @@
+"""Patches: a leaf's voxel cut into 4 x 4 columns, each with a slab of its own.
+
+A column is a splat or two wide, so that normals in it differ less and the surface bends less: its slab, proved as the
+leaf's is (see `tree/leaves.py`), is less than half as thick on smooth surfaces. Columns go along the axis w that the
+leaf's normal is nearest to; a slab is kept as low <= w + B u + C v <= high.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..jit import inline
+from ..records import COLUMNS, NOWHERE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
+
+PAD = 0.012  # mean radii: more than the start rule's reach, so that who starts on the surface starts in its slab
+MARGIN = 1e-3  # of a column: splats this far out of it count as over it, against rounding
+WORTH = (
+    0.6  # of the thickness of the leaf's slab: where columns' are thicker in the mean, they take longer than they save
+)
+STEEP = 0.2  # a cosine: a column whose own normal is farther from the axis takes the leaf's
+
+
+@inline
+def across(mx, my, mz):  # type: ignore[no-untyped-def]
+    """The axes (u, v, w) of a leaf's columns: w is nearest to the normal of its slab."""
+    x, y, z = abs(mx), abs(my), abs(mz)
+    if z >= x and z >= y:
+        return 0, 1, 2
+    return (1, 2, 0) if x >= y else (2, 0, 1)
+
+
+@inline
+def _over(members, column, out):  # type: ignore[no-untyped-def]
+    """Write which members' supports reach a column to `out`; returns how many, and the sum of their normals."""
+    count = 0
+    sx = sy = sz = 0.0
+    for k in range(len(members)):
+        distance = 0.0
+        for c in range(3):
+            d = max(column[c] - members[k, c], members[k, c] - column[3 + c], 0.0)
+            distance += d * d
+        if distance <= members[k, 6] * members[k, 6]:
+            out[count] = k
+            count += 1
+            sx, sy, sz = sx + members[k, 3], sy + members[k, 4], sz + members[k, 5]
+    return count, (sx, sy, sz)
+
+
+@inline
+def slab_along(members, chosen, m, reach):  # type: ignore[no-untyped-def]
+    """Least and greatest m.x of any surface of the chosen members: see the head of `tree/leaves.py`."""
+    cosine = 1.0
+    for k in chosen:
+        cosine = min(cosine, m[0] * members[k, 3] + m[1] * members[k, 4] + m[2] * members[k, 5])
+    sine = min(1.0, reach * math.sqrt(max(0.0, 1.0 - cosine * cosine))) if cosine > 0.0 else 1.0
+    low, high = np.inf, -np.inf
+    for k in chosen:
+        height = m[0] * members[k, 0] + m[1] * members[k, 1] + m[2] * members[k, 2]
+        low = min(low, height - sine * members[k, 6])
+        high = max(high, height + sine * members[k, 6])
+    return low, high
+
+
+@inline
+def fill_patches(members, cell, mean, slab, work, out):  # type: ignore[no-untyped-def]
+    """Fill a leaf's patches.
+
+    members : rows x, y, z, nx, ny, nz, r; mean : of their radii
+    slab : of the leaf: its normal, float32 as rays read it, where it begins and ends; the reach of the proof
+    work : room for as many numbers as there are members, and for a box; out : (64,) float32, see `records.PATCH`
+    """
+    normal, _, _, reach = slab
+    chosen, column = work
+    thickness, full = 0.0, 0
+    mx, my, mz = normal[0], normal[1], normal[2]
+    u, v, w = across(mx, my, mz)
+    wide, deep = (cell[3 + u] - cell[u]) / COLUMNS, (cell[3 + v] - cell[v]) / COLUMNS
+    for i in range(COLUMNS):
+        for j in range(COLUMNS):
+            at = COLUMNS * i + j
+            for c in range(6):
+                column[c] = cell[c]
+            column[u], column[3 + u] = cell[u] + (i - MARGIN) * wide, cell[u] + (i + 1 + MARGIN) * wide
+            column[v], column[3 + v] = cell[v] + (j - MARGIN) * deep, cell[v] + (j + 1 + MARGIN) * deep
+            out[PATCH_B + at] = out[PATCH_C + at] = 0.0
+            out[PATCH_LOW + at] = out[PATCH_HIGH + at] = NOWHERE
+            count, total = _over(members, column, chosen)
+            if count == 0:
+                continue
+            length = math.sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2])
+            m = (np.float64(mx), np.float64(my), np.float64(mz))
+            if abs(total[w]) > STEEP * length:
+                m = (total[0] / length, total[1] / length, total[2] / length)
+            low, high = slab_along(members, chosen[:count], m, reach)
+            thickness, full = thickness + high - low, full + 1
+            base = m[0] * cell[0] + m[1] * cell[1] + m[2] * cell[2]
+            a, b = (low - PAD * mean - base) / m[w], (high + PAD * mean - base) / m[w]
+            out[PATCH_B + at], out[PATCH_C + at] = m[u] / m[w] * wide, m[v] / m[w] * deep
+            out[PATCH_LOW + at], out[PATCH_HIGH + at] = min(a, b), max(a, b)
+    if thickness > WORTH * full * (slab[2] - slab[1]):
+        out[:PATCH_LOW], out[PATCH_LOW:PATCH_HIGH], out[PATCH_HIGH:] = 0.0, -np.inf, np.inf

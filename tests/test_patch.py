@@ -1,0 +1,118 @@
+"""The part of a ray in which a voxel's columns can hold the surface, beside the same looked for in small steps."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from pointray.jit import kernel
+from pointray.records import CELL, LEAF, NOWHERE, SLAB
+from pointray.simd import load16, store
+from pointray.trace.patch import axes_of, narrow
+
+STEPS = 20_000
+
+
+class Tree(NamedTuple):
+    """As much of a tree as `narrow` reads."""
+
+    leaves: np.ndarray
+    patches: np.ndarray
+
+
+class Leaf:
+    """A leaf with its columns."""
+
+    def __init__(self, rng, limited=True):
+        low = rng.normal(size=3)
+        self.cell = np.concatenate([low, low + rng.uniform(0.5, 3, 3)]).astype(np.float32)
+        self.normal = rng.normal(size=3).astype(np.float32)
+        self.slopes = rng.uniform(-0.4, 0.4, (2, 16))
+        middle, half = rng.uniform(-0.5, 3.5, 16), rng.uniform(0.01, 0.6, 16)
+        self.low, self.high = middle - half, middle + half
+        empty = rng.random(16) < 0.3
+        self.low[empty] = self.high[empty] = NOWHERE
+        if not limited:
+            self.low[:], self.high[:] = -np.inf, np.inf
+
+    @property
+    def tree(self):
+        record = np.zeros(LEAF, np.float32)
+        record[CELL : CELL + 6], record[SLAB : SLAB + 3] = self.cell, self.normal
+        return Tree(record, np.concatenate([*self.slopes, self.low, self.high]).astype(np.float32))
+
+    def holds(self, x):
+        """Whether places (n, 3) lie in the slab of their column."""
+        w = int(np.abs(self.normal).argmax())
+        u, v = (w + 1) % 3, (w + 2) % 3
+        place = x - self.cell[:3].astype(float)
+        i, j = 4 * place[:, [u, v]].T / (self.cell[3:] - self.cell[:3])[[u, v]][:, None]
+        at = np.clip(i.astype(int), 0, 3) * 4 + np.clip(j.astype(int), 0, 3)
+        height = place[:, w] + self.slopes[0][at] * i + self.slopes[1][at] * j
+        return (self.low[at] <= height) & (height <= self.high[at])
+
+
+@kernel
+def _narrow(tree, rows, out):
+    axes = axes_of(tree, 0)
+    u, v, w = axes
+    rays = (
+        (load16(rows, 16 * u), load16(rows, 16 * v), load16(rows, 16 * w)),
+        (load16(rows, 48 + 16 * u), load16(rows, 48 + 16 * v), load16(rows, 48 + 16 * w)),
+        (load16(rows, 96 + 16 * u), load16(rows, 96 + 16 * v)),
+    )
+    low, high = narrow(tree, 0, axes, rays, (load16(rows, 144), load16(rows, 160)))
+    store(out, 0, low)
+    store(out, 16, high)
+    return 0
+
+
+def narrowed(leaf, rows):
+    """Where 16 rays, the rows of `_narrow`, can meet the surface."""
+    out = np.zeros(32, np.float32)
+    _narrow(leaf.tree, rows, out)
+    return out[:16], out[16:]
+
+
+def through(leaf, rng):
+    """16 rays (origins, directions) through a leaf's voxel, some along an axis, and where they enter and leave it."""
+    low, high = leaf.cell[:3].astype(float), leaf.cell[3:].astype(float)
+    d = rng.normal(size=(16, 3))
+    d[:4] = np.eye(3)[rng.integers(3, size=4)] * rng.choice([-1, 1], (4, 1)) + 1e-20
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    o = low + rng.random((16, 3)) * (high - low) - rng.uniform(0, 5, (16, 1)) * d
+    with np.errstate(over="ignore"):
+        a, b = (low - o) / d, (high - o) / d
+    return o, d, np.maximum(np.minimum(a, b).max(axis=1), 0), np.maximum(a, b).min(axis=1)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_rays_are_narrowed_to_the_slabs_of_their_columns(seed):
+    rng = np.random.default_rng(seed)
+    leaf, met = Leaf(rng, limited=seed > 0), 0
+    for _ in range(10):
+        o, d, enter, leave = through(leaf, rng)
+        rows = np.concatenate([o.T.ravel(), d.T.ravel(), (1 / d).T.ravel(), enter, leave]).astype(np.float32)
+        low, high = narrowed(leaf, rows)
+        for k in range(16):
+            t = np.linspace(enter[k], leave[k], STEPS)
+            inside = t[leaf.holds(o[k] + t[:, None] * d[k])]
+            width = 2 * (t[1] - t[0]) + 1e-4
+            if len(inside) == 0:
+                assert not low[k] + width < high[k]
+                continue
+            met += 1
+            assert low[k] == pytest.approx(inside[0], abs=width) and high[k] == pytest.approx(inside[-1], abs=width)
+    assert met > 20
+
+
+def test_a_leaf_without_numbers_ends():
+    """As of a damaged file: whatever comes out, the way through the columns ends."""
+    leaf = Leaf(np.random.default_rng(0))
+    o, d, enter, leave = through(leaf, np.random.default_rng(1))
+    rows = np.concatenate([o.T.ravel(), d.T.ravel(), (1 / d).T.ravel(), enter, leave]).astype(np.float32)
+    for cell in (np.nan, np.inf, -np.inf, 0.0):
+        leaf.cell = np.full(6, cell, np.float32)
+        narrowed(leaf, rows)
+        leaf.low[:] = cell
+        narrowed(leaf, rows)
