@@ -53,6 +53,7 @@ def rebuilt(model: pr.Model, **changes: object) -> pr.Model:
     other = object.__new__(pr.Model)
     other.__dict__.update(model.__dict__)
     other.tree = build_tree(splats_of(model), model.settings._replace(**changes))
+    other.__dict__.pop("longest", None)  # of the other tree
     return other
 
 
