@@ -9,7 +9,7 @@ What 'none' means
 - An empty box is lo = +inf, hi = -inf: no ray enters it. Every box test must get this right without a special case.
 - A column of a leaf that no support reaches has PATCH_LOW = PATCH_HIGH = NOWHERE (1e30): no ray is in its slab.
 - An empty slot of a block is a splat at EMPTY (1e15) with radius 1: its weight is 0 everywhere. No other is beyond FAR.
-- An empty slot of a group of spheres has a squared radius of -1: no ray is near it.
+- An empty slot of a group of spheres has the radius NaN: no ray is near it.
 - The surface function is NaN where no support reaches; a comparison with it is false, so that no sign change counts.
 """
 
@@ -53,7 +53,7 @@ WIDTH = 8
 NODE = 6 * WIDTH
 NO_CHILD = -(2**31)  # else: a child >= 0 is a node, a child < 0 is leaf ~child
 
-# A group: 16 bounding spheres of blocks, 4 rows (centre x y z, squared radius) of 16 float32.
+# A group: 16 bounding spheres of blocks, 4 rows (centre x y z, radius) of 16 float32.
 GROUP = 64
 
 # The head of a model: 16 float32.

@@ -70,8 +70,8 @@ CAUGHT = 4  # the camera's rays of the tile that have met a shadow catcher, as b
 ANY_HIT = 5  # 1 while it matters only whether the tile's rays meet anything
 SEEN_ONLY = 6  # 1 where of hits only the colours matter, and only those that materials show
 
-# Splats gathered from the listed blocks, 16 together: 8 rows of 16 float32, a block's in their order, and the radius.
-GATHERED = 8 * LANES
+# Splats gathered from the listed blocks, 16 together: 7 rows of 16 float32, in the order of a block's.
+GATHERED = 7 * LANES
 
 
 @inline

@@ -25,7 +25,6 @@ from ..simd import (
     select,
     spread16,
     spread_from,
-    store,
     vabs,
     vmax,
     vmin,
@@ -35,7 +34,7 @@ from .surface import HALF, INF, ONE, ZERO
 
 SLACK = np.float32(1.01)  # of radii: what rounding may do to them and to rays' places
 SURE = np.float32(1.0 - 1e-6)  # of squared distances from a segment's middle, which cancel where radii are far smaller
-RADIUS_ROW = 28  # of a gathered splat, as PX is
+NEAR = SLACK * SLACK  # of squared radii
 
 
 class Capsule(NamedTuple):
@@ -105,7 +104,7 @@ def list_blocks(tree, leaf, capsule, scratch):  # type: ignore[no-untyped-def]
         square = _distances(
             capsule, load16(tree.spheres, at), load16(tree.spheres, at + 16), load16(tree.spheres, at + 32)
         )
-        reach = SLACK * vsqrt(load16(tree.spheres, at + 48)) + capsule.spread  # NaN in an empty slot
+        reach = SLACK * load16(tree.spheres, at + 48) + capsule.spread  # NaN in an empty slot
         n += pack(square < reach * reach, tree.refs, np.int64(group) * 16, scratch.near, n)
     scratch.counts[COUNT_NEAR] = n
 
@@ -141,26 +140,22 @@ def gather(tree, scratch):  # type: ignore[no-untyped-def]
         block, at = np.int64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
         for row in range(7):
             move4(tree.blocks, block + 4 * row, scratch.splats, at + 16 * row)
-    groups = (n + 3) // 4
-    for k in range(n, groups * 4):
+    for k in range(n, (n + 3) // 4 * 4):
         at = k // 4 * GATHERED + k % 4 * 4
         for i in range(4):
             scratch.splats[at + i] = EMPTY
             scratch.splats[at + 4 * INV_R2 + i] = ONE
-    for group in range(groups):
-        at = group * GATHERED
-        store(scratch.splats, at + 4 * RADIUS_ROW, SLACK / vsqrt(load16(scratch.splats, at + 4 * INV_R2)))
 
 
 @inline
 def list_splats(scratch, capsule):  # type: ignore[no-untyped-def]
-    """List the gathered splats whose support meets the capsule."""
+    """List the gathered splats whose support meets a capsule without spread: a part of a ray."""
     n, splats = 0, scratch.splats
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
         at = group * GATHERED
         x, y, z = load16(splats, at + 4 * PX), load16(splats, at + 4 * PY), load16(splats, at + 4 * PZ)
-        reach = load16(splats, at + 4 * RADIUS_ROW) + capsule.spread
-        n += pack(_distances(capsule, x, y, z) < reach * reach, scratch.places, group * LANES, scratch.listed, n)
+        near = _distances(capsule, x, y, z) * load16(splats, at + 4 * INV_R2) < NEAR
+        n += pack(near, scratch.places, group * LANES, scratch.listed, n)
     scratch.counts[COUNT_SPLATS] = n
 
 
@@ -171,7 +166,6 @@ def list_splats_of(scratch, first, end):  # type: ignore[no-untyped-def]
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
         at = group * GATHERED
         x, y, z = load16(splats, at + 4 * PX), load16(splats, at + 4 * PY), load16(splats, at + 4 * PZ)
-        reach = load16(splats, at + 4 * RADIUS_ROW)
         square = spread16(INF)
         for k in range(first, end):
             ray = Capsule(
@@ -185,5 +179,6 @@ def list_splats_of(scratch, first, end):  # type: ignore[no-untyped-def]
                 ZERO,
             )
             square = vmin(square, _distances(ray, x, y, z))
-        n += pack(square < reach * reach, scratch.places, group * LANES, scratch.listed, n)
+        near = square * load16(splats, at + 4 * INV_R2) < NEAR
+        n += pack(near, scratch.places, group * LANES, scratch.listed, n)
     scratch.counts[COUNT_SPLATS] = n

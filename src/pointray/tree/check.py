@@ -113,7 +113,7 @@ def _check_spheres(tree: Tree) -> list[str]:
         splat = rows[order[at[mine]]]
         sphere = spheres[listed][mine]
         reach = np.linalg.norm(splat[:, :3] - sphere[:, :3], axis=1) + splat[:, 6]
-        if (reach > np.sqrt(sphere[:, 3]) * (1 + 1e-5)).any():
+        if (reach > sphere[:, 3] * (1 + 1e-5)).any():
             problems.append("a bounding sphere does not enclose its block")
     return problems
 

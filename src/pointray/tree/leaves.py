@@ -230,6 +230,6 @@ def fill_groups(work, cells, nodes, bounds, out):  # type: ignore[no-untyped-def
                     for c in range(3):
                         spheres[group * GROUP + 16 * c + k] = bounds[b * 4 + c]
                     r = bounds[b * 4 + 3]
-                    spheres[group * GROUP + 48 + k] = r * r if s < end else np.float32(-1.0)
+                    spheres[group * GROUP + 48 + k] = r if s < end else np.float32(np.nan)
         tile = take(work)
     return 0
