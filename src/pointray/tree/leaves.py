@@ -205,7 +205,7 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
             if not (box[0] <= box[3] and box[1] <= box[4] and box[2] <= box[5]):
                 box[0], box[3] = np.inf, -np.inf
                 continue
-            fill_patches(members, cell, mean, (record[SLAB : SLAB + 3], slab[3], slab[4], reach), room, patch)
+            fill_patches(members, cell, mean, (record[SLAB : SLAB + 3], slab[4] - slab[3], reach), room, patch)
             for c in range(3):
                 box[c] -= pad
                 box[3 + c] += pad

@@ -16,9 +16,7 @@ from ..records import COLUMNS, NOWHERE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
 
 PAD = 0.012  # mean radii: more than the start rule's reach, so that who starts on the surface starts in its slab
 MARGIN = 1e-3  # of a column: splats this far out of it count as over it, against rounding
-WORTH = (
-    0.6  # of the thickness of the leaf's slab: where columns' are thicker in the mean, they take longer than they save
-)
+WORTH = 0.6  # of the thickness of the leaf's slab: columns that are thicker in the mean take longer than they save
 STEEP = 0.2  # a cosine: a column whose own normal is farther from the axis takes the leaf's
 
 
@@ -64,40 +62,52 @@ def slab_along(members, chosen, m, reach):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _set_column(cell, axes, i, j, column):  # type: ignore[no-untyped-def]
+    """Set a box to column (i, j) of a cell."""
+    for c in range(6):
+        column[c] = cell[c]
+    for axis, k in ((axes[0], i), (axes[1], j)):
+        width = (cell[3 + axis] - cell[axis]) / COLUMNS
+        column[axis], column[3 + axis] = cell[axis] + (k - MARGIN) * width, cell[axis] + (k + 1 + MARGIN) * width
+
+
+@inline
+def _normal_of(total, w, normal):  # type: ignore[no-untyped-def]
+    """The unit normal of a column's slab: of the sum of its splats' normals, or the leaf's where that is steep."""
+    length = math.sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2])
+    if abs(total[w]) > STEEP * length:
+        return total[0] / length, total[1] / length, total[2] / length
+    return np.float64(normal[0]), np.float64(normal[1]), np.float64(normal[2])
+
+
+@inline
 def fill_patches(members, cell, mean, slab, work, out):  # type: ignore[no-untyped-def]
     """Fill a leaf's patches.
 
     members : rows x, y, z, nx, ny, nz, r; mean : of their radii
-    slab : of the leaf: its normal, float32 as rays read it, where it begins and ends; the reach of the proof
+    slab : of the leaf: its normal, float32 as rays read it, its thickness, the reach of the proof
     work : room for as many numbers as there are members, and for a box; out : (64,) float32, see `records.PATCH`
     """
-    normal, _, _, reach = slab
+    normal, thickness, reach = slab
     chosen, column = work
-    thickness, full = 0.0, 0
-    mx, my, mz = normal[0], normal[1], normal[2]
-    u, v, w = across(mx, my, mz)
-    wide, deep = (cell[3 + u] - cell[u]) / COLUMNS, (cell[3 + v] - cell[v]) / COLUMNS
+    u, v, w = axes = across(normal[0], normal[1], normal[2])
+    total, full = 0.0, 0
     for i in range(COLUMNS):
         for j in range(COLUMNS):
             at = COLUMNS * i + j
-            for c in range(6):
-                column[c] = cell[c]
-            column[u], column[3 + u] = cell[u] + (i - MARGIN) * wide, cell[u] + (i + 1 + MARGIN) * wide
-            column[v], column[3 + v] = cell[v] + (j - MARGIN) * deep, cell[v] + (j + 1 + MARGIN) * deep
             out[PATCH_B + at] = out[PATCH_C + at] = 0.0
             out[PATCH_LOW + at] = out[PATCH_HIGH + at] = NOWHERE
-            count, total = _over(members, column, chosen)
+            _set_column(cell, axes, i, j, column)
+            count, normals = _over(members, column, chosen)
             if count == 0:
                 continue
-            length = math.sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2])
-            m = (np.float64(mx), np.float64(my), np.float64(mz))
-            if abs(total[w]) > STEEP * length:
-                m = (total[0] / length, total[1] / length, total[2] / length)
+            m = _normal_of(normals, w, normal)
             low, high = slab_along(members, chosen[:count], m, reach)
-            thickness, full = thickness + high - low, full + 1
+            total, full = total + high - low, full + 1
             base = m[0] * cell[0] + m[1] * cell[1] + m[2] * cell[2]
             a, b = (low - PAD * mean - base) / m[w], (high + PAD * mean - base) / m[w]
-            out[PATCH_B + at], out[PATCH_C + at] = m[u] / m[w] * wide, m[v] / m[w] * deep
+            out[PATCH_B + at] = m[u] / m[w] * (cell[3 + u] - cell[u]) / COLUMNS
+            out[PATCH_C + at] = m[v] / m[w] * (cell[3 + v] - cell[v]) / COLUMNS
             out[PATCH_LOW + at], out[PATCH_HIGH + at] = min(a, b), max(a, b)
-    if thickness > WORTH * full * (slab[2] - slab[1]):
+    if total > WORTH * full * thickness:
         out[:PATCH_LOW], out[PATCH_LOW:PATCH_HIGH], out[PATCH_HIGH:] = 0.0, -np.inf, np.inf
