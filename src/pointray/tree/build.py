@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..jit import run
 from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, PATCH, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
 from .blocks import make_blocks, sort_splats
-from .leaves import fill_groups, fill_leaves, longest_step
+from .leaves import fill_groups, fill_leaves, limits_of, longest_step
 from .roots import build_cells
 from .wide import collapse, enclose
 
@@ -84,10 +84,9 @@ def build_tree(
     leaves = np.zeros(len(nodes) * LEAF, np.float32)
     tight = np.empty((len(nodes), 6))
     patches = np.empty(len(nodes) * PATCH, np.float32)
-    surface = SURFACES.index(settings.surface)
     low = len(splats.radii) // 50
     reference = float(np.partition(splats.radii, low)[low])
-    chosen = (surface, settings.samples, reference, int(settings.cut))
+    chosen = (limits_of(settings.surface, settings.trim), settings.samples, reference, int(settings.cut))
     borders = _borders(order, splats.borders, len(bounds))
     marks = borders, _facing(order, splats, len(bounds))
     out = nodes, leaves, patches, tight
@@ -115,7 +114,7 @@ def build_tree(
     reach = splats.radii[:, None]
     head[BOUNDS : BOUNDS + 3] = (splats.positions - reach).min(axis=0)
     head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + reach).max(axis=0)
-    head[SURFACE], head[REFINE], head[TRIM] = surface, settings.refine, settings.trim
+    head[SURFACE], head[REFINE], head[TRIM] = SURFACES.index(settings.surface), settings.refine, settings.trim
     head[OVERHANG] = settings.overhang
     say(1.0)
     return Tree(

@@ -47,17 +47,23 @@ def _over(members, column, out):  # type: ignore[no-untyped-def]
 
 
 @inline
-def slab_along(members, chosen, m, reach):  # type: ignore[no-untyped-def]
+def slab_along(members, chosen, m, limits):  # type: ignore[no-untyped-def]
     """Least and greatest m.x of any surface of the chosen members: see the head of `tree/leaves.py`."""
-    cosine = 1.0
+    cosine, least, most = 1.0, np.inf, 0.0
     for k in chosen:
         cosine = min(cosine, m[0] * members[k, 3] + m[1] * members[k, 4] + m[2] * members[k, 5])
-    sine = min(1.0, reach * math.sqrt(max(0.0, 1.0 - cosine * cosine))) if cosine > 0.0 else 1.0
+        least, most = min(least, members[k, 6]), max(most, members[k, 6])
+    away = 1.0
+    if cosine > 0.0:
+        square = cosine * cosine
+        far = max(limits[0] + limits[1] / square, limits[2] + limits[3] / square)
+        uneven = 0.5 * (least + most) / math.sqrt(least * most)
+        away = min(1.0, uneven * math.sqrt(max(0.0, 1.0 - square) * far))
     low, high = np.inf, -np.inf
     for k in chosen:
         height = m[0] * members[k, 0] + m[1] * members[k, 1] + m[2] * members[k, 2]
-        low = min(low, height - sine * members[k, 6])
-        high = max(high, height + sine * members[k, 6])
+        low = min(low, height - away * members[k, 6])
+        high = max(high, height + away * members[k, 6])
     return low, high
 
 
@@ -85,10 +91,10 @@ def fill_patches(members, cell, mean, slab, work, out):  # type: ignore[no-untyp
     """Fill a leaf's patches.
 
     members : rows x, y, z, nx, ny, nz, r; mean : of their radii
-    slab : of the leaf: its normal, float32 as rays read it, its thickness, the reach of the proof
+    slab : of the leaf: its normal, float32 as rays read it, its thickness; see `leaves.limits_of`
     work : room for as many numbers as there are members, and for a box; out : (64,) float32, see `records.PATCH`
     """
-    normal, thickness, reach = slab
+    normal, thickness, limits = slab
     chosen, column = work
     u, v, w = axes = across(normal[0], normal[1], normal[2])
     total, full = 0.0, 0
@@ -102,7 +108,7 @@ def fill_patches(members, cell, mean, slab, work, out):  # type: ignore[no-untyp
             if count == 0:
                 continue
             m = _normal_of(normals, w, normal)
-            low, high = slab_along(members, chosen[:count], m, reach)
+            low, high = slab_along(members, chosen[:count], m, limits)
             total, full = total + high - low, full + 1
             base = m[0] * cell[0] + m[1] * cell[1] + m[2] * cell[2]
             a, b = (low - PAD * mean - base) / m[w], (high + PAD * mean - base) / m[w]

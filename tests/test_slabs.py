@@ -1,0 +1,78 @@
+"""The proof at the head of `tree/leaves.py`: where f = 0 lies in the slab, whatever the few splats over it."""
+
+import numpy as np
+import pytest
+
+from naive import KINDS, bisect, field
+from pointray.jit import kernel, run, take
+from pointray.tree.leaves import limits_of
+from pointray.tree.patches import slab_along
+
+TRIM, STEPS, LINES = 0.75, 120, 24
+PAD = 1e-4  # of a radius, against rounding: one splat alone has a slab without thickness
+
+
+@kernel
+def _outside(work, clouds, normals, ways, settings, out):
+    """Per cloud: zeros found on lines through it, and the greatest share of the way to its slab's border at one."""
+    kind, trim, limits = settings
+    found, most = out
+    i = take(work)
+    while i >= 0:
+        splats, m = clouds[i], normals[i]
+        count = len(splats)
+        chosen = np.arange(count)
+        low, high = slab_along(splats, range(count), (m[0], m[1], m[2]), limits)
+        found[i], most[i] = 0, 0.0
+        for line in range(len(ways[i])):
+            o, d = ways[i, line, 0], ways[i, line, 1]
+            before = np.nan
+            for k in range(STEPS):
+                t = 2.0 * k / STEPS
+                f = field(splats, chosen, count, o + t * d, kind)[0]
+                if (f < 0.0 and before >= 0.0) or (f >= 0.0 and before < 0.0):
+                    x = o + bisect(splats, chosen, count, (o, d), (t - 2.0 / STEPS, t), kind) * d
+                    value, away, radius, _, _ = field(splats, chosen, count, x, kind)
+                    if abs(value) < 1e-6 and away <= trim * radius:
+                        found[i] += 1
+                        share = (2.0 * (m * x).sum() - low - high) / (high - low + PAD)
+                        most[i] = max(most[i], abs(share))
+                before = f
+        i = take(work)
+    return 0
+
+
+def clouds_of(rng, count, splats):
+    """Splats (count, splats, 13) whose normals lie in cones of all widths, and the unit vectors in the middle."""
+    x = rng.normal(size=(count, splats, 3)) * rng.uniform(0.05, 0.7, (count, 1, 1))
+    spread = rng.choice([0.03, 0.2, 0.6, 2.0], (count, 1, 1))
+    n = np.array([0, 0, 1]) + spread * rng.normal(size=(count, splats, 3))
+    # Half of them bent as spheres and saddles are, which is where the three surfaces part.
+    bend = rng.uniform(-1.5, 1.5, (count, 1, 2)) * (rng.random((count, 1, 1)) < 0.5)
+    n[..., :2] += bend * x[..., :2]
+    n[..., 2] = np.abs(n[..., 2]) + 0.02
+    n /= np.linalg.norm(n, axis=2, keepdims=True)
+    r = np.exp(rng.normal(size=(count, splats, 1)) * rng.choice([0.0, 0.1, 0.5], (count, 1, 1)))
+    m = n.sum(axis=1)
+    return np.concatenate([x, n, r, np.zeros((count, splats, 6))], axis=2), m / np.linalg.norm(m, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("trim", [TRIM, 0.4, 5.0])
+@pytest.mark.parametrize("surface", ["apss", "paper", "imls"])
+def test_all_surface_lies_in_the_slab(surface, trim):
+    rng = np.random.default_rng(11)
+    shares, zeros = [], 0
+    for splats in (1, 2, 3, 5, 8):
+        clouds, normals = clouds_of(rng, 300, splats)
+        ways = rng.normal(size=(len(clouds), LINES, 2, 3))
+        ways[:, :, 1] /= np.linalg.norm(ways[:, :, 1], axis=2, keepdims=True)
+        ways[:, :, 0] = clouds[:, :1, :3] + 0.4 * ways[:, :, 0] - ways[:, :, 1]
+        out = np.empty(len(clouds), np.int64), np.empty(len(clouds))
+        settings = KINDS[surface], trim, limits_of(surface, trim)
+        run(_outside, len(clouds), clouds, normals, ways, settings, out)
+        zeros += out[0].sum()
+        shares.append(out[1][out[0] > 0])
+    shares = np.concatenate(shares)
+    assert zeros > 10_000
+    assert shares.max() <= 1
+    assert shares.max() > 0.9  # a slab that is much too thick proves nothing
