@@ -8,7 +8,7 @@ import pytest
 from pointray.jit import kernel
 from pointray.records import CELL, LEAF, NOWHERE, SLAB
 from pointray.simd import load16, store
-from pointray.trace.patch import axes_of, narrow
+from pointray.trace.patch import axes_of, narrow, narrow_one
 
 STEPS = 20_000
 
@@ -67,10 +67,24 @@ def _narrow(tree, rows, out):
     return 0
 
 
-def narrowed(leaf, rows):
+@kernel
+def _narrow_one_by_one(tree, rows, out):
+    axes = axes_of(tree, 0)
+    u, v, w = axes
+    for k in range(16):
+        ray = (
+            (rows[16 * u + k], rows[16 * v + k], rows[16 * w + k]),
+            (rows[48 + 16 * u + k], rows[48 + 16 * v + k], rows[48 + 16 * w + k]),
+            (rows[96 + 16 * u + k], rows[96 + 16 * v + k]),
+        )
+        out[k], out[16 + k] = narrow_one(tree, 0, axes, ray, (rows[144 + k], rows[160 + k]))
+    return 0
+
+
+def narrowed(leaf, rows, function=_narrow):
     """Where 16 rays, the rows of `_narrow`, can meet the surface."""
     out = np.zeros(32, np.float32)
-    _narrow(leaf.tree, rows, out)
+    function(leaf.tree, rows, out)
     return out[:16], out[16:]
 
 
@@ -86,14 +100,15 @@ def through(leaf, rng):
     return o, d, np.maximum(np.minimum(a, b).max(axis=1), 0), np.maximum(a, b).min(axis=1)
 
 
+@pytest.mark.parametrize("function", [_narrow, _narrow_one_by_one])
 @pytest.mark.parametrize("seed", range(12))
-def test_rays_are_narrowed_to_the_slabs_of_their_columns(seed):
+def test_rays_are_narrowed_to_the_slabs_of_their_columns(seed, function):
     rng = np.random.default_rng(seed)
     leaf, met = Leaf(rng, limited=seed > 0), 0
     for _ in range(10):
         o, d, enter, leave = through(leaf, rng)
         rows = np.concatenate([o.T.ravel(), d.T.ravel(), (1 / d).T.ravel(), enter, leave]).astype(np.float32)
-        low, high = narrowed(leaf, rows)
+        low, high = narrowed(leaf, rows, function)
         for k in range(16):
             t = np.linspace(enter[k], leave[k], STEPS)
             inside = t[leaf.holds(o[k] + t[:, None] * d[k])]

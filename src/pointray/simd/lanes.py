@@ -42,6 +42,19 @@ def quarters(typingctx, a, b, c, d):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def fours(typingctx, a, b, c, d):  # type: ignore[no-untyped-def]
+    """Four numbers in four lanes, the same in all quarters."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        four = ir.Constant(F4.llvm, ir.Undefined)
+        for lane, value in enumerate(args):
+            four = builder.insert_element(four, value, INT(lane))
+        return shuffle(builder, four, four, [lane % 4 for lane in range(16)])
+
+    return F16(*[types.float32] * 4), codegen
+
+
+@intrinsic
 def vmin(typingctx, a, b):  # type: ignore[no-untyped-def]
     """The lesser of each pair of lanes; where one is NaN, the second (one instruction on x86)."""
     return _choose("<", a, b)
@@ -218,6 +231,16 @@ def _picker(quarter: int, doc: str) -> Any:
 
 first_quarter = _picker(0, "The first quarter in all four.")
 last_quarter = _picker(3, "The last quarter in all four.")
+
+
+@intrinsic
+def shift_lane(typingctx, before, vector):  # type: ignore[no-untyped-def]
+    """The vector moved up by one lane, the last lane of `before` coming in."""
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return shuffle(builder, args[0], args[1], list(range(15, 31)))
+
+    return F16(F16, F16), codegen
 
 
 @intrinsic

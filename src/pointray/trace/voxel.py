@@ -45,9 +45,9 @@ from ..scratch import (
 )
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, select, spread16, store_packed
 from .disc import search_discs
-from .leaf import Reach, lattice, search
+from .leaf import Reach, lattice, search, search_one
 from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, segment
-from .patch import axes_of, narrow
+from .patch import axes_of, narrow, narrow_one
 from .root import Frame
 from .surface import HALF, INF, ONE, ZERO
 
@@ -71,15 +71,11 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
     o, d, inverse = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz), (ray.ix, ray.iy, ray.iz)
     ends = spread16(ray.t_min), spread16(ray.t_max)
     u, v, w = axes = axes_of(tree, leaf)
-    rays = (
-        (spread16(o[u]), spread16(o[v]), spread16(o[w])),
-        (spread16(d[u]), spread16(d[v]), spread16(d[w])),
-        (spread16(inverse[u]), spread16(inverse[v])),
-    )
-    near, far = narrow(tree, leaf, axes, rays, (spread16(low), spread16(high)))
-    if not lane(near, 0) <= lane(far, 0):
+    along = (o[u], o[v], o[w]), (d[u], d[v], d[w]), (inverse[u], inverse[v])
+    low, high = narrow_one(tree, leaf, axes, along, (low, high))
+    if not low <= high:
         return hit
-    reach, fine = lattice(tree, leaf, (spread16(enter), near, far), ends)
+    reach, fine = lattice(tree, leaf, (spread16(enter), spread16(low), spread16(high)), ends)
     if bits(fine) == 0:
         return hit
     capsule = segment(o, d, lane(reach.t_low, 0), lane(reach.t_high, 0))
@@ -106,10 +102,10 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
         if way != ZERO:
             keep_sheet(tree, scratch, frame, way, 1)
         if scratch.counts[COUNT_SPLATS] > 0:
-            found = search(tree, leaf, frame, reach, 1, (way, lift), scratch)
-            lifted = max(lifted, lane(found.lift, 0))
-            if lane(found.t, 0) < hit.t:
-                hit = Hit(lane(found.t, 0), lane(found.nx, 0), lane(found.ny, 0), lane(found.nz, 0), leaf)
+            found = search_one(tree, leaf, frame, reach, (way, lift), scratch)
+            lifted = max(lifted, found.lift)
+            if found.t < hit.t:
+                hit = Hit(found.t, found.nx, found.ny, found.nz, leaf)
         else:
             lifted = max(lifted, scratch.lift[0])
         if not way > ZERO:
