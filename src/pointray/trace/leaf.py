@@ -170,6 +170,28 @@ def _events(tree, leaf, a, b):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _lift_of(tree, leaf, f):  # type: ignore[no-untyped-def]
+    """What the start rule lifts rays by that have f where they start."""
+    share = START if tree.head[REFINE] > ZERO else START_UNREFINED
+    reach = spread16(share * tree.leaves[leaf * LEAF + LEAST])
+    return select(vabs(f) < reach, reach, spread16(ZERO))
+
+
+@inline
+def _pair(before, after, one):  # type: ignore[no-untyped-def]
+    """The samples (t, f, slope) that a mask with one lane a ray names, and those before them."""
+    (t_a, f_a, slope_a), (t, f, slope) = before, after
+    return Pair(
+        sample(t_a, one),
+        sample(f_a, one),
+        sample(slope_a, one),
+        sample(t, one),
+        sample(f, one),
+        sample(slope, one),
+    )
+
+
+@inline
 def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-untyped-def]
     """First hits of four rays in a leaf's voxel, from the listed splats.
 
@@ -188,28 +210,19 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
         t = vmin(vmax(k * step, reach.t_low), reach.t_high)
         f, slope = evaluate(tree, scratch, frame, t)
         if starts != 0:
-            share = START if tree.head[REFINE] > ZERO else START_UNREFINED
-            reach_of_start = spread16(share * tree.leaves[leaf * LEAF + LEAST])
-            begun = first_quarter(f)
-            lift = select(mask16(starts), select(vabs(begun) < reach_of_start, reach_of_start, none), lift)
+            lift = select(mask16(starts), _lift_of(tree, leaf, first_quarter(f)), lift)
             starts = 0
         f = f + lift
 
-        t_a, f_a, slope_a = shift_quarter(t_before, t), shift_quarter(f_before, f), shift_quarter(slope_before, slope)
-        changes, sinks = _events(tree, leaf, (t_a, f_a, slope_a), (t, f, slope))
+        before = shift_quarter(t_before, t), shift_quarter(f_before, f), shift_quarter(slope_before, slope)
+        after = t, f, slope
+        changes, sinks = _events(tree, leaf, before, after)
         events = (changes | sinks) & (left * 0x1111)
         while events != 0:
             now = first_samples(events)
             events &= ~now
             one = mask16(now)
-            pair = Pair(
-                sample(t_a, one),
-                sample(f_a, one),
-                sample(slope_a, one),
-                sample(t, one),
-                sample(f, one),
-                sample(slope, one),
-            )
+            pair = _pair(before, after, one)
             crosses = all_samples(fold(now & changes))
             root = look_into(tree, scratch, frame, pair, crosses, fold(now), lift)
             if bits(root.t < INF) != 0:
@@ -245,30 +258,22 @@ def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-un
         t = vmin(vmax(k * step, reach.t_low), reach.t_high)
         f, slope = evaluate(tree, scratch, frame, t)
         if starts:
-            share = START if tree.head[REFINE] > ZERO else START_UNREFINED
-            reach_of_start = spread16(share * tree.leaves[leaf * LEAF + LEAST])
-            lift = select(vabs(spread16(lane(f, 0))) < reach_of_start, reach_of_start, none)
+            lift = _lift_of(tree, leaf, spread16(lane(f, 0)))
             starts = False
         # Up to the quarter in which f is first on the ray's side.
         settled = bits(f + lift >= lift)
         lifted = select(mask16((16 << (lowest(settled) & 12)) - 1 if settled != 0 else 0xFFFF), lift, none)
         f = f + lifted
 
-        t_a, f_a, slope_a = shift_lane(t_before, t), shift_lane(f_before, f), shift_lane(slope_before, slope)
-        changes, sinks = _events(tree, leaf, (t_a, f_a, slope_a), (t, f, slope))
+        before = shift_lane(t_before, t), shift_lane(f_before, f), shift_lane(slope_before, slope)
+        after = t, f, slope
+        changes, sinks = _events(tree, leaf, before, after)
         events = changes | sinks
         while events != 0:
             now = events & -events
             events &= events - 1
             here = mask16(now)
-            pair = Pair(
-                sample(t_a, here),
-                sample(f_a, here),
-                sample(slope_a, here),
-                sample(t, here),
-                sample(f, here),
-                sample(slope, here),
-            )
+            pair = _pair(before, after, here)
             raised = sample(lifted, here)
             root = look_into(tree, scratch, frame, pair, all_samples(fold(now & changes)), fold(now), raised)
             if bits(root.t < INF) != 0:
