@@ -1,10 +1,14 @@
 """pointray beside Embree's oriented discs: the same points, radii and rays, in turn, in one run.
 
-    python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--mesh MESH] [scan.ply ...]
+    python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--mesh MESH] [--reach 1.25]
+        [scan.ply ...]
 
 For each cloud the views of `views.py`, far and near, the shadow rays from all hits of the far view to a point light,
 and one diffuse bounce from each of them. Prints million rays a second of both, the ratio (medians of alternating runs;
 Embree's better query counts), the shares of hits, and the frame rate of the first cloud against the second.
+
+Radii are pointray's own, for both. With --reach they are so many distances to the eighth neighbour, for both: what
+discs need who have no better rule.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.benchmark.views import far_view, near_view
 from pointray.jit import keep, kernel, run, take
+from pointray.neighbors import neighbors
 from pointray.points.procedural import mesh, solid
 from pointray.points.procedural.creases import edges_of, quarter, settled
 from pointray.records import World, lend_world
@@ -180,6 +185,8 @@ def mesh_of(options: argparse.Namespace, points: pr.Points) -> tuple[np.ndarray,
 
 def beside(name: str, points: pr.Points, radii: np.ndarray | None, options: argparse.Namespace) -> float:
     """Print the comparison for one cloud; returns our seconds for the far view."""
+    if options.reach:
+        radii = options.reach * neighbors(points.positions, 9)[0][:, -1]
     model = pr.Model(points, radii, surface=options.surface)
     ours = Ours(model)
     peers: dict[str, Peer] = {"discs": Discs(points.positions, points.normals, model.radii)}
@@ -209,6 +216,7 @@ def main() -> None:
     parser.add_argument(
         "--mesh", type=Path, help="Embree traces it too: a file of the one scan (needs trimesh), or statue"
     )
+    parser.add_argument("--reach", type=float, help="radii: distances to the eighth neighbour")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--surface", default=None)

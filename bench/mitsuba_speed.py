@@ -82,8 +82,8 @@ def our_scene(model: pr.Model, light: Any) -> pr.Scene:
     return scene
 
 
-def pictures(model: pr.Model, camera: pr.Camera, spp: int) -> dict[str, dict[str, Callable[[], Floats]]]:
-    """What is timed: for each picture a call by either that returns it."""
+def pictures(model: pr.Model, camera: pr.Camera, spp: int) -> dict[str, dict[str, Callable[[], Any]]]:
+    """What is timed: for each picture a call by either that returns it, as an array of float32."""
     low, high = model.bounds
     place = (low + high) / 2 + np.linalg.norm(high - low) * np.array([0.6, -0.8, 1.0])
     strength = 10.0 * float(np.linalg.norm(high - low)) ** 2
@@ -104,7 +104,7 @@ def pictures(model: pr.Model, camera: pr.Camera, spp: int) -> dict[str, dict[str
         "path": pr.Settings("path", spp, BOUNCES, filter="box"),
         "lit": pr.Settings("phong"),
     }
-    out: dict[str, dict[str, Callable[[], Floats]]] = {}
+    out: dict[str, dict[str, Callable[[], Any]]] = {}
     for name in ours:
         scene = mi.load_dict({"type": "scene", "model": splats(model), "light": theirs[name]})
         sensor = their_camera(enlarged(camera), settings[name].spp)
@@ -123,12 +123,12 @@ def leveled(model: pr.Model) -> pr.Model:
     return other
 
 
-def _ours(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings) -> Callable[[], Floats]:
-    return lambda: pr.render(scene, camera, settings)[..., :3].astype(np.float64)
+def _ours(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings) -> Callable[[], Any]:
+    return lambda: pr.render(scene, camera, settings)
 
 
-def _theirs(scene: Any, sensor: Any, integrator: Any) -> Callable[[], Floats]:
-    return lambda: np.array(mi.render(scene, sensor=sensor, integrator=integrator), np.float64)[..., :3]
+def _theirs(scene: Any, sensor: Any, integrator: Any) -> Callable[[], Any]:
+    return lambda: np.array(mi.render(scene, sensor=sensor, integrator=integrator))
 
 
 def speed(points: int, size: int, runs: int, spp: int) -> None:
@@ -138,7 +138,7 @@ def speed(points: int, size: int, runs: int, spp: int) -> None:
     agree = agreement(model, camera)
     print(f"statue: {points:,} points, {size}x{size}; {agree:.1%} of Mitsuba's depths are right within a radius")
     for name, calls in pictures(model, camera, spp).items():
-        light = {who: float(call().mean()) for who, call in calls.items()}
+        light = {who: float(call()[..., :3].mean(dtype=np.float64)) for who, call in calls.items()}
         seconds = alternate(calls, runs, PAUSE)
         for who, spent in seconds.items():
             ratio = seconds["mitsuba"] / spent

@@ -51,6 +51,8 @@ from .patch import axes_of, narrow, narrow_one
 from .root import Frame
 from .surface import HALF, INF, ONE, ZERO
 
+BEYOND = np.int64(-(2**63))  # a bit behind those of all rays but the last one: where no ray is left
+
 
 @inline
 def together(tree, leaf):  # type: ignore[no-untyped-def]
@@ -211,12 +213,13 @@ def _four(part, at):  # type: ignore[no-untyped-def]
 def _keep(leaf, found, asked, rays, at, scratch):  # type: ignore[no-untyped-def]
     """Keep what those asked of four rays (4 bits) found, where it is nearer; returns who was lifted.
 
-    rays : the numbers of the four in the tile, as bits
+    rays : the numbers of the four in the tile, as bits; if these are fewer, the others have found nothing. Four steps
+        whatever their number, so that lanes are known when it is compiled: 1 to 2% of the time
     """
     rows, part, lifted = scratch.model, scratch.part, np.int64(0)
     hits, lifts = bits(found.t < repeat4(part, AT_LENGTH + at)) & asked, bits(found.lift > ZERO) & asked
-    for i in range(count_bits(rays)):
-        k = lowest(rays)
+    for i in range(4):
+        k = lowest(rays | BEYOND)
         rays &= rays - 1
         lifted |= ((lifts >> i) & 1) << k
         if (hits >> i) & 1 != 0:
