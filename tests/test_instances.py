@@ -60,6 +60,54 @@ def test_many_are_as_the_nearest_of_each(models, shift):
         assert np.array_equal(scene.occluded(origins, directions), hit)
 
 
+def ruffled(count):
+    """A sheet of few points with open borders: its surface goes on beyond their bounds."""
+    x, y = RNG.uniform(-1, 1, (2, count))
+    normals = np.stack([-1.2 * np.cos(4 * x), 0 * x, 0 * x + 1], axis=1)
+    points = np.stack([x, y, 0.3 * np.sin(4 * x)], axis=1)
+    return pr.Model(pr.Points(points, normals / np.linalg.norm(normals, axis=1, keepdims=True)))
+
+
+@pytest.mark.parametrize("scale", [(1, 1, 1), (2, 0.5, -1)])
+def test_the_surface_goes_on_beyond_the_points(scale):
+    model, place = ruffled(400), np.diag([*scale, 1.0])
+    camera = pr.Camera.look_at((0, -0.1, 9), (0, 0, 0), fov=30, size=(200, 200))
+    alone, among = pr.Scene(), pr.Scene()
+    for k in range(6):
+        among.add(model, moved_off(place) if k else place)
+    alone.add(model, place)
+    hits = alone.intersect(*camera.rays())
+    assert np.allclose(among.intersect(*camera.rays()).t, hits.t, rtol=1e-6)
+    beyond = np.abs(hits.position[..., :2]) > np.abs(alone.bounds[:, :2]).max(axis=0) + 0.01
+    assert beyond.any(axis=-1).sum() > 50
+
+
+def moved_off(transform):
+    """Away from all rays of a test."""
+    out = transform.copy()
+    out[:3, 3] += 10.0
+    return out
+
+
+def test_levels_that_are_made_later_are_shown_whole():
+    """Their supports reach farther than the model's own."""
+    model = ruffled(60_000)
+    camera = pr.Camera.look_at((0, 0, 60), (0, 0, 0), fov=2.4, size=(64, 64))
+    few, many = pr.Scene(), pr.Scene()
+    for k in range(6):
+        many.add(model, moved_off(np.eye(4)) if k else None)
+    few.add(model)
+    before = [pr.render(scene, camera) for scene in (few, many)]
+    model.make_levels()
+    after = [pr.render(scene, camera) for scene in (few, many)]
+    assert np.array_equal(*before) and np.array_equal(*after)
+    assert not np.array_equal(before[0], after[0])
+    boxes = many._world()[0].top_boxes.copy()
+    for level in model.levels:
+        head = level.tree.head
+        assert boxes.reshape(-1, TOP_NODE)[:, :3].min(axis=0)[2] <= head[2] - many._world()[0].top[TOP_CENTER + 2] + 1e-3
+
+
 def test_the_interval_of_a_ray_counts(models):
     scene = scene_of(models, [random_transform(9) for _ in range(40)])
     origins, directions = random_rays(2000, 12)

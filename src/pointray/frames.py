@@ -8,7 +8,7 @@ where one pass is all. `image` (h, w, 4) has the means, over the background.
 how, for both kernels
 ---------------------
 samples : seed, samples a pixel at most, filter; span : numbers of the first sample and of the one after the last
-background : RGB and alpha
+window : pixels (left, top, right, bottom) outside of which nothing is met; background : RGB and alpha
 """
 
 from __future__ import annotations
@@ -99,6 +99,13 @@ def _corner(block, tile, width):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _last_sample(corner, span, window):  # type: ignore[no-untyped-def]
+    """Up to which sample a tile is traced: none where it lies outside of the window."""
+    beside = (corner[0] + EDGE <= window[0]) | (corner[0] >= window[2])
+    return span[0] if beside | (corner[1] + EDGE <= window[1]) | (corner[1] >= window[3]) else span[1]
+
+
+@inline
 def _direct(world, most, shadows, sky_shows, background, scratch):  # type: ignore[no-untyped-def]
     """Radiance along the tile's rays, which are traced: direct light, and what comes by mirrors and glass.
 
@@ -133,11 +140,11 @@ def _direct(world, most, shadows, sky_shows, background, scratch):  # type: igno
 @kernel
 def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyped-def]
     """Direct light, or what is at the first hit. how : integrator, shadows, depth, whether the sky shows, samples,
-    span, background."""
+    span, window, background."""
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
     scratch.counts[SEEN_ONLY] = 1
-    integrator, shadows, most, sky_shows, samples, span, background = how
+    integrator, shadows, most, sky_shows, samples, span, window, background = how
     camera = borrow(camera)
     height, width = image.shape[:2]
     block = take(work)
@@ -148,7 +155,7 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
                 continue
             begin_tile(corner, (width, height), samples[0], scratch)
             begin_sums(corner, span[0], film, scratch)
-            for sample in range(span[0], span[1]):
+            for sample in range(span[0], _last_sample(corner, span, window)):
                 if cancelled(work):  # a block of many samples takes long
                     break
                 aim_pixels(camera, (width, height), corner, sample, samples, scratch)
@@ -195,11 +202,11 @@ def _occlusion(world, sample, reach, sky_shows, scratch):  # type: ignore[no-unt
 @kernel
 def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-untyped-def]
     """Ambient occlusion and path tracing. how : integrator, reach, depth, whether the sky shows, samples, span,
-    background."""
+    window, background."""
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
     scratch.counts[SEEN_ONLY] = 1
-    integrator, reach, most, sky_shows, samples, span, background = how
+    integrator, reach, most, sky_shows, samples, span, window, background = how
     camera = borrow(camera)
     height, width = image.shape[:2]
     block = take(work)
@@ -210,7 +217,7 @@ def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-unt
                 continue
             begin_tile(corner, (width, height), samples[0], scratch)
             begin_sums(corner, span[0], film, scratch)
-            for sample in range(span[0], span[1]):
+            for sample in range(span[0], _last_sample(corner, span, window)):
                 if cancelled(work):
                     break
                 aim_pixels(camera, (width, height), corner, sample, samples, scratch)

@@ -17,15 +17,29 @@ from .jit import Cancel, run
 from .lens import FILTERS
 from .levels import at_distance
 from .pixels import SUMS
-from .records import EMISSIVE, MATERIAL_KIND, MATERIAL_SIZE, NO_SKY, SKY_KIND, World
+from .records import (
+    DISK_LIGHT,
+    EMISSIVE,
+    LIGHT,
+    LIGHT_KIND,
+    MATERIAL_KIND,
+    MATERIAL_SIZE,
+    NO_SKY,
+    RECT_LIGHT,
+    SKY_KIND,
+    SPHERE_LIGHT,
+    World,
+)
 from .scene import Scene
-from .settings import AO, INTEGRATORS, PATH, PHONG, Settings
+from .settings import AO, COST, INTEGRATORS, PATH, PHONG, Settings
 from .shade.environment import EnvironmentLight
 from .vec import LUMINANCE
+from .window import EVERYWHERE, Window, window_of
 
 AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
 MOST_ONWARD = 32  # mirrors and panes one behind the other
 LONGEST_PASS = 64  # samples
+SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # paths see them
 SURFACE_SAMPLES = 16  # of the colours and normals that denoising is told
 
 Progress = Callable[[float], None]
@@ -102,6 +116,7 @@ class Picture:
         self.image = np.empty((height, width, 4), np.float32)
         self._film = np.zeros((0, 0, SUMS) if self._one_pass else (height, width, SUMS))
         self._world, self._kernel, how = _plan(scene, camera, settings)
+        self._window = _window(camera, self._world, how[0])
         self._how = how[0], how[1] if background is None else background
 
     def passes(self, progress: Progress | None) -> Iterator[float]:
@@ -132,7 +147,7 @@ class Picture:
         """
         settings = self._settings
         samples = (settings.seed, settings.most, FILTERS.index(settings.filter))
-        how = (*self._how[0], samples, (first, end), self._how[1])
+        how = (*self._how[0], samples, (first, end), self._window, self._how[1])
         args = (self._world, self._camera, how, self._film, self.image)
         run(self._kernel, self._blocks, *args, threads=settings.threads, progress=progress, cancel=cancel)
 
@@ -161,6 +176,15 @@ def _plan(
     onward = min(settings.depth, MOST_ONWARD)
     shown = int(scene.shows_sky and integrator == PHONG)
     return world, quick_frame, ((integrator, int(settings.shadows), onward, shown), background)
+
+
+def _window(camera: Camera, world: World, how: tuple[Any, ...]) -> Window:
+    """Where in the picture something can be met: only models are known to end. how : of the kernel, see `_plan`"""
+    integrator, sky_shows = how[0], how[3]
+    lights = integrator == PATH and np.isin(world.lights[LIGHT_KIND::LIGHT], SIZED_LIGHTS).any()
+    if integrator == COST or sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
+        return EVERYWHERE
+    return window_of(camera, world.top)
 
 
 def _lit(world: World) -> World:

@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .assembly import build_world
 from .clips import check_clips, clip_records
-from .image.tone import srgb_to_linear
 from .instances import Instances, Plane, check_material, check_transform
 from .model import Model
 from .rays import Hits, check_rays
-from .records import CATCHER, KIND, MODEL, SHAPE_ROW, World, model_table
+from .records import KIND, MODEL, SHAPE_ROW, World
 from .shade.attributes import Attribute
-from .shade.environment import EnvironmentLight, check_lights, no_sky
+from .shade.environment import EnvironmentLight, check_lights
 from .shade.lights import Light, rgb
 from .shade.materials import Material
 from .trace.cast import blend_attribute, closest_hits, occlusions
-from .tree.top import build_top
 
 
 class Scene:
@@ -42,6 +41,7 @@ class Scene:
         self._version = 0  # rises with every change
         self.shows_sky = False
         self._built: tuple[World, list[Model]] | None = None
+        self._levels: tuple[int, ...] = ()  # how many levels of detail its models had then
 
     def add(self, shape: Model | Plane, transform: ArrayLike | None = None, material: Material | None = None) -> int:
         """Put a model or a plane into the scene.
@@ -268,33 +268,9 @@ class Scene:
         self._built = None
 
     def _world(self) -> tuple[World, list[Model]]:
-        """What kernels read, and the models (kept alive)."""
-        if self._built is None:
-            models, planes, materials, paints = self._instances.finish()
-            of_models = np.flatnonzero(self._instances.records[:, KIND] == MODEL)
-            lights = [light for light in self._lights if not isinstance(light, EnvironmentLight)]
-            skies = [light.tables() for light in self._lights if isinstance(light, EnvironmentLight)]
-            sky, sky_colors, sky_rows, sky_columns, sky_mean = skies[0] if skies else no_sky()
-            top, top_boxes, top_children = build_top(self._instances.boxes[of_models], of_models)
-            world = World(
-                model_table([m.tree for m in models]),
-                self._instances.records.reshape(-1),
-                planes,
-                top,
-                top_boxes,
-                top_children,
-                np.concatenate([*(light.record() for light in lights), []]),
-                materials,
-                sky,
-                sky_colors,
-                sky_rows,
-                sky_columns,
-                sky_mean,
-                *paints,
-                srgb_to_linear(np.arange(256, dtype=np.uint8)),
-                max([model.longest for model in models], default=16),
-                int((self._instances.records[:, KIND] == CATCHER).sum()),
-                clip_records(self._clips),
-            )
-            self._built = world, models
+        """What kernels read, and the models (kept alive). Made anew after a change, of levels of detail too."""
+        levels = tuple(len(model.levels) for model in self._built[1]) if self._built is not None else ()
+        if self._built is None or levels != self._levels:
+            self._built = build_world(self._instances, self._lights, self._clips)
+            self._levels = tuple(len(model.levels) for model in self._built[1])
         return self._built

@@ -132,6 +132,23 @@ def _build(boxes, numbers, out):  # type: ignore[no-untyped-def]
             waiting, nodes = waiting + 1, nodes + 1
 
 
+def boxes_around(to_models: NDArray[np.float64], reaches: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The world boxes of instances, (n, 6).
+
+    Parameters
+    ----------
+    to_models : (n, 3, 4) float64
+        From the world to each one's model.
+    reaches : (n, 2, 3) float64
+        Bounds in the model's space.
+    """
+    back = np.linalg.inv(to_models[:, :, :3])
+    middle, half = 0.5 * (reaches[:, 0] + reaches[:, 1]), 0.5 * (reaches[:, 1] - reaches[:, 0])
+    center = np.einsum("nij,nj->ni", back, middle - to_models[:, :, 3])
+    aside = np.einsum("nij,nj->ni", np.abs(back), half)
+    return np.concatenate([center - aside, center + aside], axis=1)
+
+
 def build_top(
     boxes: NDArray[np.float64], numbers: NDArray[np.integer[Any]]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

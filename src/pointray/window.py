@@ -1,0 +1,40 @@
+"""Where in a picture models can be seen: tiles beyond that are background, and no ray of theirs is traced."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera
+from .records import ACROSS, EYE, FORWARD, TOP_BOUNDS, TOP_CENTER, UPWARD
+
+BEYOND = 2.0  # pixels: filters reach 1.5
+
+Window = tuple[float, float, float, float]
+EVERYWHERE: Window = (-np.inf, -np.inf, np.inf, np.inf)
+
+
+def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
+    """Pixels (left, top, right, bottom) outside of which no ray of a camera meets a model.
+
+    Everywhere for panoramas, through lenses, and where the camera stands among the models.
+
+    Parameters
+    ----------
+    top : (9,) float64
+        Where the models are, see `records.World`.
+    """
+    if camera.projection == "panorama" or camera.aperture > 0:
+        return EVERYWHERE
+    record, (width, height) = camera.record(), camera.size
+    eye, forward, across, upward = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
+    bounds = top[TOP_BOUNDS:].reshape(2, 3) + top[TOP_CENTER : TOP_CENTER + 3]
+    corners = np.array(list(itertools.product(*bounds.T))) - eye
+    depth = corners @ forward if camera.projection == "perspective" else np.ones(len(corners))
+    if depth.min() <= 1e-6 * np.abs(corners).max():
+        return EVERYWHERE
+    x = (corners @ across / (across @ across) / depth + 1.0) * width / 2.0
+    y = (1.0 - corners @ upward / (upward @ upward) / depth) * height / 2.0
+    return x.min() - BEYOND, y.min() - BEYOND, x.max() + BEYOND, y.max() + BEYOND
