@@ -89,25 +89,6 @@ def moved_off(transform):
     return out
 
 
-def test_levels_that_are_made_later_are_shown_whole():
-    """Their supports reach farther than the model's own."""
-    model = ruffled(60_000)
-    camera = pr.Camera.look_at((0, 0, 60), (0, 0, 0), fov=2.4, size=(64, 64))
-    few, many = pr.Scene(), pr.Scene()
-    for k in range(6):
-        many.add(model, moved_off(np.eye(4)) if k else None)
-    few.add(model)
-    before = [pr.render(scene, camera) for scene in (few, many)]
-    model.make_levels()
-    after = [pr.render(scene, camera) for scene in (few, many)]
-    assert np.array_equal(*before) and np.array_equal(*after)
-    assert not np.array_equal(before[0], after[0])
-    boxes = many._world()[0].top_boxes.copy()
-    for level in model.levels:
-        head = level.tree.head
-        assert boxes.reshape(-1, TOP_NODE)[:, :3].min(axis=0)[2] <= head[2] - many._world()[0].top[TOP_CENTER + 2] + 1e-3
-
-
 def test_the_interval_of_a_ray_counts(models):
     scene = scene_of(models, [random_transform(9) for _ in range(40)])
     origins, directions = random_rays(2000, 12)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .data import FARTHEST, Points
 from .points import normals as point_normals
-from .records import BOUNDS, SURFACES, Tree
+from .records import NODE, SURFACES, WIDTH, Tree
 from .saved import Part, read_model, write_model
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.radii import check_radii
@@ -215,11 +215,11 @@ class Model:
         """Least and greatest world coordinates of the points, (2, 3) float64."""
         return self._bounds.copy()
 
-    @property
+    @cached_property
     def reach(self) -> NDArray[np.float64]:
-        """Bounds of all supports, those of the levels too, (2, 3) float64 about the points' origin: hits lie within."""
-        heads = np.array([model.tree.head[BOUNDS : BOUNDS + 6] for model in (self, *self.levels)], np.float64)
-        return np.stack([heads[:, :3].min(axis=0), heads[:, 3:].max(axis=0)])
+        """Bounds of all that rays can hit, (2, 3) float64 about the origin: the surface goes on beyond the points."""
+        root = self.tree.boxes[:NODE].reshape(2, 3, WIDTH)
+        return np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
 
     @cached_property
     def spacing(self) -> float:

@@ -41,7 +41,6 @@ class Scene:
         self._version = 0  # rises with every change
         self.shows_sky = False
         self._built: tuple[World, list[Model]] | None = None
-        self._levels: tuple[int, ...] = ()  # how many levels of detail its models had then
 
     def add(self, shape: Model | Plane, transform: ArrayLike | None = None, material: Material | None = None) -> int:
         """Put a model or a plane into the scene.
@@ -268,9 +267,7 @@ class Scene:
         self._built = None
 
     def _world(self) -> tuple[World, list[Model]]:
-        """What kernels read, and the models (kept alive). Made anew after a change, of levels of detail too."""
-        levels = tuple(len(model.levels) for model in self._built[1]) if self._built is not None else ()
-        if self._built is None or levels != self._levels:
+        """What kernels read, and the models (kept alive)."""
+        if self._built is None:
             self._built = build_world(self._instances, self._lights, self._clips)
-            self._levels = tuple(len(model.levels) for model in self._built[1])
         return self._built

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .camera import Camera
 from .records import ACROSS, EYE, FORWARD, TOP_BOUNDS, TOP_CENTER, UPWARD
 
-BEYOND = 2.0  # pixels: filters reach 1.5
+BEYOND = 4.0  # pixels: filters reach 1.5, and levels of detail go on half a pixel beyond their model
 
 Window = tuple[float, float, float, float]
 EVERYWHERE: Window = (-np.inf, -np.inf, np.inf, np.inf)
