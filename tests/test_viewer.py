@@ -1,5 +1,6 @@
 """The viewer without a page: what the server says, draws and refuses."""
 
+import json
 import socket
 import threading
 import time
@@ -596,3 +597,21 @@ def test_the_range_that_was_found_can_be_changed(browser, scene, model):
     painted.lights = scene.lights
     wanted = expected(painted, camera, 64)
     browser.listen(lambda: np.abs(levels_in(browser.refined(64)[1]) - wanted).mean() < CLOSE)
+
+
+class Deaf:
+    """A `server.Link` to nobody."""
+
+    def send(self, message):
+        pass
+
+
+def test_a_browser_that_leaves_while_it_is_told_of_a_change(scene, caplog):
+    subject, sessions = Subject("x", scene), []
+    subject.listen(lambda: sessions[0].leave() if sessions else None)  # told before the session is
+    sessions.append(session.Session(Deaf(), subject, sessions.append))
+    sessions[0].receive(json.dumps({"type": "size", "width": 64, "height": 48, "scale": 1}))
+    sessions[0].receive(json.dumps({"type": "set", "name": "color_by", "value": "height"}))
+    subject.show(scene)
+    assert len(sessions) == 2  # it has left
+    assert not [record.message for record in caplog.records if record.name == "pointray.view"]

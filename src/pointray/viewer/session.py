@@ -66,6 +66,7 @@ class Session:
         self._problem = ""
         self._asked: tuple[Wish, tuple[float, float], str, bool] | None = None  # what is to be picked next
         self._nonsense = 0
+        self._gone = False
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
         self._exports = Exports(self._voice)
         self._painter = Painter(
@@ -97,7 +98,9 @@ class Session:
         self._leave()
         self._painter.close()
         self._exports.stop()
-        self._jobs.shutdown(wait=False, cancel_futures=True)
+        with self._lock:  # the subject may be telling of a change just now: before this, or not at all
+            self._gone = True
+            self._jobs.shutdown(wait=False, cancel_futures=True)
         self._ended(self)
 
     # What the page says.
@@ -205,6 +208,8 @@ class Session:
         """The subject has changed in some way."""
         self._voice.progress(self._subject.progress)
         with self._lock:
+            if self._gone:
+                return
             if self._subject.problem != self._problem:
                 self._problem = self._subject.problem
                 if self._problem:
