@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from pointray.jit import kernel
-from pointray.records import World, lend_world
+from pointray.records import LIGHT_KIND, World, lend_world
 from pointray.sampling import pixel_key, sample_pair
 from pointray.shade.emitters import density_of_light, from_middle, meet_light, sample_light, sun_in
 from pointray.shade.sky import sample_sky, sky_density, sky_irradiance, sky_radiance
@@ -33,7 +33,7 @@ def _sample(world, x, out):
 
 @kernel
 def _middle(world, x, out):
-    a = from_middle(lend_world(world), 0, (x[0], x[1], x[2]))
+    a = from_middle(lend_world(world), 0, world.lights[LIGHT_KIND], (x[0], x[1], x[2]))
     for c in range(3):
         out[c], out[3 + c] = a.to_light[c], a.light[c]
     out[6] = a.distance

@@ -17,7 +17,7 @@ import numpy as np
 
 from .jit import borrow, cancelled, inline, keep, kernel, take
 from .lens import depth_of
-from .pixels import EDGE, add_color, add_sample, aim_pixels, begin_sums, begin_tile, finish_sums
+from .pixels import EDGE, add_color, add_sample, aim_pixels, begin_sums, begin_tile, fill_tile, finish_sums
 from .records import lend_world
 from .scratch import (
     CAUGHT,
@@ -42,7 +42,7 @@ from .shade.direct import light_tile
 from .shade.onward import aim_onward, begin_onward, send_onward
 from .shade.path import begin_paths, trace_paths
 from .shade.sky import has_sky, sky_radiance
-from .shade.spots import add_radiance, begin_radiance, keep_spot
+from .shade.spots import add_radiance, begin_radiance, is_spot, keep_spots
 from .trace.hits import describe_tile, material_at, tile_hit
 from .trace.world import NOWHERE, aim, meets_nothing, trace_tile
 from .vec import add, scale
@@ -99,10 +99,10 @@ def _corner(block, tile, width):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _last_sample(corner, span, window):  # type: ignore[no-untyped-def]
-    """Up to which sample a tile is traced: none where it lies outside of the window."""
+def _is_beside(corner, window):  # type: ignore[no-untyped-def]
+    """Whether a tile lies outside of the window."""
     beside = (corner[0] + EDGE <= window[0]) | (corner[0] >= window[2])
-    return span[0] if beside | (corner[1] + EDGE <= window[1]) | (corner[1] >= window[3]) else span[1]
+    return beside | (corner[1] + EDGE <= window[1]) | (corner[1] >= window[3])
 
 
 @inline
@@ -116,13 +116,14 @@ def _direct(world, most, shadows, sky_shows, background, scratch):  # type: igno
     begin_onward(scratch)
     first = True
     while True:
+        keep_spots(scratch)
         for i in range(TILE):
-            ray, hit = _tile_ray(scratch, i), tile_hit(scratch, i)
-            keep_spot(scratch, i, hit, ray)
-            if first and (hit.instance >= 0 or sky_shows):
+            hit = is_spot(scratch, i)
+            if first and (hit or sky_shows):
                 met |= np.int64(1) << i
-            if hit.instance < 0 and (sky_shows or not first):
-                add_radiance(scratch, i, sky_radiance(world, ray[1]) if has_sky(world) or sky_shows else background)
+            if not hit and (sky_shows or not first):
+                d = row(scratch.world, DIRECTION + i)
+                add_radiance(scratch, i, sky_radiance(world, d) if has_sky(world) or sky_shows else background)
         if first and find_caught(world, scratch) != 0:
             catch_direct(world, scratch.counts[CAUGHT], shadows, scratch)
             show_caught(world, sky_shows, scratch)
@@ -153,9 +154,13 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
             corner = _corner(block, tile, width)
             if corner[0] >= width or corner[1] >= height:
                 continue
-            begin_tile(corner, (width, height), samples[0], scratch)
+            if _is_beside(corner, window):
+                fill_tile(corner, background, image)
+                continue
+            if samples[1] > 1:  # else nothing is left to chance: 2% of a lit frame
+                begin_tile(corner, (width, height), samples[0], scratch)
             begin_sums(corner, span[0], film, scratch)
-            for sample in range(span[0], _last_sample(corner, span, window)):
+            for sample in range(span[0], span[1]):
                 if cancelled(work):  # a block of many samples takes long
                     break
                 aim_pixels(camera, (width, height), corner, sample, samples, scratch)
@@ -186,12 +191,12 @@ def _occlusion(world, sample, reach, sky_shows, scratch):  # type: ignore[no-unt
     trace_tile(world, scratch)
     describe_tile(world, scratch)
     met = np.int64(0)
+    keep_spots(scratch)
     for i in range(TILE):
-        ray, hit = _tile_ray(scratch, i), tile_hit(scratch, i)
-        keep_spot(scratch, i, hit, ray)
-        met |= np.int64(hit.instance >= 0 or sky_shows) << i
-        if hit.instance < 0 and sky_shows:
-            add_radiance(scratch, i, sky_radiance(world, ray[1]))
+        hit = is_spot(scratch, i)
+        met |= np.int64(hit or sky_shows) << i
+        if not hit and sky_shows:
+            add_radiance(scratch, i, sky_radiance(world, row(scratch.world, DIRECTION + i)))
     caught = find_caught(world, scratch)
     see_sky(world, sample, reach, scratch)
     catch_occlusion(caught, scratch)
@@ -215,9 +220,12 @@ def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-unt
             corner = _corner(block, tile, width)
             if corner[0] >= width or corner[1] >= height:
                 continue
+            if _is_beside(corner, window):
+                fill_tile(corner, background, image)
+                continue
             begin_tile(corner, (width, height), samples[0], scratch)
             begin_sums(corner, span[0], film, scratch)
-            for sample in range(span[0], _last_sample(corner, span, window)):
+            for sample in range(span[0], span[1]):
                 if cancelled(work):
                     break
                 aim_pixels(camera, (width, height), corner, sample, samples, scratch)

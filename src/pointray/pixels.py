@@ -181,6 +181,15 @@ def _average(done, background, sums):  # type: ignore[no-untyped-def]
 
 
 @inline
+def fill_tile(corner, background, image):  # type: ignore[no-untyped-def]
+    """Write the background into a tile of the image in which nothing is met. Its sums are 0, as a film begins."""
+    for y in range(corner[1], min(corner[1] + EDGE, image.shape[0])):
+        for x in range(corner[0], min(corner[0] + EDGE, image.shape[1])):
+            for c in range(4):
+                image[y, x, c] = background[c]
+
+
+@inline
 def finish_sums(corner, done, background, film, image, scratch):  # type: ignore[no-untyped-def]
     """Keep the sums of a tile's pixels in the film, if there is one, and write the image: means over the background."""
     sums, height, width = scratch.sums, image.shape[0], image.shape[1]

@@ -66,6 +66,12 @@ def triple(array, i):  # type: ignore[no-untyped-def]
 
 
 @inline
+def either(first, a, b):  # type: ignore[no-untyped-def]
+    """a or b, component by component: no branch."""
+    return a[0] if first else b[0], a[1] if first else b[1], a[2] if first else b[2]
+
+
+@inline
 def transform(matrix, a):  # type: ignore[no-untyped-def]
     """A vector by the 3x3 part of a matrix in rows."""
     return dot(matrix[0], a), dot(matrix[1], a), dot(matrix[2], a)

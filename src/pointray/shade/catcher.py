@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import CATCHER, INSTANCE, KIND, LIGHT
+from ..records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND
 from ..sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
 from ..scratch import (
     CAUGHT,
@@ -109,7 +109,7 @@ def catch_direct(world, caught, shadows, scratch):  # type: ignore[no-untyped-de
         _ask_nothing(scratch)
         for i in range(TILE):
             if (caught >> i) & 1 != 0:
-                arrival = from_middle(world, at, row(scratch.spots, SPOT + i))
+                arrival = from_middle(world, at, world.lights[at + LIGHT_KIND], row(scratch.spots, SPOT + i))
                 cosine = max(dot(row(scratch.spots, SPOT_NORMAL + i), arrival.to_light), 0.0)
                 _ask(scratch, i, luminance(arrival.light) * cosine, arrival.to_light, arrival.distance)
         _answer(world, caught, shadows, scratch)

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..records import LIGHT
-from ..scratch import GAIN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
+from ..records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT
+from ..scratch import DIRECTION, GAIN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
 from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
-from ..vec import BLACK, multiply, scale
+from ..vec import BLACK, either, multiply, scale
 from .bsdf import ambient, emitted, scatter
 from .emitters import from_middle
 from .sky import has_sky, sky_irradiance
@@ -19,42 +19,49 @@ from .spots import add_radiance, is_spot, place_of
 
 
 @inline
-def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
-    """What one light adds where nothing is in its way; returns whether it adds anything."""
-    spots, lit = scratch.spots, False
+def _arrive(world, light, kind, scratch):  # type: ignore[no-untyped-def]
+    """The tile's rays become those from its surface points to the middle of a light; GAIN is what arrives from there.
+
+    No branches for most kinds: rays as vectors, those of no surface point too.
+    """
+    spots = scratch.spots
     for i in range(TILE):
-        put(spots, GAIN + i, BLACK)
+        x = row(spots, SPOT + i)
+        arrival = from_middle(world, light, kind, x)
+        put(spots, GAIN + i, arrival.light)
+        aim_from(scratch, i, (x, arrival.to_light, 0.0, arrival.distance), spots[SPOT_SIDE + i])
+
+
+@inline
+def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
+    """What one light adds where nothing is in its way, and the rays that tell whether; returns whether it adds any."""
+    spots, lit, kind = scratch.spots, False, world.lights[light + LIGHT_KIND]
+    if kind == POINT_LIGHT:
+        _arrive(world, light, POINT_LIGHT, scratch)
+    elif kind == SUN_LIGHT:
+        _arrive(world, light, SUN_LIGHT, scratch)
+    else:
+        _arrive(world, light, kind, scratch)
+    for i in range(TILE):
+        gain = BLACK
         if is_spot(scratch, i):
             at, place = place_of(world, scratch, i)
-            arrival = from_middle(world, light, row(spots, SPOT + i))
-            gain = multiply(scatter(world, at, place, arrival.to_light)[0], arrival.light)
-            put(spots, GAIN + i, gain)
-            lit |= gain[0] + gain[1] + gain[2] > 0.0
+            to_light = row(scratch.world, DIRECTION + i)
+            gain = multiply(scatter(world, at, place, to_light)[0], row(spots, GAIN + i))
+        put(spots, GAIN + i, gain)
+        if gain[0] + gain[1] + gain[2] > 0.0:
+            lit = True
+        else:
+            aim(scratch, i, NOWHERE)
     return lit
 
 
 @inline
 def shade_gains(scratch):  # type: ignore[no-untyped-def]
-    """After the shadow rays are traced: take the gain away where something is in the way."""
-    for i in range(TILE):
-        if is_blocked(scratch, i):
-            put(scratch.spots, GAIN + i, BLACK)
-
-
-@inline
-def _shade_from(world, light, scratch):  # type: ignore[no-untyped-def]
-    """Take away the gain where something is between a surface point and a light."""
+    """After the shadow rays are traced: take the gain away where something is in the way. No branches."""
     spots = scratch.spots
     for i in range(TILE):
-        gain = row(spots, GAIN + i)
-        if gain[0] + gain[1] + gain[2] > 0.0:
-            x = row(spots, SPOT + i)
-            arrival = from_middle(world, light, x)
-            aim_from(scratch, i, (x, arrival.to_light, 0.0, arrival.distance), spots[SPOT_SIDE + i])
-        else:
-            aim(scratch, i, NOWHERE)
-    occlude_tile(world, scratch)
-    shade_gains(scratch)
+        put(spots, GAIN + i, either(is_blocked(scratch, i), BLACK, row(spots, GAIN + i)))
 
 
 @inline
@@ -74,7 +81,10 @@ def light_tile(world, shadows, scratch):  # type: ignore[no-untyped-def]
                 even = sky_irradiance(world, row(scratch.spots, SPOT_NORMAL + i))
                 add_radiance(scratch, i, multiply(ambient(world, at, place), scale(even, 1.0 / math.pi)))
     for light in range(0, world.lights.size, LIGHT):
-        if _light_from(world, light, scratch) and shadows:
-            _shade_from(world, light, scratch)
+        if not _light_from(world, light, scratch):
+            continue
+        if shadows:
+            occlude_tile(world, scratch)
+            shade_gains(scratch)
         for i in range(TILE):
             add_radiance(scratch, i, row(scratch.spots, GAIN + i))

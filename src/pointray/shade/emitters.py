@@ -73,10 +73,9 @@ def _cone_of_sphere(world, at, x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def from_middle(world, at, x):  # type: ignore[no-untyped-def]
-    """What arrives at x if all of a light were in its middle: hard shadows."""
+def from_middle(world, at, kind, x):  # type: ignore[no-untyped-def]
+    """What arrives at x if all of a light, of that kind, were in its middle: hard shadows."""
     place, power = triple(world.lights, at + LIGHT_PLACE), triple(world.lights, at + LIGHT_POWER)
-    kind = world.lights[at + LIGHT_KIND]
     if kind == SUN_LIGHT:
         return Arrival(scale(place, -1.0), np.inf, power, 0.0)
     v = sub(place, x)
@@ -102,11 +101,11 @@ def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
     kind, power = world.lights[at + LIGHT_KIND], triple(world.lights, at + LIGHT_POWER)
     place = triple(world.lights, at + LIGHT_PLACE)
     if kind == POINT_LIGHT:
-        return from_middle(world, at, x)
+        return from_middle(world, at, kind, x)
     if kind == SUN_LIGHT:
         missing = world.lights[at + LIGHT_RADIUS]
         if missing == 0.0:
-            return from_middle(world, at, x)
+            return from_middle(world, at, kind, x)
         to_light = _in_cone(scale(place, -1.0), missing, u, v)
         return Arrival(to_light, np.inf, _sun_share(power, missing), 1.0 / (2.0 * math.pi * missing))
     if kind == SPHERE_LIGHT:

@@ -37,7 +37,7 @@ from .catcher import catch_paths, find_caught
 from .direct import shade_gains
 from .emitters import density_of_light, light_radiance, meet_light, sample_light, sun_in
 from .sky import is_chosen, sample_sky, sky_density, sky_radiance
-from .spots import add_radiance, is_spot, keep_spot, place_of
+from .spots import add_radiance, is_spot, keep_spots, place_of
 
 FAINT = 0.05  # a path that carries less goes on with this much, or ends by chance
 
@@ -96,13 +96,13 @@ def receive(world, depth, sky_shows, scratch):  # type: ignore[no-untyped-def]
     sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
     """
     spots, met = scratch.spots, np.int64(0)
+    keep_spots(scratch)
     for i in range(TILE):
         weight = row(spots, SPOT_WEIGHT + i)
         if weight[0] + weight[1] + weight[2] == 0.0:
             spots[SPOT_INSTANCE + i] = -1.0
             continue
         ray, hit = (row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
-        keep_spot(scratch, i, hit, ray)
         t, light = _meet_lights(world, ray, hit.t)
         if light >= 0:
             chosen = density_of_light(world, light, ray[0], ray[1], t) / _chosen_lights(world)

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from ..jit import inline
 from ..scratch import (
+    COLOR,
+    DIRECTION,
+    INSTANCE_OF,
+    NEAREST,
+    NORMAL,
+    ORIGIN,
     RADIANCE,
     SPOT,
     SPOT_COLOR,
@@ -37,20 +43,24 @@ def add_radiance(scratch, i, light):  # type: ignore[no-untyped-def]
 
 
 @inline
-def keep_spot(scratch, i, hit, ray):  # type: ignore[no-untyped-def]
-    """Put down what ray i of the tile, (o, d), has hit: surfaces shade both sides."""
-    spots = scratch.spots
-    spots[SPOT_INSTANCE + i] = hit.instance
-    if hit.instance < 0:
-        return
-    to_eye = scale(unit(ray[1]), -1.0)
-    # The side the eye is on: where the start rule puts shadow rays, and where the normal is turned.
-    side = 1.0 if dot(hit.normal, to_eye) >= 0.0 else -1.0
-    put(spots, SPOT + i, add(ray[0], scale(ray[1], hit.t)))
-    put(spots, SPOT_NORMAL + i, scale(hit.normal, side))
-    put(spots, SPOT_EYE + i, to_eye)
-    put(spots, SPOT_COLOR + i, hit.color)
-    spots[SPOT_SIDE + i] = side
+def keep_spots(scratch):  # type: ignore[no-untyped-def]
+    """Put down what the tile's rays have hit: surfaces shade both sides.
+
+    No branches: rays as vectors, those that have hit nothing too, of which only that counts.
+    """
+    spots, wide = scratch.spots, scratch.world
+    for i in range(TILE):
+        spots[SPOT_INSTANCE + i] = scratch.numbers[INSTANCE_OF + i]
+    for i in range(TILE):
+        d, normal = row(wide, DIRECTION + i), row(wide, NORMAL + i)
+        to_eye = scale(unit(d), -1.0)
+        # The side the eye is on: where the start rule puts shadow rays, and where the normal is turned.
+        side = 1.0 if dot(normal, to_eye) >= 0.0 else -1.0
+        put(spots, SPOT + i, add(row(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
+        put(spots, SPOT_NORMAL + i, scale(normal, side))
+        put(spots, SPOT_EYE + i, to_eye)
+        put(spots, SPOT_COLOR + i, row(wide, COLOR + i))
+        spots[SPOT_SIDE + i] = side
 
 
 @inline

@@ -36,9 +36,9 @@ from ..scratch import (
     row,
 )
 from ..simd import count_bits, load16, lowest, select, spread16, store
-from ..vec import add, dot, scale, transform_transposed
+from ..vec import add, dot, either, scale, transform_transposed
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
-from .space import either, into_model, matrix_at, model_bounds
+from .space import into_model, matrix_at, model_bounds
 from .surface import ONE, ZERO
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
 from .traverse import closest, make_ray

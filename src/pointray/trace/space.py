@@ -62,9 +62,3 @@ def into_model(matrix, bounds, ray):  # type: ignore[no-untyped-def]
     span = _clip(span, (bounds[0][2], bounds[1][2]), o[2], d[2])
     end = span[1] if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has squeezed the direction away
     return add(o, scale(d, span[0])), d, span[0], end, speed
-
-
-@inline
-def either(first, a, b):  # type: ignore[no-untyped-def]
-    """a or b, component by component: no branch."""
-    return a[0] if first else b[0], a[1] if first else b[1], a[2] if first else b[2]

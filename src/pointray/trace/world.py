@@ -23,10 +23,9 @@ from ..scratch import (
     put,
     row,
 )
-from ..vec import dot, length, triple
+from ..vec import dot, either, length, triple
 from .instance import through_instance
 from .plane import ON_PLANE, tile_on_plane
-from .space import either
 from .surface import ZERO
 from .top import begin_walk, open_node, shorten, still_open
 
