@@ -1,5 +1,7 @@
 """Levels of detail: what they are made of, which one is shown, and that pictures from afar are calmer with them."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -265,3 +267,25 @@ def test_scene_files_and_levels_of_saved_models(scan, tmp_path):
         for name, more in (("on", []), ("off", ["--no-levels"])):
             assert execute(["render", str(file), "-o", str(tmp_path / f"{name}.png"), *SMALL, *more]) == 0
         assert (tmp_path / "on.png").read_bytes() != (tmp_path / "off.png").read_bytes()
+
+
+def test_levels_look_the_way_their_points_do():
+    """Sides of a thin body look to opposite sides, however coarse; nothing is said of them."""
+    across = np.linspace(-1, 1, 160)
+    x, y = (a.ravel() for a in np.meshgrid(across, across))
+    body = np.concatenate([np.column_stack([x, y, np.full(len(x), z)]) for z in (-0.04, 0.04)])
+    normals = np.repeat([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], len(x), axis=0)
+    model = pr.Model(pr.Points(body, normals))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.make_levels()
+    assert len(model.levels) >= 2
+    inner = np.random.default_rng(2).uniform(-0.7, 0.7, (500, 2))
+    for level in model.levels:
+        scene = pr.Scene()
+        scene.add(level)
+        for side in (-1.0, 1.0):
+            start = np.column_stack([inner, np.full(len(inner), 2.0 * side)])
+            hits = scene.intersect(start, np.tile([0.0, 0.0, -side], (len(inner), 1)))
+            assert np.isfinite(hits.t).all()
+            assert (hits.normal[:, 2] * side > 0.9).all()

@@ -15,7 +15,7 @@ from .data import FARTHEST, Points
 from .points import normals as point_normals
 from .records import NODE, SURFACES, WIDTH, Tree
 from .saved import Part, read_model, write_model
-from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
+from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, THIN, coarsen
 from .splats.radii import check_radii
 from .splats.support import CROWD, find_support
 from .tree.build import Splats, TreeSettings, build_tree
@@ -100,7 +100,8 @@ class Model:
             )
         cloud = self.points.select(used) if lost else self.points
         say("normals", 0.0)
-        normals = _unit_normals(cloud)
+        # Means are right as they are: neighbours of a thin body may look to opposite sides.
+        normals = _unit_normals(cloud) if within is None else np.asarray(cloud.normals)
         say("radii", 0.0)
         automatic = self.settings.overhang < np.inf
         support = find_support(
@@ -109,9 +110,11 @@ class Model:
             None if given is None else given[used],
             scale,
             borders=automatic,
-            sheets=automatic and self.surface != "paper",
+            sheets=automatic and (self.surface != "paper" or within is not None),
             within=within,
         )
+        if within is not None and support.sheets is not None and support.sheets.mean() < THIN:
+            support = support._replace(sheets=None)
         if support.tight:
             self.settings = self.settings._replace(trim=LOOSE_TRIM)
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)

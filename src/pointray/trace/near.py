@@ -110,6 +110,16 @@ def list_blocks(tree, leaf, capsule, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
+def lists_sheets(tree, scratch):  # type: ignore[no-untyped-def]
+    """Whether any of the listed splats is of a sheet with another one close by."""
+    for k in range(scratch.counts[COUNT_SPLATS]):
+        at = 3 * slot_of(scratch, np.int64(scratch.listed[k]))
+        if (tree.facing[at] | tree.facing[at + 1] | tree.facing[at + 2]) != 0:
+            return True
+    return False
+
+
+@inline
 def keep_sheet(tree, scratch, frame, way, rays):  # type: ignore[no-untyped-def]
     """Drop the listed splats of sheets that the first of some rays (4 bits) does not see; returns who sees the same.
 

@@ -46,7 +46,7 @@ from ..scratch import (
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, select, spread16, store_packed
 from .disc import search_discs
 from .leaf import Reach, lattice, search, search_one
-from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, segment
+from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
 from .patch import axes_of, narrow, narrow_one
 from .root import Frame
 from .surface import HALF, INF, ONE, ZERO
@@ -101,6 +101,8 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
     gather(tree, scratch)
     while True:
         list_splats(scratch, capsule)
+        if way > ZERO and not lists_sheets(tree, scratch):
+            way = ZERO  # the leaf's sheets are not where this ray is
         if way != ZERO:
             keep_sheet(tree, scratch, frame, way, 1)
         if scratch.counts[COUNT_SPLATS] > 0:
@@ -251,7 +253,9 @@ def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-de
         way, waiting = (ONE if sheeted else ZERO), rays
         while waiting != 0:
             list_splats_of(scratch, at, at + count_bits(four))
-            now = keep_sheet(tree, scratch, frame, way, waiting) if sheeted else waiting
+            if way > ZERO and not lists_sheets(tree, scratch):
+                way = ZERO
+            now = keep_sheet(tree, scratch, frame, way, waiting) if way != ZERO else waiting
             waiting &= ~now
             found = search(tree, leaf, frame, reach, now, (way, none), scratch)
             if bits((found.t < INF) | (found.lift > ZERO)) != 0:
