@@ -152,6 +152,19 @@ def test_borders_end_in_small_radii_that_know_the_way_out():
     assert (borders[found, 0] < -0.7).mean() > 0.9
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_mirrored_cloud_has_the_same_radii(axis):
+    """Random points with open borders. Before, of the sides at a cell's corner one was asked, by its handedness."""
+    x = square(20_000)
+    radii, borders = survey(x, UP)
+    mirror = np.ones(3, np.float32)
+    mirror[axis] = -1
+    mirrored, ends = survey(x * mirror, UP)
+    np.testing.assert_allclose(mirrored, radii, rtol=1e-4)
+    np.testing.assert_allclose(ends * mirror, borders, atol=1e-3)
+    assert borders.any(axis=1).sum() > 100
+
+
 def test_a_clump_counts_once():
     clump = SPHERE[:1] + np.random.default_rng(0).normal(size=(500, 3)).astype(np.float32) * 1e-6
     radii, _ = survey(np.vstack([SPHERE, clump]))

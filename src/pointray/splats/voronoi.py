@@ -111,6 +111,12 @@ def _mirror(corners, k, after):  # type: ignore[no-untyped-def]
 
 
 @inline
+def _lies_ahead(b, ahead):  # type: ignore[no-untyped-def]
+    """Whether a place lies in the direction of a gap."""
+    return b[0] * ahead[0] + b[1] * ahead[1] > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1])
+
+
+@inline
 def _reach(corners, count, own, usual, void, ahead):  # type: ignore[no-untyped-def]
     """Distance to the farthest vertex that counts, and whether the surface goes on ahead of a gap.
 
@@ -133,8 +139,8 @@ def _reach(corners, count, own, usual, void, ahead):  # type: ignore[no-untyped-
                 at = max(at, np.float64(usual[one]), np.float64(usual[other]))
             if distance <= void * at:
                 beyond = max(beyond, distance)
-                lead = b[0] * ahead[0] + b[1] * ahead[1]
-                facing = facing or (outward and lead > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1]))
+                a, _ = _mirror(corners, last, k)
+                facing = facing or (outward and (_lies_ahead(a, ahead) or _lies_ahead(b, ahead)))
             if distance <= BORDER * at or not outward:
                 within = max(within, min(distance, void * at))
             else:
