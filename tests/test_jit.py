@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 import pointray
 from pointray import jit
 from pointray.jit import Cancel, kernel, run, take
+from pointray.jit.disk import NO_KERNELS
 
 PACKAGE = Path(pointray.__file__).parent
 
@@ -267,3 +269,31 @@ def test_no_file_imports_what_stands_below_it():
         inner = [m.split(".")[1] for m in imports(path) if m.startswith("pointray.")]
         wrong += [(path.name, m) for m in inner if m in ROOMS and ROOMS.index(m) > ROOMS.index(room)]
     assert not wrong
+
+
+def test_no_compiled_code_depends_on_a_file_that_the_cache_leaves_out():
+    """Kernels, and all that their files import, are in the hash that names the cache folder."""
+    files = {p.relative_to(PACKAGE).as_posix(): p for p in PACKAGE.rglob("*.py")}
+    marks = re.compile(r"^@(kernel|inline|routine|intrinsic|njit|lower_builtin|register_model)", re.MULTILINE)
+    waiting = [name for name, path in files.items() if marks.search(path.read_text())]
+    needed = set(waiting)
+    while waiting:
+        for module in modules(files[waiting.pop()]):
+            name = module.removeprefix("pointray.").replace(".", "/")
+            for file in {f"{name}.py", f"{name}/__init__.py"} & files.keys() - needed:
+                needed.add(file)
+                waiting.append(file)
+    assert len(needed) > 70
+    assert not sorted(name for name in needed if name.startswith(NO_KERNELS))
+    assert all(any(name.startswith(left_out) for name in files) for left_out in NO_KERNELS)
+
+
+def modules(path: Path) -> list[str]:
+    """As `imports`, with each name that is imported from a module: it may be a module itself."""
+    named = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+            base = ".".join(parts[: len(parts) - node.level]) + (f".{node.module}" if node.module else "")
+            named += [f"{base}.{alias.name}" for alias in node.names]
+    return named + imports(path)

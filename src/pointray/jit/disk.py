@@ -22,10 +22,16 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 # Check every array access and every SIMD load (slow): the suite runs once with it. Part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
-# An edit there compiles nothing anew.
+# Files and folders that no compiled code depends on: an edit there compiles nothing anew.
 NO_KERNELS = (
-    *("extras.py", "image", "transforms.py", "layers.py", "film.py", "scenefile"),
-    *("viewer", "cli", "report.py", "demonstration.py", "benchmark"),
+    *("assembly.py", "camera.py", "clips.py", "demonstration.py", "extras.py", "film.py", "instances.py", "layers.py"),
+    *("model.py", "paints.py", "picture.py", "rays.py", "report.py", "saved.py", "scene.py", "transforms.py", "window.py"),
+    *("benchmark/", "cli/", "scenefile/", "viewer/"),
+    *("image/denoise.py", "image/exr.py", "image/frames.py", "image/legend.py", "image/mp4.py", "image/write.py"),
+    *("points/cleaning.py", "points/files.py", "points/normals.py", "points/ply.py", "shade/materials.py"),
+    *("shade/attributes.py", "shade/colormaps.py", "shade/environment.py", "shade/lights.py", "shade/pictures.py"),
+    *("splats/levels.py", "splats/subsample.py", "splats/subset.py", "splats/support.py"),
+    *("tree/build.py", "tree/check.py", "tree/indices.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
 
@@ -52,9 +58,10 @@ def source_key() -> str:
     digest = hashlib.sha256()
     root = Path(__file__).parent.parent
     for path in sorted(root.rglob("*.py")):
-        if path.relative_to(root).parts[0] in NO_KERNELS:
+        name = path.relative_to(root).as_posix()
+        if name.startswith(NO_KERNELS):
             continue
-        digest.update(str(path.relative_to(root)).encode())
+        digest.update(name.encode())
         digest.update(path.read_bytes())
     facts = (numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2], CHECK)
     digest.update(repr((facts, cpu_name(), cpu_features())).encode())
