@@ -1,5 +1,8 @@
 import json
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -283,3 +286,20 @@ def test_what_cannot_be_a_model_is_told_with_its_file(tmp_path, capsys):
     assert execute(["prepare", str(tmp_path / "one.ply"), "-o", str(tmp_path / "one.pointray")]) == 2
     assert "one.ply: " in capsys.readouterr().err
     assert not (tmp_path / "one.pointray").exists()
+
+
+def test_no_extreme_number_in_a_file_leads_a_ray_astray(tmp_path):
+    """In a process of its own: a ray that reads foreign memory may end it."""
+    command = [sys.executable, str(Path(__file__).with_name("extremes.py")), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, f"exit status {done.returncode}: {done.stderr[-2000:]}"
+    refused, loaded = map(int, done.stdout.split())
+    assert refused > 1500 and loaded > 300
+
+
+def test_a_span_whose_end_wraps_around_is_an_error(tmp_path, saved):
+    model = pr.Model.load(saved[1])
+    model.tree.spans[:2] = 2**31 - 1, 1
+    model.save(tmp_path / "m")
+    with pytest.raises(ValueError, match="span"):
+        pr.Model.load(tmp_path / "m")

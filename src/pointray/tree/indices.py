@@ -1,4 +1,7 @@
-"""Whether every index of a tree leads to where something is: asked of a tree from a file before the first ray."""
+"""Whether every index of a tree leads to where something is: asked of a tree from a file before the first ray.
+
+All arithmetic is in int64: in int32, which arrays hold, the sum of two of a file's numbers can wrap around.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ def check_lengths(tree: Tree) -> list[str]:
         wrong.append("facing is of the wrong length")
     if tree.refs.size and not 0 <= tree.refs.min() <= tree.refs.max() < blocks:
         wrong.append("a reference is no block")
-    first, count = tree.spans.reshape(-1, 2).T
+    first, count = tree.spans.reshape(-1, 2).T.astype(np.int64)
     if ((count < 0) | (first < 0) | (first + count > groups)).any():
         wrong.append("a leaf's span lies outside of the groups")
     return wrong
@@ -87,7 +90,7 @@ def check_indices(tree: Tree, points: int) -> list[str]:
 
 def _check_children(tree: Tree) -> list[str]:
     """Each child is a node further on, a leaf, or none with an empty box; nodes hang together, not too deep."""
-    children = tree.children.reshape(-1, WIDTH)
+    children = tree.children.reshape(-1, WIDTH).astype(np.int64)
     number = np.arange(len(children))[:, None]
     none, inner = children == NO_CHILD, children >= 0
     leaf = ~none & (children < 0) & (~children < tree.leaves.size // LEAF)
