@@ -68,7 +68,7 @@ class Ours:
     def __init__(self, model: pr.Model) -> None:
         self.scene = pr.Scene()
         self.scene.add(model)
-        self.world: World = self.scene._world()[0]
+        self.world: World = self.scene.snapshot().world
 
     def closest(self, origins: np.ndarray, directions: np.ndarray, threads: int) -> np.ndarray:
         """t of each ray."""

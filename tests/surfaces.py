@@ -61,7 +61,7 @@ class Surface:
         scene = pr.Scene()
         scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))  # so that the material is not the first of the world
         self.instance = scene.add(pr.Plane((0, 0, 0), (0, 0, 1)), material=material)
-        self.world = scene._world()[0]
+        self.world = scene.snapshot().world
         self.color = np.array(color, float)
 
     def scatter(self, eye, to_light):

@@ -285,14 +285,14 @@ def test_memory_only_where_it_is_used(model):
     scene = pr.Scene()
     scene.add(model)
     number = scene.add(model, material=pr.Diffuse(pr.Attribute("z")))
-    assert scene._world()[0].levels.size == 0
+    assert scene.snapshot().world.levels.size == 0
     scene.update(number, material=pr.Diffuse(pr.Attribute("height")))
-    levels = scene._world()[0].levels
+    levels = scene.snapshot().world.levels
     assert levels.size == len(model.tree.order) < 1.1 * 6000
     scene.update(number, transform=2 * np.eye(4) - np.diag([0, 0, 0, 1]))
-    assert scene._world()[0].levels is levels  # not made again because something moved
+    assert scene.snapshot().world.levels is levels  # not made again because something moved
     scene.remove(number)
-    assert scene._world()[0].levels.size == 0
+    assert scene.snapshot().world.levels.size == 0
 
 
 MATERIALS = {

@@ -199,14 +199,14 @@ def test_occlusion_by_the_sky(sphere):
 def test_a_picture_under_way_keeps_its_planes(scene):
     scene = scene.copy()
     scene.clips = CLIPS["one"]
-    world, before = scene._world()[0], scene.clips
+    world, before = scene.snapshot().world, scene.clips
     kept = world.clips.copy()
     scene.clips = CLIPS["a corner"]
-    after = scene._world()[0]
+    after = scene.snapshot().world
     assert np.array_equal(world.clips, kept) and len(before) == 1 and len(scene.clips) == 3
     assert after.clips.size == 12 and after.instances is world.instances  # nothing else is made anew
     scene.update(0, np.eye(4))
-    assert np.array_equal(scene._world()[0].clips, after.clips)
+    assert np.array_equal(scene.snapshot().world.clips, after.clips)
 
 
 # ------------------------------------------------------------------------------------------------------ what is told

@@ -55,7 +55,7 @@ def test_a_copy_and_its_original_change_by_themselves(scene, change, built):
     scene.add_light(pr.SunLight((1, 1, -1)))
     camera = pr.Camera.frame(scene.bounds, size=(40, 30))
     if built:
-        scene._world()
+        scene.snapshot()
     twin = scene.copy()
     before = state(scene, camera)
     assert equal(state(twin, camera), before)
@@ -164,5 +164,5 @@ def test_every_change_is_counted(sphere):
     assert changed()
     scene.remove(number)
     assert changed()
-    scene._world()
+    scene.snapshot()
     assert scene._version == versions[-1] == scene.copy()._version

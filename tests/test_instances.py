@@ -127,12 +127,12 @@ def test_moving_one_of_many(models):
 def test_a_picture_under_way_keeps_its_scene(models):
     """What is changed while kernels read it changes in a copy."""
     scene = scene_of(models, [np.eye(4)] * 5)
-    world = scene._world()[0]
+    world = scene.snapshot().world
     before = world.instances.copy()
     scene.update(2, random_transform(3))
     scene.remove(0)
     scene.add(models[0], random_transform(3))
-    scene._world()
+    scene.snapshot()
     assert np.array_equal(world.instances, before)
 
 
@@ -182,7 +182,7 @@ def test_memory_of_an_instance(models):
     for k in range(count):
         transform[:3, 3] = k % 40 * 3, k // 40 * 3, 0
         scene.add(models[0], transform)
-    world, instances = scene._world()[0], scene._instances
+    world, instances = scene.snapshot().world, scene._instances
     held = [world.instances, world.top_boxes, world.top_children, instances._boxes, instances._numbers]
     pointers = 2 * 8 * count
     assert (sum(array.nbytes for array in held) + pointers) / count <= 300

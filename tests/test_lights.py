@@ -74,7 +74,7 @@ def _sample_sky(world, out):
 def world_of(light) -> World:
     scene = pr.Scene()
     scene.add_light(light)
-    return scene._world()[0]
+    return scene.snapshot().world
 
 
 def samples(light, x, count=COUNT):

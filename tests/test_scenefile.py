@@ -292,7 +292,7 @@ def test_levels_of_detail(folder: Path, saved: bool) -> None:
     for levels in (True, False):
         text = f'[models.a]\n{table}levels = {str(levels).lower()}\n[[instances]]\nmodel = "a"\n'
         (folder / "scene.toml").write_text(text)
-        (model,) = pr.load_scene(folder / "scene.toml").scene._world()[1]
+        (model,) = pr.load_scene(folder / "scene.toml").scene.snapshot().models
         assert (len(model.levels) > 0) == levels
 
 

@@ -45,7 +45,7 @@ def test_pictures_are_the_same(model, integrator, background, monkeypatch):
 def test_it_lies_close_around_what_is_seen(model, projection):
     """Each tile's edge at most from it, so that much is spared."""
     scene, camera = scene_of(model), pr.Camera.look_at(**CAMERA, projection=projection, fov=35)
-    left, top, right, bottom = window_of(camera, scene._world()[0].top)
+    left, top, right, bottom = window_of(camera, scene.snapshot().world.top)
     rows, columns = np.nonzero(np.isfinite(scene.intersect(*camera.rays()).t))
     assert left < columns.min() and columns.max() + 1 < right and top < rows.min() and rows.max() + 1 < bottom
     assert columns.min() - left < 30 and right - columns.max() < 30
@@ -53,7 +53,7 @@ def test_it_lies_close_around_what_is_seen(model, projection):
 
 
 def test_nothing_is_spared_where_something_may_be_seen(model):
-    top = scene_of(model)._world()[0].top
+    top = scene_of(model).snapshot().world.top
     assert window_of(pr.Camera.look_at(**CAMERA, projection="panorama"), top) == EVERYWHERE
     assert window_of(pr.Camera.look_at(**CAMERA, aperture=0.3), top) == EVERYWHERE
     assert window_of(pr.Camera.look_at((0.2, 0.1, 0.1), (1, 0, 0)), top) == EVERYWHERE

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FARTHEST = 1e12  # a coordinate beyond it is a 'no return' marker of some scanner: its square is of no use in float32
+MOST = 2**31 - 1  # rows: their numbers are int32 in trees
 SAMPLE = 20_000  # rows that stand for all when the spacing is estimated
 
 
@@ -67,6 +68,7 @@ class Points:
             raise ValueError(f"positions must have the shape (n, 3), not {world.shape}")
         if len(world) == 0:
             raise ValueError("positions holds no points: its shape is (0, 3)")
+        check_count(len(world))
         about = _choose_origin(world) if origin is None else _check_origin(origin)
         self._fill(_localise(world, about), about, normals, colors, attributes)
 
@@ -80,6 +82,7 @@ class Points:
         attributes: Mapping[str, ArrayLike] | None = None,
     ) -> Points:
         """Points whose (n, 3) float32 positions already lie about `origin`."""
+        check_count(len(positions))
         points = cls.__new__(cls)
         points._fill(_localise(positions, np.zeros(3)), _check_origin(origin), normals, colors, attributes)
         return points
@@ -141,12 +144,22 @@ class Points:
     def __len__(self) -> int:
         return len(self.positions)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For pickles and copies: the arrays, which are checked again."""
+        return Points.about, (self.origin, self.positions, self.normals, self.colors, self.attributes)
+
     def __repr__(self) -> str:
         low, high = self.bounds
         size = " x ".join(f"{extent:.4g}" for extent in high - low)
         held = [name for name in ("normals", "colors") if getattr(self, name) is not None] + list(self.attributes)
         about = f", about ({', '.join(f'{x:.10g}' for x in self.origin)})" if self.origin.any() else ""
         return f"<Points: {len(self):,}, size {size}{about}, with {', '.join(held) or 'positions only'}>"
+
+
+def check_count(n: int) -> None:
+    """ValueError for more points than their numbers, int32 in trees, can tell apart."""
+    if n > MOST:
+        raise ValueError(f"{n:,} points are too many: at most {MOST:,} can be held at once")
 
 
 def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:

@@ -164,16 +164,27 @@ class Instances:
         self._boxes[row, :3], self._boxes[row, 3:] = world.min(axis=0), world.max(axis=0)
 
     def detach(self) -> None:
-        """Leave the records to those who hold them: what changes from now on, changes in a copy."""
-        self._records = self._records.copy()
+        """Leave the arrays to those who hold them: what changes from now on, changes in a copy."""
+        self._records, self._boxes, self._numbers = self._records.copy(), self._boxes.copy(), self._numbers.copy()
 
     def copy(self) -> Instances:
         """The same rows, which change by themselves from now on; shapes and materials are shared."""
-        twin = copy.copy(self)
-        twin._records, twin._boxes, twin._numbers = self._records.copy(), self._boxes.copy(), self._numbers.copy()
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        twin.detach()
         twin.shapes, twin.materials = self.shapes.copy(), self.materials.copy()
         twin.paints, twin._looks = copy.copy(self.paints), self._looks.copy()
         return twin
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is kept for speed only."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("paints", "_looks")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.paints, self._looks = Paints(), WeakValueDictionary()
+        for row, material in enumerate(self.materials):
+            self.paint(row, material)
 
     def exchange(self, models: Mapping[Model, Model]) -> None:
         """Put other models, of the same points, in the place of some."""

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .assembly import Snapshot
 from .camera import Camera
-from .picture import render
-from .rays import Hits
-from .records import BASE_COLOR, FORWARD, MATERIAL, MATERIAL_SIZE, OWN_COLOR
-from .scene import Scene
+from .picture import render_snapshot
+from .rays import Hits, check_rays
+from .records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
+from .scene import Scene, intersect_snapshot
 from .settings import Settings
 
 
@@ -55,9 +56,10 @@ def render_layers(
     """
     settings = settings or Settings()
     share = settings.spp / (settings.spp + 1)  # the layers take one ray a pixel
-    radiance = render(scene, camera, settings, progress and (lambda done: progress(share * done)))
+    now = scene.snapshot()
+    radiance = render_snapshot(now, camera, settings, progress and (lambda done: progress(share * done)))
     origins, directions = camera.rays()
-    hits = scene.intersect(origins, directions)
+    hits = intersect_snapshot(now, *check_rays(origins, directions, 0, np.inf))
     depth = np.full(hits.t.shape, np.inf, np.float32)
     view = directions @ camera.record()[FORWARD : FORWARD + 3] if camera.projection != "panorama" else 1.0
     np.multiply(hits.t, view, out=depth, where=hits.instance >= 0)
@@ -66,17 +68,17 @@ def render_layers(
         "depth": depth,
         "normal": hits.normal,
         "position": hits.position,
-        "albedo": _albedo(scene, hits),
+        "albedo": _albedo(now, hits),
         "instance": hits.instance,
         "point": hits.point,
     }
 
 
-def _albedo(scene: Scene, hits: Hits) -> NDArray[np.float32]:
+def _albedo(scene: Snapshot, hits: Hits) -> NDArray[np.float32]:
     """Colours of hits, where a material has one of its own that."""
-    world, instances = scene._world()[0], scene._instances
-    looks = world.materials.reshape(-1, MATERIAL_SIZE)[instances.records[:, MATERIAL].astype(int)]
-    row = np.searchsorted(instances.numbers, hits.instance)
+    records = scene.world.instances.reshape(-1, INSTANCE)
+    looks = scene.world.materials.reshape(-1, MATERIAL_SIZE)[records[:, MATERIAL].astype(int)]
+    row = np.searchsorted(scene.numbers[:-1], hits.instance)
     own = (hits.instance >= 0) & (looks[np.minimum(row, len(looks) - 1), OWN_COLOR] == 0)
     albedo = hits.color.copy()
     albedo[own] = looks[row[own], BASE_COLOR : BASE_COLOR + 3]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .assembly import Snapshot
 from .camera import Camera
 from .model import COARSER, Model
 from .records import (
@@ -21,7 +22,6 @@ from .records import (
     World,
     model_table,
 )
-from .scene import Scene
 from .splats.levels import SUPPORT
 
 # Pixels: the largest support, in the median. 24 statues of a million points, 100 pixels high: frames change by 0.81,
@@ -31,7 +31,7 @@ FINENESS = 1.9
 FINEST = 0.25  # of that, however many samples a pixel has
 
 
-def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
+def at_distance(scene: Snapshot, camera: Camera, spp: int) -> World:
     """The scene's world with each instance in the level that fits; the world itself where no model has any.
 
     Instances coloured by classes of an attribute stay as fine as they are.
@@ -41,16 +41,16 @@ def at_distance(scene: Scene, camera: Camera, spp: int) -> World:
     spp : int
         Samples a pixel: so much finer may a level be.
     """
-    world, models = scene._world()
-    if not any(model.levels for model in models):
+    world = scene.world
+    families = [(model, *model.levels) for model in scene.models]
+    if all(len(family) == 1 for family in families):
         return world
-    families = [(model, *model.levels) for model in models]
     first = np.cumsum([0, *(len(family) for family in families)])
     levels = [level for family in families for level in family]
     instances = world.instances.reshape(-1, INSTANCE).copy()
     rows = np.flatnonzero(instances[:, KIND] == MODEL)
     shapes = instances[rows, SHAPE_ROW].astype(int)
-    pixel = _pixel_sizes(camera, scene._instances.boxes[rows]) * _scales(instances[rows])  # in the model's unit
+    pixel = _pixel_sizes(camera, scene.boxes[rows]) * _scales(instances[rows])  # in the model's unit
     finest = _finest(spp)
     for k, family in enumerate(families):
         spacing = [level.spacing for level in family[1:]]

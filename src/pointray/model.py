@@ -213,6 +213,10 @@ class Model:
         model._build(None, 1.0, within, lambda stage, share: None)
         return model
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickles and copies take; a copy of it, as another thread may ask for `reach` the first time."""
+        return self.__dict__.copy()
+
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Least and greatest world coordinates of the points, (2, 3) float64."""

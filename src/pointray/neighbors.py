@@ -8,13 +8,14 @@ What counts more is the order: along a Morton curve both are four times as fast 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from .jit import thread_count
+from .jit import in_thread, thread_count
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -56,11 +57,12 @@ class NeighborTree:
         path = (self._positions if queries is None else queries)[asked]
         k = min(k, len(self._positions))
         distances, indices = np.empty((len(path), k), np.float32), np.empty((len(path), k), np.int32)
-        workers = thread_count()
+        workers, ranks = thread_count(), np.arange(1, k + 1)
         for start in range(0, len(path), _CHUNK):
             part = slice(start, start + _CHUNK)
             rows = asked[part]
-            distances[rows], near = self._tree.query(path[part], k=np.arange(1, k + 1), workers=workers)
+            # SciPy's threads go on after an interrupt, in arrays that are gone: a crash after 1 to 4 of them.
+            distances[rows], near = in_thread(partial(self._tree.query, path[part], ranks, workers=workers))
             indices[rows] = self._order[near]
         return distances, indices
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .assembly import Snapshot
 from .camera import Camera
 from .frames import BLOCK, quick_frame, sampled_frame
 from .image.denoise import check_denoise, denoise
@@ -66,6 +67,13 @@ def render(
     white sky of radiance 1.
     """
     settings = settings or Settings()
+    return render_snapshot(scene.snapshot(), camera, settings, progress)
+
+
+def render_snapshot(
+    scene: Snapshot, camera: Camera, settings: Settings, progress: Progress | None
+) -> NDArray[np.float32]:
+    """See `render`."""
     if settings.denoised:
         check_denoise()
     picture = Picture(scene, camera, settings)
@@ -78,7 +86,7 @@ def render(
     return denoise(picture.image, albedo[..., :3], 2.0 * normal[..., :3] - normal[..., 3:])
 
 
-def _surfaces(scene: Scene, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:
+def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:
     """Colours or normals of what is seen, without a background: at the picture's own samples, at most 16 of them."""
     few = replace(settings, integrator=integrator, spp=min(settings.most, SURFACE_SAMPLES), time_limit=None, noise=None)
     picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0))
@@ -92,6 +100,8 @@ class Picture:
 
     Parameters
     ----------
+    scene : Snapshot
+        Of `Scene.snapshot`; what happens to the scene later changes nothing here.
     in_passes : bool
         Keep the sums of the samples, so that they can be added bit by bit though the settings have no limit.
 
@@ -103,7 +113,7 @@ class Picture:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: Snapshot,
         camera: Camera,
         settings: Settings,
         background: tuple[float, ...] | None = None,
@@ -160,10 +170,10 @@ class Picture:
 
 
 def _plan(
-    scene: Scene, camera: Camera, settings: Settings
+    scene: Snapshot, camera: Camera, settings: Settings
 ) -> tuple[World, Any, tuple[tuple[Any, ...], tuple[float, ...]]]:
     """The world, the kernel, and what it is told: first its own, then the background."""
-    world = at_distance(scene, camera, settings.most) if settings.levels else scene._world()[0]
+    world = at_distance(scene, camera, settings.most) if settings.levels else scene.world
     color = scene.background
     background = (0.0, 0.0, 0.0, 0.0) if color is None else (*map(float, color), 1.0)
     integrator = INTEGRATORS.index(settings.integrator)

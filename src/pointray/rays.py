@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Floats = NDArray[np.float64]
+Rays = tuple[Floats, Floats, Floats]  # origins and directions, (n, 3), and t_min, t_max, (n, 2)
+
 
 @dataclass(frozen=True)
 class Hits:
@@ -43,7 +46,7 @@ class Hits:
 
 def check_rays(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
-) -> tuple[tuple[int, ...], tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+) -> tuple[tuple[int, ...], Rays]:
     """The leading shape, and rays as (n, 3), (n, 3), (n, 2) float64, C-contiguous and writable."""
     arrays = [_real(a, name) for a, name in ((origins, "origins"), (directions, "directions"))]
     limits = [_real(a, name) for a, name in ((t_min, "t_min"), (t_max, "t_max"))]

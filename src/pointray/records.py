@@ -106,10 +106,18 @@ _F32, _I32, _I8 = np.float32(0), np.int32(0), np.int8(0)
 ROW = 2 * len(Tree._fields)  # a model in the table: the address and the length of each array
 
 
+class _Addresses(bytearray):
+    """The memory of a table of addresses, with what they point to: as long as the one is there, so is the other."""
+
+    trees: list[Tree]
+
+
 def model_table(trees: list[Tree]) -> Array:
-    """(models * ROW,) int64: where each model's arrays lie. Holds no reference: the caller keeps the trees alive."""
+    """(models * ROW,) int64: where each model's arrays lie. The table keeps the trees alive; a copy of it does not."""
     rows = [[value for array in tree for value in (array.ctypes.data, array.size)] for tree in trees]
-    return np.array(rows, np.int64).reshape(-1)
+    memory = _Addresses(np.array(rows, np.int64).tobytes())
+    memory.trees = list(trees)
+    return np.frombuffer(memory, np.int64) if rows else np.zeros(0, np.int64)
 
 
 @inline
@@ -281,6 +289,10 @@ class World(NamedTuple):
     longest: int
     catchers: int
     clips: Array
+
+    def __reduce__(self) -> str:
+        """A copy or a pickle would hold addresses without what lies there."""
+        raise TypeError("what kernels read of a scene cannot be copied: copy or pickle the scene itself")
 
 
 @inline

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import copy
+import threading
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .assembly import build_world
+from .assembly import Snapshot, bounds_of, take_snapshot
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
 from .model import Model
-from .rays import Hits, check_rays
-from .records import KIND, MODEL, SHAPE_ROW, World
+from .rays import Hits, Rays, check_rays
+from .records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, check_lights
 from .shade.lights import Light, rgb
@@ -24,6 +24,9 @@ from .trace.cast import blend_attribute, closest_hits, occlusions
 
 class Scene:
     """Models and planes under lights.
+
+    Threads may use a scene at once: each call sees it as it was when the call began. Copies (`copy`, `copy.copy`)
+    share the models; `copy.deepcopy` and `pickle` take these along.
 
     Examples
     --------
@@ -40,7 +43,8 @@ class Scene:
         self._clips = check_clips(())
         self._version = 0  # rises with every change
         self.shows_sky = False
-        self._built: tuple[World, list[Model]] | None = None
+        self._built: Snapshot | None = None
+        self._lock = threading.RLock()  # around every change, and around what looks at more than one thing
 
     def add(self, shape: Model | Plane, transform: ArrayLike | None = None, material: Material | None = None) -> int:
         """Put a model or a plane into the scene.
@@ -61,31 +65,34 @@ class Scene:
         if not isinstance(shape, Model | Plane):
             raise ValueError(f"a scene holds Model and Plane, not {type(shape).__name__}")
         matrix, looks = check_transform(transform), check_material(material, shape)
-        self._change()
-        number = self._instances.add(shape, matrix, looks)
-        return number
+        with self._lock:
+            self._change()
+            return self._instances.add(shape, matrix, looks)
 
     def update(self, id: int, transform: ArrayLike | None = None, material: Material | None = None) -> None:
         """Move an instance, or give it another material; None leaves either as it is."""
-        row = self._instances.row_of(id)
         matrix = None if transform is None else check_transform(transform)
-        looks = None if material is None else check_material(material, self._instances.shapes[row])
-        self._change()
-        if looks is not None:
-            self._instances.paint(row, looks)
-        if matrix is not None:
-            self._instances.place(row, matrix)
+        with self._lock:
+            row = self._instances.row_of(id)
+            looks = None if material is None else check_material(material, self._instances.shapes[row])
+            self._change()
+            if looks is not None:
+                self._instances.paint(row, looks)
+            if matrix is not None:
+                self._instances.place(row, matrix)
 
     def remove(self, id: int) -> None:
         """Take an instance out."""
-        row = self._instances.row_of(id)
-        self._change()
-        self._instances.remove(row)
+        with self._lock:
+            row = self._instances.row_of(id)
+            self._change()
+            self._instances.remove(row)
 
     def add_light(self, light: Light | EnvironmentLight) -> int:
         """Put a light into the scene, at most one `EnvironmentLight`; without any the camera has a headlight."""
-        self.lights = (*self._lights, light)
-        return len(self._lights) - 1
+        with self._lock:
+            self.lights = (*self._lights, light)
+            return len(self._lights) - 1
 
     @property
     def lights(self) -> tuple[Light | EnvironmentLight, ...]:
@@ -98,8 +105,9 @@ class Scene:
             raise ValueError(f"lights must be a sequence of lights, not {type(lights).__name__}")
         checked = tuple(lights)
         check_lights(checked)
-        self._change()
-        self._lights = checked
+        with self._lock:
+            self._change()
+            self._lights = checked
 
     @property
     def background(self) -> NDArray[np.float64] | None:
@@ -109,9 +117,12 @@ class Scene:
     @background.setter
     def background(self, color: ArrayLike | None) -> None:
         shows_sky = isinstance(color, str) and color == "environment"
-        self._background = None if color is None or shows_sky else rgb(color, "background")
-        self.shows_sky = shows_sky
-        self._version += 1
+        background = None if color is None or shows_sky else rgb(color, "background")
+        with self._lock:
+            self._background, self.shows_sky = background, shows_sky
+            self._version += 1
+            if self._built is not None:
+                self._built = self._built._replace(background=background, shows_sky=shows_sky)
 
     @property
     def clips(self) -> NDArray[np.float64]:
@@ -144,21 +155,24 @@ class Scene:
 
     @clips.setter
     def clips(self, clips: ArrayLike | Sequence[tuple[ArrayLike, ArrayLike]]) -> None:
-        self._clips = check_clips(clips)
-        self._version += 1
-        if self._built is not None:  # all else stays as it is: a viewer moves planes while it draws
-            world, models = self._built
-            self._built = world._replace(clips=clip_records(self._clips)), models
+        checked = check_clips(clips)
+        with self._lock:
+            self._clips = checked
+            self._version += 1
+            if self._built is not None:  # all else stays as it is: a viewer moves planes while it draws
+                self._built = self._built._replace(world=self._built.world._replace(clips=clip_records(checked)))
 
     @property
     def shapes(self) -> dict[int, Model | Plane]:
         """What `add` has put into the scene, by the numbers that it returned."""
-        return dict(zip(self._instances.numbers.tolist(), self._instances.shapes, strict=True))
+        with self._lock:
+            return dict(zip(self._instances.numbers.tolist(), self._instances.shapes, strict=True))
 
     @property
     def models(self) -> list[Model]:
         """All models, each once, in the order in which they came."""
-        return list(dict.fromkeys(shape for shape in self._instances.shapes if isinstance(shape, Model)))
+        with self._lock:
+            return list(dict.fromkeys(shape for shape in self._instances.shapes if isinstance(shape, Model)))
 
     def exchange(self, models: Mapping[Model, Model]) -> Scene:
         """A copy with other models, of the same points, in the place of some."""
@@ -172,23 +186,34 @@ class Scene:
 
         What changes in one of the two does not change in the other.
         """
-        twin = copy.copy(self)
-        twin._instances = self._instances.copy()
+        twin = object.__new__(type(self))
+        with self._lock:
+            twin.__dict__.update(self.__dict__)
+            twin._instances = self._instances.copy()
+        twin._lock = threading.RLock()
         return twin
+
+    __copy__ = copy
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What `pickle` and `copy.deepcopy` take: without the tables of addresses, which are made anew."""
+        twin = self.copy()
+        return {name: value for name, value in twin.__dict__.items() if name not in ("_built", "_lock")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._built, self._lock = None, threading.RLock()
 
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Least and greatest world coordinates of all models, (2, 3) float64; ValueError if there is none."""
-        boxes = self._instances.boxes[self._instances.records[:, KIND] == MODEL]
-        if len(boxes) == 0:
-            raise ValueError("the scene holds no model")
-        return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+        with self._lock:
+            return bounds_of(self._instances.records, self._instances.boxes)
 
     @property
     def shown_attributes(self) -> list[Attribute]:
         """The attributes that instances are coloured by, each once, with the ranges that are shown: for a legend."""
-        self._world()
-        return list(self._instances.paints.shown)
+        return list(self.snapshot().shown)
 
     def intersect(
         self,
@@ -219,45 +244,14 @@ class Scene:
             If shapes do not broadcast, a dtype is no number, or no model has an attribute of that name.
         """
         shape, rays = check_rays(origins, directions, t_min, t_max)
-        world = self._world()[0]
-        found = closest_hits(world, shape, *rays)
-        row = found["instance"]
-        blended = {name: self._blend(name, found, shape) for name in attributes}
-        instance = np.append(self._instances.numbers, -1).astype(np.int32)[row]
-        return Hits(
-            found["t"].reshape(shape),
-            found["position"].reshape(*shape, 3),
-            found["normal"].reshape(*shape, 3),
-            found["color"].reshape(*shape, 3),
-            found["point"].reshape(shape),
-            instance.reshape(shape),
-            blended,
-        )
+        return intersect_snapshot(self.snapshot(), shape, rays, attributes)
 
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0, t_max: ArrayLike = np.inf
     ) -> NDArray[np.bool_]:
         """Whether each ray meets anything between t_min and t_max: (...) bool; parameters as for `intersect`."""
         shape, rays = check_rays(origins, directions, t_min, t_max)
-        return occlusions(self._world()[0], shape, *rays).reshape(shape)
-
-    def _blend(self, name: str, found: dict[str, Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
-        world, models = self._world()
-        known = {a for m in models for a in m.points.attributes}
-        if name not in known:
-            raise ValueError(f"no model has an attribute {name!r}; there are: {', '.join(sorted(known)) or 'none'}")
-        widths = {m.points.attributes[name].shape[1:] for m in models if name in m.points.attributes}
-        if len(widths) > 1:
-            raise ValueError(f"attribute {name!r} has not the same number of columns in all models")
-        out = np.full((len(found["t"]), *widths.pop()), np.nan, np.float32)
-        kinds = np.append(self._instances.records[:, SHAPE_ROW], -1)
-        kinds[:-1][self._instances.records[:, KIND] != MODEL] = -1
-        of_model = kinds[found["instance"]]
-        for k, model in enumerate(models):
-            rows = np.flatnonzero(of_model == k)
-            if len(rows) and name in model.points.attributes:
-                out[rows] = blend_attribute(world, found, rows, k, model.points.attributes[name])
-        return out.reshape(*shape, *out.shape[1:])
+        return occlusions(self.snapshot().world, shape, *rays).reshape(shape)
 
     def _change(self) -> None:
         """Called before anything changes: a picture that is being made goes on with what was there."""
@@ -266,8 +260,45 @@ class Scene:
             self._instances.detach()
         self._built = None
 
-    def _world(self) -> tuple[World, list[Model]]:
-        """What kernels read, and the models (kept alive)."""
-        if self._built is None:
-            self._built = build_world(self._instances, self._lights, self._clips)
-        return self._built
+    def snapshot(self) -> Snapshot:
+        """The scene as it is now; the same one until it changes."""
+        with self._lock:
+            if self._built is None:
+                self._built = take_snapshot(
+                    self._instances, self._lights, self._clips, self._background, self.shows_sky
+                )
+            return self._built
+
+
+def intersect_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, attributes: Sequence[str] = ()) -> Hits:
+    """The closest hits of checked rays, see `Scene.intersect`. shape : the leading one"""
+    found = closest_hits(scene.world, shape, *rays)
+    return Hits(
+        found["t"].reshape(shape),
+        found["position"].reshape(*shape, 3),
+        found["normal"].reshape(*shape, 3),
+        found["color"].reshape(*shape, 3),
+        found["point"].reshape(shape),
+        scene.numbers[found["instance"]].reshape(shape),
+        {name: _blend(scene, name, found, shape) for name in attributes},
+    )
+
+
+def _blend(scene: Snapshot, name: str, found: dict[str, Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """An attribute at hits, blended; NaN where there is none."""
+    models = scene.models
+    known = {a for m in models for a in m.points.attributes}
+    if name not in known:
+        raise ValueError(f"no model has an attribute {name!r}; there are: {', '.join(sorted(known)) or 'none'}")
+    widths = {m.points.attributes[name].shape[1:] for m in models if name in m.points.attributes}
+    if len(widths) > 1:
+        raise ValueError(f"attribute {name!r} has not the same number of columns in all models")
+    out = np.full((len(found["t"]), *widths.pop()), np.nan, np.float32)
+    records = scene.world.instances.reshape(-1, INSTANCE)
+    shapes = np.append(np.where(records[:, KIND] == MODEL, records[:, SHAPE_ROW], -1), -1)
+    of_model = shapes[found["instance"]]
+    for k, model in enumerate(models):
+        rows = np.flatnonzero(of_model == k)
+        if len(rows) and name in model.points.attributes:
+            out[rows] = blend_attribute(scene.world, found, rows, k, model.points.attributes[name])
+    return out.reshape(*shape, *out.shape[1:])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,27 +44,9 @@ class Progress:
 
 def in_background(work: Callable[[], T]) -> T:
     """Do it in a thread and wait: the compiler and SciPy do not listen to Ctrl-C, the main thread does."""
-    results: list[T] = []
-    errors: list[BaseException] = []
-    ended = threading.Event()  # an interrupted Thread.join takes the thread for dead (Python 3.11)
+    from ..jit import in_thread
 
-    def body() -> None:
-        try:
-            results.append(work())
-        except BaseException as error:
-            errors.append(error)
-        ended.set()
-
-    threading.Thread(target=body, daemon=True).start()
-    try:
-        while not ended.wait(0.1):
-            pass
-    except KeyboardInterrupt:
-        ended.wait(0.2)  # a picture that is just being written gets finished
-        raise
-    if errors:
-        raise errors[0]
-    return results[0]
+    return in_thread(work, patience=0.2)  # a picture that is just being written gets finished
 
 
 class WriteError(Exception):

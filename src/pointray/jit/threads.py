@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -64,6 +65,45 @@ def thread_count(threads: int | None = None) -> int:
     if threads < 1:
         raise ValueError(f"threads must be at least 1, not {threads}")
     return threads
+
+
+T = TypeVar("T")
+
+
+def in_thread(work: Callable[[], T], patience: float = math.inf) -> T:
+    """Do it in a thread of its own and wait for it; an interrupt is raised afterwards.
+
+    For what does not listen to Ctrl-C, as the compiler, and for libraries whose threads would go on after one in memory
+    that is gone.
+
+    Parameters
+    ----------
+    patience : float
+        Seconds that an interrupt waits for the work to end; then it is left behind.
+    """
+    results: list[T] = []
+    errors: list[BaseException] = []
+    ended = threading.Event()  # an interrupted Thread.join takes the thread for dead (Python 3.11)
+
+    def body() -> None:
+        try:
+            results.append(work())
+        except BaseException as error:
+            errors.append(error)
+        ended.set()
+
+    interrupt, end = None, math.inf
+    threading.Thread(target=body, daemon=True).start()
+    while not ended.is_set() and time.monotonic() < end:
+        try:
+            ended.wait(0.1)
+        except BaseException as error:
+            interrupt, end = error, min(end, time.monotonic() + patience)
+    if interrupt is not None:
+        raise interrupt
+    if errors:
+        raise errors[0]
+    return results[0]
 
 
 def run(

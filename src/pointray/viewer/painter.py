@@ -163,7 +163,7 @@ class Painter:
     def _show(self, wish: Wish, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
         """One sample a pixel."""
         begun = time.perf_counter()
-        picture = Picture(scene, camera, wish.looks.settings(1))
+        picture = Picture(scene.snapshot(), camera, wish.looks.settings(1))
         picture.add(0, 1, cancel=cancel)
         if cancel is None or not cancel.wanted:
             self._send(wish, picture.image, stage, (1, 1), time.perf_counter() - begun)
@@ -173,7 +173,7 @@ class Painter:
         most = wish.looks.samples
         if most == 1 or not wish.refine or self._cancel.wanted:
             return
-        picture = Picture(scene, wish.camera, wish.looks.settings(most), in_passes=True)
+        picture = Picture(scene.snapshot(), wish.camera, wish.looks.settings(most), in_passes=True)
         done, last, seconds = 0, 1, 0.0
         while done < most:
             count = min(next_pass(last, seconds) if done else 2, most - done)
