@@ -296,3 +296,51 @@ def test_the_sky_behind_is_the_same_in_every_integrator(integrator):
     wanted = np.where(up > 0, 0.8 + up * (np.array([0.2, 0.4, 0.9]) - 0.8), [0.3, 0.2, 0.1])
     assert (image[..., 3] == 1).all()
     assert np.abs(image[..., :3] - wanted)[free & (np.abs(up[..., 0]) > 0.02)].max() < 0.01
+
+
+class Counted(pr.PointLight):
+    """A light that counts how often it is asked for its record."""
+
+    asked = 0
+
+    def record(self):
+        Counted.asked += 1
+        return super().record()
+
+
+@pytest.mark.parametrize("count", [10, 1000])
+def test_a_light_more_is_no_more_work_after_many(count):
+    """Each light is checked when it comes, and read once when there is something to be seen."""
+    scene, Counted.asked = pr.Scene(), 0
+    for k in range(count):
+        assert scene.add_light(Counted((k, 0, 1), 1)) == k
+    assert Counted.asked == count
+    scene._world()
+    assert Counted.asked == 2 * count and len(scene.lights) == count
+
+
+def test_lights_are_not_copied_when_one_more_comes():
+    """The memory that thousands take grows with their number."""
+    scene, light, held = pr.Scene(), pr.PointLight((0, 0, 1), 1), []
+    for _ in range(5000):
+        scene.add_light(light)
+        held.append(scene._lights)
+    assert len({id(lights._items) for lights in held}) == 1
+    assert [len(lights) for lights in held] == list(range(1, 5001))
+
+
+def test_copies_grow_by_themselves():
+    a, b, c, d = (pr.PointLight((k, 0, 1), 1) for k in range(4))
+    scene = pr.Scene()
+    scene.add_light(a)
+    twin, before = scene.copy(), scene.lights
+    scene.add_light(b)
+    twin.add_light(c)
+    twin.add_light(d)
+    scene.add_light(d)
+    assert scene.lights == (a, b, d) and twin.lights == (a, c, d) and before == (a,)
+    with pytest.raises(ValueError, match="a light is one of"):
+        scene.add_light("sun")
+    with pytest.raises(ValueError, match="already"):
+        scene.lights = [pr.EnvironmentLight(), pr.EnvironmentLight()]
+    assert scene.lights == (a, b, d)

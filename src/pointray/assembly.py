@@ -13,8 +13,7 @@ from .instances import Instances
 from .model import Model
 from .records import CATCHER, INSTANCE, KIND, MODEL, SHAPE_ROW, TO_MODEL, World, model_table
 from .shade.attributes import Attribute
-from .shade.environment import EnvironmentLight, no_sky
-from .shade.lights import Light
+from .shade.environment import EnvironmentLight, Lights, no_sky
 from .tree.top import boxes_around, build_top
 
 
@@ -63,7 +62,7 @@ def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArr
 
 def take_snapshot(
     instances: Instances,
-    lights: tuple[Light | EnvironmentLight, ...],
+    lights: Lights,
     clips: NDArray[np.float64],
     background: NDArray[np.float64] | None,
     shows_sky: bool,

@@ -16,7 +16,7 @@ from .model import Model
 from .rays import Hits, Rays, check_rays
 from .records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from .shade.attributes import Attribute
-from .shade.environment import EnvironmentLight, check_lights
+from .shade.environment import EnvironmentLight, Lights
 from .shade.lights import Light, rgb
 from .shade.materials import Material
 from .trace.cast import blend_attribute, closest_hits, occlusions
@@ -38,7 +38,7 @@ class Scene:
 
     def __init__(self) -> None:
         self._instances = Instances()
-        self._lights: tuple[Light | EnvironmentLight, ...] = ()
+        self._lights = Lights()
         self._background: NDArray[np.float64] | None = None
         self._clips = check_clips(())
         self._version = 0  # rises with every change
@@ -91,20 +91,21 @@ class Scene:
     def add_light(self, light: Light | EnvironmentLight) -> int:
         """Put a light into the scene, at most one `EnvironmentLight`; without any the camera has a headlight."""
         with self._lock:
-            self.lights = (*self._lights, light)
-            return len(self._lights) - 1
+            lights = self._lights.plus(light)
+            self._change()
+            self._lights = lights
+            return len(lights) - 1
 
     @property
     def lights(self) -> tuple[Light | EnvironmentLight, ...]:
         """All lights, in the order in which they came; to set it takes others instead, as `add_light` takes them."""
-        return self._lights
+        return tuple(self._lights)
 
     @lights.setter
     def lights(self, lights: Iterable[Light | EnvironmentLight]) -> None:
         if not isinstance(lights, Iterable):
             raise ValueError(f"lights must be a sequence of lights, not {type(lights).__name__}")
-        checked = tuple(lights)
-        check_lights(checked)
+        checked = Lights(lights)
         with self._lock:
             self._change()
             self._lights = checked

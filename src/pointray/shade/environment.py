@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, get_args
 
 import numpy as np
@@ -188,14 +189,51 @@ def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Fl
     return (COSINE_LOBE[:, None] * total).reshape(-1)
 
 
-def check_lights(lights: Sequence[Any]) -> None:
-    """ValueError if one is no light, or there are two from all around."""
-    for light in lights:
+class Lights:
+    """The lights of a scene, each checked once, in the order in which they came. Nothing here changes: see `plus`.
+
+    Lists that grow out of one another share their items, and each knows how many of these are its own; so a light more
+    takes as long after thousands as after none, and who holds a list sees no light that comes later.
+
+    Raises
+    ------
+    ValueError
+        If one is no light, or there are two from all around.
+    """
+
+    def __init__(self, lights: Iterable[Any] = ()) -> None:
+        self._items: list[Light | EnvironmentLight] = []
+        self._count, self._around = 0, False
+        for light in lights:
+            self._around |= self._check(light)
+            self._items.append(light)
+            self._count += 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[Light | EnvironmentLight]:
+        return islice(self._items, self._count)
+
+    def plus(self, light: Any) -> Lights:
+        """These lights and another one."""
+        more = Lights()
+        more._around, more._count = self._check(light) or self._around, self._count + 1
+        more._items = self._items
+        if len(self._items) == self._count:
+            more._items.append(light)
+        if more._items[self._count] is not light:  # another list has grown out of this one before
+            more._items = [*self, light]
+        return more
+
+    def _check(self, light: Any) -> bool:
+        """Whether a light, which may join these, comes from all around."""
         if isinstance(light, EnvironmentLight):
-            continue
+            if self._around:
+                raise ValueError("the scene has an EnvironmentLight already")
+            return True
         if not isinstance(light, Light):
             known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
             raise ValueError(f"a light is one of {known}, not {type(light).__name__}")
         light.record()
-    if sum(isinstance(light, EnvironmentLight) for light in lights) > 1:
-        raise ValueError("the scene has an EnvironmentLight already")
+        return False
