@@ -14,6 +14,7 @@ from .model import Model
 from .records import CATCHER, INSTANCE, KIND, MODEL, SHAPE_ROW, TO_MODEL, World, model_table
 from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, Lights, no_sky
+from .shade.tables import light_shares, light_trees
 from .tree.top import boxes_around, build_top
 
 
@@ -72,6 +73,9 @@ def take_snapshot(
     lamps = [light for light in lights if not isinstance(light, EnvironmentLight)]
     skies = [light.tables() for light in lights if isinstance(light, EnvironmentLight)]
     sky, sky_colors, sky_rows, sky_columns, sky_mean = skies[0] if skies else no_sky()
+    records = np.concatenate([*(light.record() for light in lamps), []])
+    boxes = instances.boxes[instances.records[:, KIND] == MODEL]
+    bounds = np.stack([boxes[:, :3].min(axis=0, initial=np.inf), boxes[:, 3:].max(axis=0, initial=-np.inf)])
     top, top_boxes, top_children = _top(instances, models)
     world = World(
         model_table([model.tree for model in models]),
@@ -80,7 +84,9 @@ def take_snapshot(
         top,
         top_boxes,
         top_children,
-        np.concatenate([*(light.record() for light in lamps), []]),
+        records,
+        light_shares(records, sky, sky_mean, bounds),
+        *light_trees(records),
         materials,
         sky,
         sky_colors,

@@ -251,6 +251,19 @@ LENS_RADIUS = 13  # world; 0: a pinhole
 NEARNESS = 14  # 1 / distance along the view of the plane that is sharp
 
 
+class LightTree(NamedTuple):
+    """Lights that rays meet, in a binary tree: its entries are visited one after the other, or skipped.
+
+    lights : (entries,) int32, which light (of `World.lights`); -1 for a box around those that follow
+    skips : (entries,) int32, of a box the entry that follows on all within it; few lights stand in no box
+    boxes : (entries * 6,) float64, lo x y z, hi x y z of a box
+    """
+
+    lights: Array
+    skips: Array
+    boxes: Array
+
+
 class World(NamedTuple):
     """All that a scene's rays can meet, for kernels.
 
@@ -258,6 +271,8 @@ class World(NamedTuple):
     top : (9,) float64, where the tree over the instances is; top_boxes : (nodes * 12,) float32
     top_children : (nodes * 2,) int32, a child >= 0 is a node, a child < 0 is instance ~child; a tree of no nodes: there
         are so few models that each is tried
+    light_shares : float64, the table by which a light is chosen, see `shade/tables.py`; lamps : the tree of lights that
+        have a size; suns : the tree of suns that are a disk, its boxes are those of unit directions
     sky : (20,) float64, see `SKY`; sky_colors : (h * w * 3,) float32, its picture's radiance, row 0 on top
     sky_rows : (h + 1,) float64, share of the light above each row; sky_columns : (h * (w + 1),) float64, of each row's
         light that to the left of each pixel
@@ -276,6 +291,9 @@ class World(NamedTuple):
     top_boxes: Array
     top_children: Array
     lights: Array
+    light_shares: Array
+    lamps: LightTree
+    suns: LightTree
     materials: Array
     sky: Array
     sky_colors: Array
@@ -296,6 +314,11 @@ class World(NamedTuple):
 
 
 @inline
+def _lend_light_tree(t):  # type: ignore[no-untyped-def]
+    return LightTree(borrow(t.lights), borrow(t.skips), borrow(t.boxes))
+
+
+@inline
 def lend_world(w):  # type: ignore[no-untyped-def]
     """The world without references to its arrays (see `jit.borrow`)."""
     return World(
@@ -306,6 +329,9 @@ def lend_world(w):  # type: ignore[no-untyped-def]
         borrow(w.top_boxes),
         borrow(w.top_children),
         borrow(w.lights),
+        borrow(w.light_shares),
+        _lend_light_tree(w.lamps),
+        _lend_light_tree(w.suns),
         borrow(w.materials),
         borrow(w.sky),
         borrow(w.sky_colors),

@@ -82,3 +82,16 @@ def on_disc(u, v):  # type: ignore[no-untyped-def]
     else:
         radius, angle = b, math.pi * (0.5 - 0.25 * a / b) if b != 0.0 else 0.0
     return radius * math.cos(angle), radius * math.sin(angle)
+
+
+@inline
+def find_share(table, first, count, share):  # type: ignore[no-untyped-def]
+    """The last k of a rising part of a table, of count + 1 numbers from first on, at which it is not above share."""
+    low, high = 0, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if table[first + middle] <= share:
+            low = middle
+        else:
+            high = middle
+    return low

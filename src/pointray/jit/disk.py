@@ -30,7 +30,7 @@ NO_KERNELS = (
     *("image/denoise.py", "image/exr.py", "image/frames.py", "image/legend.py", "image/mp4.py", "image/write.py"),
     *("points/cleaning.py", "points/files.py", "points/normals.py", "points/ply.py", "shade/materials.py"),
     *("shade/attributes.py", "shade/colormaps.py", "shade/environment.py", "shade/lights.py", "shade/pictures.py"),
-    *("splats/levels.py", "splats/subsample.py", "splats/subset.py", "splats/support.py"),
+    *("shade/tables.py", "splats/levels.py", "splats/subsample.py", "splats/subset.py", "splats/support.py"),
     *("tree/build.py", "tree/check.py", "tree/indices.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go

@@ -33,7 +33,8 @@ from ..scratch import (
 from ..simd import lowest
 from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
 from ..vec import BLACK, dot, luminance, scale
-from .emitters import from_middle, meet_light, sample_light
+from .choice import meets_lamp
+from .emitters import from_middle, sample_light
 from .phong import sample_diffuse
 from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
 from .spots import add_radiance
@@ -137,15 +138,6 @@ def _ask_lamp(world, at, i, sample, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _is_sky(world, x, d):  # type: ignore[no-untyped-def]
-    """Whether no light hides the sky."""
-    free = True
-    for at in range(0, world.lights.size, LIGHT):
-        free &= meet_light(world, at, x, d) == np.inf
-    return free
-
-
-@inline
 def _ask_sky(world, i, sample, scratch):  # type: ignore[no-untyped-def]
     """At catcher i ask for light from all around: a picture's by its own light, else by the cosine."""
     x, normal = row(scratch.spots, SPOT + i), row(scratch.spots, SPOT_NORMAL + i)
@@ -156,7 +148,7 @@ def _ask_sky(world, i, sample, scratch):  # type: ignore[no-untyped-def]
     else:
         d = sample_diffuse(normal, u, v)
         light = scale(sky_radiance(world, d), math.pi)
-    _ask(scratch, i, luminance(light) if _is_sky(world, x, d) else 0.0, d, np.inf)
+    _ask(scratch, i, 0.0 if meets_lamp(world, (x, d), np.inf) else luminance(light), d, np.inf)
 
 
 @inline

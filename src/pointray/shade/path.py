@@ -34,9 +34,10 @@ from ..trace.world import NOWHERE, aim, aim_from, occlude_tile, trace_tile
 from ..vec import BLACK, add, multiply, scale
 from .bsdf import emitted, is_specular, sample_scatter, scatter
 from .catcher import catch_paths, find_caught
+from .choice import chance_of, choose_light, meets_lamp, nearest_lamp, sky_chance, sun_after
 from .direct import shade_gains
-from .emitters import density_of_light, light_radiance, meet_light, sample_light, sun_in
-from .sky import is_chosen, sample_sky, sky_density, sky_radiance
+from .emitters import density_of_light, light_radiance, sample_light
+from .sky import sample_sky, sky_density, sky_radiance
 from .spots import add_radiance, is_spot, keep_spots, place_of
 
 FAINT = 0.05  # a path that carries less goes on with this much, or ends by chance
@@ -62,31 +63,17 @@ def _share(density, other):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _chosen_lights(world):  # type: ignore[no-untyped-def]
-    """Among how many lights one is chosen; the sky's picture is the last."""
-    return world.lights.size // LIGHT + (1 if is_chosen(world) else 0)
-
-
-@inline
 def _add_distant(world, i, ray, scratch):  # type: ignore[no-untyped-def]
     """Light from infinitely far along ray i, which has met nothing."""
-    density, lights = scratch.spots[DENSITY + i], _chosen_lights(world)
-    light = scale(sky_radiance(world, ray[1]), _share(density, sky_density(world, ray[1]) / max(lights, 1)))
-    for at in range(0, world.lights.size, LIGHT):
-        radiance, chosen = sun_in(world, at, ray[1])
-        light = add(light, scale(radiance, _share(density, chosen / lights)))
+    density = scratch.spots[DENSITY + i]
+    light = scale(sky_radiance(world, ray[1]), _share(density, sky_density(world, ray[1]) * sky_chance(world)))
+    k = 0
+    while True:
+        k, sun, radiance, chosen = sun_after(world, k, ray[1])
+        if k == 0:
+            break
+        light = add(light, scale(radiance, _share(density, chosen * chance_of(world, sun))))
     add_radiance(scratch, i, light)
-
-
-@inline
-def _meet_lights(world, ray, nearest):  # type: ignore[no-untyped-def]
-    """(t, which) of the nearest light that ray meets before `nearest`; -1 for none."""
-    which = -1
-    for at in range(0, world.lights.size, LIGHT):
-        t = meet_light(world, at, ray[0], ray[1])
-        if t < nearest:
-            nearest, which = t, at
-    return nearest, which
 
 
 @inline
@@ -103,9 +90,9 @@ def receive(world, depth, sky_shows, scratch):  # type: ignore[no-untyped-def]
             spots[SPOT_INSTANCE + i] = -1.0
             continue
         ray, hit = (row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
-        t, light = _meet_lights(world, ray, hit.t)
+        t, light = nearest_lamp(world, ray, hit.t)
         if light >= 0:
-            chosen = density_of_light(world, light, ray[0], ray[1], t) / _chosen_lights(world)
+            chosen = density_of_light(world, light, ray[0], ray[1], t) * chance_of(world, light // LIGHT)
             radiance = light_radiance(world, light)
             add_radiance(scratch, i, scale(radiance, _share(spots[DENSITY + i], chosen)))
             spots[SPOT_INSTANCE + i] = -1.0
@@ -127,21 +114,12 @@ def _pair(scratch, i, sample, depth, which):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _light_at(world, i, sample, depth, choice, scratch):  # type: ignore[no-untyped-def]
-    """What arrives at surface point i from a light that a number in 0..1 chooses; its density counts that choice."""
-    lights = _chosen_lights(world)
-    which = min(int(choice * lights), lights - 1)
+def _light_at(world, i, sample, depth, which, scratch):  # type: ignore[no-untyped-def]
+    """What arrives at surface point i from a place on a light; the sky's picture comes after all lights."""
     u, v = _pair(scratch, i, sample, depth, ON_LIGHT)
     if which * LIGHT < world.lights.size:
         return sample_light(world, which * LIGHT, row(scratch.spots, SPOT + i), u, v)
     return sample_sky(world, u, v)
-
-
-@inline
-def _is_hidden(world, x, arrival):  # type: ignore[no-untyped-def]
-    """Whether the front of another light is in the way: paths that scatter end there too."""
-    ray = x, arrival.to_light
-    return _meet_lights(world, ray, arrival.distance * (1.0 - 1e-6))[1] >= 0
 
 
 @inline
@@ -164,8 +142,7 @@ def _go_on(world, i, sample, depth, lobe, scratch):  # type: ignore[no-untyped-d
 @inline
 def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def]
     """At the tile's surface points: light from a light, shadowed, and the rays on which the paths go on."""
-    spots, lights = scratch.spots, _chosen_lights(world)
-    lit = False
+    spots, lit = scratch.spots, False
     for i in range(TILE):
         put(spots, GAIN + i, BLACK)
         put(spots, NEXT_WEIGHT + i, BLACK)
@@ -175,12 +152,15 @@ def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def
         choice, lobe = _pair(scratch, i, sample, depth, WHICH)
         _go_on(world, i, sample, depth, lobe, scratch)
         at, place = place_of(world, scratch, i)
-        if lights == 0 or is_specular(world, at):
+        which, chance = choose_light(world, choice)
+        if chance == 0.0 or is_specular(world, at):
             continue
-        arrival = _light_at(world, i, sample, depth, choice, scratch)
+        arrival = _light_at(world, i, sample, depth, which, scratch)
         share, density = scatter(world, at, place, arrival.to_light)
-        gain = multiply(share, scale(arrival.light, lights * _share(arrival.density / lights, density)))
-        if gain[0] + gain[1] + gain[2] > 0.0 and not _is_hidden(world, row(spots, SPOT + i), arrival):
+        gain = multiply(share, scale(arrival.light, _share(arrival.density * chance, density) / chance))
+        # Paths that scatter end at the front of another light, too.
+        ray = row(spots, SPOT + i), arrival.to_light
+        if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, ray, arrival.distance * (1.0 - 1e-6)):
             put(spots, GAIN + i, gain)
             aim_from(scratch, i, (row(spots, SPOT + i), arrival.to_light, 0.0, arrival.distance), place.side)
             lit = True

@@ -19,6 +19,7 @@ from ..records import (
     SKY_Z,
     SKY_ZENITH,
 )
+from ..sampling import find_share
 from ..vec import BLACK, add, dot, scale, sub, triple
 from .emitters import Arrival
 
@@ -102,25 +103,12 @@ def _solid_angle(row, height, width):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _find(table, first, count, share):  # type: ignore[no-untyped-def]
-    """The last k of a rising part of a table, of count + 1 numbers from first on, at which it is not above share."""
-    low, high = 0, count
-    while high - low > 1:
-        middle = (low + high) // 2
-        if table[first + middle] <= share:
-            low = middle
-        else:
-            high = middle
-    return low
-
-
-@inline
 def sample_sky(world, u, v):  # type: ignore[no-untyped-def]
     """Light from a direction that two numbers in 0..1 choose, by the picture's own light."""
     height, width = _size(world)
-    row = _find(world.sky_rows, 0, height, v)
+    row = find_share(world.sky_rows, 0, height, v)
     at = row * (width + 1)
-    column = _find(world.sky_columns, at, width, u)
+    column = find_share(world.sky_columns, at, width, u)
     low, high = world.sky_rows[row], world.sky_rows[row + 1]
     down = (v - low) / (high - low) if high > low else 0.5
     left, right = world.sky_columns[at + column], world.sky_columns[at + column + 1]

@@ -1,0 +1,111 @@
+"""Many lights, for paths: one of them is chosen by a table, and those that a ray meets are found in a tree.
+
+No walk goes over all: of 5,000 lamps a path asks some dozen. See `shade/tables.py`.
+"""
+
+from __future__ import annotations
+
+from ..jit import inline
+from ..records import LIGHT
+from ..sampling import find_share
+from ..vec import BLACK
+from .emitters import meet_light, sun_in
+
+FLAT = 1e-200  # a direction's component is no smaller, so that no box test divides by zero
+
+
+@inline
+def choose_light(world, u):  # type: ignore[no-untyped-def]
+    """(which light a number in 0..1 chooses, its chance): -1 and 0 if none shines.
+
+    The sky's picture comes after all lights.
+    """
+    count = world.light_shares.size - 1
+    if count < 1:
+        return -1, 0.0
+    which = find_share(world.light_shares, 0, count, u)
+    return which, chance_of(world, which)
+
+
+@inline
+def chance_of(world, which):  # type: ignore[no-untyped-def]
+    """The probability with which `choose_light` chooses a light; 0 for one that does not shine."""
+    if which + 1 >= world.light_shares.size:
+        return 0.0
+    return world.light_shares[which + 1] - world.light_shares[which]
+
+
+@inline
+def sky_chance(world):  # type: ignore[no-untyped-def]
+    """The probability with which it chooses the sky's picture."""
+    return chance_of(world, world.lights.size // LIGHT)
+
+
+@inline
+def _steady(x):  # type: ignore[no-untyped-def]
+    """A direction's component, kept away from zero."""
+    return x if abs(x) >= FLAT else FLAT
+
+
+@inline
+def _enters(boxes, at, o, inverse, nearest):  # type: ignore[no-untyped-def]
+    """Whether a ray enters a box before `nearest`."""
+    ax, bx = (boxes[at] - o[0]) * inverse[0], (boxes[at + 3] - o[0]) * inverse[0]
+    ay, by = (boxes[at + 1] - o[1]) * inverse[1], (boxes[at + 4] - o[1]) * inverse[1]
+    az, bz = (boxes[at + 2] - o[2]) * inverse[2], (boxes[at + 5] - o[2]) * inverse[2]
+    enter = max(max(min(ax, bx), min(ay, by)), max(min(az, bz), 0.0))
+    leave = min(min(max(ax, bx), max(ay, by)), min(max(az, bz), nearest))
+    return enter <= leave
+
+
+@inline
+def nearest_lamp(world, ray, nearest):  # type: ignore[no-untyped-def]
+    """(t, where its record begins) of the nearest light that a ray (o, d) meets before `nearest`; -1 for none."""
+    lamps, found, k = world.lamps, -1, 0
+    d = ray[1]
+    inverse = 1.0 / _steady(d[0]), 1.0 / _steady(d[1]), 1.0 / _steady(d[2])
+    while k < lamps.lights.size:
+        light = lamps.lights[k]
+        if light >= 0:
+            t = meet_light(world, light * LIGHT, ray[0], d)
+            if t < nearest:
+                nearest, found = t, light * LIGHT
+        elif not _enters(lamps.boxes, 6 * k, ray[0], inverse, nearest):
+            k = lamps.skips[k]
+            continue
+        k += 1
+    return nearest, found
+
+
+@inline
+def meets_lamp(world, ray, end):  # type: ignore[no-untyped-def]
+    """Whether a ray (o, d) meets the front of a light before `end`."""
+    return nearest_lamp(world, ray, end)[1] >= 0
+
+
+@inline
+def _is_within(boxes, at, d):  # type: ignore[no-untyped-def]
+    """Whether a direction points into a box."""
+    x = (boxes[at] <= d[0]) & (d[0] <= boxes[at + 3])
+    y = (boxes[at + 1] <= d[1]) & (d[1] <= boxes[at + 4])
+    return x & y & (boxes[at + 2] <= d[2]) & (d[2] <= boxes[at + 5])
+
+
+@inline
+def sun_after(world, k, d):  # type: ignore[no-untyped-def]
+    """The first sun, of those from entry k on, whose disk is in a unit direction.
+
+    Returns the entry that follows it, 0 for none; which light it is; its radiance and its density.
+    """
+    suns = world.suns
+    while k < suns.lights.size:
+        light = suns.lights[k]
+        if light >= 0:
+            radiance, density = sun_in(world, light * LIGHT, d)
+            if density > 0.0:
+                return k + 1, light, radiance, density
+        elif not _is_within(suns.boxes, 6 * k, d):
+            k = suns.skips[k]
+            continue
+        k += 1
+    return 0, -1, BLACK, 0.0
