@@ -139,7 +139,7 @@ def test_bad_lights(wrong, message):
     before, version = scene.lights, scene._version
     with pytest.raises(ValueError, match=message):
         scene.lights = wrong
-    assert scene.lights is before and scene._version == version
+    assert scene.lights == before and scene._version == version
 
 
 def test_every_change_is_counted(sphere):
