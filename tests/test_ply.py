@@ -1,6 +1,7 @@
 import os
 import stat
 import struct
+import sys
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
 from conftest import shared_model
+from pointray.cli import BAD_INPUT, execute
 from pointray.data import Points
-from pointray.points import read, write
+from pointray.points import ply, read, write
 from pointray.points.files import check_writable, replacing
 
 RNG = np.random.default_rng(2)
@@ -119,6 +121,105 @@ def test_headers_as_programs_write_them(tmp_path, line_end):
     row.view(np.uint8)[0, 0] = 10
     (tmp_path / "a.ply").write_bytes(header + row.tobytes())
     np.testing.assert_array_equal(read(tmp_path / "a.ply").positions, row)
+
+
+STRIPS = "ply\nformat ascii 1.0\nelement strip 3\nproperty list uchar int near\n{vertices}end_header\n{body}"
+PLAIN = "element vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+LISTED = "element vertex 2\nproperty float x\nproperty list uchar int near\nproperty float y\nproperty float z\n"
+
+
+@pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("blank", ["", "\n", " \t\n\n"])
+@pytest.mark.parametrize("vertices", [(PLAIN, "1 2 3", "4 5 6"), (LISTED, "1 0 2 3", "4 2 8 9 5 6")])
+def test_lines_before_ascii_vertices_end_as_they_may_and_blank_ones_are_no_rows(tmp_path, line_end, blank, vertices):
+    """The strips' rows have three numbers: one row too few that is passed over would be taken for a vertex."""
+    header, *rows = vertices
+    body = blank + blank.join(f"{line}\n" for line in ("2 7 8", "2 7 8", "2 7 8", *rows))
+    (tmp_path / "a.ply").write_bytes(STRIPS.format(vertices=header, body=body).replace("\n", line_end).encode())
+    np.testing.assert_array_equal(read(tmp_path / "a.ply").positions, [[1, 2, 3], [4, 5, 6]])
+
+
+@pytest.mark.parametrize("block", [1, 2, 3, 7])
+def test_blocks_of_ascii_end_anywhere(tmp_path, monkeypatch, block):
+    monkeypatch.setattr(ply, "BLOCK", block)
+    for line_end in ("\n", "\r\n", "\r"):
+        text = STRIPS.format(vertices=PLAIN, body="\n2 7 8\n \n2 7 8\n2 7 8 \n\n 1 2 3\n4 5 6")
+        (tmp_path / "a.ply").write_bytes(text.replace("\n", line_end).encode())
+        np.testing.assert_array_equal(read(tmp_path / "a.ply").positions, [[1, 2, 3], [4, 5, 6]])
+
+
+def with_strips(count, order="<", kind="uchar", before=1, last=b""):
+    """A binary file with lists before its one vertex, and the bytes of the lists."""
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    header = f"ply\nformat {name} 1.0\nelement strip {before}\nproperty list {kind} short near\nelement vertex 1\n"
+    header += "property float x\nproperty float y\nproperty float z\nend_header\n"
+    return header.encode() + count + struct.pack(f"{order}fff", 1, 2, 3) + last
+
+
+KINDS = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_lists_have_lengths_of_every_type(tmp_path, order, kind):
+    for length in (0, 1, 2, 3, 100):
+        rows = struct.pack(f"{order}{KINDS[kind]}", length) + bytes(2 * length)
+        (tmp_path / "a.ply").write_bytes(with_strips(rows, order, kind))
+        np.testing.assert_array_equal(read(tmp_path / "a.ply").positions, [[1, 2, 3]])
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(
+    ("kind", "length"),
+    [(k, x) for k in ("float", "double") for x in (np.inf, -np.inf, np.nan, 1e30, -1, 0.5, 2.5, 2.0**53)]
+    + [("char", -1), ("short", -3), ("int", -(2**31)), ("uchar", 255), ("uint", 2**32 - 1)],
+)
+def test_lengths_of_lists_that_are_none_are_bad_input(tmp_path, capsys, order, kind, length):
+    path = tmp_path / "a.ply"
+    path.write_bytes(with_strips(struct.pack(f"{order}{KINDS[kind]}", length), order, kind))
+    with pytest.raises(ValueError, match="length of a list|is cut off"):
+        read(path)
+    assert execute(["info", str(path)]) == BAD_INPUT
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("length", ["inf", "nan", "1e30", "-1", "1.5", "x", "3"])
+def test_lengths_in_ascii_that_are_none_are_bad_input(tmp_path, length):
+    (tmp_path / "a.ply").write_text(STRIPS.format(vertices=LISTED, body=f"0\n0\n0\n1 {length} 2 3\n1 0 2 3\n"))
+    with pytest.raises(ValueError, match="length of a list|vertex 0 has not|'x'"):
+        read(tmp_path / "a.ply")
+
+
+def calls_in(work):
+    """How many functions Python calls for it, its own and compiled ones."""
+    count = 0
+
+    def see(frame, event, argument):
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    sys.setprofile(see)
+    try:
+        work()
+    finally:
+        sys.setprofile(None)
+    return count
+
+
+@pytest.mark.parametrize("text", [False, True])
+@pytest.mark.parametrize("row", [b"\0", b"\2abcd"])
+def test_rows_before_the_vertices_are_passed_over_in_compiled_code(tmp_path, text, row):
+    """As many calls for a hundred thousand rows as for ten."""
+    counts = []
+    for n in (10, 10, 100_000):  # the first compiles
+        content = with_strips(row * n, before=n)
+        if text:
+            body = "0\n" * n if row == b"\0" else "2 25185 25699\n" * n
+            content = STRIPS.replace(" 3\n", f" {n}\n").format(vertices=PLAIN, body=body + "1 2 3\n1 2 3\n").encode()
+        (tmp_path / "a.ply").write_bytes(content)
+        counts.append(calls_in(lambda: read(tmp_path / "a.ply")))
+        np.testing.assert_array_equal(read(tmp_path / "a.ply").positions[0], [1, 2, 3])
+    assert counts[2] < counts[1] + 100
 
 
 def test_map_coordinates_keep_their_precision(tmp_path):

@@ -1,8 +1,8 @@
 """PLY files: ascii and binary, every order of properties.
 
-The header's grammar, the names of types and the rare rows with lists are plyfile's work. The rows themselves are taken
-here, for two reasons: plyfile reads faces and ascii row by row in Python (the dragon's mesh: 1.7 s, here 0.01 s), and
-it believes the header's count, so that a damaged file asks for terabytes.
+The header's grammar and the names of types are plyfile's work. The rows themselves are taken here, for two reasons:
+plyfile reads faces and ascii row by row in Python (the dragon's mesh: 1.7 s, here 0.01 s), and it believes the header's
+count, so that a damaged file asks for terabytes.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -24,6 +24,9 @@ LONGEST_HEADER = 1 << 20
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+BLOCK = 1 << 20  # bytes of ascii looked at together
+SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or LF, so that CR LF ends a blank line too
+LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
 
 Columns = dict[str, NDArray[Any]]
 
@@ -100,13 +103,16 @@ def _bytes_left(file: BinaryIO) -> int:
     return end - here
 
 
-def _check_size(file: BinaryIO, count: int, row: int) -> None:
+def _check_size(file: BinaryIO, element: Any, count: int, row: int) -> None:
     """The header may say anything: believe it as far as the file's size goes."""
     left = _bytes_left(file)
     if count * row > left:
-        raise ValueError(
-            f"is cut off: {count:,} vertices of {row} bytes or more are announced, {left:,} bytes are there"
-        )
+        rows = "vertices" if element.name == "vertex" else f"rows of the element {element.name!r}"
+        raise ValueError(f"is cut off: {count:,} {rows} of {row} bytes or more are announced, {left:,} bytes are there")
+
+
+def _has_lists(element: Any) -> bool:
+    return any(isinstance(p, PlyListProperty) for p in element.properties)
 
 
 # ------------------------------------------------------------------------------------------------------ binary
@@ -117,10 +123,10 @@ def _read_binary(file: BinaryIO, header: _Header, place: int) -> Columns:
     for element, count in zip(header.elements[:place], header.counts[:place], strict=True):
         _skip(file, element, count, order)
     vertex, count = header.elements[place], header.counts[place]
-    if any(isinstance(p, PlyListProperty) for p in vertex.properties):
-        return _read_lists(file, header, place)
+    if _has_lists(vertex):
+        return _read_beside_lists(file, vertex, count, order)
     dtype = np.dtype([(p.name, p.dtype(order)) for p in vertex.properties])
-    _check_size(file, count, dtype.itemsize)
+    _check_size(file, vertex, count, dtype.itemsize)
     rows = np.memmap(file, dtype, "r", offset=file.tell(), shape=(count,))
     return {name: rows[name] for name in dtype.names or ()}
 
@@ -128,20 +134,30 @@ def _read_binary(file: BinaryIO, header: _Header, place: int) -> Columns:
 def _skip(file: BinaryIO, element: Any, count: int, order: str) -> None:
     """Pass over an element that comes before the vertices."""
     row = sum(_least_size(p) for p in element.properties)
-    _check_size(file, count, row)
-    if not any(isinstance(p, PlyListProperty) for p in element.properties):
+    _check_size(file, element, count, row)
+    if not _has_lists(element):
         file.seek(count * row, io.SEEK_CUR)
-        return
-    for _ in range(count if row else 0):
-        for p in element.properties:
-            size = _least_size(p)
-            if isinstance(p, PlyListProperty):
-                length, item = (np.dtype(t) for t in p.list_dtype(order))
-                data = file.read(size)
-                if len(data) < size:
-                    raise ValueError(f"is cut off in the element {element.name!r}")
-                size = max(int(np.frombuffer(data, length)[0]), 0) * item.itemsize
-            file.seek(size, io.SEEK_CUR)
+    elif count:
+        from .ply_lists import walk_rows
+
+        file.seek(walk_rows(*_bytes_from(file), count, element, order, np.empty((0, 0), np.int64)))
+
+
+def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str) -> Columns:
+    """Vertices with lists, which are dropped."""
+    from .ply_lists import scalars_at, walk_rows
+
+    _check_size(file, vertex, count, sum(_least_size(p) for p in vertex.properties))
+    scalars = [p for p in vertex.properties if not isinstance(p, PlyListProperty)]
+    (data, start), places = _bytes_from(file), np.empty((count, len(scalars)), np.int64)
+    walk_rows(data, start, count, vertex, order, places)
+    return {p.name: scalars_at(data, places[:, k], np.dtype(p.dtype(order))) for k, p in enumerate(scalars)}
+
+
+def _bytes_from(file: BinaryIO) -> tuple[NDArray[np.uint8], int]:
+    """The whole file, mapped, and where in it one is."""
+    here = file.tell()
+    return np.asarray(np.memmap(file, np.uint8, "r")), here
 
 
 def _least_size(p: Any) -> int:
@@ -152,16 +168,16 @@ def _least_size(p: Any) -> int:
 
 
 def _read_ascii(file: BinaryIO, header: _Header, place: int) -> Columns:
-    for _ in range(sum(header.counts[:place])):
-        if not file.readline():
-            break
+    for element, count in zip(header.elements[:place], header.counts[:place], strict=True):
+        if element.properties and count:
+            _skip_lines(file, element, count)
     vertex, count = header.elements[place], header.counts[place]
-    if any(isinstance(p, PlyListProperty) for p in vertex.properties):
-        return _read_lists(file, header, place)
     names = [p.name for p in vertex.properties]
-    _check_size(file, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
+    _check_size(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
     lines = io.TextIOWrapper(file, "latin-1")
     try:
+        if _has_lists(vertex):
+            return _numbers_beside_lists(lines, vertex, count)
         rows = np.loadtxt(lines, np.float64, comments=None, max_rows=count, ndmin=2)
     finally:
         lines.detach()
@@ -172,21 +188,51 @@ def _read_ascii(file: BinaryIO, header: _Header, place: int) -> Columns:
     return dict(zip(names, rows.T, strict=True))
 
 
-def _read_lists(file: BinaryIO, header: _Header, place: int) -> Columns:
-    """Vertices with lists, row by row through plyfile; the lists are dropped."""
-    vertex, count = header.elements[place], header.counts[place]
-    _check_size(file, count, sum(_least_size(p) for p in vertex.properties) if header.format != "ascii" else 2)
-    lines = [
-        "ply",
-        f"format {header.format} 1.0",
-        *PlyElement(vertex.name, vertex.properties, count).header.split("\n"),
-    ]
-    text = "\n".join([*lines, "end_header", ""]).encode()
-    try:
-        rows = PlyData.read(io.BytesIO(text + file.read()))["vertex"]
-    except (PlyParseError, ValueError, OverflowError) as error:
-        raise ValueError(f"is damaged: {error}") from error
-    return {p.name: rows[p.name] for p in vertex.properties if not isinstance(p, PlyListProperty)}
+def _skip_lines(file: BinaryIO, element: Any, count: int) -> None:
+    """Pass over lines that are not blank, whatever ends them, to the first such line behind them."""
+    within = False  # such a line
+    while block := file.read(BLOCK):
+        kinds = LETTERS[np.frombuffer(block, np.uint8)]
+        places = np.flatnonzero(kinds != SPACE)
+        letters = kinds[places] == LETTER
+        first = letters & ~np.concatenate([[within], letters[:-1]])
+        if first.sum() > count:
+            file.seek(int(places[np.flatnonzero(first)[count]]) - len(block), io.SEEK_CUR)
+            return
+        count -= int(first.sum())
+        within = bool(letters[-1]) if len(letters) else within
+    raise ValueError(f"is cut off in the element {element.name!r}, or behind it")
+
+
+def _numbers_beside_lists(lines: Iterable[str], vertex: Any, count: int) -> Columns:
+    """Vertices with lists, which are dropped."""
+    scalars = [p.name for p in vertex.properties if not isinstance(p, PlyListProperty)]
+    rows = np.empty((count, len(scalars)))
+    row = -1
+    for row, fields in zip(range(count), filter(None, map(str.split, lines)), strict=False):  # noqa: B007
+        at, numbers = 0, []
+        for p in vertex.properties:
+            if at >= len(fields):
+                break
+            if isinstance(p, PlyListProperty):
+                at += _length_of(fields[at])
+            else:
+                numbers.append(fields[at])
+            at += 1
+        if at != len(fields) or len(numbers) < len(scalars):
+            raise ValueError(f"is damaged: vertex {row:,} has not the values and lists that the header announces")
+        rows[row] = numbers
+    if row + 1 < count:
+        raise ValueError(f"is cut off: {count:,} vertices are announced, {row + 1:,} are there")
+    return dict(zip(scalars, rows.T, strict=True))
+
+
+def _length_of(text: str) -> int:
+    """The length of a list, which some write as a float."""
+    length = float(text)
+    if not (length >= 0 and length.is_integer()):  # false for NaN
+        raise ValueError(f"is damaged: the length of a list is {text}")
+    return int(length)
 
 
 # ------------------------------------------------------------------------------------------------ to Points and back
