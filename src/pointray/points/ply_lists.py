@@ -126,4 +126,5 @@ def walk_rows(
 
 def scalars_at(data: NDArray[np.uint8], places: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
     """The values that begin at (n,) places, which may lie at any byte."""
-    return data[places[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
+    rows: NDArray[np.uint8] = data[places[:, None] + np.arange(dtype.itemsize)]
+    return rows.view(dtype)[:, 0]

@@ -11,7 +11,8 @@ from ..points.files import check_regular
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light
 from ..shade.materials import Material
-from .source import Key, Source
+from .lines import Key
+from .source import Source
 from .words import TEXT, check_table, unknown, value_at, words_of
 
 

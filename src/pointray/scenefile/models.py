@@ -13,7 +13,8 @@ from ..points.files import check_readable, check_regular
 from ..points.procedural import MOST, NAMES
 from ..saved import SAVED
 from ..splats.radii import radii_in
-from .source import Key, Source
+from .lines import Key
+from .source import Source
 from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, words_of
 
 WORDS = words_of(Model, "points", "radii")

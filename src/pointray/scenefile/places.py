@@ -14,7 +14,8 @@ from ..instances import Plane, check_transform
 from ..points.files import check_regular
 from ..scene import Scene
 from ..transforms import transform
-from .source import Key, Source
+from .lines import Key
+from .source import Source
 from .words import TEXT, check_table, optional, unknown, words_of
 
 PLACE = words_of(transform)  # translate, rotate, axis, scale

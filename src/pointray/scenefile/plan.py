@@ -16,10 +16,11 @@ from ..image import write_image
 from ..image.tone import check_tone
 from ..scene import Scene
 from ..settings import Settings
+from .lines import Key
 from .looks import check_lights, check_material, make_light
 from .models import check_model, load_model
 from .places import check_cut, check_instance, check_plane, matrices
-from .source import Key, Source
+from .source import Source
 from .words import Word, check_table, words_of
 
 BOX = [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]  # a camera is tried on it before there are models

@@ -6,16 +6,12 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ..points.files import check_regular
-
-Key = tuple[str | int, ...]
-
-# What may be open where a text is cut at the end of a line: arrays. (A text of several lines cannot be closed.)
-CLOSINGS = ("", "]", "]]", "]]]")
+from .lines import Key, line_of
 
 
 class Source:
@@ -68,47 +64,10 @@ class Source:
             raise type(error)(self._tell(key, f"{error.filename}: {error.strerror}")) from error
 
     def line_of(self, key: Key) -> int:
-        """The line on which a key, or the longest part of it that is there, begins; 0 where there is none.
-
-        tomllib tells no lines. It is asked instead after which line a text that ends there has the key.
-        """
-        while key and not _holds(self.data, key):
-            key = key[:-1]
-        if not key:
-            return 0
-        lines = self._text.split("\n")
-        without, by = 0, len(lines)
-        while by - without > 1:
-            middle = (without + by) // 2
-            cut = middle
-            while cut < by and (data := _parsed(lines[:cut])) is None:  # amid a value of several lines
-                cut += 1
-            if cut == by or _holds(data, key):
-                by = middle
-            else:
-                without = cut
-        return by
+        """The line on which a key, or the longest part of it that is there, begins; 0 where there is none."""
+        return line_of(self._text, key)
 
     def _tell(self, key: Key, message: str) -> str:
         line = self.line_of(key)
         name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
         return f"{self.file}:{f'{line}:' if line else ''} {f'{name}: ' if name else ''}{message}"
-
-
-def _holds(data: Any, key: Key) -> bool:
-    """Whether tables and arrays within each other have something at a key."""
-    for part in key:
-        try:
-            data = data[part]
-        except (KeyError, IndexError, TypeError):
-            return False
-    return True
-
-
-def _parsed(lines: list[str]) -> Any:
-    """The data of the first lines of a text; None if no array's end makes them whole."""
-    text = "\n".join(lines)
-    for closing in CLOSINGS:
-        with suppress(ValueError):
-            return tomllib.loads(f"{text}\n{closing}")
-    return None

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from ..shade.attributes import Attribute
-from .source import Key, Source
+from .lines import Key
+from .source import Source
 
 LARGEST = 1e18  # of a number: the square of a larger one is none in float32
 

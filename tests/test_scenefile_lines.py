@@ -1,0 +1,123 @@
+"""On which line of a scene file a key stands, beside a twin that asks tomllib about each of its lines."""
+
+from __future__ import annotations
+
+import tomllib
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointray.scenefile.lines import line_of
+from pointray.scenefile.source import Source
+
+LINES = """a.b = 1 # [
+"c.d" = '''
+[e]
+x = 1
+''' # '''
+'e f'.g = "]#" # "
+points = [ # [
+  [1, 2,
+   3], "''']", # ,
+  { k = [4,
+  5], "l" = '}' },
+  '''
+]]''' , \"\"\"a"" \\\\\\"\"\"\"\"\",
+  [[6], [
+]],
+]
+last = 2020-01-01 00:00:00
+
+[h.i] # ]
+j = [ ]
+"k" . l = [[
+7]]
+[[m]]
+[[ m . "n]" ]]
+o = ["\\\\"]
+[[m."n]"]]
+p = 1
+o = ""
+
+[m.q]
+r = {s = 1, t = [{u = 2}]}
+[[m]]
+o = [1,
+[2, '''
+'''], 3]
+"""
+
+
+def naive_line_of(text: str, key: tuple[str | int, ...]) -> int:
+    """The first line after which a text that ends there, or at the next line at which it may, has the key."""
+    while key and not holds(tomllib.loads(text), key):
+        key = key[:-1]
+    lines = text.split("\n")
+    for number in range(len(lines)) if key else ():
+        data = next(data for end in range(number, len(lines) + 1) if (data := parsed(lines[:end])) is not None)
+        if holds(data, key):
+            return number
+    return 0
+
+
+def holds(data: Any, key: tuple[str | int, ...]) -> bool:
+    for part in key:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return False
+    return True
+
+
+def parsed(lines: list[str]) -> Any:
+    text = "\n".join(lines)
+    for closing in ("", "]", "]]", "]]]"):
+        with suppress(ValueError):
+            return tomllib.loads(f"{text}\n{closing}")
+    return None
+
+
+def all_keys(data: Any, key: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """The key of data, and those of all that it holds."""
+    parts = list(data) if isinstance(data, dict) else list(range(len(data))) if isinstance(data, list) else []
+    return [key, *(inner for part in parts for inner in all_keys(data[part], (*key, part)))]
+
+
+def test_lines_are_those_at_which_a_text_that_ends_there_has_the_key() -> None:
+    keys = all_keys(tomllib.loads(LINES))
+    assert len(keys) > 40
+    for key in keys:
+        for longer in (key, (*key, 7), (*key, "no")):
+            assert line_of(LINES, longer) == naive_line_of(LINES, longer), longer
+
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@pytest.mark.parametrize("name", ["01_statue.toml", "03_area_lights.toml"])
+def test_lines_in_examples(name: str) -> None:
+    text = (EXAMPLES / name).read_text()
+    for key in all_keys(tomllib.loads(text)):
+        assert line_of(text, key) == naive_line_of(text, key), key
+
+
+def test_what_is_wrong_behind_a_long_text_is_told_after_one_look_at_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """tomllib, which takes most of the time, reads the text once and not up to each of its lines."""
+    text = "a = '''\n" + "a line of a text\n" * 20_000 + "'''\n[b]\n\"c.d\" = 3\n"
+    (tmp_path / "scene.toml").write_text(text)
+    read, loads = 0, tomllib.loads
+
+    def counting(text: str) -> dict[str, Any]:
+        nonlocal read
+        read += len(text)
+        assert read < 10**6, "the text is read again and again"
+        return loads(text)
+
+    monkeypatch.setattr(tomllib, "loads", counting)
+    error = Source(tmp_path / "scene.toml").error(("b", "c.d"), "is wrong")
+    assert str(error) == f"{tmp_path}/scene.toml:20004: b.c.d: is wrong"
+    assert read < len(text) + 20
