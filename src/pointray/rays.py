@@ -19,16 +19,20 @@ class Hits:
     Attributes
     ----------
     t : (...) float32
-        In lengths of the ray's direction; inf for a miss.
+        In lengths of the ray's direction; inf for a miss. Of a hit it is finite: where float32 is too small for it, as
+        of a direction of length 1e-150, it is the greatest number of float32, and where it is too fine, 0. Whether and
+        what a ray hits, and `position`, do not depend on it.
     position : (..., 3) float64
         World; NaN for a miss.
     normal : (..., 3) float32
-        Unit, where the points' normals point: never turned to the ray; 0 for a miss.
+        Unit, where the points' normals point: never turned to the ray; 0 for a miss. Where the normals of the splats
+        cancel there is no surface, and no hit.
     color : (..., 3) float32
         Linear, blended with the surface's weights; 0 for a miss, 1 for points without colours. Where the material is
         coloured by an `Attribute`, what that shows.
     point : (...) int64
-        Row, in the caller's points, of the splat of most weight; -1 for a miss and for a plane.
+        Row, in the caller's points, of the splat of most weight (where rounding leaves weight to none, of the nearest
+        one in radii); -1 for a miss and for a plane.
     instance : (...) int32
         What `Scene.add` returned; -1 for a miss.
     attributes : dict of str to (...) or (..., k) float32

@@ -65,6 +65,7 @@ SURFACES = ("paper", "imls", "apss", "disc")
 REFINE = 7  # secant steps after the bracket
 TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
 OVERHANG = 9  # how far a hit may lie out of an open border, in local radii; inf: no limit
+LONGEST = 10  # longest step of the samples in any leaf; 0 in models that an older version has saved
 
 
 class Tree(NamedTuple):
@@ -144,6 +145,7 @@ def tree_at(table, model):  # type: ignore[no-untyped-def]
 class Ray(NamedTuple):
     """A ray in model space: origin, unit direction, the inverse of each component, the interval, the side it starts on.
 
+    t_min : see `scratch.BEGIN`; t_max : see `scratch.LENGTH`
     side : +1 where a ray that starts on the surface is outside (where normals point), -1 where it is inside
     """
 

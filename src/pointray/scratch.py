@@ -26,24 +26,28 @@ WAITING_COUNT = 4 * TILE  # rays that wait at each place
 NUMBER_ROWS = 6
 # float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * TILE for k in range(9))
-LENGTH = 9 * TILE  # where its nearest hit in this model is, at first where it ends; below 0 where it misses the bounds
+# Where its nearest hit in this model is, at first a step behind where it ends: see `trace/leaf.py`; below 0 where it
+# misses the bounds.
+LENGTH = 9 * TILE
 NX, NY, NZ = 10 * TILE, 11 * TILE, 12 * TILE  # unit normal of that hit
 ENTER, LEAVE, FIRST, LAST = 13 * TILE, 14 * TILE, 15 * TILE, 16 * TILE
-END = 17 * TILE  # where it ends, whatever it hits: what is found in one leaf must not depend on what was in another
+END = 17 * TILE  # LENGTH as it was at first, whatever the ray hits
 SIDE = 18 * TILE  # see SIDE_OF
 TOP_OX, TOP_IX, TOP_LENGTH = 19 * TILE, 22 * TILE, 25 * TILE  # in the tree over the instances, 3, 3 and 1
-# Where the ray begins, in any model: 0, or just above where a clip plane has cut it, so that it begins on no surface.
+# Where the ray begins, from where it enters the bounds on: nothing before counts. Negative where a clip plane has cut
+# it, so that it begins on no surface; then never 0.
 BEGIN = 26 * TILE
-MODEL_ROWS = 27
+CUT = 27 * TILE  # 1 where a clip plane has cut the ray, in any model; else 0
+MODEL_ROWS = 28
 # The same rows of all the tile's rays, while a group of them stands in the rows above; FOUND of these.
 ASIDE, FOUND_ASIDE = MODEL_ROWS * TILE, 5 * TILE
 # float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
-# looked at and the direction; t there, half its length; the first and the last sample, where they are; the nearest hit;
-# the side.
+# looked at and the direction; t there, half its length; the first and the last sample, and where the ray begins, see
+# `leaf.Reach`; the nearest hit; the side.
 PART = TILE + LANES  # the length of such a row: what follows the last ray is written over
 AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (k * PART for k in range(6))
-AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_LOW, AT_HIGH, AT_LENGTH, AT_SIDE = (k * PART for k in range(6, 14))
-PART_ROWS = 14
+AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_BEGIN, AT_LENGTH, AT_SIDE = (k * PART for k in range(6, 13))
+PART_ROWS = 13
 
 # float64: of the surface points of a tile that are shaded, see `shade/direct.py`: where they are, the normal turned to
 # the eye, the direction to the eye, the colour, 3 rows each; the instance, -1 for none; the side of the surface the eye

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,12 +11,14 @@ from ..jit import borrow, inline, keep, kernel, run, take
 from ..records import INSTANCE, SHAPE_ROW, Array, World, lend_world, tree_at
 from ..scratch import COUNT_NEAR, TILE, lend_scratch, new_scratch
 from ..simd import lane
-from ..vec import add, along_curve, scale, triple
+from ..vec import add, along_curve, dot, scale, triple
 from .hits import describe_tile, tile_hit
 from .near import list_blocks, segment
 from .surface import weights_of_block
 from .world import NOWHERE, aim, is_blocked, occlude_tile, trace_tile
 
+SHORT, LONG = 1e-60, 1e60  # of a direction's square, see `_exponent`
+MOST = float(np.finfo(np.float32).max)
 BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; of a picture a square of this edge
 
 
@@ -42,13 +46,39 @@ def batches(shape: tuple[int, int]) -> int:
 
 
 @inline
+def _exponent(d):  # type: ignore[no-untyped-def]
+    """The power of two that a direction is divided by before it is traced, so that its square is a number.
+
+    0 for lengths from 1e-30 to 1e30, and for those that are zero or not finite: they miss.
+    """
+    square = dot(d, d)
+    if (SHORT < square) & (square < LONG):
+        return 0
+    most = max(abs(d[0]), max(abs(d[1]), abs(d[2])))
+    return math.frexp(most)[1] if (most > 0.0) & (square == square) & (most < np.inf) else 0
+
+
+@inline
+def _times_power(a, exponent):  # type: ignore[no-untyped-def]
+    """A vector times a power of two, in two halves: the power itself may be no number."""
+    half = exponent // 2
+    a = scale(a, math.ldexp(1.0, half))
+    return scale(a, math.ldexp(1.0, exponent - half))
+
+
+@inline
 def _aim_rays(rays, shape, place, scratch):  # type: ignore[no-untyped-def]
     """The next tile of rays. rays : origins, directions, limits; place : the batch, and where in it the tile begins."""
     origins, directions, limits = rays
     for k in range(TILE):
         i = ray_at(shape, place[0], place[1] + k)
         if i >= 0:
-            aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
+            o, d, t_min, t_max = triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]
+            exponent = _exponent(d)
+            if exponent != 0:
+                d = _times_power(d, -exponent)
+                t_min, t_max, _ = _times_power((t_min, t_max, 0.0), exponent)
+            aim(scratch, k, (o, d, t_min, t_max))
         else:
             aim(scratch, k, NOWHERE)
 
@@ -71,10 +101,15 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
                 if i < 0:
                     continue
                 hit = tile_hit(scratch, k)
-                t[i], instance[i], leaf[i] = hit.t, hit.instance, hit.leaf
+                t[i], instance[i], leaf[i] = np.inf, hit.instance, hit.leaf
                 x = (np.nan, np.nan, np.nan)
                 if hit.instance >= 0:
-                    x = add(triple(origins, 3 * i), scale(triple(directions, 3 * i), hit.t))
+                    d = triple(directions, 3 * i)
+                    exponent, along = _exponent(d), hit.t
+                    if exponent != 0:
+                        d, along = _times_power(d, -exponent), _times_power((along, 0.0, 0.0), -exponent)[0]
+                    t[i] = min(max(along, -MOST), MOST)
+                    x = add(triple(origins, 3 * i), scale(d, hit.t))
                 for c in range(3):
                     position[3 * i + c], normal[3 * i + c], color[3 * i + c] = x[c], hit.normal[c], hit.color[c]
                     local[3 * i + c] = hit.local[c]
@@ -109,8 +144,11 @@ def _occluded(work, world, origins, directions, limits, shape, out):  # type: ig
 
 @kernel
 def _blend_attribute(work, world, places, values, width, out):  # type: ignore[no-untyped-def]
-    """Blend one attribute, (n * k,) float32 in the caller's order, at hits: places is (hits, model, leaf, local)."""
-    hits, model, leaf, local = places
+    """Blend one attribute, (n * k,) float32 in the caller's order, at hits; without weights that of the hit's point.
+
+    places : hits, model, leaf, local, point
+    """
+    hits, model, leaf, local, point = places
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
     tree = tree_at(world.table, model)
@@ -134,7 +172,8 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
                         for c in range(width):
                             out[h * width + c] += w * values[np.int64(row) * width + c]
             for c in range(width):
-                out[h * width + c] /= total
+                known = total > 0.0
+                out[h * width + c] = out[h * width + c] / total if known else values[point[i] * width + c]
         block = take(work)
     keep(memory)
     return 0
@@ -187,7 +226,7 @@ def occlusions(
 def blend_attribute(world: World, hits: dict[str, Array], rows: Array, model: int, values: Array) -> Array:
     """One attribute, (n,) or (n, k), blended at the hits `rows` of `closest_hits`, all on one model: float32."""
     out = np.empty((len(rows), *values.shape[1:]), np.float32)
-    places = (rows, model, hits["leaf"], hits["local"].reshape(-1))
+    places = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])
     width = values.size // len(values)
     args = (world, places, np.ascontiguousarray(values).reshape(-1), width, out.reshape(-1))
     run(_blend_attribute, -(-len(rows) // BATCH), *args)

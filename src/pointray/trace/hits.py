@@ -36,7 +36,7 @@ from ..scratch import (
 )
 from ..simd import greatest, lowest, quarters, repeat4, select, spread16, store, vmax, vsqrt
 from ..vec import transform
-from .near import Capsule, list_blocks
+from .near import Capsule, list_blocks, nearest_slot
 from .paint import paint_four
 from .space import matrix_at
 from .surface import ONE, ZERO, weights_seen
@@ -109,7 +109,10 @@ def _weigh(tree, places, sheet, tone, scratch):  # type: ignore[no-untyped-def]
 
 @inline
 def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
-    """Colour (by the surface's own weights; 1 without colours) and slot of most weight of four hits in one leaf."""
+    """Colour (by the surface's own weights; 1 without colours) and slot of most weight of four hits in one leaf.
+
+    Where no splat has weight, the nearest one stands for all.
+    """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     at = numbers[INSTANCE_OF + four[0]] * INSTANCE
     tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
@@ -129,6 +132,14 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
             blue, total = blue + part[4 * LANES + k], total + part[5 * LANES + k]
         if part[best] > ZERO:
             numbers[SLOT_OF + i] = np.int64(scratch.near[int(part[LANES + best])]) * 4 + best % 4
+        else:
+            x = row(wide, LOCAL + i)
+            slot = nearest_slot(tree, numbers[LEAF_OF + i], np.float32(x[0]), np.float32(x[1]), np.float32(x[2]))
+            numbers[SLOT_OF + i] = slot
+            if tree.colors.size > 0:
+                packed, total = tree.colors[slot], 1.0
+                red, green = np.float64(world.tone[packed & 255]), np.float64(world.tone[(packed >> 8) & 255])
+                blue = np.float64(world.tone[(packed >> 16) & 255])
         put(wide, COLOR + i, (red / total, green / total, blue / total) if total > 0.0 else (1.0, 1.0, 1.0))
     if world.instances[at + PAINT] >= 0.0:
         paint_four(world, four, places, (sheeted, v), scratch)

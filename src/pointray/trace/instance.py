@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..jit import inline
-from ..records import INSTANCE, SHAPE_ROW, tree_at
+from ..records import INSTANCE, LONGEST, SHAPE_ROW, tree_at
 from ..scratch import (
+    BEGIN,
+    CUT,
     DIRECTION,
     DX,
     END,
@@ -36,8 +36,9 @@ from ..scratch import (
     row,
 )
 from ..simd import count_bits, load16, lowest, select, spread16, store
-from ..vec import add, dot, either, scale, transform_transposed
+from ..vec import add, either, scale, transform_transposed, unit_of_any
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
+from .leaf import BEHIND
 from .space import into_model, matrix_at, model_bounds
 from .surface import ONE, ZERO
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
@@ -50,15 +51,20 @@ LONELY = 24
 
 
 @inline
-def _enter(matrix, bounds, i, scratch):  # type: ignore[no-untyped-def]
-    """Ray i in a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them."""
-    wide = scratch.world
+def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
+    """Ray i in a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
+
+    box : the model's bounds, and the longest step of the samples in it
+    """
+    wide, rows, (bounds, step) = scratch.world, scratch.model, box
     ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
-    start, d, low, high, speed = into_model(matrix, bounds, ray)
+    start, d, low, high, speed, begin = into_model(matrix, bounds, ray, step)
     put(wide, START + i, start)
     put(wide, HEADING + i, d)
     wide[LOW + i], wide[SPEED + i] = low, speed
-    scratch.model[LENGTH + i] = np.float32(high - low) if low <= high else -ONE
+    rows[LENGTH + i] = np.float32(high - low + step) if low <= high else -ONE
+    begin = np.float32(begin)
+    rows[BEGIN + i] = -max(begin, BEHIND) if rows[CUT + i] > ZERO else begin
 
 
 @inline
@@ -74,13 +80,13 @@ def _narrow(i, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _some_enter(matrix, bounds, some, scratch):  # type: ignore[no-untyped-def]
+def _some_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
     """Put some rays (bits) into a model's space, one by one; returns those that meet its bounds."""
     meeting = np.int64(0)
     while some != 0:
         i = lowest(some)
         some &= some - 1
-        _enter(matrix, bounds, i, scratch)
+        _enter(matrix, box, i, scratch)
         if scratch.model[LENGTH + i] >= ZERO:
             _narrow(i, scratch)
             meeting |= np.int64(1) << i
@@ -88,14 +94,14 @@ def _some_enter(matrix, bounds, some, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _all_enter(matrix, bounds, some, scratch):  # type: ignore[no-untyped-def]
+def _all_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
     """Put the tile's rays into a model's space; returns those of some (bits) that meet its bounds.
 
     No branches but for tiles of which not all do: the rays go through it as vectors.
     """
     rows = scratch.model
     for i in range(TILE):
-        _enter(matrix, bounds, i, scratch)
+        _enter(matrix, box, i, scratch)
     if some != ALL:
         for i in range(TILE):
             rows[LENGTH + i] = rows[LENGTH + i] if (some >> i) & 1 != 0 else -ONE
@@ -146,10 +152,10 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
     """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before."""
     model = np.int64(world.instances[at + SHAPE_ROW])
     tree = tree_at(world.table, model)
-    matrix, bounds = matrix_at(world, at), model_bounds(tree.head)
+    matrix, box = matrix_at(world, at), (model_bounds(tree.head), np.float64(tree.head[LONGEST]))
     rows, numbers = scratch.model, scratch.numbers
     few = count_bits(some) <= LONELY
-    alone = _some_enter(matrix, bounds, some, scratch) if few else _all_enter(matrix, bounds, some, scratch)
+    alone = _some_enter(matrix, box, some, scratch) if few else _all_enter(matrix, box, some, scratch)
     if alone == 0:
         return
     entered = alone
@@ -190,7 +196,7 @@ def _keep_place(matrix, i, scratch):  # type: ignore[no-untyped-def]
     wide, rows = scratch.world, scratch.model
     n = row(rows, NX + i)
     n = transform_transposed(matrix, (np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
-    n = scale(n, 1.0 / math.sqrt(dot(n, n)))
+    n = unit_of_any(n)
     x = add(row(wide, START + i), scale(row(wide, HEADING + i), np.float64(rows[LENGTH + i])))
     better = scratch.numbers[FOUND + i] >= 0
     old_n, old_x = row(wide, NORMAL + i), row(wide, LOCAL + i)

@@ -15,7 +15,15 @@ Three things can be between two neighbouring samples that both have support:
 Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Frame.side` tells.
 Until f has once been on that side it counts as lifted by this much: such a ray is not blocked by the splats around
 its origin when it leaves, however flat, and is when it goes to the other side. A ray that a clip plane cuts begins on
-no surface: it has its first sample just behind 0.
+no surface.
+
+Where a ray begins and ends, t_min and t_max, does not decide what is found either, but for the start rule: samples go
+on before and behind, and a root there does not count. The walk through the tree goes on by a step as well, as a root
+that is estimated may lie before the slab in which the surface is. Where the first crossing between two samples is
+before the ray begins, what is left of their interval is looked into.
+
+A hit has a unit normal: where the normals of the splats cancel, or numbers leave float32, there is no surface
+(`accept`).
 """
 
 from __future__ import annotations
@@ -67,16 +75,19 @@ GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
 MOST_STEPS = np.float32(2.0**22)  # from where a ray enters the model's bounds
+BEHIND = np.float32(1e-30)  # instead of 0 where a ray begins, so that it has a sign, see `scratch.BEGIN`
 CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into without an estimate
 
 
 class Reach(NamedTuple):
-    """Which samples of rays are looked at: numbers of the first and the last, and where the rays begin and end."""
+    """Which samples of rays are looked at: numbers of the first and the last; and where the rays begin.
+
+    begin : negative where a ray begins elsewhere, or on no surface, so that no start rule is for it; then never 0
+    """
 
     first: Any
     last: Any
-    t_low: Any
-    t_high: Any
+    begin: Any
 
 
 class Found(NamedTuple):
@@ -90,31 +101,41 @@ class Found(NamedTuple):
 
 
 @inline
-def lattice(tree, leaf, interval, ends):  # type: ignore[no-untyped-def]
+def lattice(tree, leaf, interval, begin):  # type: ignore[no-untyped-def]
     """Which samples are looked at, and a mask of the rays that can tell them apart in float32.
 
     interval : where the rays enter the voxel, and the part in which the surface can be (tight box, slab)
-    ends : where the rays begin (0, or just above where the start rule does not count) and end
+    begin : where the rays begin, see `scratch.BEGIN`
     The lattice's next samples on both sides, out of the slab and out of the voxel: see `tree/cells.py`.
     """
-    (enter, low, high), (begin, end) = interval, ends
+    enter, low, high = interval
     step = tree.leaves[leaf * LEAF + STEP]
-    fine = high < MOST_STEPS * step
-    # Where the origin is in this voxel the start rule needs f there.
-    low = select(fine & (enter > begin), low, spread16(ZERO))
-    high = select(fine, high, spread16(ZERO))
+    # Asked of where the surface may begin: where the ray ends must not decide.
+    fine = low < MOST_STEPS * step
+    # Where the ray begins in this voxel the start rule needs f there.
+    starts = enter <= begin
+    low = select(fine, select(starts, vmin(low, begin), low), spread16(ZERO))
+    high = select(fine, vmin(high, spread16(MOST_STEPS * step + MOST_STEPS * step)), spread16(ZERO))
     # t is never negative here: truncation is the floor.
     first, last = whole(low / step), whole(high / step) + ONE
-    return Reach(first, last, vmax(first * step, begin), vmin(last * step, end)), fine
+    return Reach(first, last, select(starts, begin, ZERO - vmax(vabs(begin), spread16(BEHIND)))), fine
+
+
+@inline
+def span(tree, leaf, reach):  # type: ignore[no-untyped-def]
+    """Where the first and the last sample are."""
+    step = tree.leaves[leaf * LEAF + STEP]
+    return reach.first * step, reach.last * step
 
 
 @inline
 def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped-def]
     """Which rays hit at their roots, and the normals there. f may jump from sign to sign, or P be beyond the trim.
 
-    limits : 1, -1 where only a side is sought that faces the rays, or faces away, else 0; and what f is lifted by
+    limits : 1, -1 where only a side is sought that faces the rays, or faces away, else 0; what f is lifted by; and
+    where the rays begin, with any sign
     """
-    way, lift = limits
+    way, lift, begin = limits
     asked = bits(root.t < INF)
     joined, foot, gap = root.joined, root.foot, vabs(root.rise)
     good = asked
@@ -125,6 +146,8 @@ def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped
         good &= bits(joined | (means.weight > ZERO))
     if way != ZERO:
         good &= bits(way * root.rise * frame.side <= ZERO)
+    (nx, ny, nz), known = unit(foot)
+    good &= bits(known & (root.t >= vabs(begin)))
     away = vsqrt(foot.away)
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     trim = tree.head[TRIM]
@@ -132,15 +155,14 @@ def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped
     x, y, z = s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = spread16(tree.leaves[leaf * LEAF + LEAST])
-    over = bits((away > trim * least) | (gap > jump * least)) & good
+    over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # so also where they are no numbers
     border = tree.leaves[leaf * LEAF + BORDERED] != ZERO
     if over != 0 or border:
         radius = local_radius(scratch, x, y, z)
-        good &= ~bits((away > trim * radius) | (gap > jump * radius))
+        good &= bits((away <= trim * radius) & (gap <= jump * radius))
         if border:
             share, out = overhang(tree, scratch, x, y, z)
             good &= ~bits((share > BORDER_SHARE) & (out > tree.head[OVERHANG] * radius))
-    nx, ny, nz = unit(foot)
     return fold(good), nx, ny, nz
 
 
@@ -197,20 +219,24 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
 
     rays : 4 bits, those that are asked for
     limits : 1, -1 for the sheets that face the rays or face away, 0 for all; and what the start rule has lifted f by
+    A ray that begins between two samples counts as lifted where that matters, so that it is traced alone.
     """
     way, lift = limits
     none = spread16(ZERO)
     t_hit, nx, ny, nz = spread16(INF), none, none, none
     step = tree.leaves[leaf * LEAF + STEP]
-    starts = bits(reach.t_low <= ZERO)
+    starts, high = bits(reach.begin >= ZERO), reach.last * step
     t_before = f_before = slope_before = spread16(NAN)
     k = reach.first + quarters(ZERO, ONE, np.float32(2.0), np.float32(3.0))
     left = rays if scratch.counts[COUNT_SPLATS] > 0 else 0
     while left != 0:
-        t = vmin(vmax(k * step, reach.t_low), reach.t_high)
+        t = vmin(k * step, high)
         f, slope = evaluate(tree, scratch, frame, t)
         if starts != 0:
             lift = select(mask16(starts), _lift_of(tree, leaf, first_quarter(f)), lift)
+            between = reach.begin > ZERO
+            lift = select(between, spread16(ONE), lift)
+            left &= ~fold(bits(between))
             starts = 0
         f = f + lift
 
@@ -226,7 +252,12 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
             crosses = all_samples(fold(now & changes))
             root = look_into(tree, scratch, frame, pair, crosses, fold(now), lift)
             if bits(root.t < INF) != 0:
-                good, mx, my, mz = accept(tree, scratch, frame, leaf, root, (way, lift))
+                early = root.t < vabs(reach.begin)
+                if bits(early) != 0:
+                    lift = select(early, spread16(ONE), lift)
+                    left &= ~fold(bits(early))
+                    events &= ~bits(early)
+                good, mx, my, mz = accept(tree, scratch, frame, leaf, root, (way, lift, reach.begin))
                 if good != 0:
                     here = all_samples(good)
                     t_hit = select(here, root.t, t_hit)
@@ -242,6 +273,13 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
 
 
 @inline
+def _rest(tree, scratch, frame, pair, begin):  # type: ignore[no-untyped-def]
+    """What is left of the interval between two samples of a ray behind where it begins; and whether f changes sign."""
+    f, slope = evaluate(tree, scratch, frame, begin)
+    return Pair(begin, f, slope, pair.tb, pair.fb, pair.slope_b), crossing(f, pair.fb)
+
+
+@inline
 def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-untyped-def]
     """The same of one ray, which all lanes hold, as numbers: lane s is sample s, sixteen at once.
 
@@ -250,16 +288,22 @@ def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-un
     way, lift = limits
     none = spread16(ZERO)
     step = tree.leaves[leaf * LEAF + STEP]
-    starts, last = lane(reach.t_low, 0) <= ZERO, lane(reach.last, 0)
+    starts, last, begin = lane(reach.begin, 0) >= ZERO, lane(reach.last, 0), vabs(reach.begin)
+    # Only a ray that the start rule lifts has its first sample where it begins.
+    low, high = select(lift > ZERO, begin, none), reach.last * step
+    between = lane(reach.begin, 0) > ZERO
     t_before = f_before = slope_before = spread16(NAN)
     two, three, four = np.float32(2.0), np.float32(3.0), np.float32(4.0)
     k = reach.first + (four * quarters(ZERO, ONE, two, three) + fours(ZERO, ONE, two, three))
     while True:
-        t = vmin(vmax(k * step, reach.t_low), reach.t_high)
+        t = begin if between else vmin(vmax(k * step, low), high)
         f, slope = evaluate(tree, scratch, frame, t)
         if starts:
             lift = _lift_of(tree, leaf, spread16(lane(f, 0)))
             starts = False
+            if between:
+                low, between = select(lift > ZERO, begin, none), False
+                continue
         # Up to the quarter in which f is first on the ray's side.
         settled = bits(f + lift >= lift)
         lifted = select(mask16((16 << (lowest(settled) & 12)) - 1 if settled != 0 else 0xFFFF), lift, none)
@@ -274,10 +318,14 @@ def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-un
             events &= events - 1
             here = mask16(now)
             pair = _pair(before, after, here)
-            raised = sample(lifted, here)
-            root = look_into(tree, scratch, frame, pair, all_samples(fold(now & changes)), fold(now), raised)
+            raised, crosses, todo = sample(lifted, here), all_samples(fold(now & changes)), fold(now)
+            while True:
+                root = look_into(tree, scratch, frame, pair, crosses, todo, raised)
+                if bits(root.t < begin) == 0 or lane(pair.ta, 0) >= lane(begin, 0):
+                    break
+                pair, crosses = _rest(tree, scratch, frame, pair, begin)
             if bits(root.t < INF) != 0:
-                good, nx, ny, nz = accept(tree, scratch, frame, leaf, root, (way, raised))
+                good, nx, ny, nz = accept(tree, scratch, frame, leaf, root, (way, raised, begin))
                 if good != 0:
                     i = lowest(good)
                     return Found(lane(root.t, i), lane(nx, i), lane(ny, i), lane(nz, i), lane(raised, i))

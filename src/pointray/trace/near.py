@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inline
-from ..records import BLOCK, EMPTY, GROUP, INV_R2, PX, PY, PZ
+from ..jit import inline, routine
+from ..records import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ
 from ..scratch import AT_DX, AT_DY, AT_DZ, AT_HALF, AT_X, AT_Y, AT_Z, COUNT_NEAR, COUNT_SPLATS, GATHERED, LANES, slot_of
 from ..simd import (
     bits,
@@ -107,6 +107,29 @@ def list_blocks(tree, leaf, capsule, scratch):  # type: ignore[no-untyped-def]
         reach = SLACK * load16(tree.spheres, at + 48) + capsule.spread  # NaN in an empty slot
         n += pack(square < reach * reach, tree.refs, np.int64(group) * 16, scratch.near, n)
     scratch.counts[COUNT_NEAR] = n
+
+
+@routine
+def nearest_slot(tree, leaf, x, y, z):  # type: ignore[no-untyped-def]
+    """The slot of the splat that a leaf knows and that is nearest to a place, in radii.
+
+    It stands for the one of most weight where none has any: a hit that rounding has moved to the rim of all supports.
+    """
+    best, nearest = np.int64(-1), np.inf
+    first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
+    for k in range(16 * np.int64(first), 16 * (np.int64(first) + count)):
+        group, place = k // 16 * GROUP, k % 16
+        if not tree.spheres[group + 48 + place] >= ZERO:
+            continue  # an empty place
+        block = np.int64(tree.refs[k])
+        for j in range(4):
+            at = block * BLOCK + j
+            if tree.blocks[at + PX] < FAR:
+                dx, dy, dz = tree.blocks[at + PX] - x, tree.blocks[at + PY] - y, tree.blocks[at + PZ] - z
+                away = np.float64(dx * dx + dy * dy + dz * dz) * tree.blocks[at + INV_R2]
+                if best < 0 or away < nearest:
+                    best, nearest = 4 * block + j, away
+    return best
 
 
 @inline

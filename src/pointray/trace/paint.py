@@ -7,7 +7,6 @@ import numpy as np
 from ..jit import inline
 from ..records import (
     BLENDED,
-    CLASSES,
     INSTANCE,
     PAINT,
     PAINT_ALONG,
@@ -17,6 +16,7 @@ from ..records import (
     PAINT_LEVELS,
     PAINT_SIZE,
     PAINT_START,
+    PLACED,
     SHAPE_ROW,
     tree_at,
 )
@@ -57,14 +57,19 @@ def _blend(world, paint, tree, places, sheet, scratch):  # type: ignore[no-untyp
 
 
 @inline
-def _blended(sums, r, scratch):  # type: ignore[no-untyped-def]
-    """The level at place r of four from the sums; NaN where splats without one have most of the weight."""
+def _blended(sums, r, own, scratch):  # type: ignore[no-untyped-def]
+    """The level at place r of four from the sums; NaN where splats without one have most of the weight.
+
+    own : of the splat that stands for all where none has weight
+    """
     part = scratch.part
     for k in range(3):
         store(part, k * LANES, sums[k])
     total = known = level = 0.0
     for k in range(4 * r, 4 * r + 4):
         total, known, level = total + part[k], known + part[LANES + k], level + part[2 * LANES + k]
+    if not total > 0.0:
+        return own
     return level / known if known > 0.0 and 2.0 * known >= total else np.nan
 
 
@@ -84,12 +89,11 @@ def paint_four(world, four, places, sheet, scratch):  # type: ignore[no-untyped-
         sums = _blend(world, paint, tree, places, sheet, scratch)
     for r in range(4):
         i, level = four[r], np.nan
+        if kind != PLACED:
+            level = np.float64(world.levels[int(world.paints[paint + PAINT_LEVELS]) + numbers[SLOT_OF + i]])
         if kind == BLENDED:
-            level = _blended(sums, r, scratch)
-        elif kind == CLASSES:
-            if numbers[SLOT_OF + i] >= 0:
-                level = np.float64(world.levels[int(world.paints[paint + PAINT_LEVELS]) + numbers[SLOT_OF + i]])
-        else:
+            level = _blended(sums, r, level, scratch)
+        elif kind == PLACED:
             x = add(row(wide, ORIGIN + i), scale(row(wide, DIRECTION + i), wide[NEAREST + i]))
             level = dot(triple(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
         put(wide, COLOR + i, _map_color(world, paint, level))

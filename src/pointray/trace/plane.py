@@ -9,8 +9,8 @@ import numpy as np
 from ..jit import inline
 from ..records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
 from ..scratch import (
-    BEGIN,
     COLOR,
+    CUT,
     DIRECTION,
     INSTANCE_OF,
     LEAF_OF,
@@ -66,7 +66,7 @@ def tile_on_plane(world, at, scratch):  # type: ignore[no-untyped-def]
     wide, numbers = scratch.world, scratch.numbers
     for i in range(TILE):
         o, d = row(wide, ORIGIN + i), row(wide, DIRECTION + i)
-        start_rule = wide[SIDE_OF + i], scratch.model[BEGIN + i]
+        start_rule = wide[SIDE_OF + i], scratch.model[CUT + i]
         t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), start_rule)
         if t < np.inf:
             wide[NEAREST + i] = t

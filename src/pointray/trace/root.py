@@ -31,6 +31,9 @@ from .surface import HALF, INF, ONE, TWO, ZERO, sums, value
 CLOSE = np.float32(0.02), np.float32(0.12)
 MORE = np.float32(3.0)  # secant steps after an estimate that was off
 EVEN = np.float32(0.1), np.float32(0.3)  # about the middle of the bracket: where there is no estimate
+CANCELLED = np.float32(
+    1e-12
+)  # of the squared length of a mean of unit normals: below it rounding decides the direction
 FAINT = np.float32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
 
 
@@ -145,9 +148,10 @@ def foot_of(means, u4):  # type: ignore[no-untyped-def]
 
 @inline
 def unit(foot):  # type: ignore[no-untyped-def]
-    """Unit normals."""
-    scale = ONE / vsqrt(vmax(foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz, spread16(np.float32(1e-30))))
-    return foot.nx * scale, foot.ny * scale, foot.nz * scale
+    """Unit normals, and a mask of where there is one: not where normals cancel, and not where they are no numbers."""
+    square = foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz
+    scale = ONE / vsqrt(square)
+    return (foot.nx * scale, foot.ny * scale, foot.nz * scale), (square > CANCELLED) & (square < INF)
 
 
 @inline

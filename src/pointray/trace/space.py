@@ -1,6 +1,8 @@
 """From the world into a model's space: rays get unit length and start where they enter the model's bounds.
 
-So a far camera costs no precision when they become float32.
+So a far camera costs no precision when they become float32. Where they enter does not depend on t_min and t_max, nor do
+the samples along them (`trace/leaf.py`): a shorter ray hits what the whole one does, or nothing. A ray whose t_min is
+below 0 enters a whole number of the longest steps before its origin, so that the lattice is the same.
 """
 
 from __future__ import annotations
@@ -44,21 +46,28 @@ def matrix_at(world, at):  # type: ignore[no-untyped-def]
 
 
 @inline
-def into_model(matrix, bounds, ray):  # type: ignore[no-untyped-def]
+def into_model(matrix, bounds, ray, step):  # type: ignore[no-untyped-def]
     """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
 
-    Returns (start, unit direction, low, high, speed): low and high along the unit direction, low > high for a ray
-    that misses the bounds; speed is how much longer the direction was. No branches: the rays of a tile go through it
-    as vectors.
+    Returns (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a
+    ray that misses the bounds; speed is how much longer the direction was; begin is where it begins behind low. No
+    branches: the rays of a tile go through it as vectors.
+    step : the model's longest; 0: not known
     """
     d = transform(matrix, ray[1])
     speed = length(d)
     d = scale(d, 1.0 / speed)
     o = transform(matrix, ray[0])
     o = o[0] + matrix[0][3], o[1] + matrix[1][3], o[2] + matrix[2][3]
-    span = (ray[2] * speed, ray[3] * speed)
+    first = ray[2] * speed
+    span = (0.0 if first >= 0.0 else -np.inf, ray[3] * speed)
     span = _clip(span, (bounds[0][0], bounds[1][0]), o[0], d[0])
     span = _clip(span, (bounds[0][1], bounds[1][1]), o[1], d[1])
     span = _clip(span, (bounds[0][2], bounds[1][2]), o[2], d[2])
-    end = span[1] if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has squeezed the direction away
-    return add(o, scale(d, span[0])), d, span[0], end, speed
+    low = span[0]
+    back = np.floor(low / step) * step if step > 0.0 else low
+    low = back if low < 0.0 else low
+    begin = first - low if first > low else 0.0
+    high = span[1] if first <= span[1] else -np.inf
+    end = high if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has squeezed the direction away
+    return add(o, scale(d, low)), d, low, end, speed, begin

@@ -9,7 +9,8 @@ P - x = E[q], N = E[n]:
             u4 = (E[q.n] - E[q].E[n]) / 2 var(q)                               (Guennebaud and Gross 2007)
 
 `apss` is thus the mean of the other two, whose biases are opposite, and a term of curvature. var(q) is taken at least
-E[q.q] / 4, which changes nothing inside of the cloud and keeps the fit tame where two splats are seen from afar.
+E[q.q] / 4, which changes nothing inside of the cloud and keeps the fit tame where two splats are seen from afar. At a
+point itself, where no other reaches, q is 0 and so is u4.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from ..simd import repeat4, select, spread16, spread_from, vmax, vsqrt
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 QUARTER = np.float32(0.25)
 NAN, INF = np.float32(np.nan), np.float32(np.inf)
+TINIEST = np.float32(1e-35)  # of squared lengths, the least that is divided by
 
 
 class Means(NamedTuple):
@@ -101,7 +103,7 @@ def value(surface, means):  # type: ignore[no-untyped-def]
         f = ZERO - qn
     else:
         center = qx * qx + qy * qy + qz * qz
-        u4 = HALF * (qn - plane) / vmax(qq - center, QUARTER * qq)
+        u4 = HALF * (qn - plane) / vmax(qq - center, vmax(QUARTER * qq, spread16(TINIEST)))
         f = u4 * (TWO * center - qq) - plane
     return select(weight > ZERO, f, spread16(NAN)), u4
 

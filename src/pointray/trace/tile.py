@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import CELL, GROUP, LEAF, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
+from ..records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
 from ..scratch import (
     ANY_HIT,
     BEGIN,
@@ -58,10 +58,11 @@ from ..simd import (
 )
 from .patch import FLAT
 from .surface import ONE, ZERO
-from .traverse import expect, expect_columns, far_planes, insert, near_planes
+from .traverse import expect, expect_columns, far_planes, insert, near_planes, walk_begin
 from .voxel import search_alone, search_together, together
 
 ALL = -1  # rays as bits of an int64
+ROUNDING = np.float32(1e-6)
 
 
 @inline
@@ -112,15 +113,18 @@ def tile_ray(rows, i):  # type: ignore[no-untyped-def]
 
 @inline
 def _leaf_intervals(tree, leaf, box, planes, rows, v):  # type: ignore[no-untyped-def]
-    """Write where 16 rays, from v on, are in the leaf's voxel and where the surface can be; returns who passes."""
-    near, far = planes
+    """Write where 16 rays, from v on, are in the leaf's voxel and where the surface can be; returns who passes.
+
+    planes : rows of those that are entered and left first, and where the walk begins
+    """
+    near, far, begin = planes
     ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
     ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
     at, leaves, boxes = leaf * LEAF, tree.leaves, tree.boxes
     length = load16(rows, LENGTH + v)
     enter = vmax(
         vmax((leaves[at + CELL + near[0]] - ox) * ix, (leaves[at + CELL + near[1]] - oy) * iy),
-        vmax((leaves[at + CELL + near[2]] - oz) * iz, spread16(ZERO)),
+        vmax((leaves[at + CELL + near[2]] - oz) * iz, spread16(begin)),
     )
     leave = vmin(
         vmin((leaves[at + CELL + far[0]] - ox) * ix, (leaves[at + CELL + far[1]] - oy) * iy),
@@ -181,10 +185,19 @@ def _expect_search(tree, child):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _end_where_hit(some, scratch):  # type: ignore[no-untyped-def]
-    """Rays that have met something are not traced on."""
+def _end_where_hit(tree, some, scratch):  # type: ignore[no-untyped-def]
+    """Rays that have met something are not traced on, where rounding leaves no doubt that it is before they end."""
+    rows, step = scratch.model, tree.head[LONGEST]
     for k in range(some[0], some[1]):
-        scratch.model[LENGTH + k] = -ONE if scratch.numbers[FOUND + k] >= 0 else scratch.model[LENGTH + k]
+        sure = (scratch.numbers[FOUND + k] >= 0) & (rows[LENGTH + k] < (ONE - ROUNDING) * rows[END + k] - step)
+        rows[LENGTH + k] = -ONE if sure else rows[LENGTH + k]
+
+
+@inline
+def _walk_begin(tree, rows, some):  # type: ignore[no-untyped-def]
+    """Where the walk of the first of some rays begins. Some may have a sign, see `scratch.BEGIN`."""
+    low, high = range_of(rows, BEGIN, some)
+    return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
 
 
 @inline
@@ -200,7 +213,8 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
     y = bounds_of_planes(rows, OY, IY, some)
     z = bounds_of_planes(rows, OZ, IZ, some)
     near_rows = near_planes(x[2], y[2], z[2])
-    planes = near_rows, far_planes(near_rows)
+    begin = _walk_begin(tree, rows, some)
+    planes = near_rows, far_planes(near_rows), begin
     px, py, pz = planes[0][0] * WIDTH, planes[0][1] * WIDTH, planes[0][2] * WIDTH
     qx, qy, qz = planes[1][0] * WIDTH, planes[1][1] * WIDTH, planes[1][2] * WIDTH
     stack, stack_near = scratch.stack, scratch.stack_near
@@ -214,7 +228,7 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
         az, bz = load8(tree.boxes, at + pz) - z[0], load8(tree.boxes, at + qz) - z[1]
         near = vmax(
             vmax(vmin(ax * x[2], ax * x[3]), vmin(ay * y[2], ay * y[3])),
-            vmax(vmin(az * z[2], az * z[3]), spread8(ZERO)),
+            vmax(vmin(az * z[2], az * z[3]), spread8(begin)),
         )
         far = vmin(
             vmin(vmax(bx * x[2], bx * x[3]), vmax(by * y[2], by * y[3])),
@@ -248,5 +262,5 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
             if passing != 0:
                 lifted |= _search(tree, leaf, passing, scratch)
                 if scratch.counts[ANY_HIT] != 0:
-                    _end_where_hit(some, scratch)
+                    _end_where_hit(tree, some, scratch)
                 farthest = range_of(rows, LENGTH, some)[1]

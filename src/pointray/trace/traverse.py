@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import CELL, LEAF, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
+from ..records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
 from ..scratch import COUNT_LEAVES, COUNT_NODES
 from ..simd import bits, lane, load8, lowest, prefetch, spread8, vmax, vmin
 from .patch import FLAT
@@ -44,13 +44,13 @@ def far_planes(near):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _voxel_interval(tree, leaf, ray, rows):  # type: ignore[no-untyped-def]
-    """Where the ray enters and leaves the leaf's voxel, within its own interval."""
+def _voxel_interval(tree, leaf, ray, rows, begin):  # type: ignore[no-untyped-def]
+    """Where the ray enters and leaves the leaf's voxel, behind begin and before it ends."""
     near, far = rows
     at, leaves = leaf * LEAF + CELL, tree.leaves
     enter = max(
         max((leaves[at + near[0]] - ray.ox) * ray.ix, (leaves[at + near[1]] - ray.oy) * ray.iy),
-        max((leaves[at + near[2]] - ray.oz) * ray.iz, ray.t_min),
+        max((leaves[at + near[2]] - ray.oz) * ray.iz, begin),
     )
     leave = min(
         min((leaves[at + far[0]] - ray.ox) * ray.ix, (leaves[at + far[1]] - ray.oy) * ray.iy),
@@ -92,10 +92,17 @@ def expect_columns(tree, leaf):  # type: ignore[no-untyped-def]
 
 
 @inline
+def walk_begin(tree, begin):  # type: ignore[no-untyped-def]
+    """Where the walk of a ray begins: a step before the ray, see `trace/leaf.py`."""
+    return max(abs(begin) - tree.head[LONGEST], ZERO)
+
+
+@inline
 def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
     """The first hit of a ray with a model. Counts nodes and leaves."""
     tree = tree_at(table, model)
     scratch.lift[0] = ZERO
+    begin = walk_begin(tree, ray.t_min)
     ix, iy, iz = ray.ix, ray.iy, ray.iz
     rows = near_planes(ix, iy, iz)
     rows = rows, far_planes(rows)
@@ -108,7 +115,7 @@ def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
         at = np.int64(node) * NODE
         near = vmax(
             vmax((load8(tree.boxes, at + nx) - ray.ox) * ix, (load8(tree.boxes, at + ny) - ray.oy) * iy),
-            vmax((load8(tree.boxes, at + nz) - ray.oz) * iz, spread8(ray.t_min)),
+            vmax((load8(tree.boxes, at + nz) - ray.oz) * iz, spread8(begin)),
         )
         far = vmin(
             vmin((load8(tree.boxes, at + fx) - ray.ox) * ix, (load8(tree.boxes, at + fy) - ray.oy) * iy),
@@ -138,7 +145,7 @@ def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
                 break
             scratch.counts[COUNT_LEAVES] += 1
             leaf = ~node
-            enter, leave = _voxel_interval(tree, leaf, ray, rows)
+            enter, leave = _voxel_interval(tree, leaf, ray, rows, begin)
             low, high = _slab_interval(tree, leaf, ray, (max(stack_near[top], enter), leave))
             if low <= high:
                 hit = search_alone(tree, leaf, ray, scratch, (enter, leave, low, high))

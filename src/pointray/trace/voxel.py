@@ -7,16 +7,15 @@ import numpy as np
 from ..jit import inline
 from ..records import DISC, LEAF, SHEETED, SURFACE, Hit
 from ..scratch import (
+    AT_BEGIN,
     AT_CENTER,
     AT_DX,
     AT_DY,
     AT_DZ,
     AT_FIRST,
     AT_HALF,
-    AT_HIGH,
     AT_LAST,
     AT_LENGTH,
-    AT_LOW,
     AT_SIDE,
     AT_X,
     AT_Y,
@@ -26,7 +25,6 @@ from ..scratch import (
     DX,
     DY,
     DZ,
-    END,
     ENTER,
     FIRST,
     FOUND,
@@ -45,7 +43,7 @@ from ..scratch import (
 )
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, select, spread16, store_packed
 from .disc import search_discs
-from .leaf import Reach, lattice, search, search_one
+from .leaf import Reach, lattice, search, search_one, span
 from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
 from .patch import axes_of, narrow, narrow_one
 from .root import Frame
@@ -71,20 +69,21 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
     enter, leave, low, high = interval
     hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
     o, d, inverse = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz), (ray.ix, ray.iy, ray.iz)
-    ends = spread16(ray.t_min), spread16(ray.t_max)
     u, v, w = axes = axes_of(tree, leaf)
     along = (o[u], o[v], o[w]), (d[u], d[v], d[w]), (inverse[u], inverse[v])
     low, high = narrow_one(tree, leaf, axes, along, (low, high))
     if not low <= high:
         return hit
-    reach, fine = lattice(tree, leaf, (spread16(enter), spread16(low), spread16(high)), ends)
+    reach, fine = lattice(tree, leaf, (spread16(enter), spread16(low), spread16(high)), spread16(ray.t_min))
     if bits(fine) == 0:
         return hit
-    capsule = segment(o, d, lane(reach.t_low, 0), lane(reach.t_high, 0))
+    first, last = span(tree, leaf, reach)
+    capsule = segment(o, d, lane(first, 0), lane(last, 0))
     if int(tree.head[SURFACE]) == DISC:
         list_blocks(tree, leaf, capsule, scratch)
-        center = HALF * (lane(reach.t_low, 0) + lane(reach.t_high, 0))
-        return search_discs(tree, leaf, scratch, ((capsule.x, capsule.y, capsule.z), center, ray), enter, leave)
+        center = HALF * (lane(first, 0) + lane(last, 0))
+        frame = (capsule.x, capsule.y, capsule.z), center, ray
+        return search_discs(tree, leaf, scratch, frame, max(enter, abs(ray.t_min)), leave)
     frame = Frame(
         spread16(capsule.x),
         spread16(capsule.y),
@@ -92,7 +91,7 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
         spread16(d[0]),
         spread16(d[1]),
         spread16(d[2]),
-        HALF * (reach.t_low + reach.t_high),
+        HALF * (first + last),
         spread16(ray.side),
     )
     lift = spread16(scratch.lift[0])
@@ -144,12 +143,13 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
         low, high = narrow(tree, leaf, axes, _along(axes, rows, v), (load16(rows, FIRST + v), load16(rows, LAST + v)))
         met = low <= high
         interval = load16(rows, ENTER + v), select(met, low, spread16(ZERO)), select(met, high, spread16(ZERO))
-        reach, fine = lattice(tree, leaf, interval, (load16(rows, BEGIN + v), load16(rows, END + v)))
+        reach, fine = lattice(tree, leaf, interval, load16(rows, BEGIN + v))
         word &= bits(fine & met)
         if word == 0:
             continue
         active = mask16(word)
-        center, half = HALF * (reach.t_low + reach.t_high), HALF * (reach.t_high - reach.t_low)
+        first, last = span(tree, leaf, reach)
+        center, half = HALF * (first + last), HALF * (last - first)
         dx, dy, dz = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
         store_packed(part, AT_X + n, active, load16(rows, OX + v) + center * dx)
         store_packed(part, AT_Y + n, active, load16(rows, OY + v) + center * dy)
@@ -161,8 +161,7 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
         store_packed(part, AT_HALF + n, active, half)
         store_packed(part, AT_FIRST + n, active, reach.first)
         store_packed(part, AT_LAST + n, active, reach.last)
-        store_packed(part, AT_LOW + n, active, reach.t_low)
-        store_packed(part, AT_HIGH + n, active, reach.t_high)
+        store_packed(part, AT_BEGIN + n, active, reach.begin)
         store_packed(part, AT_LENGTH + n, active, load16(rows, LENGTH + v))
         store_packed(part, AT_SIDE + n, active, load16(rows, SIDE + v))
         n += count_bits(word)
@@ -202,12 +201,7 @@ def _four(part, at):  # type: ignore[no-untyped-def]
         repeat4(part, AT_CENTER + at),
         repeat4(part, AT_SIDE + at),
     )
-    reach = Reach(
-        repeat4(part, AT_FIRST + at),
-        repeat4(part, AT_LAST + at),
-        repeat4(part, AT_LOW + at),
-        repeat4(part, AT_HIGH + at),
-    )
+    reach = Reach(repeat4(part, AT_FIRST + at), repeat4(part, AT_LAST + at), repeat4(part, AT_BEGIN + at))
     return frame, reach
 
 

@@ -11,7 +11,7 @@ from ..jit import inline, routine
 from ..records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, lend_world
 from ..scratch import (
     ANY_HIT,
-    BEGIN,
+    CUT,
     DIRECTION,
     INSTANCE_OF,
     NEAREST,
@@ -26,11 +26,10 @@ from ..scratch import (
 from ..vec import dot, either, length, triple
 from .instance import through_instance
 from .plane import ON_PLANE, tile_on_plane
-from .surface import ZERO
+from .surface import ONE, ZERO
 from .top import begin_walk, open_node, shorten, still_open
 
 NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for places in a tile that are free
-BEHIND = np.float32(1e-30)  # so little behind its beginning a ray begins that no start rule is for, see `trace/leaf.py`
 
 
 @inline
@@ -84,7 +83,7 @@ def _cut_by(world, at, scratch):  # type: ignore[no-untyped-def]
         high = t if rise > 0.0 else (-np.inf if (rise == 0.0) & (height > 0.0) else np.inf)
         # What starts on a surface that the plane touches may be a rounding's width beyond the plane.
         beyond = height + t_min * rise > ON_PLANE * (length(o) + abs(offset))
-        scratch.model[BEGIN + i] = BEHIND if (low > t_min) & beyond else scratch.model[BEGIN + i]
+        scratch.model[CUT + i] = ONE if (low > t_min) & beyond else scratch.model[CUT + i]
         wide[T_MIN + i] = low if low > t_min else t_min
         wide[NEAREST + i] = high if high < wide[NEAREST + i] else wide[NEAREST + i]
 
@@ -94,7 +93,7 @@ def _cut(world, scratch):  # type: ignore[no-untyped-def]
     """The tile's rays lose what the scene's clip planes cut away; where nothing is left a ray misses everything."""
     wide = scratch.world
     for i in range(TILE):
-        scratch.model[BEGIN + i] = ZERO
+        scratch.model[CUT + i] = ZERO
     for at in range(0, world.clips.size, CLIP):
         _cut_by(world, at, scratch)
     for i in range(TILE):

@@ -9,7 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import run
-from ..records import BOUNDS, GROUP, HEAD, LEAF, NODE, OVERHANG, PATCH, REFINE, SURFACE, SURFACES, TRIM, WIDTH, Tree
+from ..records import (
+    BOUNDS,
+    GROUP,
+    HEAD,
+    LEAF,
+    LONGEST,
+    NODE,
+    OVERHANG,
+    PATCH,
+    REFINE,
+    STEP,
+    SURFACE,
+    SURFACES,
+    TRIM,
+    WIDTH,
+    Tree,
+)
 from .blocks import make_blocks, sort_splats
 from .leaves import fill_groups, fill_leaves, limits_of, longest_step
 from .roots import build_cells
@@ -116,6 +132,7 @@ def build_tree(
     head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + reach).max(axis=0)
     head[SURFACE], head[REFINE], head[TRIM] = SURFACES.index(settings.surface), settings.refine, settings.trim
     head[OVERHANG] = settings.overhang
+    head[LONGEST] = leaves.reshape(-1, LEAF)[:, STEP].max(initial=0.0)
     say(1.0)
     return Tree(
         head,

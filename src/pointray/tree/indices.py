@@ -15,6 +15,7 @@ from ..records import (
     HEAD,
     LEAF,
     LEAST,
+    LONGEST,
     NO_CHILD,
     NODE,
     OVERHANG,
@@ -76,6 +77,8 @@ def check_indices(tree: Tree, points: int) -> list[str]:
         return ["the surface or its refinement is unknown"]
     if not (head[TRIM] > 0 and head[OVERHANG] > 0 and np.isfinite(head[BOUNDS : BOUNDS + 6]).all()):
         return ["trim, overhang or bounds are no numbers"]
+    if not 0 <= head[LONGEST] < np.inf:
+        return ["the longest step is no number"]
     if tree.order.min(initial=-1) < -1 or tree.order.max(initial=-1) >= points:
         return ["a slot names a row that is none"]
     if (16 * tree.spans[1::2].astype(np.int64)).max(initial=0) > tree.refs.size:
