@@ -110,3 +110,17 @@ def test_the_rest_of_a_step_behind_a_cut_is_looked_into(order):
     assert seen.mean() > 0.5
     assert (cut.t[seen] > 3).all()
     assert np.isfinite(cut.t[seen]).mean() > 0.99
+
+
+def test_a_plane_is_hit_wherever_a_ray_begins_and_ends():
+    scene, rng = pr.Scene(), np.random.default_rng(5)
+    scene.add(pr.Plane((0.1, 0.2, -0.3), (0.2, 0.3, 1)))
+    origins, directions = rng.normal(size=(2, 4000, 3))
+    t = scene.intersect(origins, directions, -np.inf).t.astype(float)
+    assert np.isfinite(t).all()
+    share = 1e-5 * np.abs(t) + 1e-5
+    for begin in (-1e9, -1e3, t - share):
+        assert np.array_equal(scene.intersect(origins, directions, begin).t, t)
+    assert np.array_equal(scene.intersect(origins, directions, -np.inf, t + share).t, t)
+    assert not scene.occluded(origins, directions, -np.inf, t - share).any()
+    assert not scene.occluded(origins, directions, t + share).any()

@@ -42,12 +42,12 @@ MODEL_ROWS = 28
 # The same rows of all the tile's rays, while a group of them stands in the rows above; FOUND of these.
 ASIDE, FOUND_ASIDE = MODEL_ROWS * TILE, 5 * TILE
 # float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
-# looked at and the direction; t there, half its length; the first and the last sample, and where the ray begins, see
-# `leaf.Reach`; the nearest hit; the side.
+# looked at, the direction, where its first sample is, 3 rows each; half the part's length; the first and the last
+# sample, and where the ray begins, see `leaf.Reach`; the nearest hit; the side.
 PART = TILE + LANES  # the length of such a row: what follows the last ray is written over
-AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (k * PART for k in range(6))
-AT_CENTER, AT_HALF, AT_FIRST, AT_LAST, AT_BEGIN, AT_LENGTH, AT_SIDE = (k * PART for k in range(6, 13))
-PART_ROWS = 13
+AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ, AT_FIRST_X, AT_FIRST_Y, AT_FIRST_Z = (k * PART for k in range(9))
+AT_HALF, AT_FIRST, AT_LAST, AT_BEGIN, AT_LENGTH, AT_SIDE = (k * PART for k in range(9, 15))
+PART_ROWS = 15
 
 # float64: of the surface points of a tile that are shaded, see `shade/direct.py`: where they are, the normal turned to
 # the eye, the direction to the eye, the colour, 3 rows each; the instance, -1 for none; the side of the surface the eye

@@ -151,7 +151,7 @@ def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped
     away = vsqrt(foot.away)
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     trim = tree.head[TRIM]
-    s = root.t - frame.center
+    s = root.t - frame.start
     x, y, z = s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = spread16(tree.leaves[leaf * LEAF + LEAST])

@@ -63,7 +63,7 @@ def around(part, ends, frame, half, active):  # type: ignore[no-untyped-def]
     """The capsule around parts of many rays, along the middle between two of them.
 
     ends : where these two are in `scratch.part`: along a Morton curve the first and the last are at opposite corners
-    frame, half : the parts, in vectors: their middles and half their lengths; active : mask of those that count
+    frame, half : the parts, in vectors: the frame's places are their middles here; active : mask of those that count
     """
     i, j = ends
     px, py, pz = part[AT_X + i] + part[AT_X + j], part[AT_Y + i] + part[AT_Y + j], part[AT_Z + i] + part[AT_Z + j]

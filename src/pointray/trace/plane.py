@@ -38,11 +38,10 @@ def _plane_hit(world, at, ray, start_rule):  # type: ignore[no-untyped-def]
     o, d, t_min, t_max = ray
     side, cut = start_rule
     normal, point = triple(world.planes, at + PLANE_NORMAL), triple(world.planes, at + PLANE_POINT)
-    start = add(o, scale(d, t_min))
-    height, rise = dot(normal, sub(start, point)), dot(normal, d)
-    if abs(height) <= ON_PLANE * (length(start) + length(point)):
+    height, rise = dot(normal, sub(o, point)), dot(normal, d)
+    if t_min > -np.inf and abs(height + t_min * rise) <= ON_PLANE * (length(add(o, scale(d, t_min))) + length(point)):
         return t_min if (cut > ZERO or rise * side < 0.0) and t_min <= t_max else np.inf
-    t = t_min - height / rise
+    t = -height / rise
     return t if t >= t_min and t <= t_max else np.inf
 
 

@@ -31,16 +31,16 @@ from .surface import HALF, INF, ONE, TWO, ZERO, sums, value
 CLOSE = np.float32(0.02), np.float32(0.12)
 MORE = np.float32(3.0)  # secant steps after an estimate that was off
 EVEN = np.float32(0.1), np.float32(0.3)  # about the middle of the bracket: where there is no estimate
-CANCELLED = np.float32(
-    1e-12
-)  # of the squared length of a mean of unit normals: below it rounding decides the direction
+# The squared length of a mean of unit normals below which rounding decides where it points.
+CANCELLED = np.float32(1e-12)
 FAINT = np.float32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
 
 
 class Frame(NamedTuple):
-    """Rays in a voxel, in vectors, four as lane 4 s + r, or sixteen: x = middle + (t - center) d.
+    """Rays in a voxel, in vectors, four as lane 4 s + r, or sixteen: x = place + (t - start) d.
 
-    (x, y, z) : the middle of the part that is looked at; center : t there; (dx, dy, dz) : unit direction
+    (x, y, z) : where the first sample is: a place that does not depend on where the ray ends; start : t there
+    (dx, dy, dz) : unit direction
     side : +1 where a ray that starts on the surface is outside, -1 where it is inside
     """
 
@@ -50,7 +50,7 @@ class Frame(NamedTuple):
     dx: Any
     dy: Any
     dz: Any
-    center: Any
+    start: Any
     side: Any
 
 
@@ -115,7 +115,7 @@ def sample(vector, one):  # type: ignore[no-untyped-def]
 @inline
 def means_at(scratch, frame, t):  # type: ignore[no-untyped-def]
     """The weighted means at each ray's samples t."""
-    s = t - frame.center
+    s = t - frame.start
     return sums(scratch, s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z)
 
 

@@ -8,11 +8,13 @@ from ..jit import inline
 from ..records import DISC, LEAF, SHEETED, SURFACE, Hit
 from ..scratch import (
     AT_BEGIN,
-    AT_CENTER,
     AT_DX,
     AT_DY,
     AT_DZ,
     AT_FIRST,
+    AT_FIRST_X,
+    AT_FIRST_Y,
+    AT_FIRST_Z,
     AT_HALF,
     AT_LAST,
     AT_LENGTH,
@@ -78,20 +80,19 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
     if bits(fine) == 0:
         return hit
     first, last = span(tree, leaf, reach)
-    capsule = segment(o, d, lane(first, 0), lane(last, 0))
+    capsule, start = segment(o, d, lane(first, 0), lane(last, 0)), lane(first, 0)
+    place = o[0] + start * d[0], o[1] + start * d[1], o[2] + start * d[2]
     if int(tree.head[SURFACE]) == DISC:
         list_blocks(tree, leaf, capsule, scratch)
-        center = HALF * (lane(first, 0) + lane(last, 0))
-        frame = (capsule.x, capsule.y, capsule.z), center, ray
-        return search_discs(tree, leaf, scratch, frame, max(enter, abs(ray.t_min)), leave)
+        return search_discs(tree, leaf, scratch, (place, start, ray), max(enter, abs(ray.t_min)), leave)
     frame = Frame(
-        spread16(capsule.x),
-        spread16(capsule.y),
-        spread16(capsule.z),
+        spread16(place[0]),
+        spread16(place[1]),
+        spread16(place[2]),
         spread16(d[0]),
         spread16(d[1]),
         spread16(d[2]),
-        HALF * (first + last),
+        first,
         spread16(ray.side),
     )
     lift = spread16(scratch.lift[0])
@@ -157,7 +158,9 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
         store_packed(part, AT_DX + n, active, dx)
         store_packed(part, AT_DY + n, active, dy)
         store_packed(part, AT_DZ + n, active, dz)
-        store_packed(part, AT_CENTER + n, active, center)
+        store_packed(part, AT_FIRST_X + n, active, load16(rows, OX + v) + first * dx)
+        store_packed(part, AT_FIRST_Y + n, active, load16(rows, OY + v) + first * dy)
+        store_packed(part, AT_FIRST_Z + n, active, load16(rows, OZ + v) + first * dz)
         store_packed(part, AT_HALF + n, active, half)
         store_packed(part, AT_FIRST + n, active, reach.first)
         store_packed(part, AT_LAST + n, active, reach.last)
@@ -180,7 +183,7 @@ def _gather_for(tree, leaf, at, count, scratch):  # type: ignore[no-untyped-def]
         load16(part, AT_DX + at),
         load16(part, AT_DY + at),
         load16(part, AT_DZ + at),
-        load16(part, AT_CENTER + at),
+        load16(part, AT_FIRST + at),
         load16(part, AT_SIDE + at),
     )
     active, ends = mask16((1 << count) - 1), (at, at + count - 1)
@@ -189,19 +192,19 @@ def _gather_for(tree, leaf, at, count, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _four(part, at):  # type: ignore[no-untyped-def]
+def _four(tree, leaf, part, at):  # type: ignore[no-untyped-def]
     """Rays at to at + 3 of those that search a leaf: frame and samples."""
+    reach = Reach(repeat4(part, AT_FIRST + at), repeat4(part, AT_LAST + at), repeat4(part, AT_BEGIN + at))
     frame = Frame(
-        repeat4(part, AT_X + at),
-        repeat4(part, AT_Y + at),
-        repeat4(part, AT_Z + at),
+        repeat4(part, AT_FIRST_X + at),
+        repeat4(part, AT_FIRST_Y + at),
+        repeat4(part, AT_FIRST_Z + at),
         repeat4(part, AT_DX + at),
         repeat4(part, AT_DY + at),
         repeat4(part, AT_DZ + at),
-        repeat4(part, AT_CENTER + at),
+        span(tree, leaf, reach)[0],
         repeat4(part, AT_SIDE + at),
     )
-    reach = Reach(repeat4(part, AT_FIRST + at), repeat4(part, AT_LAST + at), repeat4(part, AT_BEGIN + at))
     return frame, reach
 
 
@@ -243,7 +246,7 @@ def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-de
             four |= left & -left
             left &= left - 1
         rays = (1 << count_bits(four)) - 1
-        frame, reach = _four(part, at)
+        frame, reach = _four(tree, leaf, part, at)
         way, waiting = (ONE if sheeted else ZERO), rays
         while waiting != 0:
             list_splats_of(scratch, at, at + count_bits(four))
