@@ -1,0 +1,78 @@
+"""The process that takes inputs: numbers come in by stdin, what became of each goes out as a line of JSON.
+
+    python -m attack.child PART SEED FOLDER
+
+It lives on after a refusal and after a failure; a crash ends it, which its parent sees.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import os
+import sys
+import traceback
+import warnings
+import zlib
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from attack import Attack, Died
+from attack.parts import PARTS
+
+MEMORY = 8 << 30  # bytes of address space: a file that asks for more is believed too much
+
+
+def chance(part: str, seed: int, index: int) -> np.random.Generator:
+    """The source of chance of an input; of both parts that attack saved models the same."""
+    return np.random.default_rng([zlib.crc32(PARTS[part].module.encode()), seed, index])
+
+
+def outcome_of(attack: Attack, rng: np.random.Generator, index: int, folder: Path) -> tuple[str, str]:
+    """accepted, refused, crashed or failed; and of the last two what happened, without the folder's name."""
+    try:
+        return ("accepted" if attack(rng, index) else "refused"), ""
+    except Died as death:
+        return "crashed", str(death)
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        words = " ".join(str(error).replace(str(folder), "").split())[:300]
+        return "failed", f"{type(error).__name__}: {words} ({Path(place.filename).name})"
+
+
+def limit_memory() -> None:
+    """Have memory run out before the machine's does, where the system has such a limit."""
+    try:
+        import resource
+    except ImportError:
+        return
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def main() -> None:
+    part, seed, folder = sys.argv[1], int(sys.argv[2]), Path(sys.argv[3])
+    out = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what the library prints is no answer
+    faulthandler.enable()
+    limit_memory()
+    warnings.simplefilter("ignore")
+    np.seterr(all="ignore")
+
+    def answer(**told: Any) -> None:
+        print(json.dumps(told), file=out, flush=True)
+
+    attack = import_module(f"attack.{PARTS[part].module}").begin(folder)
+    answer(ready=True)
+    for line in sys.stdin:
+        start, stop = map(int, line.split())
+        for index in range(start, stop):
+            outcome, what = outcome_of(attack, chance(part, seed, index), index, folder)
+            answer(index=index, outcome=outcome, what=what)
+
+
+if __name__ == "__main__":
+    main()

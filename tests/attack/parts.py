@@ -1,0 +1,43 @@
+"""The parts of the attack: how many inputs of each, and how long one may take."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Part(NamedTuple):
+    """One kind of attack.
+
+    Attributes
+    ----------
+    module : str
+        Its `begin(folder)` makes what the inputs are made from, and returns the `Attack`.
+    count : int
+        Inputs in a whole attack: 200,000 in all.
+    few : int
+        Inputs in `make test`.
+    limit : float
+        Seconds after which an input counts as a hang.
+    checked : bool
+        Whether kernels check every access.
+    """
+
+    module: str
+    count: int
+    few: int
+    limit: float
+    checked: bool = False
+
+
+PARTS = {
+    "ply": Part("ply_files", 60_000, 400, 20.0),
+    "pointray": Part("model_files", 50_000, 400, 20.0),
+    "pointray-checked": Part("model_files", 50_000, 200, 20.0, checked=True),
+    "toml": Part("scene_files", 30_000, 200, 30.0),
+    "hdr": Part("sky_files", 8_200, 150, 20.0),
+    "interrupts": Part("interrupts", 600, 12, 60.0),
+    "commands": Part("commands", 200, 3, 60.0),
+    "threads": Part("threads", 400, 6, 60.0),
+    "disks": Part("disks", 400, 24, 60.0),
+    "kills": Part("kills", 200, 10, 60.0),
+}

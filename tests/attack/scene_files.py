@@ -1,0 +1,366 @@
+"""Scene files: their words, numbers and lines exchanged, doubled and taken out, their bytes damaged.
+
+One is refused in one line, or its scene is rendered at 8 x 8 pixels; some go through the command.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pointray as pr
+from attack import Attack, Wrong
+from attack.mutate import WORDS, Rng, corrupt, pick
+from pointray.cli import execute
+from pointray.scenefile import Plan
+
+MOST_POINTS = 3000  # a larger model, or one that takes long to mesh, is not built
+MESHED_FAST = ("sphere", "torus")
+COMMAND = 0.05  # the share that goes through the command
+EVERYTHING = """exposure = 0.5
+curve = "filmic"
+background = [0.1, 0.2, 0.3]
+
+[models.ball]
+procedural = "sphere"
+points = 150
+seed = 3
+surface = "imls"
+samples = 5
+refine = 0
+trim = "none"
+radius_scale = 1.2
+levels = true
+
+[models.scan]
+file = "scan.ply"
+trim = 0.5
+
+[models.ready]
+file = "ready.pointray"
+
+[materials.gold]
+kind = "principled"
+base_color = [1.0, 0.77, 0.34]
+roughness = 0.3
+metallic = 1
+
+[materials.high]
+kind = "diffuse"
+color = { name = "z", colormap = "magma", range = [-1, 1] }
+
+[materials.glass]
+kind = "dielectric"
+ior = 1.4
+
+[[instances]]
+model = "ball"
+material = "gold"
+scale = [1, 2, -1]
+rotate = 30
+axis = [0, 1, 0]
+translate = [1, 0, 0]
+
+[[instances]]
+model = "scan"
+material = "high"
+transform = [[1, 0, 0, -1], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
+
+[[instances]]
+model = "ready"
+material = "glass"
+transforms = "many.npy"
+
+[[planes]]
+point = [0, 0, -1]
+normal = [0, 0, 1]
+color = 0.4
+checker = 0.5
+
+[[lights]]
+kind = "sun"
+direction = [1, 1, -2]
+irradiance = [3, 3, 2]
+angle = 1
+
+[[lights]]
+kind = "point"
+position = [0, -4, 4]
+intensity = 20
+
+[[lights]]
+kind = "rect"
+center = [0, 0, 5]
+u = [0, 1, 0]
+v = [1, 0, 0]
+radiance = 2
+
+[[lights]]
+kind = "disk"
+center = [-3, 0, 5]
+normal = [0, 0, -1]
+radius = 0.5
+
+[[lights]]
+kind = "sphere"
+center = [3, 0, 5]
+radius = 0.5
+radiance = 3
+
+[[lights]]
+kind = "environment"
+image = "sky.hdr"
+radiance = 0.5
+
+[[clips]]
+point = [0, 0, 0.7]
+normal = [0.1, 0, 2]
+
+[camera]
+eye = [0, -6, 2]
+target = [0, 0, 0]
+up = [0, 0, 1]
+fov = 50
+size = [32, 24]
+aperture = 0.1
+focus = 5
+projection = "perspective"
+
+[settings]
+integrator = "path"
+spp = 3
+max_depth = "none"
+seed = 7
+filter = "tent"
+"""
+FRAMED = """background = "environment"
+[models]
+ball = { procedural = "torus", points = 200, surface = "paper", trim = "auto" }
+[materials]
+shiny = { kind = "phong", color = 0.4, specular = [0.1, 0.2, 0.3], shininess = 40 }
+lamp = { kind = "emissive", radiance = [4, 3, 2] }
+mirror = { kind = "mirror" }
+[[instances]]
+model = "ball"
+material = "shiny"
+[[instances]]
+model = "ball"
+material = "lamp"
+translate = [2.5, 0, 0]
+[[planes]]
+point = [0, 0, -2]
+normal = [0, 0, 1]
+material = "mirror"
+[[lights]]
+kind = "environment"
+radiance = [0.3, 0.4, 0.5]
+horizon = 1.0
+ground = [0.1, 0.1, 0.1]
+[camera]
+direction = [0.3, -1, 0.4]
+size = [16, 16]
+fov = 35
+[settings]
+integrator = "ao"
+ao_distance = 2.0
+shadows = false
+spp = 2
+noise = 0.1
+time_limit = 3
+"""
+TEXTS = (EVERYTHING, FRAMED)
+TOKEN = re.compile(r'"[^"\n]*"|[-+]?[0-9][0-9_.eE]*|[A-Za-z_][\w]*|[\[\]{}=,.]')
+STRINGS = (
+    *("", "none", "auto", "x" * 5000, "\\u0000", "\\n", "../scan.ply", "/", "/dev/null", "/dev/zero", ".", "scan.ply"),
+    *("many.npy", "sky.hdr", "ready.pointray", "scene.toml", "absent.ply", "a/b/c.hdr", "%s%n", "\\ud7ff", "\\U0010ffff"),
+    *("sphere", "statue", "paper", "disc", "path", "ao", "depth", "cost", "panorama", "orthographic", "environment"),
+)
+VALUES = (
+    *("[]", "[[]]", "{}", "[1, 2]", "[1, 2, 3, 4]", "[nan, 0, 0]", "[1e300, 0, 0]", "[1e18, 1, 1]", "[1e-300, 0, 0]"),
+    *("[true, 1, 1]", '["a", 1, 2]', "true", "inf", "-inf", "nan", "1e17", "1e-45", "1979-05-27", "07:32:00", "[[1], [2]]"),
+    *("{ kind = 1 }", "[0, 0, 0]", "[-1, -1, -1]", "0xff", "1_000", "-1", "0", "0.0", "2147483648", "99999999999999999999"),
+    *('{ name = "heat" }', '{ name = "z", range = [1, 0] }', '{ name = "z", range = [0, 0] }', '"""a\nb"""', "[" * 200),
+)
+
+
+def swap_token(rng: Rng, text: str) -> str:
+    """A word, number, text or sign is another."""
+    tokens = list(TOKEN.finditer(text))
+    if not tokens:
+        return text
+    token = pick(rng, tokens)
+    kind = int(rng.integers(6))
+    if kind == 0:
+        new = pick(rng, WORDS)
+    elif kind == 1:
+        new = f'"{pick(rng, STRINGS)}"'
+    elif kind == 2:
+        new = pick(rng, tokens)[0]
+    elif kind == 3:
+        new = pick(rng, VALUES)
+    elif kind == 4:
+        new = ""
+    else:
+        new = token[0] * 2
+    return text[: token.start()] + new + text[token.end() :]
+
+
+def swap_value(rng: Rng, text: str) -> str:
+    """What stands behind a = is another."""
+    places = list(re.finditer(r"= ([^\n]*)", text))
+    if not places:
+        return text
+    place = pick(rng, places)
+    values = (*VALUES, *(f'"{value}"' for value in STRINGS), *WORDS, *(other[1] for other in places))
+    return text[: place.start(1)] + pick(rng, values) + text[place.end(1) :]
+
+
+def scale_number(rng: Rng, text: str) -> str:
+    """A number is a little or a lot larger or smaller; still a good one, often."""
+    numbers = list(re.finditer(r"(?<![\w.\"])-?\d+(\.\d+)?", text))
+    if not numbers:
+        return text
+    number = pick(rng, numbers)
+    factor = pick(rng, (0.0, -1.0, 0.5, 2.0, 10.0, 1e-9, 1e9, 1e17, 1e-38, 1e38))
+    value = float(number[0]) * factor
+    new = str(int(value)) if "." not in number[0] and abs(value) < 1e19 and value == int(value) else repr(value)
+    return text[: number.start()] + new + text[number.end() :]
+
+
+def move_lines(rng: Rng, text: str) -> str:
+    lines = text.split("\n")
+    a, b, length = int(rng.integers(len(lines))), int(rng.integers(len(lines))), int(rng.integers(1, 8))
+    part = lines[a : a + length]
+    if rng.random() < 0.6:
+        del lines[a : a + length]
+    if rng.random() < 0.7:
+        lines[b:b] = part
+    return "\n".join(lines)
+
+
+def add_line(rng: Rng, text: str) -> str:
+    lines = text.split("\n")
+    new = (
+        *("[settings]", "[camera]", "[[lights]]", "[models.x]", "[[clips]]", "[a.b.c]", "x = 1", "kind = 1", "#", "\x00"),
+        *("size = [100000, 100000]", "spp = 70000", "threads = 99999", "levels = 3", "denoise = 1", "= 1", "x", "[", '"""'),
+        *("[[instances]]", "[planes]", "[[models]]", "[materials.a]", "'k' = 2", "a.b = 3", "points = 100_000_001", "\u2028"),
+        *("up = [0, 0, 0]", "eye = [0, 0, 0]\ntarget = [0, 0, 0]", "fov = 180", "aperture = -1", "seed = -1", "focus = 0"),
+    )
+    lines.insert(int(rng.integers(len(lines) + 1)), pick(rng, new))
+    return "\n".join(lines)
+
+
+def nest(rng: Rng, text: str) -> str:
+    """A value deep in brackets, or a name of many parts."""
+    depth = pick(rng, (1, 2, 30, 500, 3000))
+    if rng.random() < 0.3:
+        return f"{'a.' * depth}b = 1\n{text}"
+    places = list(re.finditer(r"= ([^\n]*)", text))
+    if not places:
+        return text
+    place = pick(rng, places)
+    return f"{text[: place.start(1)]}{'[' * depth}{place[1]}{']' * depth}{text[place.end(1) :]}"
+
+
+CHANGES: tuple[Callable[[Rng, str], str], ...] = (
+    *(swap_token, swap_token, swap_value, swap_value, swap_value, scale_number, scale_number, scale_number),
+    *(move_lines, add_line, add_line, nest),
+)
+
+
+def make_file(rng: Rng) -> bytes:
+    text, kind = pick(rng, TEXTS), rng.random()
+    if kind < 0.02:
+        return text.encode()
+    if kind < 0.1:
+        return corrupt(rng, text.encode())
+    for _ in range(int(rng.integers(1, 4))):
+        text = pick(rng, CHANGES)(rng, text)
+    data = text.encode("utf-8", "surrogatepass")
+    return corrupt(rng, data, 1) if kind < 0.2 else data
+
+
+def make_folder(folder: Path) -> None:
+    """What the scene files name: a scan, a saved model, places, and a picture of the sky."""
+    rng = np.random.default_rng(11)
+    rows = rng.normal(size=(80, 3))
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    pr.write(folder / "scan.ply", pr.Points(0.5 * rows, rows, attributes={"heat": rows[:, 0]}))
+    pr.Model(pr.Points(0.4 * rows, rows)).save(folder / "ready.pointray")
+    many = np.tile(np.eye(4), (3, 1, 1))
+    many[:, 0, 3] = -2, 0, 2
+    np.save(folder / "many.npy", many)
+    pixels = rng.integers(100, 130, (8, 16, 4), np.uint8)
+    (folder / "sky.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n" + pixels.tobytes())
+
+
+def is_small(data: dict[str, Any]) -> bool:
+    """Whether no model takes long to make."""
+    recipes = [one for one in data.get("models", {}).values() if "procedural" in one]
+    return all(one["points"] <= MOST_POINTS and one["procedural"] in MESHED_FAST for one in recipes)
+
+
+def run_command(path: Path, picture: Path) -> bool:
+    """Whether the command renders it; Wrong if it says more than a line, or ends otherwise than in 0 or 2."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = execute(["render", str(path), "-o", str(picture), "--size", "8x8", "--spp", "1"])
+    lines = [line for line in err.getvalue().splitlines() if "note: " not in line]
+    if status not in (0, 2):
+        raise Wrong(f"exit status {status}: {lines}")
+    if len(lines) != (status == 2):
+        raise Wrong(f"exit status {status} with {len(lines)} lines: {lines[:2]}")
+    return status == 0
+
+
+def begin(folder: Path) -> Attack:
+    """Mutated scene files."""
+    make_folder(folder)
+    path, picture = folder / "scene.toml", folder / "a.png"
+
+    def attack(rng: Rng, index: int) -> bool:
+        path.write_bytes(make_file(rng))
+        try:
+            plan = Plan(path)
+        except (ValueError, OSError) as error:
+            if "\n" in str(error):
+                raise Wrong(f"more than one line: {error}") from error
+            return run_command(path, picture) if rng.random() < COMMAND else False
+        if not is_small(tomllib.loads(path.read_text(encoding="utf-8-sig"))):
+            return True
+        calm = {"spp": 1, "time_limit": None, "noise": None, "denoise": False}
+        endless = plan.settings.time_limit is not None or plan.settings.noise is not None or plan.settings.denoise
+        if not endless and rng.random() < COMMAND:
+            return run_command(path, picture)
+        try:
+            plan.change({"size": (8, 8)}, calm, {})
+            made = plan.build()
+            image = pr.render(*made[:3])
+        except (ValueError, OSError) as error:
+            if "\n" in str(error):
+                raise Wrong(f"more than one line: {error}") from error
+            return False
+        if not np.isfinite(image).all():
+            raise Wrong("a pixel is not finite")
+        return True
+
+    _warm(path)
+    return attack
+
+
+def _warm(path: Path) -> None:
+    """Have the kernels of all integrators and models ready, before time is taken."""
+    for text in TEXTS:
+        path.write_text(text)
+        plan = Plan(path)
+        plan.change({"size": (8, 8)}, {"spp": 1, "time_limit": None, "noise": None}, {})
+        scene, camera, _, _, _ = plan.build()
+        for integrator in ("phong", "ao", "path", "normal", "depth", "color", "cost"):
+            pr.render(scene, camera, pr.Settings(integrator, spp=2))
