@@ -25,7 +25,26 @@ from attack.mutate import WORDS, Rng, corrupt, extremes_of, pick, poison
 ALIGN = 64
 # Index arrays, and how many of each come in a round: spans are few, and lead farthest.
 INDICES = {"spans": 3, "children": 2, "refs": 1, "order": 1, "borders": 1, "facing": 1, "colors": 1}
-JSONS = (None, True, -1, 0, 1, 2, 2.5, 1e308, float("nan"), float("inf"), "", "apss", "disc", [], {}, [[]], 10**30, "x" * 99)
+JSONS = (
+    None,
+    True,
+    -1,
+    0,
+    1,
+    2,
+    2.5,
+    1e308,
+    float("nan"),
+    float("inf"),
+    "",
+    "apss",
+    "disc",
+    [],
+    {},
+    [[]],
+    10**30,
+    "x" * 99,
+)
 
 
 class Saved(NamedTuple):
@@ -81,7 +100,10 @@ def originals(folder: Path) -> list[Saved]:
         pr.Model(pr.Points(flat + [5e6, 0, 0], up), surface="disc"),
         pr.Model(pr.Points(ball, ball), surface="paper", trim=None),
         pr.Model(pr.Points(more, more), radius_scale=0.4),
-        pr.Model(pr.Points(np.concatenate([more[:60], 0.97 * more[:60]]), np.concatenate([more[:60], -more[:60]])), radius_scale=0.5),
+        pr.Model(
+            pr.Points(np.concatenate([more[:60], 0.97 * more[:60]]), np.concatenate([more[:60], -more[:60]])),
+            radius_scale=0.5,
+        ),
     ]
     models[0].levels = (level,)
     out = []
@@ -154,7 +176,9 @@ def mix_indices(rng: Rng, saved: Saved) -> None:
         array = saved.arrays[pick(rng, names)]
         at = int(rng.integers(array.size))
         values = (*extremes_of(array.dtype, array.size, int(array[at - 1])), int(array[at]) + 1, int(array[at]) - 1)
-        good = [value for value in (*values, int(rng.choice(array))) if np.can_cast(np.min_scalar_type(value), array.dtype)]
+        good = [
+            value for value in (*values, int(rng.choice(array))) if np.can_cast(np.min_scalar_type(value), array.dtype)
+        ]
         array[at] = pick(rng, good)
 
 

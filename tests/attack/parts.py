@@ -37,7 +37,7 @@ PARTS = {
     "hdr": Part("sky_files", 8_200, 150, 20.0),
     "interrupts": Part("interrupts", 600, 12, 60.0),
     "commands": Part("commands", 200, 3, 60.0),
-    "threads": Part("threads", 400, 6, 60.0),
+    "threads": Part("scenes_in_threads", 400, 6, 60.0),
     "disks": Part("disks", 400, 24, 60.0),
     "kills": Part("kills", 200, 10, 60.0),
 }

@@ -22,7 +22,9 @@ from attack.mutate import WORDS, Rng, corrupt, pick
 LARGEST_MODEL = 300  # points
 # Of types their letters in struct; both spellings of each are known.
 LETTERS = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
-LETTERS |= dict(zip(["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"], "bBhHiIfd", strict=True))
+LETTERS |= dict(
+    zip(["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"], "bBhHiIfd", strict=True)
+)
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 ENDS = ("\n", "\r\n", "\r")
 COUNTS = ("0", "1", "-1", "1000000000", "999999999999999", "2147483648", "9223372036854775808", "x", "", "3.0", "1e3")
@@ -170,7 +172,9 @@ def lie_type(rng: Rng, ply: Ply) -> None:
     lines = [k for k, line in enumerate(ply.header) if line.startswith("property")]
     k = pick(rng, lines)
     words = ply.header[k].split()
-    words[int(rng.integers(1, len(words) - 1)) if len(words) > 2 else -1] = pick(rng, (*LETTERS, "half", "list", "int64"))
+    words[int(rng.integers(1, len(words) - 1)) if len(words) > 2 else -1] = pick(
+        rng, (*LETTERS, "half", "list", "int64")
+    )
     ply.header[k] = " ".join(words)
 
 
@@ -198,8 +202,25 @@ def move_lines(rng: Rng, ply: Ply) -> None:
 
 
 def add_line(rng: Rng, ply: Ply) -> None:
-    lines = ("", "  ", "element", "property", "property list", "end_header", "x" * 5000, "element vertex 3", "ply", "\0")
-    more = ("property float x", "property list uchar int near", "property list float float w", "format ascii 1.0", "\x0b")
+    lines = (
+        "",
+        "  ",
+        "element",
+        "property",
+        "property list",
+        "end_header",
+        "x" * 5000,
+        "element vertex 3",
+        "ply",
+        "\0",
+    )
+    more = (
+        "property float x",
+        "property list uchar int near",
+        "property list float float w",
+        "format ascii 1.0",
+        "\x0b",
+    )
     ply.header.insert(int(rng.integers(len(ply.header) + 1)), pick(rng, lines + more))
 
 

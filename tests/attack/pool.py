@@ -111,10 +111,11 @@ class Child:
         return answer
 
     def last_words(self) -> str:
-        """How it ended, and where: the first line that Python's fault handler gives of the thread that did it."""
+        """How it ended, and where: the first line that Python's fault handler has of the thread that did it."""
         status = self._process.wait(30)
         name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
-        lines = self._errors.read_text(errors="replace").splitlines()
+        text = self._errors.read_text(errors="replace")
+        lines = (text[text.find("Current thread") :] if "Current thread" in text else text).splitlines()
         at = [line.strip() for line in lines if line.startswith('  File "')]
         said = [line for line in lines if line and not line.startswith(" ")]
         return f"{name} {at[0] if at and status < 0 else ' / '.join(said[-2:])}"[:300]

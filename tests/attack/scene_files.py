@@ -107,6 +107,7 @@ kind = "disk"
 center = [-3, 0, 5]
 normal = [0, 0, -1]
 radius = 0.5
+radiance = 2
 
 [[lights]]
 kind = "sphere"
@@ -144,7 +145,7 @@ FRAMED = """background = "environment"
 [models]
 ball = { procedural = "torus", points = 200, surface = "paper", trim = "auto" }
 [materials]
-shiny = { kind = "phong", color = 0.4, specular = [0.1, 0.2, 0.3], shininess = 40 }
+shiny = { kind = "phong", color = 0.4, specular = 0.2, exponent = 40 }
 lamp = { kind = "emissive", radiance = [4, 3, 2] }
 mirror = { kind = "mirror" }
 [[instances]]
@@ -179,13 +180,46 @@ TEXTS = (EVERYTHING, FRAMED)
 TOKEN = re.compile(r'"[^"\n]*"|[-+]?[0-9][0-9_.eE]*|[A-Za-z_][\w]*|[\[\]{}=,.]')
 STRINGS = (
     *("", "none", "auto", "x" * 5000, "\\u0000", "\\n", "../scan.ply", "/", "/dev/null", "/dev/zero", ".", "scan.ply"),
-    *("many.npy", "sky.hdr", "ready.pointray", "scene.toml", "absent.ply", "a/b/c.hdr", "%s%n", "\\ud7ff", "\\U0010ffff"),
+    *(
+        "many.npy",
+        "sky.hdr",
+        "ready.pointray",
+        "scene.toml",
+        "absent.ply",
+        "a/b/c.hdr",
+        "%s%n",
+        "\\ud7ff",
+        "\\U0010ffff",
+    ),
     *("sphere", "statue", "paper", "disc", "path", "ao", "depth", "cost", "panorama", "orthographic", "environment"),
 )
 VALUES = (
     *("[]", "[[]]", "{}", "[1, 2]", "[1, 2, 3, 4]", "[nan, 0, 0]", "[1e300, 0, 0]", "[1e18, 1, 1]", "[1e-300, 0, 0]"),
-    *("[true, 1, 1]", '["a", 1, 2]', "true", "inf", "-inf", "nan", "1e17", "1e-45", "1979-05-27", "07:32:00", "[[1], [2]]"),
-    *("{ kind = 1 }", "[0, 0, 0]", "[-1, -1, -1]", "0xff", "1_000", "-1", "0", "0.0", "2147483648", "99999999999999999999"),
+    *(
+        "[true, 1, 1]",
+        '["a", 1, 2]',
+        "true",
+        "inf",
+        "-inf",
+        "nan",
+        "1e17",
+        "1e-45",
+        "1979-05-27",
+        "07:32:00",
+        "[[1], [2]]",
+    ),
+    *(
+        "{ kind = 1 }",
+        "[0, 0, 0]",
+        "[-1, -1, -1]",
+        "0xff",
+        "1_000",
+        "-1",
+        "0",
+        "0.0",
+        "2147483648",
+        "99999999999999999999",
+    ),
     *('{ name = "heat" }', '{ name = "z", range = [1, 0] }', '{ name = "z", range = [0, 0] }', '"""a\nb"""', "[" * 200),
 )
 
@@ -248,10 +282,47 @@ def move_lines(rng: Rng, text: str) -> str:
 def add_line(rng: Rng, text: str) -> str:
     lines = text.split("\n")
     new = (
-        *("[settings]", "[camera]", "[[lights]]", "[models.x]", "[[clips]]", "[a.b.c]", "x = 1", "kind = 1", "#", "\x00"),
-        *("size = [100000, 100000]", "spp = 70000", "threads = 99999", "levels = 3", "denoise = 1", "= 1", "x", "[", '"""'),
-        *("[[instances]]", "[planes]", "[[models]]", "[materials.a]", "'k' = 2", "a.b = 3", "points = 100_000_001", "\u2028"),
-        *("up = [0, 0, 0]", "eye = [0, 0, 0]\ntarget = [0, 0, 0]", "fov = 180", "aperture = -1", "seed = -1", "focus = 0"),
+        *(
+            "[settings]",
+            "[camera]",
+            "[[lights]]",
+            "[models.x]",
+            "[[clips]]",
+            "[a.b.c]",
+            "x = 1",
+            "kind = 1",
+            "#",
+            "\x00",
+        ),
+        *(
+            "size = [100000, 100000]",
+            "spp = 70000",
+            "threads = 99999",
+            "levels = 3",
+            "denoise = 1",
+            "= 1",
+            "x",
+            "[",
+            '"""',
+        ),
+        *(
+            "[[instances]]",
+            "[planes]",
+            "[[models]]",
+            "[materials.a]",
+            "'k' = 2",
+            "a.b = 3",
+            "points = 100_000_001",
+            "\u2028",
+        ),
+        *(
+            "up = [0, 0, 0]",
+            "eye = [0, 0, 0]\ntarget = [0, 0, 0]",
+            "fov = 180",
+            "aperture = -1",
+            "seed = -1",
+            "focus = 0",
+        ),
     )
     lines.insert(int(rng.integers(len(lines) + 1)), pick(rng, new))
     return "\n".join(lines)
@@ -274,6 +345,8 @@ CHANGES: tuple[Callable[[Rng, str], str], ...] = (
     *(move_lines, add_line, add_line, nest),
 )
 
+MILD = (scale_number, move_lines)  # often still a scene
+
 
 def make_file(rng: Rng) -> bytes:
     text, kind = pick(rng, TEXTS), rng.random()
@@ -281,8 +354,8 @@ def make_file(rng: Rng) -> bytes:
         return text.encode()
     if kind < 0.1:
         return corrupt(rng, text.encode())
-    for _ in range(int(rng.integers(1, 4))):
-        text = pick(rng, CHANGES)(rng, text)
+    for _ in range(pick(rng, (1, 1, 1, 2, 3))):
+        text = pick(rng, MILD if rng.random() < 0.4 else CHANGES)(rng, text)
     data = text.encode("utf-8", "surrogatepass")
     return corrupt(rng, data, 1) if kind < 0.2 else data
 

@@ -72,7 +72,9 @@ def others(folder: Path) -> list[tuple[str, bytes]]:
 
 def lie_header(rng: Rng, data: bytes) -> bytes:
     """A text or a whole number of the header is another."""
-    end = max(data.find(b"\n", data.find(b"\n\n") + 2), min(len(data), 350)) if data[:2] == b"#?" else min(len(data), 350)
+    end = (
+        max(data.find(b"\n", data.find(b"\n\n") + 2), min(len(data), 350)) if data[:2] == b"#?" else min(len(data), 350)
+    )
     if data[:2] == b"#?":
         words = data[:end].split(b" ")
         words[int(rng.integers(len(words)))] = pick(rng, (*WORDS, "-Y", "+X", "16385", "1000000", "\n")).encode()
@@ -83,12 +85,20 @@ def lie_header(rng: Rng, data: bytes) -> bytes:
 
 def lie_window(rng: Rng, data: bytes) -> bytes:
     """The size that an .exr says it has."""
-    at = data.find(pick(rng, (b"dataWindow\0box2i\0", b"displayWindow\0box2i\0", b"chlist\0", b"tiles\0", b"compression\0")))
+    at = data.find(
+        pick(rng, (b"dataWindow\0box2i\0", b"displayWindow\0box2i\0", b"chlist\0", b"tiles\0", b"compression\0"))
+    )
     if at < 0:
         return lie_header(rng, data)
     at = data.index(b"\0", data.index(b"\0", at) + 1) + 5
     at += 4 * int(rng.integers(4))
     return data[:at] + struct.pack("<i", pick(rng, NUMBERS)) + data[at + 4 :]
+
+
+def damage(rng: Rng, data: bytes) -> bytes:
+    """Bytes of the header, or of the pixels alone."""
+    at = int(rng.random() < 0.5) * len(data) // 3
+    return data[:at] + corrupt(rng, data[at:], 2)
 
 
 def begin(folder: Path) -> Attack:
@@ -112,7 +122,7 @@ def begin(folder: Path) -> Attack:
         extension, data = (".hdr", hdr(rng)) if rng.random() < 0.4 else pick(rng, made)
         kind = rng.random()
         if kind > 0.03:
-            data = corrupt(rng, data) if kind < 0.5 else lie_window(rng, data)
+            data = damage(rng, data) if kind < 0.5 else lie_window(rng, data)
             data = corrupt(rng, data, 1) if kind > 0.9 else data
         if rng.random() < 0.03:
             extension = pick(rng, (".hdr", ".exr", ".png", ".jpg", ".tif", ".toml"))

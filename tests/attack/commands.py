@@ -1,0 +1,119 @@
+"""Ctrl-C in the commands: SIGINT at a random moment; they end with 130, or done, and leave no file half-written."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import pointray as pr
+from attack import Attack, Died, Wrong
+from attack.mutate import Rng, pick
+
+SMALL = ["--size", "160x120", "--spp", "2"]
+OLD = b"old"
+# Name of what is written, and the command. view writes nothing, and ends only when it is interrupted.
+COMMANDS = {
+    "a.png": ["render", *SMALL],
+    "a.jpg": ["render", *SMALL],
+    "a.npz": ["render", *SMALL],
+    "a.ply": ["prepare", "--estimate-normals"],
+    "a.pointray": ["prepare"],
+    "film": ["animate", "--size", "64x48", "--spp", "1", "--seconds", "0.5", "--fps", "12"],
+    "": ["view", "--no-open"],
+}
+LATEST = 1.6  # times as long as the command takes
+
+
+def command_of(name: str, scan: Path, place: Path) -> list[str]:
+    command, *options = COMMANDS[name]
+    output = ["-o", str(place / name)] if name else []
+    return [sys.executable, "-m", "pointray.cli", command, str(scan), *output, *options]
+
+
+def check_files(name: str, place: Path, new: bytes | None, kept: bool) -> bool:
+    """Whether the new file is there; Wrong if what is there is neither it nor the old one."""
+    names = sorted(path.name for path in place.iterdir())
+    if name == "film":
+        return check_film(place / name, names)
+    hidden = [found for found in names if found != name]
+    if hidden:
+        raise Wrong(f"{name}: left beside: {hidden[0][:10]}...{Path(hidden[0]).suffix}")
+    data = (place / name).read_bytes() if names else None
+    if data not in (new, OLD if kept else None):
+        raise Wrong(f"{name}: neither the old file nor the new one")
+    return data == new
+
+
+def check_film(folder: Path, names: list[str]) -> bool:
+    """The frames there are, are whole; beside them is at most the note."""
+    if names not in ([], ["film"]):
+        raise Wrong(f"film: left beside: {names}")
+    found = sorted(folder.iterdir()) if folder.exists() else []
+    for path in found:
+        if path.suffix == ".png":
+            with Image.open(path) as picture:
+                picture.load()
+        elif path.suffix != ".json" or path.name.startswith("."):
+            raise Wrong(f"film: left beside the frames: {path.name[:10]}...{path.suffix}")
+    return bool(found) and all(path.suffix == ".png" for path in found)
+
+
+def begin(folder: Path) -> Attack:
+    """Interrupts of the commands."""
+    rng = np.random.default_rng(5)
+    rows = rng.normal(size=(5000, 3))
+    scan, place = folder / "scan.ply", folder / "here"
+    pr.write(scan, pr.Points(rows / np.linalg.norm(rows, axis=1, keepdims=True)))
+    known: dict[str, tuple[bytes, float]] = {}
+
+    def known_of(name: str) -> tuple[bytes, float]:
+        """What the command writes when it is left alone, and how long it takes."""
+        if name not in known:
+            begun = time.monotonic()
+            done = subprocess.run(command_of(name, scan, place), capture_output=True, text=True)
+            if done.returncode != 0:
+                raise Wrong(f"{name}: {done.stderr}")
+            data = (place / name).read_bytes() if name != "film" else b""
+            known[name] = data, time.monotonic() - begun
+        return known[name]
+
+    def attack(rng: Rng, index: int) -> bool:
+        name = pick(rng, list(COMMANDS))
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir()
+        new, seconds = known_of(name) if name else (b"", 3.0)
+        shutil.rmtree(place)
+        place.mkdir()
+        kept = name not in ("film", "") and rng.random() < 0.5
+        if kept:
+            (place / name).write_bytes(OLD)
+        process = subprocess.Popen(
+            command_of(name, scan, place), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        time.sleep(LATEST * seconds * float(rng.random()))
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate()
+        status = process.returncode
+        # Before the command has begun it is Python that ends, by the signal itself: a shell sees 130 too.
+        early = status == -signal.SIGINT and "execute" not in said
+        if status < 0 and not early:
+            raise Died(f"{name or 'view'}: {signal.Signals(-status).name}")
+        if status not in (0, 130) and not early:
+            raise Wrong(f"{name or 'view'}: exit status {status}: {said.strip().splitlines()[-1:]}")
+        if "Traceback" in said and not early:
+            raise Wrong(f"{name or 'view'}: exit status {status} with a traceback: {said.strip().splitlines()[-1:]}")
+        if not name:
+            return True
+        done = check_files(name, place, new, kept)
+        if status == 0 and not done:
+            raise Wrong(f"{name}: exit status 0, and nothing is written")
+        return done
+
+    return attack

@@ -1,0 +1,113 @@
+"""SIGKILL at random moments while files are written: the old file or the new one is there, whole.
+
+What a killed process leaves beside is gone after the next write into that folder.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from attack import Attack, Died, Wrong
+from attack.mutate import Rng, pick
+from attack.writers import LEFTOVERS, Write, film, frame_image, versions_of, writers
+
+LONGEST = 0.06  # seconds until the kill
+
+
+def killed_after(rng: Rng, work: object) -> None:
+    """Do the work in a process that is killed at a random moment; Died if it ends by another signal."""
+    child = os.fork()
+    if child == 0:
+        try:
+            work()  # type: ignore[operator]
+        finally:
+            os._exit(1)
+    time.sleep(float(rng.random()) * LONGEST)
+    os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) != signal.SIGKILL:
+        raise Died(f"{signal.Signals(os.WTERMSIG(status)).name} while writing")
+    if os.WIFEXITED(status):
+        raise Wrong("the writer ended by itself")
+
+
+def write_for_ever(write: Write, path: Path) -> None:
+    """One version after the other."""
+    version = 0
+    while True:
+        version = 1 - version
+        write(path, version)
+
+
+def render_for_ever(folder: Path) -> None:
+    """A film, again and again."""
+    version = 0
+    while True:
+        version += 1
+        frames = film(folder, version)
+        missing, _ = frames.find()
+        frames.begin()
+        for k in missing:
+            frames.keep(k, frame_image(k), 0.0)
+        frames.finish()
+
+
+def check_film(folder: Path) -> bool:
+    """Whether there are frames; Wrong if one of them is not whole."""
+    pictures = sorted(folder.glob("[0-9]*.png"))
+    for path in pictures:
+        with Image.open(path) as picture:
+            picture.load()
+    return bool(pictures)
+
+
+def check_folder(folder: Path, write: object, known: set[str]) -> None:
+    """Wrong if the next write leaves something beside its file."""
+    write()  # type: ignore[operator]
+    left = sorted({path.name for path in folder.iterdir()} - known)
+    if left:
+        raise Wrong(f"left in the folder after the next write: {Path(left[0]).suffix} {LEFTOVERS}")
+
+
+def begin(folder: Path) -> Attack:
+    """Writers that are killed."""
+    known = writers()
+    contents = {name: versions_of(write, folder / f"a{extension}") for name, (extension, write) in known.items()}
+    place = folder / "here"
+
+    def attack(rng: Rng, index: int) -> bool:
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir()
+        name = pick(rng, [*known, "film"])
+        if name == "film":
+            killed_after(rng, lambda: render_for_ever(place))
+            whole = check_film(place)
+            with suppress(FileNotFoundError):
+                film(place, 0).note.unlink()
+            names = {path.name for path in place.glob("[0-9]*.png")} | {"00.png", film(place, 0).note.name}
+            check_folder(place, lambda: film(place, 0).keep(0, frame_image(0), 0.0), names)
+            return whole
+        extension, write = known[name]
+        path = place / f"a{extension}"
+        if rng.random() < 0.5:
+            write(path, 0)
+        before = path.exists()
+        killed_after(rng, lambda: write_for_ever(write, path))
+        if path.exists() and path.read_bytes() not in contents[name]:
+            raise Wrong(f"{extension}: neither the old file nor the new one")
+        if before and not path.exists():
+            raise Wrong(f"{extension}: the old file is gone")
+        done = path.exists() and path.read_bytes() == contents[name][1]
+        check_folder(place, lambda: write(path, 0), {path.name})
+        return done
+
+    np.seterr(all="ignore")
+    return attack
