@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
-.PHONY: demo test long check bench wheel format clean
+.PHONY: demo test long check bench attack wheel format clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -36,6 +36,11 @@ format: $(VENV)/tools
 
 bench: $(VENV)/tools
 	$(BIN)/python bench/embree.py
+
+# 200,000 inputs in about an hour; interrupted, it goes on when called again, until src/ or tests/attack/ is changed.
+# One part: make attack PART=ply COUNT=1000 SEED=3; one input: make attack PART=ply SEED=3 INPUT=17.
+attack: $(VENV)/tools
+	PYTHONPATH=tests $(BIN)/python -m attack $(PART) $(if $(SEED),--seed $(SEED)) $(if $(COUNT),--count $(COUNT)) $(if $(INPUT),--input $(INPUT))
 
 wheel: $(VENV)/tools
 	$(BIN)/python -m build --wheel --outdir dist

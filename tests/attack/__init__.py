@@ -17,9 +17,9 @@ import numpy as np
 Attack = Callable[[np.random.Generator, int], bool]
 
 
-class Wrong(Exception):
+class WrongError(Exception):
     """The input was taken, and what came of it is not right."""
 
 
-class Died(Exception):
+class CrashError(Exception):
     """A process that the attack had started was ended by a signal that nobody had sent."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pointray as pr
-from attack import Wrong
+from attack import WrongError
 from attack.mutate import Rng
 
 
@@ -20,22 +20,22 @@ def rays_at(rng: Rng, bounds: NDArray[np.float64]) -> tuple[NDArray[np.float64],
 
 
 def check_hits(hits: pr.Hits, rows: int, exact: bool = True) -> None:
-    """Wrong if a result is neither a hit nor a miss.
+    """WrongError if a result is neither a hit nor a miss.
 
     rows : of the caller's points; exact : whether normals are of length 1, and each hit names a point
     """
     t, hit = hits.t, np.isfinite(hits.t)
     if np.isnan(t).any() or (t < 0).any():
-        raise Wrong(f"t is {t[np.isnan(t) | (t < 0)][0]}")
+        raise WrongError(f"t is {t[np.isnan(t) | (t < 0)][0]}")
     for name in ("position", "normal", "color"):
         if not np.isfinite(getattr(hits, name)[hit]).all():
-            raise Wrong(f"a hit's {name} is not finite")
+            raise WrongError(f"a hit's {name} is not finite")
     if (hits.point >= rows).any() or (hits.point[hit] < (0 if exact else -1)).any():
-        raise Wrong(f"a hit's point is none of {rows}: {hits.point[hit].min()} to {hits.point.max()}")
+        raise WrongError(f"a hit's point is none of {rows}: {hits.point[hit].min()} to {hits.point.max()}")
     if exact and hit.any() and not np.allclose(np.linalg.norm(hits.normal[hit], axis=-1), 1.0, atol=1e-3):
-        raise Wrong("a hit's normal is not of length 1")
+        raise WrongError("a hit's normal is not of length 1")
     if (hits.point[~hit] != -1).any() or (hits.instance[~hit] != -1).any() or (hits.normal[~hit] != 0).any():
-        raise Wrong("a miss has a point, an instance or a normal")
+        raise WrongError("a miss has a point, an instance or a normal")
 
 
 def cast(rng: Rng, model: pr.Model, exact: bool = True) -> None:

@@ -20,23 +20,23 @@ from typing import Any
 
 import numpy as np
 
-from attack import Attack, Died
-from attack.parts import PARTS
+from attack import Attack, CrashError
+from attack.parts import KNOWN
 
 MEMORY = 8 << 30  # bytes of address space: a file that asks for more is believed too much
 
 
 def chance(part: str, seed: int, index: int) -> np.random.Generator:
     """The source of chance of an input; of both parts that attack saved models the same."""
-    return np.random.default_rng([zlib.crc32(PARTS[part].module.encode()), seed, index])
+    return np.random.default_rng([zlib.crc32(KNOWN[part].module.encode()), seed, index])
 
 
 def outcome_of(attack: Attack, rng: np.random.Generator, index: int, folder: Path) -> tuple[str, str]:
     """accepted, refused, crashed or failed; and of the last two what happened, without the folder's name."""
     try:
         return ("accepted" if attack(rng, index) else "refused"), ""
-    except Died as death:
-        return "crashed", str(death)
+    except CrashError as crash:
+        return "crashed", str(crash)
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         words = " ".join(str(error).replace(str(folder), "").split())[:300]
@@ -65,7 +65,7 @@ def main() -> None:
     def answer(**told: Any) -> None:
         print(json.dumps(told), file=out, flush=True)
 
-    attack = import_module(f"attack.{PARTS[part].module}").begin(folder)
+    attack = import_module(f"attack.{KNOWN[part].module}").begin(folder)
     answer(ready=True)
     for line in sys.stdin:
         start, stop = map(int, line.split())

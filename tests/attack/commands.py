@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 import pointray as pr
-from attack import Attack, Died, Wrong
+from attack import Attack, CrashError, WrongError
 from attack.mutate import Rng, pick
 
 SMALL = ["--size", "160x120", "--spp", "2"]
@@ -38,30 +38,30 @@ def command_of(name: str, scan: Path, place: Path) -> list[str]:
 
 
 def check_files(name: str, place: Path, new: bytes | None, kept: bool) -> bool:
-    """Whether the new file is there; Wrong if what is there is neither it nor the old one."""
+    """Whether the new file is there; WrongError if what is there is neither it nor the old one."""
     names = sorted(path.name for path in place.iterdir())
     if name == "film":
         return check_film(place / name, names)
     hidden = [found for found in names if found != name]
     if hidden:
-        raise Wrong(f"{name}: left beside: {hidden[0][:10]}...{Path(hidden[0]).suffix}")
+        raise WrongError(f"{name}: left beside: {hidden[0][:10]}...{Path(hidden[0]).suffix}")
     data = (place / name).read_bytes() if names else None
     if data not in (new, OLD if kept else None):
-        raise Wrong(f"{name}: neither the old file nor the new one")
+        raise WrongError(f"{name}: neither the old file nor the new one")
     return data == new
 
 
 def check_film(folder: Path, names: list[str]) -> bool:
     """The frames there are, are whole; beside them is at most the note."""
     if names not in ([], ["film"]):
-        raise Wrong(f"film: left beside: {names}")
+        raise WrongError(f"film: left beside: {names}")
     found = sorted(folder.iterdir()) if folder.exists() else []
     for path in found:
         if path.suffix == ".png":
             with Image.open(path) as picture:
                 picture.load()
         elif path.suffix != ".json" or path.name.startswith("."):
-            raise Wrong(f"film: left beside the frames: {path.name[:10]}...{path.suffix}")
+            raise WrongError(f"film: left beside the frames: {path.name[:10]}...{path.suffix}")
     return bool(found) and all(path.suffix == ".png" for path in found)
 
 
@@ -79,7 +79,7 @@ def begin(folder: Path) -> Attack:
             begun = time.monotonic()
             done = subprocess.run(command_of(name, scan, place), capture_output=True, text=True)
             if done.returncode != 0:
-                raise Wrong(f"{name}: {done.stderr}")
+                raise WrongError(f"{name}: {done.stderr}")
             data = (place / name).read_bytes() if name != "film" else b""
             known[name] = data, time.monotonic() - begun
         return known[name]
@@ -104,16 +104,18 @@ def begin(folder: Path) -> Attack:
         # Before the command has begun it is Python that ends, by the signal itself: a shell sees 130 too.
         early = status == -signal.SIGINT and "execute" not in said
         if status < 0 and not early:
-            raise Died(f"{name or 'view'}: {signal.Signals(-status).name}")
+            raise CrashError(f"{name or 'view'}: {signal.Signals(-status).name}")
         if status not in (0, 130) and not early:
-            raise Wrong(f"{name or 'view'}: exit status {status}: {said.strip().splitlines()[-1:]}")
+            raise WrongError(f"{name or 'view'}: exit status {status}: {said.strip().splitlines()[-1:]}")
         if "Traceback" in said and not early:
-            raise Wrong(f"{name or 'view'}: exit status {status} with a traceback: {said.strip().splitlines()[-1:]}")
+            raise WrongError(
+                f"{name or 'view'}: exit status {status} with a traceback: {said.strip().splitlines()[-1:]}"
+            )
         if not name:
             return True
         done = check_files(name, place, new, kept)
         if status == 0 and not done:
-            raise Wrong(f"{name}: exit status 0, and nothing is written")
+            raise WrongError(f"{name}: exit status 0, and nothing is written")
         return done
 
     return attack

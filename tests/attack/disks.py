@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 import pointray as pr
-from attack import Attack, Died, Wrong
+from attack import Attack, CrashError, WrongError
 from attack.mutate import Rng, pick
 from attack.writers import film, frame_image, versions_of, writers
 from pointray.cli import execute
@@ -33,7 +33,7 @@ SMALL = ["--size", "48x32", "--spp", "1"]
 
 
 def in_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What a forked process finds out; Died if a signal ends it."""
+    """What a forked process finds out; CrashError if a signal ends it."""
     here, there = os.pipe()
     child = os.fork()
     if child == 0:
@@ -49,10 +49,10 @@ def in_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         data = pipe.read()
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
-        raise Died(f"{signal.Signals(os.WTERMSIG(status)).name} on a full disk")
+        raise CrashError(f"{signal.Signals(os.WTERMSIG(status)).name} on a full disk")
     answer: dict[str, Any] = json.loads(data)
     if "error" in answer:
-        raise Wrong(answer["error"])
+        raise WrongError(answer["error"])
     return answer
 
 
@@ -135,17 +135,17 @@ def write_there(job: Job, place: Path, kept: bool) -> dict[str, Any]:
 
 
 def judge(job: Job, kept: bool, told: dict[str, Any]) -> bool:
-    """Whether the new file is there; Wrong if what is there is neither, or what was said is not true."""
+    """Whether the new file is there; WrongError if what is there is neither, or what was said is not true."""
     status, found = told["status"], told["found"]
     if status not in (0, 1) or told["raised"] not in ("", "OSError"):
-        raise Wrong(f"{job.name}: status {status} {told['lines'][:1]} {told['raised'][:120]}")
+        raise WrongError(f"{job.name}: status {status} {told['lines'][:1]} {told['raised'][:120]}")
     if told["command"] and len(told["lines"]) != status:
-        raise Wrong(f"{job.name}: status {status} with {len(told['lines'])} lines")
+        raise WrongError(f"{job.name}: status {status} with {len(told['lines'])} lines")
     want = {job.name: job.new.hex()} if status == 0 else {job.name: job.old.hex()} if kept else {}
     if found != want:
         beside = sorted(set(found) - set(want))
         state = f"left beside: {Path(beside[0]).suffix}" if beside else "the file is not whole"
-        raise Wrong(f"{job.name}: status {status} {told['raised']}, {state}")
+        raise WrongError(f"{job.name}: status {status} {told['raised']}, {state}")
     return status == 0
 
 
@@ -183,9 +183,9 @@ def begin(folder: Path) -> Attack:
         told = in_child(work)
         whole = [k for k in range(3) if film(place, 0, 3)._complete(k)]
         if len(whole) != len(list(place.glob("[0-9]*.png"))):
-            raise Wrong("a frame is not whole")
+            raise WrongError("a frame is not whole")
         if any(name.startswith(".") for name in told["names"]) or len(whole) < told["done"]:
-            raise Wrong(f"film: {told['done']} frames done, there are {told['names']}")
+            raise WrongError(f"film: {told['done']} frames done, there are {told['names']}")
         return told["done"] == 3
 
     def attack(rng: Rng, index: int) -> bool:

@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from attack import Attack, Died, Wrong
+from attack import Attack, CrashError, WrongError
 from attack.mutate import Rng
 
 LATEST = 0.25  # seconds until the signal
@@ -33,7 +33,7 @@ class Victim:
         self._process.send_signal(signal.SIGINT)
 
     def wait_for(self, word: str, seconds: float) -> bool:
-        """Read what it says until it says this; False if it takes too long, Died if it has come to its end."""
+        """Read what it says until it says this; False if it takes too long, CrashError if it has come to its end."""
         end = time.monotonic() + seconds
         while True:
             while b"\n" in self._rest:
@@ -48,7 +48,7 @@ class Victim:
             if not data:
                 status = self._process.wait()
                 name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
-                raise Died(f"{name} in {self.stage} after an interrupt")
+                raise CrashError(f"{name} in {self.stage} after an interrupt")
             self._rest += data
 
     def end(self) -> None:
@@ -71,8 +71,8 @@ def begin(folder: Path) -> Attack:
             if not victim.wait_for("interrupted", PATIENCE):
                 victim.interrupt()
                 if not victim.wait_for("interrupted", PATIENCE):
-                    raise Wrong(f"no KeyboardInterrupt in {victim.stage}")
-        except (Died, Wrong):
+                    raise WrongError(f"no KeyboardInterrupt in {victim.stage}")
+        except (CrashError, WrongError):
             victims.pop().end()
             raise
         return True

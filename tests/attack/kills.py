@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from attack import Attack, Died, Wrong
+from attack import Attack, CrashError, WrongError
 from attack.mutate import Rng, pick
 from attack.writers import LEFTOVERS, Write, film, frame_image, versions_of, writers
 
@@ -23,7 +23,7 @@ LONGEST = 0.06  # seconds until the kill
 
 
 def killed_after(rng: Rng, work: object) -> None:
-    """Do the work in a process that is killed at a random moment; Died if it ends by another signal."""
+    """Do the work in a process that is killed at a random moment; CrashError if it ends by another signal."""
     child = os.fork()
     if child == 0:
         try:
@@ -34,9 +34,9 @@ def killed_after(rng: Rng, work: object) -> None:
     os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status) and os.WTERMSIG(status) != signal.SIGKILL:
-        raise Died(f"{signal.Signals(os.WTERMSIG(status)).name} while writing")
+        raise CrashError(f"{signal.Signals(os.WTERMSIG(status)).name} while writing")
     if os.WIFEXITED(status):
-        raise Wrong("the writer ended by itself")
+        raise WrongError("the writer ended by itself")
 
 
 def write_for_ever(write: Write, path: Path) -> None:
@@ -61,7 +61,7 @@ def render_for_ever(folder: Path) -> None:
 
 
 def check_film(folder: Path) -> bool:
-    """Whether there are frames; Wrong if one of them is not whole."""
+    """Whether there are frames; WrongError if one of them is not whole."""
     pictures = sorted(folder.glob("[0-9]*.png"))
     for path in pictures:
         with Image.open(path) as picture:
@@ -70,11 +70,11 @@ def check_film(folder: Path) -> bool:
 
 
 def check_folder(folder: Path, write: object, known: set[str]) -> None:
-    """Wrong if the next write leaves something beside its file."""
+    """WrongError if the next write leaves something beside its file."""
     write()  # type: ignore[operator]
     left = sorted({path.name for path in folder.iterdir()} - known)
     if left:
-        raise Wrong(f"left in the folder after the next write: {Path(left[0]).suffix} {LEFTOVERS}")
+        raise WrongError(f"left in the folder after the next write: {Path(left[0]).suffix} {LEFTOVERS}")
 
 
 def begin(folder: Path) -> Attack:
@@ -102,9 +102,9 @@ def begin(folder: Path) -> Attack:
         before = path.exists()
         killed_after(rng, lambda: write_for_ever(write, path))
         if path.exists() and path.read_bytes() not in contents[name]:
-            raise Wrong(f"{extension}: neither the old file nor the new one")
+            raise WrongError(f"{extension}: neither the old file nor the new one")
         if before and not path.exists():
-            raise Wrong(f"{extension}: the old file is gone")
+            raise WrongError(f"{extension}: the old file is gone")
         done = path.exists() and path.read_bytes() == contents[name][1]
         check_folder(place, lambda: write(path, 0), {path.name})
         return done

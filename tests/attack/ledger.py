@@ -21,7 +21,8 @@ def code_key() -> str:
     """A hash of the package and of the attack: what was done with others is not done."""
     digest = hashlib.sha256()
     for folder in ("src", "tests/attack"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
+        files = [path for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".toml", ".txt")]
+        for path in sorted(files):
             digest.update(path.relative_to(ROOT).as_posix().encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
@@ -47,6 +48,8 @@ class Ledger:
                 self._batches[batch["part"], batch["seed"], batch["start"]] = batch
             except (ValueError, KeyError):  # cut off when the machine stopped
                 continue
+        with self._file.open("a") as file:
+            file.write("\n")  # what was cut off ends here
 
     def has(self, part: str, seed: int, start: int, stop: int) -> bool:
         """Whether a batch is done."""

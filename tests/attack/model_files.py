@@ -1,6 +1,7 @@
 """Saved models, `.pointray`: indices at their extremes, floats that are none, lies in the headers, damaged bytes.
 
-Every second input sets one integer of one index array to an extreme, all of them in turn; the others do anything. Rays are cast at what loads: each hits with finite numbers or misses.
+Every second input sets one integer of one index array to an extreme, all of them in turn; the others do anything.
+Rays are cast at what loads: each hits with finite numbers or misses.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 import pointray as pr
-from attack import Attack, Wrong
+from attack import Attack, WrongError
 from attack.casting import cast
 from attack.mutate import WORDS, Rng, corrupt, extremes_of, pick, poison
 
@@ -287,7 +288,7 @@ def begin(folder: Path) -> Attack:
             model = pr.Model.load(path)
         except (ValueError, OSError) as error:
             if "\n" in str(error):
-                raise Wrong(f"more than one line: {error}") from error
+                raise WrongError(f"more than one line: {error}") from error
             return False
         cast(rng, model, exact=False)
         if model.levels:
@@ -313,6 +314,6 @@ def from_afar(model: pr.Model) -> NDArray[np.float32]:
 
 
 def check_picture(picture: NDArray[np.float32]) -> None:
-    """Wrong if a pixel is no number."""
+    """WrongError if a pixel is no number."""
     if not np.isfinite(picture).all():
-        raise Wrong("a pixel is not finite")
+        raise WrongError("a pixel is not finite")

@@ -52,7 +52,7 @@ def corrupt(rng: Rng, data: bytes, ops: int = 3) -> bytes:
 
 
 def extremes_of(dtype: np.dtype[Any], length: int, partner: int) -> list[int]:
-    """Values at which checks of an index go wrong: the type's ends, the length's, and those less the index's partner."""
+    """Values at which checks of an index go wrong: the type's ends, the length's, and those less its partner."""
     low, high = int(np.iinfo(dtype).min), int(np.iinfo(dtype).max)
     ends = [low, high, -1, 0, length - 1, length, length + 1, ~length, low + 1]
     ends += [end - partner for end in (low, high, -1, length, length + 1)]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pointray as pr
-from attack import Attack, Wrong
+from attack import Attack, WrongError
 from attack.casting import cast
 from attack.mutate import WORDS, Rng, corrupt, pick
 
@@ -290,12 +290,12 @@ def begin(folder: Path) -> Attack:
             points = pr.read(path)
         except (ValueError, OSError) as error:
             if valid is not None:
-                raise Wrong(f"a valid file is refused: {error}") from error
+                raise WrongError(f"a valid file is refused: {error}") from error
             if "\n" in str(error):
-                raise Wrong(f"more than one line: {error}") from error
+                raise WrongError(f"more than one line: {error}") from error
             return False
         if valid is not None and not np.array_equal(points.positions, valid.positions):
-            raise Wrong("other positions than were written")
+            raise WrongError("other positions than were written")
         if len(points) <= LARGEST_MODEL:
             try:
                 model = pr.Model(points)

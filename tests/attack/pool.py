@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from attack.parts import PARTS
+from attack.parts import KNOWN
 
 ALONE = 20  # crashes and hangs that are made again alone; later ones are counted only
 START = 1800.0  # seconds for a child to be ready: kernels may have to be compiled
@@ -51,7 +51,7 @@ class Tally:
     failures: list[Failure] = field(default_factory=list)
 
 
-class Hung(Exception):
+class HangError(Exception):
     """No answer in time."""
 
 
@@ -65,7 +65,7 @@ class Child:
         inputs.mkdir()
         paths = [str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "POINTRAY_THREADS": "2"}
-        environment["POINTRAY_CHECK"] = "1" if PARTS[part].checked else os.environ.get("POINTRAY_CHECK", "")
+        environment["POINTRAY_CHECK"] = "1" if KNOWN[part].checked else os.environ.get("POINTRAY_CHECK", "")
         command = [sys.executable, "-m", "attack.child", part, str(seed), str(inputs)]
         with self._errors.open("wb") as errors:
             # A group of its own: Ctrl-C is the parent's, and what the child has started goes with it.
@@ -77,14 +77,14 @@ class Child:
                 env=environment,
                 start_new_session=True,
             )
-        self._limit, self._rest = PARTS[part].limit, b""
+        self._limit, self._rest = KNOWN[part].limit, b""
         if not self._next(START):
             words = self.last_words()
             self.end()
             raise RuntimeError(f"the part {part} does not begin: {words}")
 
     def answers(self, start: int, stop: int) -> Iterator[dict[str, Any]]:
-        """What became of the inputs; fewer than asked for if the child dies. Hung if one takes too long."""
+        """What became of the inputs; fewer than asked for if the child dies. HangError if one takes too long."""
         assert self._process.stdin is not None
         with suppress(BrokenPipeError):
             self._process.stdin.write(f"{start} {stop}\n".encode())
@@ -101,7 +101,7 @@ class Child:
         pipe, end = self._process.stdout.fileno(), time.monotonic() + limit
         while b"\n" not in self._rest:
             if not select.select([pipe], [], [], max(end - time.monotonic(), 0.0))[0]:
-                raise Hung
+                raise HangError
             data = os.read(pipe, 1 << 16)
             if not data:
                 return None
@@ -171,8 +171,8 @@ class Attacker:
                     tally.failures.append(Failure(answer["index"], answer["outcome"], answer["what"], True))
             if index < stop:
                 kind, what = "crashed", self._child.last_words()
-        except Hung:
-            kind, what = "hung", f"longer than {PARTS[self.part].limit:g} s"
+        except HangError:
+            kind, what = "hung", f"longer than {KNOWN[self.part].limit:g} s"
         if not kind:
             return index
         self.__exit__()
@@ -188,7 +188,7 @@ class Attacker:
         try:
             answer = next(iter(child.answers(index, index + 1)), None)
             return "crashed" if answer is None else str(answer["outcome"])
-        except Hung:
+        except HangError:
             return "hung"
         finally:
             child.end()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import pointray as pr
-from attack import Attack, Wrong
+from attack import Attack, WrongError
 from attack.mutate import WORDS, Rng, corrupt, pick
 from pointray.cli import execute
 from pointray.scenefile import Plan
@@ -24,204 +24,19 @@ from pointray.scenefile import Plan
 MOST_POINTS = 3000  # a larger model, or one that takes long to mesh, is not built
 MESHED_FAST = ("sphere", "torus")
 COMMAND = 0.05  # the share that goes through the command
-EVERYTHING = """exposure = 0.5
-curve = "filmic"
-background = [0.1, 0.2, 0.3]
-
-[models.ball]
-procedural = "sphere"
-points = 150
-seed = 3
-surface = "imls"
-samples = 5
-refine = 0
-trim = "none"
-radius_scale = 1.2
-levels = true
-
-[models.scan]
-file = "scan.ply"
-trim = 0.5
-
-[models.ready]
-file = "ready.pointray"
-
-[materials.gold]
-kind = "principled"
-base_color = [1.0, 0.77, 0.34]
-roughness = 0.3
-metallic = 1
-
-[materials.high]
-kind = "diffuse"
-color = { name = "z", colormap = "magma", range = [-1, 1] }
-
-[materials.glass]
-kind = "dielectric"
-ior = 1.4
-
-[[instances]]
-model = "ball"
-material = "gold"
-scale = [1, 2, -1]
-rotate = 30
-axis = [0, 1, 0]
-translate = [1, 0, 0]
-
-[[instances]]
-model = "scan"
-material = "high"
-transform = [[1, 0, 0, -1], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
-
-[[instances]]
-model = "ready"
-material = "glass"
-transforms = "many.npy"
-
-[[planes]]
-point = [0, 0, -1]
-normal = [0, 0, 1]
-color = 0.4
-checker = 0.5
-
-[[lights]]
-kind = "sun"
-direction = [1, 1, -2]
-irradiance = [3, 3, 2]
-angle = 1
-
-[[lights]]
-kind = "point"
-position = [0, -4, 4]
-intensity = 20
-
-[[lights]]
-kind = "rect"
-center = [0, 0, 5]
-u = [0, 1, 0]
-v = [1, 0, 0]
-radiance = 2
-
-[[lights]]
-kind = "disk"
-center = [-3, 0, 5]
-normal = [0, 0, -1]
-radius = 0.5
-radiance = 2
-
-[[lights]]
-kind = "sphere"
-center = [3, 0, 5]
-radius = 0.5
-radiance = 3
-
-[[lights]]
-kind = "environment"
-image = "sky.hdr"
-radiance = 0.5
-
-[[clips]]
-point = [0, 0, 0.7]
-normal = [0.1, 0, 2]
-
-[camera]
-eye = [0, -6, 2]
-target = [0, 0, 0]
-up = [0, 0, 1]
-fov = 50
-size = [32, 24]
-aperture = 0.1
-focus = 5
-projection = "perspective"
-
-[settings]
-integrator = "path"
-spp = 3
-max_depth = "none"
-seed = 7
-filter = "tent"
-"""
-FRAMED = """background = "environment"
-[models]
-ball = { procedural = "torus", points = 200, surface = "paper", trim = "auto" }
-[materials]
-shiny = { kind = "phong", color = 0.4, specular = 0.2, exponent = 40 }
-lamp = { kind = "emissive", radiance = [4, 3, 2] }
-mirror = { kind = "mirror" }
-[[instances]]
-model = "ball"
-material = "shiny"
-[[instances]]
-model = "ball"
-material = "lamp"
-translate = [2.5, 0, 0]
-[[planes]]
-point = [0, 0, -2]
-normal = [0, 0, 1]
-material = "mirror"
-[[lights]]
-kind = "environment"
-radiance = [0.3, 0.4, 0.5]
-horizon = 1.0
-ground = [0.1, 0.1, 0.1]
-[camera]
-direction = [0.3, -1, 0.4]
-size = [16, 16]
-fov = 35
-[settings]
-integrator = "ao"
-ao_distance = 2.0
-shadows = false
-spp = 2
-noise = 0.1
-time_limit = 3
-"""
-TEXTS = (EVERYTHING, FRAMED)
+SCENES = Path(__file__).with_name("scenes")
+TEXTS = [(SCENES / name).read_text() for name in ("everything.toml", "framed.toml")]
 TOKEN = re.compile(r'"[^"\n]*"|[-+]?[0-9][0-9_.eE]*|[A-Za-z_][\w]*|[\[\]{}=,.]')
-STRINGS = (
-    *("", "none", "auto", "x" * 5000, "\\u0000", "\\n", "../scan.ply", "/", "/dev/null", "/dev/zero", ".", "scan.ply"),
-    *(
-        "many.npy",
-        "sky.hdr",
-        "ready.pointray",
-        "scene.toml",
-        "absent.ply",
-        "a/b/c.hdr",
-        "%s%n",
-        "\\ud7ff",
-        "\\U0010ffff",
-    ),
-    *("sphere", "statue", "paper", "disc", "path", "ao", "depth", "cost", "panorama", "orthographic", "environment"),
-)
-VALUES = (
-    *("[]", "[[]]", "{}", "[1, 2]", "[1, 2, 3, 4]", "[nan, 0, 0]", "[1e300, 0, 0]", "[1e18, 1, 1]", "[1e-300, 0, 0]"),
-    *(
-        "[true, 1, 1]",
-        '["a", 1, 2]',
-        "true",
-        "inf",
-        "-inf",
-        "nan",
-        "1e17",
-        "1e-45",
-        "1979-05-27",
-        "07:32:00",
-        "[[1], [2]]",
-    ),
-    *(
-        "{ kind = 1 }",
-        "[0, 0, 0]",
-        "[-1, -1, -1]",
-        "0xff",
-        "1_000",
-        "-1",
-        "0",
-        "0.0",
-        "2147483648",
-        "99999999999999999999",
-    ),
-    *('{ name = "heat" }', '{ name = "z", range = [1, 0] }', '{ name = "z", range = [0, 0] }', '"""a\nb"""', "[" * 200),
-)
+
+
+def _listed(name: str) -> list[str]:
+    """The lines of a file, with escapes as in Python."""
+    return [line.encode().decode("unicode_escape") for line in (SCENES / name).read_text().splitlines()]
+
+
+STRINGS = [*_listed("texts.txt"), "x" * 5000]  # what a text may be
+VALUES = [*_listed("values.txt"), "[" * 200]  # what may stand behind a =
+LINES = _listed("lines.txt")  # what may be added
 
 
 def swap_token(rng: Rng, text: str) -> str:
@@ -281,50 +96,7 @@ def move_lines(rng: Rng, text: str) -> str:
 
 def add_line(rng: Rng, text: str) -> str:
     lines = text.split("\n")
-    new = (
-        *(
-            "[settings]",
-            "[camera]",
-            "[[lights]]",
-            "[models.x]",
-            "[[clips]]",
-            "[a.b.c]",
-            "x = 1",
-            "kind = 1",
-            "#",
-            "\x00",
-        ),
-        *(
-            "size = [100000, 100000]",
-            "spp = 70000",
-            "threads = 99999",
-            "levels = 3",
-            "denoise = 1",
-            "= 1",
-            "x",
-            "[",
-            '"""',
-        ),
-        *(
-            "[[instances]]",
-            "[planes]",
-            "[[models]]",
-            "[materials.a]",
-            "'k' = 2",
-            "a.b = 3",
-            "points = 100_000_001",
-            "\u2028",
-        ),
-        *(
-            "up = [0, 0, 0]",
-            "eye = [0, 0, 0]\ntarget = [0, 0, 0]",
-            "fov = 180",
-            "aperture = -1",
-            "seed = -1",
-            "focus = 0",
-        ),
-    )
-    lines.insert(int(rng.integers(len(lines) + 1)), pick(rng, new))
+    lines.insert(int(rng.integers(len(lines) + 1)), pick(rng, LINES))
     return "\n".join(lines)
 
 
@@ -381,15 +153,15 @@ def is_small(data: dict[str, Any]) -> bool:
 
 
 def run_command(path: Path, picture: Path) -> bool:
-    """Whether the command renders it; Wrong if it says more than a line, or ends otherwise than in 0 or 2."""
+    """Whether the command renders it; WrongError if it says more than a line, or ends otherwise than in 0 or 2."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         status = execute(["render", str(path), "-o", str(picture), "--size", "8x8", "--spp", "1"])
     lines = [line for line in err.getvalue().splitlines() if "note: " not in line]
     if status not in (0, 2):
-        raise Wrong(f"exit status {status}: {lines}")
+        raise WrongError(f"exit status {status}: {lines}")
     if len(lines) != (status == 2):
-        raise Wrong(f"exit status {status} with {len(lines)} lines: {lines[:2]}")
+        raise WrongError(f"exit status {status} with {len(lines)} lines: {lines[:2]}")
     return status == 0
 
 
@@ -404,7 +176,7 @@ def begin(folder: Path) -> Attack:
             plan = Plan(path)
         except (ValueError, OSError) as error:
             if "\n" in str(error):
-                raise Wrong(f"more than one line: {error}") from error
+                raise WrongError(f"more than one line: {error}") from error
             return run_command(path, picture) if rng.random() < COMMAND else False
         if not is_small(tomllib.loads(path.read_text(encoding="utf-8-sig"))):
             return True
@@ -418,10 +190,10 @@ def begin(folder: Path) -> Attack:
             image = pr.render(*made[:3])
         except (ValueError, OSError) as error:
             if "\n" in str(error):
-                raise Wrong(f"more than one line: {error}") from error
+                raise WrongError(f"more than one line: {error}") from error
             return False
         if not np.isfinite(image).all():
-            raise Wrong("a pixel is not finite")
+            raise WrongError("a pixel is not finite")
         return True
 
     _warm(path)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import pointray as pr
-from attack import Attack, Wrong
+from attack import Attack, WrongError
 from attack.mutate import Rng, pick
 
 SPAN = 0.35  # seconds that an input takes
@@ -161,7 +161,7 @@ def begin(folder: Path) -> Attack:
             while not stop.is_set():
                 name = pick(mine, QUESTIONS)
                 if getattr(views, name)(stage.scene) not in answers[name]:
-                    raise Wrong(f"{name}: the result is that of no state of the scene")
+                    raise WrongError(f"{name}: the result is that of no state of the scene")
 
         def change(seed: int) -> None:
             mine = np.random.default_rng(seed)
@@ -175,7 +175,7 @@ def begin(folder: Path) -> Attack:
                 how, twin = copied(mine, stage.scene)
                 name = pick(mine, QUESTIONS)
                 if getattr(views, name)(twin) not in answers[name]:
-                    raise Wrong(f"{name} of a {how}: the result is that of no state of the scene")
+                    raise WrongError(f"{name} of a {how}: the result is that of no state of the scene")
 
         def guarded(work: Callable[[int], None], seed: int) -> None:
             try:
@@ -210,4 +210,4 @@ def check_copies(rng: Rng, stage: Stage, views: Views) -> None:
     gc.collect()
     for name, right in want.items():
         if getattr(views, name)(twin) != right:
-            raise Wrong(f"{name} of a {how} has changed with the original")
+            raise WrongError(f"{name} of a {how} has changed with the original")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import pointray as pr
-from attack import Attack, Wrong
+from attack import Attack, WrongError
 from attack.mutate import WORDS, Rng, corrupt, pick
 
 SHAPE = (8, 16)
@@ -116,7 +116,7 @@ def begin(folder: Path) -> Attack:
         scene.add_light(pr.EnvironmentLight(image=path))
         scene.background = "environment"
         if not np.isfinite(pr.render(scene, camera, pr.Settings(integrator))).all():
-            raise Wrong("a pixel is not finite")
+            raise WrongError("a pixel is not finite")
 
     def attack(rng: Rng, index: int) -> bool:
         extension, data = (".hdr", hdr(rng)) if rng.random() < 0.4 else pick(rng, made)
@@ -132,7 +132,7 @@ def begin(folder: Path) -> Attack:
             light(path, pick(rng, ("phong", "path")))
         except (ValueError, OSError) as error:
             if kind <= 0.03 and extension == ".hdr":
-                raise Wrong(f"a valid file is refused: {error}") from error
+                raise WrongError(f"a valid file is refused: {error}") from error
             return False
         finally:
             path.unlink()

@@ -1,0 +1,56 @@
+"""A few inputs of each attack, see tests/attack/: all of them are `make attack`'s."""
+
+import sys
+
+import pytest
+
+from attack.ledger import Ledger
+from attack.parts import PARTS
+from attack.pool import Attacker, Failure, Tally
+
+SEED = 1
+needs_posix = pytest.mark.skipif(sys.platform == "win32", reason="processes of POSIX")
+
+
+def test_a_whole_attack_has_200_000_inputs():
+    assert sum(part.count for part in PARTS.values()) == 200_000
+
+
+@needs_posix
+@pytest.mark.parametrize("name", list(PARTS))
+def test_a_few_inputs_of(name):
+    few = PARTS[name].few
+    with Attacker(name, SEED) as attacker:
+        tally = attacker.make(0, few)
+    assert tally.failures == []
+    assert tally.counts["accepted"] + tally.counts["refused"] == few
+    assert tally.counts["accepted"] > 0
+
+
+@needs_posix
+def test_a_crash_a_hang_and_a_failure_are_told_from_a_refusal():
+    with Attacker("sample", 0) as attacker:
+        tally = attacker.make(0, 8)
+    assert tally.counts == {"accepted": 2, "refused": 2, "crashed": 1, "hung": 1, "failed": 2}
+    found = {failure.index: (failure.kind, failure.again) for failure in tally.failures}
+    assert found == {3: ("crashed", True), 4: ("hung", True), 5: ("failed", True), 6: ("failed", True)}
+    assert "SIGSEGV" in tally.failures[0].what
+
+
+def test_an_attack_that_was_interrupted_goes_on(tmp_path):
+    first = Ledger(tmp_path, "key")
+    crash = Failure(7, "crashed", "SIGSEGV", True)
+    first.keep("ply", 3, (0, 10), Tally(), 1.0)
+    tally = Tally(failures=[crash])
+    tally.counts.update(accepted=4, refused=5, crashed=1)
+    first.keep("ply", 3, (10, 20), tally, 2.0)
+    with (tmp_path / "key.jsonl").open("a") as file:
+        file.write('{"part": "ply", "see')
+    Ledger(tmp_path, "key").keep("toml", 3, (0, 1), Tally(), 0.1)
+    again = Ledger(tmp_path, "key")
+    assert again.has("toml", 3, 0, 1)
+    assert again.has("ply", 3, 10, 20) and not again.has("ply", 3, 10, 21) and not again.has("ply", 4, 10, 20)
+    counts = again.of("ply", 3)[0].counts
+    assert (counts["inputs"], counts["accepted"], counts["crashed"]) == (20, 4, 1)
+    assert "PART=ply SEED=3 INPUT=7" in again.table(["ply"], 3)
+    assert not Ledger(tmp_path, "other code").has("ply", 3, 0, 10)
