@@ -410,3 +410,12 @@ def test_real_map_coordinates_and_labels():
 def test_compressed_gaussians_are_refused_with_what_they_hold():
     with pytest.raises(ValueError, match=r"no properties x, y, z, only: packed_position"):
         read(shared_model("raw/3dgs_biker.compressed.ply"))
+
+
+def test_more_vertices_than_can_be_held_are_refused(tmp_path):
+    """The file has them all: it is sparse."""
+    path = tmp_path / "huge.ply"
+    path.write_text(HEADER.format(format="binary_little_endian", count=2**31))
+    os.truncate(path, 2**31 * 12 + 1000)
+    with pytest.raises(ValueError, match="2,147,483,648 points are too many"):
+        read(path)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 
-from ..data import Points
+from ..data import Points, check_count
 
 LONGEST_HEADER = 1 << 20
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
@@ -111,6 +111,12 @@ def _check_size(file: BinaryIO, element: Any, count: int, row: int) -> None:
         raise ValueError(f"is cut off: {count:,} {rows} of {row} bytes or more are announced, {left:,} bytes are there")
 
 
+def _check_rows(file: BinaryIO, vertex: Any, count: int, row: int) -> None:
+    """ValueError if the vertices are not all there, or are more than can be held."""
+    _check_size(file, vertex, count, row)
+    check_count(count)
+
+
 def _has_lists(element: Any) -> bool:
     return any(isinstance(p, PlyListProperty) for p in element.properties)
 
@@ -126,7 +132,7 @@ def _read_binary(file: BinaryIO, header: _Header, place: int) -> Columns:
     if _has_lists(vertex):
         return _read_beside_lists(file, vertex, count, order)
     dtype = np.dtype([(p.name, p.dtype(order)) for p in vertex.properties])
-    _check_size(file, vertex, count, dtype.itemsize)
+    _check_rows(file, vertex, count, dtype.itemsize)
     rows = np.memmap(file, dtype, "r", offset=file.tell(), shape=(count,))
     return {name: rows[name] for name in dtype.names or ()}
 
@@ -147,7 +153,7 @@ def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str) -> C
     """Vertices with lists, which are dropped."""
     from .ply_lists import scalars_at, walk_rows
 
-    _check_size(file, vertex, count, sum(_least_size(p) for p in vertex.properties))
+    _check_rows(file, vertex, count, sum(_least_size(p) for p in vertex.properties))
     scalars = [p for p in vertex.properties if not isinstance(p, PlyListProperty)]
     (data, start), places = _bytes_from(file), np.empty((count, len(scalars)), np.int64)
     walk_rows(data, start, count, vertex, order, places)
@@ -173,7 +179,7 @@ def _read_ascii(file: BinaryIO, header: _Header, place: int) -> Columns:
             _skip_lines(file, element, count)
     vertex, count = header.elements[place], header.counts[place]
     names = [p.name for p in vertex.properties]
-    _check_size(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
+    _check_rows(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
     lines = io.TextIOWrapper(file, "latin-1")
     try:
         if _has_lists(vertex):
