@@ -8,14 +8,14 @@ What counts more is the order: along a Morton curve both are four times as fast 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from .jit import in_thread, thread_count
+from .jit import thread_count
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -57,13 +57,19 @@ class NeighborTree:
         path = (self._positions if queries is None else queries)[asked]
         k = min(k, len(self._positions))
         distances, indices = np.empty((len(path), k), np.float32), np.empty((len(path), k), np.int32)
-        workers, ranks = thread_count(), np.arange(1, k + 1)
-        for start in range(0, len(path), _CHUNK):
-            part = slice(start, start + _CHUNK)
+        ranks = np.arange(1, k + 1)
+
+        def ask(part: slice) -> None:
             rows = asked[part]
-            # SciPy's threads go on after an interrupt, in arrays that are gone: a crash after 1 to 4 of them.
-            distances[rows], near = in_thread(partial(self._tree.query, path[part], ranks, workers=workers))
+            distances[rows], near = self._tree.query(path[part], ranks)
             indices[rows] = self._order[near]
+
+        # Not SciPy's own threads: what is raised in them (std::bad_alloc) is printed, and the neighbours are wrong;
+        # and they go on after an interrupt. The pool hands errors on, and is left when its last thread is done.
+        step = min(_CHUNK, max(1, -(-len(path) // thread_count())))
+        with ThreadPoolExecutor(thread_count()) as pool:
+            for _ in pool.map(ask, [slice(start, start + step) for start in range(0, len(path), step)]):
+                pass
         return distances, indices
 
 

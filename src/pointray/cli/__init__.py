@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import warnings
@@ -10,6 +11,8 @@ from contextlib import suppress
 from typing import Any
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+# What a lack of memory is called by those who have no MemoryError: C++, threads, and what loads libraries.
+NO_MEMORY = ("bad_alloc", "start new thread", "failed to map segment", "annot allocate memory")
 
 
 def execute(arguments: Sequence[str]) -> int:
@@ -36,11 +39,27 @@ def _tell(error: Exception) -> int:
     if status is not None:
         _say(error.format_message() if hasattr(error, "format_message") else str(error))
         return int(status)
+    if _lacks_memory(error):
+        _say(f"not enough memory ({' '.join(f'{type(error).__name__}: {error}'.split()).rstrip(': ')})")
+        return FAILED
     if isinstance(error, OSError | ValueError):
         _say(_reason(error))
         return BAD_INPUT
     _say(str(error) if type(error).__name__ == "WriteError" else f"{type(error).__name__}: {error}")
     return FAILED
+
+
+def _lacks_memory(error: BaseException | None) -> bool:
+    """Whether it, or what it comes from, is a lack of memory."""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+            return True
+        if any(sign in str(error) for sign in NO_MEMORY):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _reason(error: OSError | ValueError) -> str:

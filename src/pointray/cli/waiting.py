@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,9 +45,27 @@ class Progress:
 
 def in_background(work: Callable[[], T]) -> T:
     """Do it in a thread and wait: the compiler and SciPy do not listen to Ctrl-C, the main thread does."""
-    from ..jit import in_thread
+    results: list[T] = []
+    errors: list[BaseException] = []
+    ended = threading.Event()  # an interrupted Thread.join takes the thread for dead (Python 3.11)
 
-    return in_thread(work, patience=0.2)  # a picture that is just being written gets finished
+    def body() -> None:
+        try:
+            results.append(work())
+        except BaseException as error:
+            errors.append(error)
+        ended.set()
+
+    threading.Thread(target=body, daemon=True).start()
+    try:
+        while not ended.wait(0.1):
+            pass
+    except KeyboardInterrupt:
+        ended.wait(0.2)  # a picture that is just being written gets finished
+        raise
+    if errors:
+        raise errors[0]
+    return results[0]
 
 
 class WriteError(Exception):

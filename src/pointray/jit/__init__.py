@@ -9,7 +9,7 @@ from __future__ import annotations
 from .arrays import array_at, borrow, intrinsic, keep
 from .disk import CHECK, cache_folder, cpu_features, cpu_name
 from .kernels import KERNELS, compilations, compile_seconds, inline, kernel, on_first_compilation, routine
-from .threads import Cancel, cancelled, in_thread, run, take, thread_count
+from .threads import Cancel, cancelled, run, take, thread_count
 
 __all__ = [
     "CHECK",
@@ -23,7 +23,6 @@ __all__ = [
     "compile_seconds",
     "cpu_features",
     "cpu_name",
-    "in_thread",
     "inline",
     "intrinsic",
     "keep",

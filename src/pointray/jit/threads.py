@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -67,45 +66,6 @@ def thread_count(threads: int | None = None) -> int:
     return threads
 
 
-T = TypeVar("T")
-
-
-def in_thread(work: Callable[[], T], patience: float = math.inf) -> T:
-    """Do it in a thread of its own and wait for it; an interrupt is raised afterwards.
-
-    For what does not listen to Ctrl-C, as the compiler, and for libraries whose threads would go on after one in memory
-    that is gone.
-
-    Parameters
-    ----------
-    patience : float
-        Seconds that an interrupt waits for the work to end; then it is left behind.
-    """
-    results: list[T] = []
-    errors: list[BaseException] = []
-    ended = threading.Event()  # an interrupted Thread.join takes the thread for dead (Python 3.11)
-
-    def body() -> None:
-        try:
-            results.append(work())
-        except BaseException as error:
-            errors.append(error)
-        ended.set()
-
-    interrupt, end = None, math.inf
-    threading.Thread(target=body, daemon=True).start()
-    while not ended.is_set() and time.monotonic() < end:
-        try:
-            ended.wait(0.1)
-        except BaseException as error:
-            interrupt, end = error, min(end, time.monotonic() + patience)
-    if interrupt is not None:
-        raise interrupt
-    if errors:
-        raise errors[0]
-    return results[0]
-
-
 def run(
     kernel: Callable[..., Any],
     tiles: int,
@@ -137,10 +97,9 @@ def run(
             done.release()
 
     workers = [threading.Thread(target=worker, daemon=True) for _ in range(min(thread_count(threads), max(tiles, 1)))]
-    for thread in workers:
-        thread.start()
+    started = _start(workers)
     try:
-        for _ in workers:
+        for _ in range(started):
             # Not Thread.join: an interrupt in it marks the thread as ended, and nobody waits for it any more.
             while not done.acquire(timeout=0.1):
                 if progress is not None:
@@ -149,9 +108,21 @@ def run(
         # A worker may be inside the compiler, which nothing interrupts: wait a little and leave it behind.
         work[CANCEL] = 1
         end = time.monotonic() + 0.3
-        for _ in workers:
+        for _ in range(started):
             done.acquire(timeout=max(0.0, end - time.monotonic()))
         raise
     if errors:
         raise errors[0]
     return results
+
+
+def _start(workers: list[threading.Thread]) -> int:
+    """Start as many as there is memory for, one at least; returns how many."""
+    for started, thread in enumerate(workers):
+        try:
+            thread.start()
+        except RuntimeError:  # no room for its stack: the others do its work
+            if started == 0:
+                raise
+            return started
+    return len(workers)
