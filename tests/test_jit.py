@@ -222,6 +222,7 @@ ROOMS = [
     "simd",
     "vec",
     "extras",
+    "arguments",
     "sampling",
     "records",
     "scratch",

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import operator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import check_choice, check_number, check_numbers, wrong
 from .records import (
     ACROSS,
     CAMERA,
@@ -151,7 +151,7 @@ class Camera:
         ValueError
             If a value is not finite or out of its range, or up or direction is zero.
         """
-        box = np.asarray(bounds, np.float64)
+        box = check_numbers(bounds, "bounds").astype(np.float64)
         if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
             raise ValueError(f"bounds must be finite, (2, 3), the least row first, not {box.tolist()}")
         middle = (box[0] + box[1]) / 2
@@ -221,7 +221,11 @@ class Camera:
         """
         record = self.record()
         eye, forward, right, up = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
-        u, v = (np.asarray(a, np.float64)[..., None] for a in (u, v))
+        u, v = (check_numbers(a, name).astype(np.float64)[..., None] for a, name in ((u, "u"), (v, "v")))
+        try:
+            np.broadcast_shapes(u.shape, v.shape)
+        except ValueError:
+            raise ValueError(f"u and v do not broadcast: {u.shape[:-1]} and {v.shape[:-1]}") from None
         if record[PROJECTION] == ORTHOGRAPHIC:
             origins = eye + u * right + v * up
             return origins, np.broadcast_to(forward, origins.shape).copy()
@@ -267,10 +271,10 @@ def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _check_vector(value: Any, name: str) -> Vector:
-    try:
-        x, y, z = (float(part) for part in value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be three numbers, not {value!r}") from None
+    array = check_numbers(value, name, "three numbers")
+    if array.shape != (3,):
+        raise wrong(name, "three numbers", value)
+    x, y, z = map(float, array)
     if not np.isfinite([x, y, z]).all():
         raise ValueError(f"{name} must be finite, not {(x, y, z)}")
     return x, y, z
@@ -283,39 +287,31 @@ def _check_direction(value: Any, name: str) -> Vector:
     return direction
 
 
-def _check_fov(fov: float) -> float:
-    if not isinstance(fov, int | float | np.number) or not 0 < fov < 180:  # false for NaN
-        raise ValueError(f"fov must lie between 0 and 180 degrees, not {fov}")
-    return float(fov)
+def _check_fov(fov: Any) -> float:
+    return check_number(fov, "fov", "a number of degrees between 0 and 180", lambda x: 0 < x < 180)
 
 
 def _check_projection(projection: Any) -> str:
-    if projection not in PROJECTIONS:
-        raise ValueError(f"unknown projection {projection!r}: one of {', '.join(PROJECTIONS)}")
-    return str(projection)
+    return check_choice(projection, "projection", PROJECTIONS)
 
 
 def _check_aperture(aperture: Any, projection: str) -> float:
-    if not isinstance(aperture, int | float | np.number) or not 0 <= aperture < np.inf:  # false for NaN
-        raise ValueError(f"aperture must be a finite number, not negative, not {aperture}")
-    if aperture and projection == "panorama":
+    width = check_number(aperture, "aperture", "a finite number, not negative", lambda x: 0 <= x < np.inf)
+    if width and projection == "panorama":
         raise ValueError("a panorama has no lens: aperture must be 0")
-    return float(aperture)
+    return width
 
 
 def _check_focus(focus: Any) -> float | None:
-    if focus is None:
-        return None
-    if not isinstance(focus, int | float | np.number) or not focus > 0:
-        raise ValueError(f"focus must be a positive distance, not {focus}")
-    return float(focus)
+    return None if focus is None else check_number(focus, "focus", "a positive distance, or None", lambda x: x > 0)
 
 
 def _check_size(size: Any) -> tuple[int, int]:
-    try:
-        width, height = (operator.index(side) for side in size)
-    except (TypeError, ValueError):
-        raise ValueError(f"size must be two whole numbers, width and height, not {size!r}") from None
+    wanted = "two whole numbers, width and height"
+    sides = check_numbers(size, "size", wanted)
+    if sides.shape != (2,) or sides.dtype.kind == "f":
+        raise wrong("size", wanted, size)
+    width, height = map(int, sides)
     if not (1 <= width <= LARGEST and 1 <= height <= LARGEST):
         raise ValueError(f"size must be 1 to {LARGEST} pixels a side, not {width}x{height}")
     return width, height

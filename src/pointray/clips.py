@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import unit_vector, vector
 from .records import CLIP, CLIP_OFFSET
-from .shade.lights import unit_vector, vector
 
 MOST = 16
 
@@ -24,7 +24,7 @@ def check_clips(clips: Any) -> NDArray[np.float64]:
     shapes = "pairs (point, normal) or rows of six numbers"
     try:
         rows = np.asarray(clips)
-    except ValueError:
+    except (TypeError, ValueError):
         raise ValueError(f"clips must be {shapes}, all of the same length") from None
     if rows.size == 0 and rows.shape[:1] == (0,):
         rows = np.zeros((0, 2, 3))

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import check_mapping
+
 FARTHEST = 1e12  # a coordinate beyond it is a 'no return' marker of some scanner: its square is of no use in float32
 MOST = 2**31 - 1  # rows: their numbers are int32 in trees
 SAMPLE = 20_000  # rows that stand for all when the spacing is estimated
@@ -63,12 +65,7 @@ class Points:
         attributes: Mapping[str, ArrayLike] | None = None,
         origin: ArrayLike | None = None,
     ) -> None:
-        world = _numbers(positions, "positions")
-        if world.ndim != 2 or world.shape[1] != 3:
-            raise ValueError(f"positions must have the shape (n, 3), not {world.shape}")
-        if len(world) == 0:
-            raise ValueError("positions holds no points: its shape is (0, 3)")
-        check_count(len(world))
+        world = _check_positions(positions)
         about = _choose_origin(world) if origin is None else _check_origin(origin)
         self._fill(_localise(world, about), about, normals, colors, attributes)
 
@@ -82,8 +79,8 @@ class Points:
         attributes: Mapping[str, ArrayLike] | None = None,
     ) -> Points:
         """Points whose (n, 3) float32 positions already lie about `origin`."""
-        check_count(len(positions))
         points = cls.__new__(cls)
+        positions = _check_positions(positions)
         points._fill(_localise(positions, np.zeros(3)), _check_origin(origin), normals, colors, attributes)
         return points
 
@@ -129,6 +126,7 @@ class Points:
 
     def select(self, rows: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Points:
         """The given rows (numbers or a mask), about the same origin."""
+        rows = _check_rows(rows, len(self))
         return Points.about(
             self.origin,
             self.positions[rows],
@@ -137,8 +135,8 @@ class Points:
             {name: values[rows] for name, values in self.attributes.items()},
         )
 
-    def with_normals(self, normals: ArrayLike) -> Points:
-        """The same points with other normals; the other arrays are shared."""
+    def with_normals(self, normals: ArrayLike | None) -> Points:
+        """The same points with other normals, None: without any; the other arrays are shared."""
         return Points.about(self.origin, self.positions, normals, self.colors, self.attributes)
 
     def __len__(self) -> int:
@@ -166,10 +164,33 @@ def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:
     """`values` as an array of ints or floats."""
     try:
         array = np.asarray(values)
-    except ValueError as error:  # rows of different lengths
+    except (TypeError, ValueError) as error:  # rows of different lengths
         raise ValueError(f"{name} is no regular array of numbers: {error}") from None
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{name} must hold ints or floats, not {array.dtype} (shape {array.shape})")
+    return array
+
+
+def _check_positions(positions: ArrayLike) -> NDArray[Any]:
+    world = _numbers(positions, "positions")
+    if world.ndim != 2 or world.shape[1] != 3:
+        raise ValueError(f"positions must have the shape (n, 3), not {world.shape}")
+    if len(world) == 0:
+        raise ValueError("positions holds no points: its shape is (0, 3)")
+    check_count(len(world))
+    return world
+
+
+def _check_rows(rows: Any, n: int) -> NDArray[Any]:
+    array = _numbers(rows, "rows")
+    if array.ndim != 1 or array.dtype.kind == "f" or (array.dtype == bool and len(array) != n):
+        raise ValueError(
+            f"rows must be whole numbers, or a mask of {n:,}, not {array.dtype} of the shape {array.shape}"
+        )
+    if len(array) == 0 or (array.dtype == bool and not array.any()):
+        raise ValueError("rows chooses no points")
+    if array.dtype != bool and (array.min() < -n or array.max() >= n):
+        raise ValueError(f"rows must be numbers from 0 to {n - 1}, not up to {array.max()}")
     return array
 
 
@@ -237,15 +258,18 @@ def _check_colors(colors: ArrayLike, n: int) -> NDArray[np.uint8]:
 
 
 def _check_attributes(attributes: Mapping[str, ArrayLike] | None, n: int) -> dict[str, NDArray[np.float32]]:
-    return {name: _check_attribute(name, values, n) for name, values in (attributes or {}).items()}
+    if attributes is None:
+        return {}
+    return {name: _check_attribute(name, values, n) for name, values in check_mapping(attributes, "attributes").items()}
 
 
 def _check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[np.float32]:
     if not isinstance(name, str) or not name:
-        raise ValueError(f"the name of an attribute must be a string with letters in it, not {name!r}")
-    array = _numbers(values, f"attribute {name!r}")
+        raise ValueError(f"attributes: the name of one must be a string with letters in it, not {name!r}")
+    array = _numbers(values, f"attributes: attribute {name!r}")
     if array.ndim not in (1, 2) or len(array) != n:
         raise ValueError(
-            f"attribute {name!r} must have the shape ({n},) or ({n}, k), a row for each position, not {array.shape}"
+            f"attributes: attribute {name!r} must have the shape ({n},) or ({n}, k), a row for each position, "
+            f"not {array.shape}"
         )
     return _float32(array)

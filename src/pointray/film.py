@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import check_kind, check_number, check_positive, check_whole, wrong
 from .camera import MARGIN, SIZE, Camera, _fit
 from .records import ACROSS, FORWARD, UPWARD
 
@@ -40,10 +42,9 @@ def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
     >>> for k, camera in enumerate(pr.turntable(pr.Camera.frame(scene.bounds), 48)):
     ...     pr.write_image(f"{k:04d}.png", pr.render(scene, camera))
     """
-    if not isinstance(frames, int) or not 1 <= frames <= MOST_FRAMES:
-        raise ValueError(f"frames must be a whole number from 1 to {MOST_FRAMES}, not {frames!r}")
-    if not np.isfinite(turns):
-        raise ValueError(f"turns must be finite, not {turns!r}")
+    check_kind(camera, "camera", Camera, "a Camera")
+    frames = check_whole(frames, "frames", 1, MOST_FRAMES)
+    turns = check_number(turns, "turns", "a finite number")
     target, axis = np.asarray(camera.target), _unit(np.asarray(camera.up))
     arm, up = np.asarray(camera.eye) - target, np.asarray(camera.up)
     if np.linalg.norm(np.cross(_unit(arm), axis)) < 1e-6:
@@ -120,16 +121,15 @@ def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]
     same eye the camera pans, between the same keys it is still; in general what moves less leads.
     Field of view and distance of the target stay between those of the keys.
     """
-    times = np.array([time for time, _ in keys], np.float64)
+    times = _times_of(keys)
     if len(times) < 2:
         raise ValueError(f"a film needs two keys or more, not {len(times)}")
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise ValueError(f"the times of keys must be finite and rise, not {times.tolist()}")
-    if not 0 < fps < np.inf:
-        raise ValueError(f"fps must be a positive number, not {fps!r}")
+    fps = check_positive(fps, "fps")
     count = np.floor((times[-1] - times[0] + SAME) * fps) + 1
     if count > MOST_FRAMES:
-        raise ValueError(f"a film has {MOST_FRAMES} frames at most, not {count:.0f}")
+        raise ValueError(f"fps: a film has {MOST_FRAMES} frames at most, not {count:.0f}")
     cameras = [camera for _, camera in keys]
     at = np.minimum(times[0] + np.arange(int(count)) / fps, times[-1])
     between = _between(times, cameras, at)
@@ -138,6 +138,21 @@ def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]
         replace(cameras[k], size=cameras[0].size) if abs(times[k] - t) <= SAME else camera
         for t, k, camera in zip(at, nearest, between, strict=True)
     ]
+
+
+def _times_of(keys: Any) -> Floats:
+    wanted = "pairs of a number of seconds and a Camera"
+    if not isinstance(keys, Sequence) or isinstance(keys, str | bytes):
+        raise wrong("keys", wanted, keys)
+    for key in keys:
+        if not isinstance(key, Sequence) or len(key) != 2 or not isinstance(key[1], Camera):
+            raise wrong("keys", wanted, keys)
+    return np.array(
+        [
+            check_number(time, f"keys[{k}]: its time", "a finite number, and times must rise")
+            for k, (time, _) in enumerate(keys)
+        ]
+    )
 
 
 def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camera]:

@@ -11,6 +11,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import check_flag, check_numbers, check_positive, rgb, vector
 from .model import Model
 from .paints import Coat, Paints, PaintTables, check_attribute
 from .records import (
@@ -32,7 +33,6 @@ from .records import (
     SHAPE_ROW,
     TO_MODEL,
 )
-from .shade.lights import rgb, vector
 from .shade.materials import Diffuse, Material
 
 
@@ -75,10 +75,9 @@ class Plane:
         if not vector(self.normal, "normal").any():
             raise ValueError("normal must not be zero")
         rgb(self.color, "color")
-        if not isinstance(self.shadow_catcher, bool):
-            raise ValueError(f"shadow_catcher must be True or False, not {self.shadow_catcher!r}")
-        if self.checker is not None and not 0 < self.checker < np.inf:
-            raise ValueError(f"checker must be a positive length, not {self.checker!r}")
+        check_flag(self.shadow_catcher, "shadow_catcher")
+        if self.checker is not None:
+            check_positive(self.checker, "checker", "a positive length")
 
 
 class Instances:
@@ -137,9 +136,10 @@ class Instances:
 
     def row_of(self, number: int) -> int:
         """The row of what `add` returned; ValueError if it is not there."""
-        row = int(np.searchsorted(self.numbers, number)) if isinstance(number, int | np.integer) else len(self)
+        whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+        row = int(np.searchsorted(self.numbers, min(number, self._next))) if whole else len(self)
         if row == len(self) or self.numbers[row] != number:
-            raise ValueError(f"the scene has no instance {number!r}")
+            raise ValueError(f"the scene has no instance {number!r}: id is what `add` returned")
         return row
 
     def paint(self, row: int, material: Material) -> None:
@@ -263,10 +263,7 @@ def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
     """A transform as (4, 4) float64; None: the identity."""
     if transform is None:
         return np.eye(4)
-    try:
-        matrix = np.array(transform, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError("transform must be a (4, 4) array of numbers") from None
+    matrix = check_numbers(transform, "transform", "a (4, 4) array of numbers").astype(np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise ValueError(f"transform must be a (4, 4) array of finite numbers; its shape is {matrix.shape}")
     if not np.allclose(matrix[3], [0, 0, 0, 1]):
@@ -281,7 +278,7 @@ def check_material(material: Material | None, shape: Model | Plane) -> Material:
     material = Diffuse() if material is None else material
     if not isinstance(material, Material):
         kinds = ", ".join(sorted(kind.__name__ for kind in Material.__subclasses__()))
-        raise ValueError(f"a material is one of {kinds}, not {type(material).__name__}")
+        raise ValueError(f"material must be one of {kinds}, or None, not {type(material).__name__}")
     material.record()
     if material.attribute is not None:
         if isinstance(shape, Plane):

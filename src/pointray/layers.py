@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .assembly import Snapshot
 from .camera import Camera
-from .picture import render_snapshot
+from .picture import check_view, render_snapshot
 from .rays import Hits, check_rays
 from .records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from .scene import Scene, intersect_snapshot
@@ -54,7 +54,7 @@ def render_layers(
     --------
     write_layers : as .npz, or as .exr for other programs.
     """
-    settings = settings or Settings()
+    settings = check_view(scene, camera, settings, progress)
     share = settings.spp / (settings.spp + 1)  # the layers take one ray a pixel
     now = scene.snapshot()
     radiance = render_snapshot(now, camera, settings, progress and (lambda done: progress(share * done)))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import check_callback, check_choice, check_number, check_path, check_positive, check_whole
 from .data import FARTHEST, Points
 from .points import normals as point_normals
 from .records import NODE, SURFACES, WIDTH, Tree
@@ -74,10 +75,12 @@ class Model:
         radius_scale: float = 1.0,
         progress: Callable[[str, float], None] | None = None,
     ) -> None:
-        self.points = points if isinstance(points, Points) else Points(points)
-        self.surface = SURFACE if surface is None else surface
-        self.settings = _check_settings(self.surface, samples, refine, trim)
-        scale = _check_scale(radius_scale)
+        check_callback(progress)
+        self.points = points if isinstance(points, Points) else _points_of(points)
+        surface = SURFACE if surface is None else surface
+        self.settings = _check_settings(surface, samples, refine, trim)
+        self.surface = self.settings.surface
+        scale = check_positive(radius_scale, "radius_scale")
         given = None if radii is None else check_radii(radii, len(self.points))
         say = progress or (lambda stage, share: None)
         self.levels: tuple[Model, ...] = ()
@@ -142,6 +145,8 @@ class Model:
         OSError
             If the file cannot be written.
         """
+        check_path(path)
+        check_callback(progress)
         write_model(path, [model._part() for model in (self, *self.levels)], progress or (lambda share: None))
 
     def _part(self) -> Part:
@@ -160,6 +165,7 @@ class Model:
         ValueError
             If it is no saved model, of another version, or damaged.
         """
+        check_path(path)
         parts = read_model(path)
         try:
             model, *levels = (cls._restore(part) for part in parts)
@@ -188,6 +194,7 @@ class Model:
         levels : tuple of Model
             From fine to coarse, without the model itself.
         """
+        check_callback(progress)
         say = progress or (lambda stage, share: None)
         used = self.points.finite & (self.radii > 0)
         cloud = self.points.select(used)
@@ -249,6 +256,13 @@ class Model:
         return f"<Model: {len(self.points):,} points, surface {self.surface}, {self.nbytes / 2**20:.0f} MiB>"
 
 
+def _points_of(positions: ArrayLike) -> Points:
+    try:
+        return Points(positions)
+    except ValueError as error:
+        raise ValueError(f"points: {error}") from None
+
+
 def _unit_normals(points: Points) -> NDArray[np.float32]:
     """Unit normals: the points' own where they have them, mended or estimated where not."""
     if points.normals is None:
@@ -281,23 +295,17 @@ def _check_size(radii: NDArray[np.float32]) -> None:
 
 
 def _check_settings(surface: str, samples: int, refine: int, trim: str | float | None) -> TreeSettings:
-    if surface not in SURFACES:
-        raise ValueError(f"unknown surface {surface!r}: one of {', '.join(SURFACES)}")
-    for name, value, least, most in (
-        ("samples", samples, 2, LARGEST_SAMPLES),
-        ("refine", refine, 0, LARGEST_REFINE),
-    ):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
-            raise ValueError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
-    if trim == "auto":
+    surface = check_choice(surface, "surface", SURFACES)
+    samples = check_whole(samples, "samples", 2, LARGEST_SAMPLES)
+    refine = check_whole(refine, "refine", 0, LARGEST_REFINE)
+    if isinstance(trim, str) and trim == "auto":
         limit, overhang = (np.inf, np.inf) if surface == "disc" else (TRIM, OVERHANG)
     elif trim is None:
         limit = overhang = np.inf
-    elif isinstance(trim, int | float) and trim > 0:
-        limit, overhang = float(trim), np.inf
     else:
-        raise ValueError(f"trim must be 'auto', None or a positive number of radii, not {trim!r}")
-    return TreeSettings(surface, int(samples), int(refine), limit, overhang)
+        wanted = "'auto', None or a positive number of radii"
+        limit, overhang = check_number(trim, "trim", wanted, lambda x: x > 0), np.inf
+    return TreeSettings(surface, samples, refine, limit, overhang)
 
 
 def _settings_of(values: dict[str, Any]) -> TreeSettings:
@@ -306,9 +314,3 @@ def _settings_of(values: dict[str, Any]) -> TreeSettings:
     if settings.surface not in SURFACES or not all(isinstance(value, int | float) for value in settings[1:]):
         raise ValueError("its settings are unknown")
     return settings
-
-
-def _check_scale(scale: float) -> float:
-    if not isinstance(scale, int | float | np.number) or not np.isfinite(scale) or scale <= 0:
-        raise ValueError(f"radius_scale must be a positive number, not {scale!r}")
-    return float(scale)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arguments import check_callback, check_kind
 from .assembly import Snapshot
 from .camera import Camera
 from .frames import BLOCK, quick_frame, sampled_frame
@@ -66,7 +67,7 @@ def render(
     A scene without lights is lit by a headlight at the camera; for "path", if nothing in it emits light, by an even
     white sky of radiance 1.
     """
-    settings = settings or Settings()
+    settings = check_view(scene, camera, settings, progress)
     return render_snapshot(scene.snapshot(), camera, settings, progress)
 
 
@@ -84,6 +85,14 @@ def render_snapshot(
         return picture.image
     albedo, normal = (_surfaces(scene, camera, settings, name) for name in ("color", "normal"))
     return denoise(picture.image, albedo[..., :3], 2.0 * normal[..., :3] - normal[..., 3:])
+
+
+def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Settings:
+    """The settings, None: the usual ones; ValueError if one of what `render` takes is something else."""
+    check_kind(scene, "scene", Scene, "a Scene")
+    check_kind(camera, "camera", Camera, "a Camera")
+    check_callback(progress)
+    return Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
 
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:

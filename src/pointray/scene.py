@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .arguments import check_mapping, rgb, wrong
 from .assembly import Snapshot, bounds_of, take_snapshot
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
@@ -17,7 +18,7 @@ from .rays import Hits, Rays, check_rays
 from .records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, Lights
-from .shade.lights import Light, rgb
+from .shade.lights import Light
 from .shade.materials import Material
 from .trace.cast import blend_attribute, closest_hits, occlusions
 
@@ -63,7 +64,7 @@ class Scene:
             The number of this instance.
         """
         if not isinstance(shape, Model | Plane):
-            raise ValueError(f"a scene holds Model and Plane, not {type(shape).__name__}")
+            raise ValueError(f"shape must be a Model or a Plane, not {type(shape).__name__}")
         matrix, looks = check_transform(transform), check_material(material, shape)
         with self._lock:
             self._change()
@@ -178,6 +179,9 @@ class Scene:
     def exchange(self, models: Mapping[Model, Model]) -> Scene:
         """A copy with other models, of the same points, in the place of some."""
         twin = self.copy()
+        for pair in check_mapping(models, "models").items():
+            if not all(isinstance(model, Model) for model in pair):
+                raise wrong("models", "a dict of models", models)
         twin._change()
         twin._instances.exchange(models)
         return twin
@@ -248,6 +252,8 @@ class Scene:
             If shapes do not broadcast, a dtype is no number, or no model has an attribute of that name.
         """
         shape, rays = check_rays(origins, directions, t_min, t_max)
+        if not isinstance(attributes, tuple | list) or not all(isinstance(name, str) for name in attributes):
+            raise wrong("attributes", "a sequence of names", attributes)
         return intersect_snapshot(self.snapshot(), shape, rays, attributes)
 
     def occluded(

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from .arguments import check_choice, check_flag, check_positive, check_whole
 from .lens import FILTERS
 
 INTEGRATORS = ("phong", "ao", "path", "normal", "depth", "color", "cost")
@@ -72,20 +71,23 @@ class Settings:
     filter: str = "blackman-harris"
 
     def __post_init__(self) -> None:
-        if self.integrator not in INTEGRATORS:
-            raise ValueError(f"unknown integrator {self.integrator!r}: one of {', '.join(INTEGRATORS)}")
-        _check_whole("spp", self.spp, 1, MOST_SAMPLES)
-        _check_whole("seed", self.seed, 0, 2**31 - 1)
+        checked: dict[str, Any] = {
+            "integrator": check_choice(self.integrator, "integrator", INTEGRATORS),
+            "filter": check_choice(self.filter, "filter", FILTERS),
+            "spp": check_whole(self.spp, "spp", 1, MOST_SAMPLES),
+            "seed": check_whole(self.seed, "seed", 0, 2**31 - 1),
+        }
+        for name in ("shadows", "denoise", "levels"):
+            checked[name] = check_flag(getattr(self, name), name)
         if self.max_depth is not None:
-            _check_whole("max_depth", self.max_depth, 0, DEEPEST)
-        if self.threads is not None and (not isinstance(self.threads, int) or self.threads < 1):
-            raise ValueError(f"threads must be a whole number from 1, or None, not {self.threads!r}")
+            checked["max_depth"] = check_whole(self.max_depth, "max_depth", 0, DEEPEST, or_none=True)
+        if self.threads is not None:
+            checked["threads"] = check_whole(self.threads, "threads", 1, or_none=True)
         for name in ("ao_distance", "time_limit", "noise"):
-            value = getattr(self, name)
-            if value is not None and not (isinstance(value, int | float | np.number) and 0 < value < np.inf):
-                raise ValueError(f"{name} must be a positive number, or None, not {value!r}")
-        if self.filter not in FILTERS:
-            raise ValueError(f"unknown filter {self.filter!r}: one of {', '.join(FILTERS)}")
+            if getattr(self, name) is not None:
+                checked[name] = check_positive(getattr(self, name), name, "a positive number, or None")
+        for name, value in checked.items():  # Python's own types: another one would compile a kernel anew
+            object.__setattr__(self, name, value)
 
     @property
     def most(self) -> int:
@@ -102,8 +104,3 @@ class Settings:
     def depth(self) -> int:
         """Scatterings at most."""
         return DEEPEST if self.max_depth is None else self.max_depth
-
-
-def _check_whole(name: str, value: Any, low: int, high: int) -> None:
-    if not isinstance(value, int) or not low <= value <= high:
-        raise ValueError(f"{name} must be a whole number from {low} to {high}, not {value!r}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .shade.lights import unit_vector, vector
+from .arguments import check_number, check_numbers, unit_vector, vector
 
 
 def transform(
@@ -37,13 +37,13 @@ def transform(
     --------
     >>> scene.add(model, pr.transform(translate=(2, 0, 0), rotate=30, scale=1.5))
     """
-    if not isinstance(rotate, int | float | np.number) or not np.isfinite(rotate):
-        raise ValueError(f"rotate must be a finite number of degrees, not {rotate!r}")
+    angle = np.radians(check_number(rotate, "rotate", "a finite number of degrees"))
     x, y, z = unit_vector(axis, "axis")
-    sizes = vector(np.full(3, scale) if np.ndim(scale) == 0 else scale, "scale")
+    sizes = check_numbers(scale, "scale")
+    sizes = vector(np.full(3, sizes) if sizes.ndim == 0 else scale, "scale")
     if (sizes == 0).any():
         raise ValueError(f"scale must not be zero: it would flatten the model, not {scale!r}")
-    angle, cross = np.radians(float(rotate)), np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     out = np.eye(4)
     turned = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross  # Rodrigues
     out[:3, :3], out[:3, 3] = turned * sizes, vector(translate, "translate")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from ..arguments import check_kind
 from ..shade.attributes import Attribute
 from ..shade.colormaps import colormap, shows_classes
 from .tone import srgb_to_linear
@@ -43,11 +44,14 @@ def draw_legend(image: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
     ValueError
         If the attribute has no range, or the array is no picture.
     """
-    array = np.asarray(image)
+    check_legend(attribute, "attribute")
+    try:
+        array = np.asarray(image)
+    except (TypeError, ValueError):
+        raise ValueError("image is no regular array of numbers") from None
     if array.ndim != 3 or array.shape[2] not in (3, 4) or array.dtype not in (np.uint8, np.float32) or not array.size:
         raise ValueError(
-            f"a picture must have the shape (h, w, 3) or (h, w, 4) and be uint8 or float32, not {array.shape} "
-            f"{array.dtype}"
+            f"image must have the shape (h, w, 3) or (h, w, 4) and be uint8 or float32, not {array.shape} {array.dtype}"
         )
     over = _layer(array.shape[1], array.shape[0], attribute)
     if array.dtype == np.uint8:
@@ -58,6 +62,12 @@ def draw_legend(image: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
     alpha = (levels[..., 3:] / 255).astype(np.float32)
     light = np.concatenate([srgb_to_linear(levels[..., :3]) * alpha, alpha], axis=2)
     return np.asarray(light[..., : array.shape[2]] + array * (1 - alpha))
+
+
+def check_legend(attribute: Any, name: str) -> None:
+    """ValueError if it is no attribute with a range; name : of the parameter"""
+    if check_kind(attribute, name, Attribute, "an Attribute").range is None:
+        raise ValueError(f"{name}: a legend needs one with a range: Scene.shown_attributes has those that are shown")
 
 
 def ticks(low: float, high: float, most: int = MOST_TICKS) -> NDArray[np.float64]:
@@ -110,8 +120,6 @@ def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_En
 
 def _layer(width: int, height: int, attribute: Attribute) -> Image.Image:
     """The legend alone, in a transparent picture of a size."""
-    if attribute.range is None:
-        raise ValueError("a legend needs an attribute with a range: Scene.shown_attributes has those that are shown")
     size = max(height / LETTERS, SMALLEST)
     entries, length = _entries(attribute, size, height)
     fields = shows_classes(attribute.colormap)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import check_choice, check_number
+
 Floats = NDArray[np.float32]
 
 CURVES = ("srgb", "filmic")
@@ -47,10 +49,9 @@ def filmic(linear: Floats) -> Floats:
 
 def check_tone(exposure: float, curve: str) -> None:
     """Raise ValueError for what `tone` does not know."""
-    if curve not in CURVES:
-        raise ValueError(f"unknown curve {curve!r}: the curves are {', '.join(CURVES)}")
-    if not -MOST_STOPS <= exposure <= MOST_STOPS:  # false for NaN
-        raise ValueError(f"exposure must lie between -{MOST_STOPS} and {MOST_STOPS} stops, not {exposure}")
+    check_choice(curve, "curve", CURVES)
+    limits = f"between -{MOST_STOPS} and {MOST_STOPS} stops"
+    check_number(exposure, "exposure", limits, lambda x: -MOST_STOPS <= x <= MOST_STOPS)
 
 
 def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from ..arguments import check_mapping, check_path
 from ..points.files import check_writable, replacing
 from ..shade.attributes import Attribute
 from .exr import channels_of, check_exr, write_exr
-from .legend import draw_legend
+from .legend import check_legend, draw_legend
 from .tone import check_tone, linear_to_srgb, tone
 
 SHOWN = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -62,10 +63,12 @@ def write_image(
     brighter than 1 too. Exposure and curve are for looking at pictures and do not change it. It needs OpenEXR:
     `pip install 'pointray[files]'`.
     """
-    file = Path(path)
+    file = check_path(path)
     format = _format_of(file, FORMATS)
     array = _check_image(image)
     check_tone(exposure, curve)
+    if legend is not None:
+        check_legend(legend, "legend")
     if format == "EXR":
         if legend is not None:
             raise ValueError(f"{file}: an EXR keeps the light as it is; a legend is for {', '.join(SHOWN)}")
@@ -109,7 +112,7 @@ def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) 
     is left, an NPZ keeps float64. Indices are uint32, exact up to 4,294,967,294 (float32 would be up to 2^24); -1,
     which means none, becomes 4,294,967,295.
     """
-    file = Path(path)
+    file = check_path(path)
     format = _format_of(file, LAYERED)
     arrays = _check_layers(layers)
     channels = channels_of(arrays) if format == "EXR" else {}
@@ -146,20 +149,29 @@ def _format_of(file: Path, formats: Mapping[str, str]) -> str:
 
 
 def _check_layers(layers: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
-    arrays = {name: np.asarray(values) for name, values in layers.items()}
+    arrays = {name: _as_array(values, f"layers: {name!r}") for name, values in check_mapping(layers, "layers").items()}
     if not arrays:
-        raise ValueError("there are no layers to write")
+        raise ValueError("layers holds none to write")
+    if not all(isinstance(name, str) for name in arrays):
+        raise ValueError(f"layers must have strings for names, not {list(arrays)}")
     size = next(iter(arrays.values())).shape[:2]
     for name, array in arrays.items():
         if array.dtype.kind not in "iuf":
-            raise ValueError(f"layer {name!r} must hold real numbers, not {array.dtype}")
+            raise ValueError(f"layers: {name!r} must hold real numbers, not {array.dtype}")
         if array.ndim not in (2, 3) or array.size == 0 or array.shape[:2] != size:
             raise ValueError(f"layers have the shape (h, w) or (h, w, k), all of one size; {name!r}: {array.shape}")
     return arrays
 
 
+def _as_array(values: ArrayLike, name: str) -> NDArray[Any]:
+    try:
+        return np.asarray(values)
+    except (TypeError, ValueError) as error:  # rows of different lengths
+        raise ValueError(f"{name} is no regular array of numbers: {error}") from None
+
+
 def _check_image(image: ArrayLike) -> Floats:
-    array = np.asarray(image)
+    array = _as_array(image, "image")
     if array.dtype.kind != "f":
         raise ValueError(f"an image must be float, linear, not {array.dtype}")
     if array.ndim != 3 or array.shape[2] not in (3, 4) or array.size == 0:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..arguments import check_flag, check_kind
 from ..data import Points
 from ..neighbors import distinct, neighbors
 
@@ -42,6 +43,7 @@ def find_flaws(points: Points) -> Flaws:
     Flaws
         `duplicates` and `outliers`, (n,) bool each.
     """
+    check_kind(points, "points", Points, "Points")
     finite = np.flatnonzero(points.finite)
     rows, places = distinct(points.positions[finite])
     duplicates = np.zeros(len(points), np.bool_)
@@ -66,6 +68,7 @@ def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Poi
     Points
         The other rows in their order; rows that are not finite stay.
     """
+    duplicates, outliers = check_flag(duplicates, "duplicates"), check_flag(outliers, "outliers")
     flaws = find_flaws(points)
     drop = (flaws.duplicates & duplicates) | (flaws.outliers & outliers)
     return points.select(~drop) if drop.any() else points

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ..arguments import check_kind, check_path
 from ..data import Points
 from . import ply
 
@@ -37,7 +38,7 @@ def read(path: str | os.PathLike[str]) -> Points:
     ValueError
         If there is no reader for the extension, or the contents are damaged or hold no points.
     """
-    file = Path(path)
+    file = check_path(path)
     reader = check_readable(file)
     try:
         return reader(file)
@@ -82,7 +83,8 @@ def write(path: str | os.PathLike[str], points: Points) -> None:
     ValueError
         If the extension is not .ply, or PLY cannot hold the name of an attribute.
     """
-    file = Path(path)
+    file = check_path(path)
+    check_kind(points, "points", Points, "Points")
     if file.suffix.lower() != ".ply":
         raise ValueError(f"{file}: cannot write {file.suffix or 'a file without extension'}; can write .ply")
     with replacing(file) as beside:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import check_kind, check_whole, vector
 from ..data import Points
 from ..neighbors import distinct, morton_order, neighbor_chunks, neighbors
 from .checks import agreement_share, looks_inward
@@ -52,9 +53,10 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
     Koenig, Gumhold: Consistent propagation of normal orientations in point clouds (2009).
     Barill, Dickson, Schmidt, Levin, Jacobson: Fast winding numbers for soups and clouds (2018).
     """
-    if neighbors is not None and neighbors < 3:
-        raise ValueError(f"a plane needs at least 3 neighbors, not {neighbors}")
-    eye = None if viewpoint is None else _check_viewpoint(viewpoint) - points.origin
+    check_kind(points, "points", Points, "Points")
+    if neighbors is not None:
+        neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))
+    eye = None if viewpoint is None else vector(viewpoint, "viewpoint") - points.origin
     path, places = _path(points)
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
@@ -148,13 +150,6 @@ def _reorient(points: Points, unit: Floats) -> Floats:
     against = np.einsum("ij,ij->i", unit[finite], directions[places]) < 0
     out[finite[against]] *= -1
     return out
-
-
-def _check_viewpoint(viewpoint: ArrayLike) -> NDArray[np.float64]:
-    eye = np.asarray(viewpoint, np.float64)
-    if eye.shape != (3,) or not np.isfinite(eye).all():
-        raise ValueError(f"viewpoint must be three finite numbers, not {eye.tolist()}")
-    return eye
 
 
 def _normalise(normals: Floats) -> tuple[Floats, NDArray[np.float64]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
+from ..arguments import check_callback, check_path
 from .plan import Plan, SceneFile
 
 __all__ = ["Plan", "SceneFile", "load_scene"]
@@ -81,4 +82,6 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
     >>> scene, camera, settings, exposure, curve = pr.load_scene("bust.toml")
     >>> pr.write_image("bust.png", pr.render(scene, camera, settings), exposure, curve)
     """
+    check_path(path)
+    check_callback(progress)
     return Plan(path).build(progress)

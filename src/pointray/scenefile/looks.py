@@ -57,9 +57,7 @@ def _check_light(source: Source, key: Key) -> Lamp:
             check_regular(values["image"])
         without["image"] = np.zeros((2, 2, 3))
     with source.telling(key, values):
-        light = kind(**without)
-        if kind is not EnvironmentLight:
-            light.record()
+        kind(**without)
     return Lamp(key, kind, values)
 
 

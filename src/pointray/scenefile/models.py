@@ -7,7 +7,8 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..model import SURFACE, Model, _check_scale, _check_settings
+from ..arguments import check_positive
+from ..model import SURFACE, Model, _check_settings
 from ..points import procedural, read
 from ..points.files import check_readable, check_regular
 from ..points.procedural import MOST, NAMES
@@ -66,7 +67,7 @@ def check_model(source: Source, key: Key) -> Recipe:
     how = told.arguments
     with source.telling(key, values):
         _check_settings(how["surface"] or SURFACE, how["samples"], how["refine"], how["trim"])
-        _check_scale(how["radius_scale"])
+        check_positive(how["radius_scale"], "radius_scale")
     return recipe
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arguments import check_numbers, check_text, wrong
 from .colormaps import colormap, shows_classes
 
 COORDINATES = ("x", "y", "z")
@@ -44,8 +45,7 @@ class Attribute:
 
     def __post_init__(self) -> None:
         for what in ("name", "colormap"):
-            if not isinstance(getattr(self, what), str) or not getattr(self, what):
-                raise ValueError(f"{what} must be a text, not {getattr(self, what)!r}")
+            object.__setattr__(self, what, check_text(getattr(self, what), what))
         colormap(self.colormap)
         if self.name in COORDINATES and shows_classes(self.colormap):
             raise ValueError(f"{self.colormap} is a map of classes, and {self.name} is none")
@@ -54,10 +54,10 @@ class Attribute:
 
 
 def _checked_range(pair: tuple[float, float]) -> tuple[float, float]:
-    try:
-        low, high = (float(x) for x in pair)
-    except (TypeError, ValueError):
-        raise ValueError(f"range must be two numbers, not {pair!r}") from None
+    limits = check_numbers(pair, "range", "two numbers")
+    if limits.shape != (2,):
+        raise wrong("range", "two numbers", pair)
+    low, high = map(float, limits)
     if not (np.isfinite([low, high]).all() and low < high):
         raise ValueError(f"range must be two finite numbers, the lower first, not {pair!r}; viridis_r is reversed")
     return low, high

@@ -11,6 +11,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import check_numbers, rgb, unit_vector
 from ..records import (
     GRADIENT_SKY,
     NO_SKY,
@@ -25,7 +26,7 @@ from ..records import (
     SKY_Z,
     SKY_ZENITH,
 )
-from .lights import Light, rgb, unit_vector
+from .lights import Light
 from .pictures import read_picture
 
 Floats = NDArray[np.float64]
@@ -107,9 +108,9 @@ def _check_image(image: Any) -> NDArray[np.float32]:
     name = "image"
     if isinstance(image, str | os.PathLike):
         name, image = os.fspath(image), read_picture(image)
-    array = np.asarray(image)
-    if array.dtype.kind not in "fiu" or array.ndim != 3 or array.shape[2] not in (3, 4):
-        raise ValueError(f"{name}: a picture of the sphere has the shape (h, w, 3), not {array.shape} of {array.dtype}")
+    array = check_numbers(image, name, "a picture of the sphere, or a path")
+    if array.ndim != 3 or array.shape[2] not in (3, 4):
+        raise ValueError(f"{name}: a picture of the sphere has the shape (h, w, 3), not {array.shape}")
     height, width = array.shape[:2]
     if not (2 <= height <= LARGEST and 2 <= width <= LARGEST):
         raise ValueError(f"{name}: a picture of the sphere has 2 to {LARGEST} pixels a side, not {width}x{height}")
@@ -218,7 +219,7 @@ class Lights:
     def plus(self, light: Any) -> Lights:
         """These lights and another one."""
         more = Lights()
-        more._around, more._count = self._check(light) or self._around, self._count + 1
+        more._around, more._count = self._check(light, "light") or self._around, self._count + 1
         more._items = self._items
         if len(self._items) == self._count:
             more._items.append(light)
@@ -226,7 +227,7 @@ class Lights:
             more._items = [*self, light]
         return more
 
-    def _check(self, light: Any) -> bool:
+    def _check(self, light: Any, name: str = "lights") -> bool:
         """Whether a light, which may join these, comes from all around."""
         if isinstance(light, EnvironmentLight):
             if self._around:
@@ -234,6 +235,6 @@ class Lights:
             return True
         if not isinstance(light, Light):
             known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
-            raise ValueError(f"a light is one of {known}, not {type(light).__name__}")
+            raise ValueError(f"{name}: each is one of {known}, not {type(light).__name__}")
         light.record()
         return False

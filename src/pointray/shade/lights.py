@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import LEAST_LENGTH, check_number, rgb, unit_vector, vector
 from ..records import (
     DISK_LIGHT,
     LIGHT,
@@ -24,46 +25,21 @@ from ..records import (
     SUN_LIGHT,
 )
 
-LEAST_LENGTH = 1e-100  # shorter ones have no square in float64
-
-
-def vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Three finite numbers."""
-    try:
-        array = np.asarray(value, np.float64)
-    except (ValueError, TypeError):
-        raise ValueError(f"{name} must be three finite numbers, not {value!r}") from None
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ValueError(f"{name} must be three finite numbers, not {value!r}")
-    return array
-
-
-def unit_vector(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Three finite numbers that are not all zero, as a unit vector."""
-    array = vector(value, name)
-    most = np.abs(array).max()
-    if most < LEAST_LENGTH:
-        raise ValueError(f"{name} must not be zero")
-    array = array / most
-    return np.asarray(array / np.linalg.norm(array))
-
-
-def rgb(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """RGB of a number or of three, finite and not negative."""
-    try:
-        array = np.broadcast_to(np.asarray(value, np.float64), (3,)).copy()
-    except (ValueError, TypeError):
-        raise ValueError(f"{name} must be a number or three (red, green, blue), not {value!r}") from None
-    if not np.isfinite(array).all() or (array < 0).any():
-        raise ValueError(f"{name} must be finite and not negative, not {value!r}")
-    return array
-
 
 def length_of(value: float, name: str) -> float:
     """A positive, finite length."""
-    if not isinstance(value, int | float | np.number) or not LEAST_LENGTH < value < np.inf:
-        raise ValueError(f"{name} must be a positive length, not {value!r}")
-    return float(value)
+    return check_number(value, name, "a positive length", lambda x: LEAST_LENGTH < x < np.inf)
+
+
+class _Checked:
+    """What lights share: they are checked when they are made."""
+
+    def __post_init__(self) -> None:
+        self.record()
+
+    def record(self) -> NDArray[np.float64]:
+        """The light as kernels read it, (18,) float64; ValueError if a value is out of range."""
+        raise NotImplementedError
 
 
 def _record(kind: int, place: NDArray[np.float64], power: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -86,7 +62,7 @@ def _flat_record(
 
 
 @dataclass(frozen=True)
-class PointLight:
+class PointLight(_Checked):
     """A light of no size at a place; irradiance falls with the square of the distance.
 
     Parameters
@@ -105,7 +81,7 @@ class PointLight:
 
 
 @dataclass(frozen=True)
-class SunLight:
+class SunLight(_Checked):
     """Parallel light, or nearly: from a disk at infinity.
 
     Parameters
@@ -124,15 +100,14 @@ class SunLight:
 
     def record(self) -> NDArray[np.float64]:
         """The light as kernels read it, (18,) float64."""
-        if not isinstance(self.angle, int | float | np.number) or not 0 <= self.angle <= 180:
-            raise ValueError(f"angle must lie between 0 and 180 degrees, not {self.angle!r}")
+        angle = check_number(self.angle, "angle", "from 0 to 180 degrees", lambda x: 0 <= x <= 180)
         out = _record(SUN_LIGHT, unit_vector(self.direction, "direction"), rgb(self.irradiance, "irradiance"))
-        out[LIGHT_RADIUS] = 2.0 * np.sin(np.radians(self.angle) / 4.0) ** 2
+        out[LIGHT_RADIUS] = 2.0 * np.sin(np.radians(angle) / 4.0) ** 2
         return out
 
 
 @dataclass(frozen=True)
-class RectLight:
+class RectLight(_Checked):
     """A parallelogram that shines to the side of u x v, evenly in all directions.
 
     Parameters
@@ -159,7 +134,7 @@ class RectLight:
 
 
 @dataclass(frozen=True)
-class DiskLight:
+class DiskLight(_Checked):
     """A disk that shines to the side of its normal, evenly in all directions.
 
     Parameters
@@ -184,7 +159,7 @@ class DiskLight:
 
 
 @dataclass(frozen=True)
-class SphereLight:
+class SphereLight(_Checked):
     """A sphere that shines outwards, evenly in all directions.
 
     Parameters

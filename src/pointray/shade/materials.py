@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import check_number, rgb
 from ..records import (
     ALPHA,
     BASE_COLOR,
@@ -30,7 +31,6 @@ from ..records import (
     SPECULAR,
 )
 from .attributes import Attribute
-from .lights import rgb
 
 Color = ArrayLike | Attribute | None
 
@@ -40,14 +40,8 @@ LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one th
 
 def _number(value: float, name: str, low: float, high: float) -> float:
     """A number from low to high, inf: any finite one."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a number, not {value!r}") from None
-    if not low <= number <= high or np.isinf(number):
-        limits = f"lie between {low:g} and {high:g}" if np.isfinite(high) else f"be finite and at least {low:g}"
-        raise ValueError(f"{name} must {limits}, not {value!r}")
-    return number
+    limits = f"from {low:g} to {high:g}" if np.isfinite(high) else f"finite and at least {low:g}"
+    return check_number(value, name, f"a number, {limits}", lambda x: low <= x <= high and np.isfinite(x))
 
 
 def _record(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import check_numbers
 from ..data import Points
 from ..neighbors import NeighborTree, distinct, neighbors
 from .borders import drop_lone, find_gaps
@@ -172,9 +173,7 @@ def _height(positions: Floats, normals: Floats, rows: NDArray[np.int64], near: N
 
 def check_radii(radii: ArrayLike, n: int) -> Floats:
     """The caller's radii as (n,) float32; ValueError names the first row that is no radius."""
-    array = np.asarray(radii)
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"radii must be numbers, not {array.dtype}")
+    array = check_numbers(radii, "radii")
     if array.shape != (n,):
         raise ValueError(f"radii must have the shape ({n},), one for each point, not {array.shape}")
     with np.errstate(over="ignore"):

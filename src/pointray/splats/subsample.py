@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import check_callback, check_kind, check_positive, check_whole
 from ..data import Points
 from ..neighbors import distinct, morton_order, neighbors
 from ..points.normals import mend_normals
@@ -84,6 +85,8 @@ def subsample(
     ----------
     Wu, Kobbelt: Optimized Sub-Sampling of Point Sets for Surface Splatting (Eurographics 2004).
     """
+    check_kind(points, "points", Points, "Points")
+    check_callback(progress)
     _check_wishes(tolerance, count)
     say = progress or (lambda stage, share: None)
     say("normals", 0.0)
@@ -115,11 +118,9 @@ def _check_wishes(tolerance: Any, count: Any) -> None:
     if (tolerance is None) == (count is None):
         raise ValueError("give either tolerance or count" + ("" if count is None else ", not both"))
     if tolerance is not None:
-        number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
-        if not number or not 0 < tolerance < np.inf:
-            raise ValueError(f"tolerance must be a positive number in the points' unit, not {tolerance!r}")
-    elif isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-        raise ValueError(f"count must be a whole number, 1 or more, not {count!r}")
+        check_positive(tolerance, "tolerance", "a positive number in the points' unit")
+    else:
+        check_whole(count, "count", 1)
 
 
 def describe_cloud(points: Points) -> Cloud:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from contextlib import suppress
 
+from ..arguments import check_flag, check_text, check_whole
 from ..scene import Scene
 from .subject import Subject
 from .viewer import Viewer
@@ -59,7 +60,9 @@ def view(
     >>> viewer.close()
     """
     if not isinstance(scene, Scene):
-        raise ValueError(f"view shows a Scene, not {type(scene).__name__}")
+        raise ValueError(f"scene must be a Scene, not {type(scene).__name__}")
+    host, port = check_text(host, "host"), check_whole(port, "port", 0, 65535)
+    open_browser, block = check_flag(open_browser, "open_browser"), check_flag(block, "block")
     viewer = Viewer(Subject("pointray", scene, up), host, port)
     if in_notebook():
         return viewer

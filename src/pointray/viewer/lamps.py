@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import rgb
 from ..image.tone import linear_to_srgb, srgb_to_linear
 from ..scene import Scene
 from ..shade.environment import EnvironmentLight
-from ..shade.lights import Light, PointLight, SunLight, rgb
+from ..shade.lights import Light, PointLight, SunLight
 
 Color = tuple[float, float, float]
 Vector = tuple[float, float, float]

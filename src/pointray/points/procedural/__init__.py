@@ -9,12 +9,12 @@ They need no file and no network, and a picture of their points can be compared 
 from __future__ import annotations
 
 from functools import cache
-from operator import index
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import check_choice, check_numbers, check_whole
 from ...jit import kernel, run, take
 from .clay import COLUMNS
 from .creases import areas, edges_of, quarter, refine_creases, settled
@@ -48,8 +48,7 @@ _MESH_CELL = {"statue": 0.006, "sphere": 0.012, "torus": 0.012, "lattice": 0.008
 
 
 def _check_name(name: str) -> None:
-    if name not in NAMES:
-        raise ValueError(f"unknown model {name!r}: the procedural models are {', '.join(NAMES)}")
+    check_choice(name, "name", NAMES)
 
 
 @cache
@@ -126,12 +125,7 @@ def sample(name: str, n: int, seed: int = 0) -> tuple[NDArray[np.float32], NDArr
     colors : (n, 3) uint8
     """
     _check_name(name)
-    try:
-        n, seed = index(n), index(seed)
-    except TypeError:
-        raise ValueError(f"n and seed must be whole numbers, not {n!r} and {seed!r}") from None
-    if not 1 <= n <= MOST:
-        raise ValueError(f"n must be between 1 and {MOST}, not {n}")
+    n, seed = check_whole(n, "n", 1, MOST), check_whole(seed, "seed", 0, 2**63 - 1)
     vertices, faces = mesh(name)
     positions = scatter(refine_creases(solid(name), vertices, faces, n), n, seed)
     normals, colors = np.empty_like(positions), np.empty(positions.shape, np.uint8)
@@ -186,7 +180,7 @@ def procedural_distance(name: str, x: ArrayLike) -> Any:
         The name is unknown, or the last axis of x has not 3 numbers.
     """
     _check_name(name)
-    x = np.asarray(x, np.float64)
+    x = check_numbers(x, "x").astype(np.float64)
     if x.shape[-1:] != (3,):
         raise ValueError(f"x must have the shape (..., 3), not {x.shape}")
     flat = np.ascontiguousarray(x.reshape(-1, 3))

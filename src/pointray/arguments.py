@@ -1,0 +1,155 @@
+"""What callers give, checked at the call: each check returns the value as it is used, or names the parameter.
+
+A bool is no number; NumPy's scalars and arrays without dimensions are. Whatever is wrong, it is a ValueError.
+"""
+
+from __future__ import annotations
+
+import operator
+import os
+import reprlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+T = TypeVar("T")
+
+LEAST_LENGTH = 1e-100  # shorter vectors have no square in float64
+
+
+def wrong(name: str, wanted: str, value: Any) -> ValueError:
+    """The error of a parameter that is not what it must be."""
+    shown = f"an array of the shape {value.shape}" if isinstance(value, np.ndarray) and value.size > 8 else None
+    return ValueError(f"{name} must be {wanted}, not {shown or reprlib.repr(value)}")
+
+
+def check_kind(value: Any, name: str, kind: type[T] | tuple[type[T], ...], wanted: str) -> T:
+    """A value of a class, or of one of several."""
+    if not isinstance(value, kind):
+        raise wrong(name, wanted, value)
+    return value
+
+
+def check_callback(value: Any, name: str = "progress") -> None:
+    """A callable, or None."""
+    if value is not None and not callable(value):
+        raise wrong(name, "callable, or None", value)
+
+
+def check_flag(value: Any, name: str) -> bool:
+    """True or False."""
+    return bool(check_kind(value, name, (bool, np.bool_), "True or False"))
+
+
+def check_text(value: Any, name: str) -> str:
+    """A string with letters in it."""
+    if not isinstance(value, str) or not value:
+        raise wrong(name, "a text", value)
+    return str(value)
+
+
+def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
+    """One of some words."""
+    known = tuple(choices)
+    if not isinstance(value, str) or value not in known:
+        raise ValueError(f"unknown {name} {reprlib.repr(value)}: one of {', '.join(known)}")
+    return str(value)
+
+
+def check_path(value: Any, name: str = "path") -> Path:
+    """A path, as string or as path object."""
+    if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
+        raise wrong(name, "a path", value)
+    return Path(value)
+
+
+def check_mapping(value: Any, name: str) -> Mapping[Any, Any]:
+    """A dict, or what can be looked up as one can."""
+    return check_kind(value, name, Mapping, "a dict")  # type: ignore[type-abstract]
+
+
+def _plain(value: Any) -> Any:
+    """A scalar of NumPy, also as an array without dimensions, as Python's; all else as it is."""
+    return (
+        value.item() if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim) else value
+    )
+
+
+def check_whole(value: Any, name: str, low: int, high: int | None = None, or_none: bool = False) -> int:
+    """A whole number in a range; `or_none`: for the message, of a parameter that may be None."""
+    try:
+        number = operator.index(_plain(value))
+        fits = low <= number and (high is None or number <= high) and not isinstance(_plain(value), bool)
+    except TypeError:
+        fits = False
+    if not fits:
+        span = f"from {low}" if high is None else f"from {low} to {high}"
+        raise wrong(name, f"a whole number {span}{', or None' if or_none else ''}", value)
+    return int(number)
+
+
+def check_number(value: Any, name: str, wanted: str, fits: Callable[[float], bool] = np.isfinite) -> float:
+    """A number that fits, which NaN never does; `wanted`: what the message calls such a one."""
+    plain = _plain(value)
+    try:
+        number = float(plain) if isinstance(plain, int | float) and not isinstance(plain, bool) else np.nan
+    except OverflowError:  # an int of 400 digits
+        number = np.nan
+    if number != number or not fits(number):
+        raise wrong(name, wanted, value)
+    return number
+
+
+def check_positive(value: Any, name: str, wanted: str = "a positive number") -> float:
+    """A number greater than 0, and finite."""
+    return check_number(value, name, wanted, lambda x: 0 < x < np.inf)
+
+
+def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any]:
+    """An array of ints or floats of any shape."""
+    try:
+        array = np.asarray(value)
+        if array.dtype == object and all(_is_int(item) for item in array.flat):  # beyond int64
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):  # rows of different lengths, or an int of 400 digits
+        raise wrong(name, wanted, value) from None
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must be {wanted}, not {array.dtype} of the shape {array.shape}")
+    return array
+
+
+def _is_int(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def vector(value: Any, name: str) -> NDArray[np.float64]:
+    """Three finite numbers."""
+    array = check_numbers(value, name, "three finite numbers").astype(np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise wrong(name, "three finite numbers", value)
+    return array
+
+
+def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
+    """Three finite numbers that are not all zero, as a unit vector."""
+    array = vector(value, name)
+    most = np.abs(array).max()
+    if most < LEAST_LENGTH:
+        raise ValueError(f"{name} must not be zero")
+    array = array / most
+    return np.asarray(array / np.linalg.norm(array))
+
+
+def rgb(value: Any, name: str) -> NDArray[np.float64]:
+    """RGB of a number or of three, finite and not negative."""
+    wanted = "a number or three (red, green, blue)"
+    array = check_numbers(value, name, wanted)
+    if array.shape not in ((), (1,), (3,)):
+        raise wrong(name, wanted, value)
+    color = np.broadcast_to(array.astype(np.float64), (3,)).copy()
+    if not np.isfinite(color).all() or (color < 0).any():
+        raise ValueError(f"{name} must be finite and not negative, not {value!r}")
+    return color
