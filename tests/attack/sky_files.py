@@ -97,7 +97,7 @@ def lie_window(rng: Rng, data: bytes) -> bytes:
 
 def damage(rng: Rng, data: bytes) -> bytes:
     """Bytes of the header, or of the pixels alone."""
-    at = int(rng.random() < 0.5) * len(data) // 3
+    at = int(rng.random() < 0.7) * len(data) // 3
     return data[:at] + corrupt(rng, data[at:], 2)
 
 
@@ -122,7 +122,7 @@ def begin(folder: Path) -> Attack:
         extension, data = (".hdr", hdr(rng)) if rng.random() < 0.4 else pick(rng, made)
         kind = rng.random()
         if kind > 0.03:
-            data = damage(rng, data) if kind < 0.5 else lie_window(rng, data)
+            data = damage(rng, data) if kind < 0.7 else lie_window(rng, data)
             data = corrupt(rng, data, 1) if kind > 0.9 else data
         if rng.random() < 0.03:
             extension = pick(rng, (".hdr", ".exr", ".png", ".jpg", ".tif", ".toml"))
