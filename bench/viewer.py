@@ -155,7 +155,7 @@ def say(link: ClientConnection, kind: str, **words: Any) -> None:
 @contextmanager
 def linked(url: str, size: tuple[int, int]) -> Iterator[ClientConnection]:
     """A client in the place of a page."""
-    with connect(url.replace("http", "ws") + "socket", max_size=None) as link:
+    with connect(f"ws{url.removeprefix('http')}socket", max_size=None) as link:
         say(link, "size", width=size[0], height=size[1])
         yield link
 

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -52,9 +53,9 @@ def test_it_shows_a_scan_until_it_is_interrupted(scan, start):
 
 def test_a_taken_port_is_said(scan, start):
     _, url, _ = start(scan)
-    port = int(url.rstrip("/").rsplit(":", 1)[1])
+    port = urlsplit(url).port
     _, other, said = start(scan, "--port", port)
-    assert other != url
+    assert urlsplit(other).port != port
     assert f"pointray: port {port} is taken\n" in said
 
 

@@ -52,12 +52,17 @@ def compile_kernels(scene):
         expected(scene, camera, 2, (8, 8), **settings)
 
 
+def socket_of(url):
+    """Where the socket of a viewer's page is."""
+    return f"ws{url.removeprefix('http')}socket"
+
+
 class Browser:
     """Connects, acknowledges pictures, and waits for messages."""
 
     def __init__(self, url, size=SIZE, **headers):
         self._left = ExitStack()
-        socket = connect(url.replace("http", "ws") + "socket", max_size=None, **headers)
+        socket = connect(socket_of(url), max_size=None, **headers)
         self._socket = self._left.enter_context(socket)
         self.told, self.frames, self.files = [], [], []
         self.say(type="size", width=size[0], height=size[1])

@@ -68,10 +68,10 @@ def serve(subject: Any, loader: Any, host: str, port: int, open_browser: bool) -
     _keep_one_heap()
     logging.getLogger("pointray.view").addHandler(logging.StreamHandler())
     viewer = Viewer(subject, host, port)
-    if port and not viewer.url.endswith(f":{port}/"):
+    if port not in (0, viewer.port):
         _tell(f"port {port} is taken")
     if viewer.is_public:
-        _tell(f"note: --host {host}: whoever reaches this machine sees the model and has it work")
+        _tell(f"note: --host {host}: whoever reaches this machine and knows the address sees the model")
     subject.load(loader)
     opened = open_browser and viewer.open_browser()
     _tell(f"{viewer.url}{'' if opened else ' (open it in a browser)'}, Ctrl-C ends")

@@ -1,8 +1,9 @@
 """The interactive viewer: a page in the browser, and pictures that are ray traced for it.
 
-server: the transport; viewer: all of it together. For each browser a session (what it says and is told), its looks (the
-panel's values; panel, controls, lamps), and a painter (its pictures, at a pace). For all of them the subject, which
-loading brings. pick: what is under the mouse; exports: files; page: what the browser runs.
+server: the transport; link: the way to one browser; share: how much one page may ask for; viewer: all of it together.
+For each browser a session (what it says and is told), its looks (the panel's values; panel, controls, lamps), and a
+painter (its pictures, at a pace). For all of them the subject, which loading brings. pick: what is under the mouse;
+exports: files; page: what the browser runs.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ def view(
     scene : Scene
         What is changed in it while it is shown changes on the page.
     host : str
-        The address to listen on: this machine only, where nothing else is said. Whoever reaches it sees the scene.
+        The address to listen on: this machine only, where nothing else is said. Whoever reaches it and knows the
+        viewer's `url`, which has a random token in it, sees the scene.
     port : int
         0: 8080, or the next one that is free.
     open_browser : bool

@@ -53,9 +53,8 @@ class Exports:
     def start(self, name: str, wish: Wish, output: Output, subject: Subject) -> None:
         """Do what a button says."""
         if name == "copy.command":
-            self._voice.say(
-                type="copy", text=_command(wish, output, subject.source), title="View and lights as a command"
-            )
+            source = subject.source if self._voice.is_local else Path(subject.source).name
+            self._voice.say(type="copy", text=_command(wish, output, source), title="View and lights as a command")
             return
         if name == "copy.python":
             self._voice.say(type="copy", text=_python(wish, output), title="Camera as Python")
@@ -126,7 +125,7 @@ class Exports:
         self._voice.progress(Progress(stage, share))
 
     def _give(self, path: Path) -> None:
-        self._voice.file(path.name, MIME[path.suffix[1:]], path.read_bytes())
+        self._voice.file(path, MIME[path.suffix[1:]])
 
 
 def _command(wish: Wish, output: Output, source: str) -> str:

@@ -20,6 +20,7 @@ Vector = tuple[float, float, float]
 
 SUN, POINT, SKY, OWN = "sun", "point", "sky", "own"
 BRIGHT = 3.0  # irradiance of a new sun, and of a new point light at the model's middle
+MOST_LAMPS = 32  # rows of lights in the panel: more cannot be added in it
 AWAY = 1.2  # of the model's diagonal: how far from its middle a new point light is
 
 

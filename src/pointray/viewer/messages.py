@@ -62,7 +62,7 @@ def describe(camera: Camera) -> dict[str, Any]:
     return {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
 
 
-def packed(header: dict[str, Any], payload: bytes) -> bytes:
-    """A binary message: the header's length, the header, the payload."""
+def packed(header: dict[str, Any], payload: bytes = b"") -> bytes:
+    """A binary message: the header's length, the header, the payload, or what of it there is so far."""
     text = json.dumps(header).encode()
     return struct.pack("<I", len(text)) + text + payload

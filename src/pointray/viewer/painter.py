@@ -27,6 +27,8 @@ from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 log = logging.getLogger("pointray.view")
 
 IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
+LARGEST = 6 << 20  # bytes of a picture: so many in flight fit into what may wait for a page, see `link`
+COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling of those that would be larger
 
 
 class Wish(NamedTuple):
@@ -205,13 +207,22 @@ class Painter:
         """Send a picture. samples : a pixel's in all, and those that were added in these seconds."""
         looks = wish.looks
         levels = levels_of(image, srgb_to_linear(np.array(looks.backdrop)), looks.exposure, looks.curve)
-        stream = io.BytesIO()
-        Image.fromarray(levels).save(stream, "JPEG", quality=stage.quality, subsampling=stage.subsampling)
+        jpeg = encode(levels, stage)
         height, width = levels.shape[:2]
         with self._changed:
             self._drawn += 1
         rays = width * height * samples[1]
-        self._deliver(Frame(self._drawn, wish, (width, height), stage, samples[0], stream.getvalue(), seconds, rays))
+        self._deliver(Frame(self._drawn, wish, (width, height), stage, samples[0], jpeg, seconds, rays))
+
+
+def encode(levels: NDArray[np.uint8], stage: Stage) -> bytes:
+    """A JPEG as its stage has it; a coarser one where that is larger than LARGEST, as of noise on a huge view."""
+    for quality, subsampling in ((stage.quality, stage.subsampling), *COARSER):
+        stream = io.BytesIO()
+        Image.fromarray(levels).save(stream, "JPEG", quality=quality, subsampling=subsampling)
+        if stream.tell() <= LARGEST:
+            break
+    return stream.getvalue()
 
 
 def _scaled(camera: Camera, scale: float) -> Camera:

@@ -9,8 +9,8 @@ from ..settings import INTEGRATORS
 from ..shade.attributes import COORDINATES
 from ..shade.colormaps import EMBEDDED
 from .controls import Control, Folder
+from .lamps import MOST_LAMPS, POINT, SKY, SUN, Lamp
 from .lamps import OWN as OWN_LIGHT
-from .lamps import POINT, SKY, SUN, Lamp
 from .looks import CONSTANT, OWN, Looks, colorings
 from .subject import Build, Subject
 
@@ -97,8 +97,10 @@ def _light(looks: Looks) -> Folder:
     if not looks.lamps:
         instead = {"phong": "None: a headlight at the camera.", "path": "None: an even white sky."}
         rows.append(Control("no_lamps", "", "note", instead.get(looks.integrator, "None, and none is needed.")))
-    for k, lamp in enumerate(looks.lamps):
+    for k, lamp in enumerate(looks.lamps[:MOST_LAMPS]):
         rows += _lamp(f"lamps.{k}.", k, lamp)
+    if len(looks.lamps) > MOST_LAMPS:
+        rows.append(Control("more_lamps", "", "note", f"And {len(looks.lamps) - MOST_LAMPS:,} more, which are on."))
     rows.append(Control("lamps.add.sun", "Add a sun", "button", hint="Ctrl and drag turns it"))
     rows.append(Control("lamps.add.point", "Add a point light", "button"))
     if not any(lamp.kind == SKY for lamp in looks.lamps):

@@ -1,6 +1,7 @@
 """The transport: one page over HTTP, and a WebSocket for each browser that has it open. It knows nothing of pictures.
 
-All connections live in one thread with an event loop of its own, so that it serves notebooks too.
+All connections live in one thread with an event loop of its own, so that it serves notebooks too. What a browser asks
+for is done in a thread of that browser. Only who knows the address is let in: a random token is part of it.
 """
 
 from __future__ import annotations
@@ -10,27 +11,34 @@ import errno
 import http
 import ipaddress
 import logging
+import secrets
 import socket
 import threading
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from websockets.asyncio.server import Server as Listener
 from websockets.asyncio.server import ServerConnection, serve
-from websockets.datastructures import Headers
+from websockets.datastructures import Headers, MultipleValuesError
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+
+from .link import Connection, Link, is_loopback
+from .share import Share
 
 log = logging.getLogger("pointray.view")
 
 PAGE = Path(__file__).parent / "page"
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".md": "text/plain"}
+FILES = {path.name: path for path in PAGE.iterdir() if path.suffix in KINDS}  # names of requests meet no file system
 PORT = 8080  # where none is asked for; the next free one, if it is taken
 TRIES = 100
 LARGEST_MESSAGE = 1 << 16  # bytes, of the page's
-MOST_WAITING = 1 << 29  # bytes, for a browser that does not read: it is let go
+TOKEN_BYTES = 16
 # Nothing from elsewhere is loaded or asked, and no other site may show the page in a frame but a notebook of this
 # machine.
 POLICY = (
@@ -43,39 +51,10 @@ class Visitor(Protocol):
     """What is behind a browser."""
 
     def receive(self, text: str) -> None:
-        """A message of the page; called in the server's thread, so it must not take long."""
+        """A message of the page; called in the visitor's own thread, one after the other."""
 
     def leave(self) -> None:
-        """The browser has gone."""
-
-
-class Link:
-    """The way to one browser; messages may be sent from any thread."""
-
-    def __init__(self, connection: ServerConnection, loop: asyncio.AbstractEventLoop) -> None:
-        self._connection, self._loop = connection, loop
-        self.open = True
-        self._waiting = 0  # bytes
-
-    def send(self, message: str | bytes) -> None:
-        """Send, some time soon; to a browser that has gone, nothing."""
-        if self._waiting > MOST_WAITING:
-            self.open = False
-            self._loop.call_soon_threadsafe(self._connection.transport.abort)
-        if self.open:
-            self._waiting += len(message)
-            try:
-                asyncio.run_coroutine_threadsafe(self._send(message), self._loop)
-            except RuntimeError:  # the loop has ended
-                self.open = False
-
-    async def _send(self, message: str | bytes) -> None:
-        try:
-            await self._connection.send(message)
-        except ConnectionClosed:
-            self.open = False
-        finally:
-            self._waiting -= len(message)
+        """The browser has gone; called in the same thread."""
 
 
 class Server:
@@ -84,11 +63,13 @@ class Server:
     Parameters
     ----------
     welcome : callable
-        Makes the `Visitor` behind a `Link`.
+        Makes the `Visitor` behind a `Link`, in the visitor's own thread.
     host : str
         The address to listen on.
     port : int
         0: PORT, or the next one that is free. Another that is taken: the next one too, see `port`.
+    token : str
+        The secret part of the address; empty: a random one.
 
     Raises
     ------
@@ -96,8 +77,9 @@ class Server:
         If it cannot listen there.
     """
 
-    def __init__(self, welcome: Callable[[Link], Visitor], host: str, port: int) -> None:
+    def __init__(self, welcome: Callable[[Link], Visitor], host: str, port: int, token: str = "") -> None:
         self._welcome, self.host, self.port = welcome, host, port or PORT
+        self.token = token or secrets.token_urlsafe(TOKEN_BYTES)
         self._ready = threading.Event()
         self._failed: Exception | None = None
         self._loop = asyncio.new_event_loop()
@@ -109,14 +91,14 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Where the page is, for a browser on this machine."""
+        """Where the page is, for a browser on this machine; whoever knows it is let in."""
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
-        return f"http://{f'[{host}]' if ':' in host and '[' not in host else host}:{self.port}/"
+        return f"http://{f'[{host}]' if ':' in host and '[' not in host else host}:{self.port}/{self.token}/"
 
     @property
     def is_public(self) -> bool:
         """Whether other machines can reach it."""
-        return not _is_loopback(self.host)
+        return not is_loopback(self.host)
 
     def close(self) -> None:
         """End it, and all connections."""
@@ -152,6 +134,7 @@ class Server:
                     self.host,
                     self.port,
                     process_request=self._answer,
+                    create_connection=Connection,
                     compression=None,  # pictures are compressed already
                     max_size=LARGEST_MESSAGE,
                     logger=_quiet(),
@@ -165,14 +148,25 @@ class Server:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request over HTTP; None lets a WebSocket through."""
-        path = urlsplit(request.path).path
+        try:
+            return self._judge(request)
+        except (ValueError, MultipleValuesError) as error:  # an address that is none, a header that came twice
+            return _refused(http.HTTPStatus.BAD_REQUEST, f"{type(error).__name__}: {error}")
+
+    def _judge(self, request: Request) -> Response | None:
         if not self._is_known(request.headers.get("Host", "")):
-            return _response(http.HTTPStatus.FORBIDDEN, b"unknown host", "text/plain")
-        if path == "/socket":
-            return None if self._is_own(request.headers) else _response(http.HTTPStatus.FORBIDDEN, b"", "text/plain")
-        file = PAGE / (path.lstrip("/") or "index.html")
-        if file.parent != PAGE or file.suffix not in KINDS or not file.is_file():
-            return _response(http.HTTPStatus.NOT_FOUND, b"not found", "text/plain")
+            return _refused(http.HTTPStatus.FORBIDDEN, "unknown host")
+        token, slash, name = urlsplit(request.path).path.removeprefix("/").partition("/")
+        if not secrets.compare_digest(token.encode(), self.token.encode()):
+            return _refused(http.HTTPStatus.FORBIDDEN, "open the whole address that pointray has told, with its token")
+        if name == "socket":
+            own = self._is_own(request.headers)
+            return None if own else _refused(http.HTTPStatus.FORBIDDEN, "a page of another site")
+        if not slash:
+            return _response(http.HTTPStatus.PERMANENT_REDIRECT, b"", "text/plain", Location=f"/{self.token}/")
+        file = FILES.get(name or "index.html")
+        if file is None:
+            return _refused(http.HTTPStatus.NOT_FOUND, "not found")
         return _response(http.HTTPStatus.OK, file.read_bytes(), KINDS[file.suffix])
 
     def _is_own(self, headers: Headers) -> bool:
@@ -192,30 +186,51 @@ class Server:
         return self.is_public and name in {own, f"{own}.local", socket.getfqdn().lower()}
 
     async def _attend(self, connection: ServerConnection) -> None:
-        """One browser, from coming to going."""
-        link = Link(connection, self._loop)
+        """One browser, from coming to going. While its thread works no more is read from it."""
+        link, share = Link(connection, self._loop), Share()
+        thread = ThreadPoolExecutor(1, "pointray-visitor")
         try:
-            visitor = self._welcome(link)
+            visitor = await self._loop.run_in_executor(thread, self._meet, link)
+            try:
+                async for message in connection:
+                    spent = await self._loop.run_in_executor(thread, _seconds_of, visitor.receive, str(message))
+                    if rest := share.rest(spent):
+                        await asyncio.sleep(rest)
+            except ConnectionClosed:
+                pass
+            finally:
+                link.close()
+                await self._loop.run_in_executor(thread, visitor.leave)
+        finally:
+            link.close()
+            thread.shutdown(wait=False)
+
+    def _meet(self, link: Link) -> Visitor:
+        try:
+            return self._welcome(link)
         except Exception:
             log.exception("while a browser came")
             raise
-        try:
-            async for message in connection:
-                if isinstance(message, str):
-                    visitor.receive(message)
-        except ConnectionClosed:
-            pass
-        finally:
-            link.open = False
-            visitor.leave()
 
 
-def _response(status: http.HTTPStatus, body: bytes, kind: str) -> Response:
-    headers = Headers()
+def _seconds_of(work: Callable[[str], None], text: str) -> float:
+    """Do it; the seconds of a processor that it took."""
+    begun = time.thread_time()
+    work(text)
+    return time.thread_time() - begun
+
+
+def _refused(status: http.HTTPStatus, why: str) -> Response:
+    return _response(status, why.encode(errors="replace"), "text/plain")
+
+
+def _response(status: http.HTTPStatus, body: bytes, kind: str, **more: str) -> Response:
+    headers = Headers(**more)
     headers["Content-Type"] = f"{kind}; charset=utf-8"
     headers["Content-Length"] = str(len(body))
     headers["Cache-Control"] = "no-cache"
     headers["X-Content-Type-Options"] = "nosniff"
+    headers["Referrer-Policy"] = "no-referrer"  # the address is a secret
     headers["Content-Security-Policy"] = POLICY
     return Response(status.value, status.phrase, headers, body)
 
@@ -226,10 +241,6 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _is_loopback(host: str) -> bool:
-    return host == "localhost" or (_is_address(host) and ipaddress.ip_address(host).is_loopback)
 
 
 def _quiet() -> Any:

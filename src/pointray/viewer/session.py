@@ -16,20 +16,23 @@ from ..camera import Camera
 from ..scene import Scene
 from .controls import Control, Folder
 from .exports import Exports
-from .lamps import SUN, axes_of, lamps_of
+from .lamps import MOST_LAMPS, SUN, axes_of, lamps_of
+from .link import Link
 from .looks import CONSTANT, OWN, Looks
 from .messages import camera_of, number, parse, size_of, word
 from .painter import Painter, Wish
 from .panel import Output, folders
 from .pick import pick
-from .server import Link
+from .share import Allowance
 from .subject import Subject
-from .voice import Voice
+from .voice import Voice, legend_of
 
 log = logging.getLogger("pointray.view")
 
 FOV = 40.0
 MOST_SAID = 10  # messages of one page that are ignored and told in the log
+COSTLY = frozenset({"press", "pick", "view"})  # messages of which no hand makes MOST_COSTLY a second
+MOST_COSTLY = 50.0  # a second; twice as many at once
 TURN = 180.0  # degrees that the sun turns over a window's height
 VIEWS = {
     "front": (0.0, 1.0, 0.0),  # right, front, up
@@ -63,10 +66,14 @@ class Session:
         self._lights: tuple[Any, ...] = ()  # of the scene, when it was looked at last
         self._around: Any = None
         self._picked: NDArray[np.float64] | None = None
-        self._problem = ""
+        self._problem: tuple[int, str] = 0, ""
         self._asked: tuple[Wish, tuple[float, float], str, bool] | None = None  # what is to be picked next
+        self._unexplained: Wish | None = None  # whose legend is to be drawn next
+        self._allowance = Allowance(MOST_COSTLY, 2 * MOST_COSTLY)
         self._nonsense = 0
-        self._gone = False
+        self._gone, self._told = False, threading.Lock()  # the lock: of `_news`, and of the going for it
+        self._news = False  # whether a change of the subject is still to be looked at
+        self._follower = ThreadPoolExecutor(1, "pointray-follower")
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
         self._exports = Exports(self._voice)
         self._painter = Painter(
@@ -74,7 +81,7 @@ class Session:
             lambda text: self._voice.toast("error", text),
         )
         self._voice.hello(subject.title)
-        self._leave = subject.listen(self._follow)
+        self._leave = subject.listen(self._hear)
         with self._lock:
             self._panel()
         self._follow()
@@ -86,6 +93,9 @@ class Session:
             handler = self._handlers.get(message["type"])
             if handler is None:
                 raise ValueError(f"unknown type {message['type']!r:.40}")
+            if message["type"] in COSTLY and not self._allowance.take():
+                self._voice.toast("warning", "too much was asked for at once: some of it was left out")
+                return
             with self._lock:
                 handler(self, message)
         except Exception as error:
@@ -98,8 +108,9 @@ class Session:
         self._leave()
         self._painter.close()
         self._exports.stop()
-        with self._lock:  # the subject may be telling of a change just now: before this, or not at all
+        with self._lock, self._told:  # the subject may be telling of a change just now: before this, or not at all
             self._gone = True
+            self._follower.shutdown(wait=False, cancel_futures=True)
             self._jobs.shutdown(wait=False, cancel_futures=True)
         self._ended(self)
 
@@ -147,8 +158,7 @@ class Session:
         if scene is None or self._looks is None:
             return
         if name.startswith("lamps.add."):
-            self._looks = self._looks.with_lamp(name.removeprefix("lamps.add."), scene, self._subject.up)
-            self._changed(True)
+            self._add_lamp(name.removeprefix("lamps.add."), scene)
         elif name.startswith("lamps."):
             self._looks = self._looks.without_lamp(int(name.split(".")[1]))
             self._changed(True)
@@ -164,8 +174,7 @@ class Session:
             return
         suns = [k for k, lamp in enumerate(self._looks.lamps) if lamp.kind == SUN and lamp.on]
         if not suns:
-            self._looks = self._looks.with_lamp(SUN, scene, self._subject.up)
-            self._changed(True)
+            self._add_lamp(SUN, scene)
             return
         lamp = self._looks.lamps[suns[0]]
         azimuth = (lamp.azimuth + TURN * dx + 180.0) % 360.0 - 180.0
@@ -175,6 +184,14 @@ class Session:
         self._voice.say(type="values", values={f"{at}azimuth": azimuth, f"{at}elevation": elevation})
         self._want()
 
+    def _add_lamp(self, kind: str, scene: Scene) -> None:
+        assert self._looks is not None
+        if len(self._looks.lamps) >= MOST_LAMPS:
+            self._voice.toast("warning", f"there are {len(self._looks.lamps):,} lights: remove one to add another")
+            return
+        self._looks = self._looks.with_lamp(kind, scene, self._subject.up)
+        self._changed(True)
+
     def _on_view(self, message: dict[str, Any]) -> None:
         self._go(word(message, "name"), animate=True)
 
@@ -183,9 +200,9 @@ class Session:
         purpose, extend = word(message, "purpose"), message.get("extend") is True
         if self._subject.scene is None or self._camera is None or self._looks is None:
             return
-        with self._lock:
-            self._asked = self._wish(), (x, y), purpose, extend
-        self._jobs.submit(self._pick_newest)
+        asked, self._asked = self._asked, (self._wish(), (x, y), purpose, extend)
+        if asked is None:  # else one is on its way, which takes this
+            self._jobs.submit(self._pick_newest)
 
     def _on_clear(self, message: dict[str, Any]) -> None:
         self._picked = None
@@ -204,16 +221,31 @@ class Session:
 
     # What the page is told.
 
+    def _hear(self) -> None:
+        """The subject has changed in some way: looked at in a thread of this page, not of who tells all pages."""
+        with self._told:
+            if not self._gone and not self._news:
+                self._news = True
+                self._follower.submit(self._follow_logged)
+
+    def _follow_logged(self) -> None:
+        try:
+            self._follow()
+        except Exception:
+            log.exception("while telling a browser")
+
     def _follow(self) -> None:
-        """The subject has changed in some way."""
+        """See what has changed."""
+        self._news = False
         self._voice.progress(self._subject.progress)
         with self._lock:
             if self._gone:
                 return
-            if self._subject.problem != self._problem:
-                self._problem = self._subject.problem
-                if self._problem:
-                    self._voice.toast("error", self._problem, stay=True)
+            problem = self._subject.failures, self._subject.problem
+            if problem != self._problem:
+                self._problem = problem
+                if problem[1]:
+                    self._voice.toast("error", problem[1], stay=True)
             scene, version = self._subject.scene, self._subject.version
             if scene is not None and scene.models and version != self._version:
                 self._version = version
@@ -288,18 +320,25 @@ class Session:
         assert self._looks is not None
         if self._looks.color_by in (OWN, CONSTANT) or self._looks.material in ("mirror", "glass"):
             self._voice.legend(None)
-        else:
-            self._jobs.submit(self._draw_legend, self._wish())
+            return
+        unexplained, self._unexplained = self._unexplained, self._wish()
+        if unexplained is None:  # else one is on its way, which takes this
+            self._jobs.submit(self._draw_legend)
 
-    def _draw_legend(self, wish: Wish) -> None:
+    def _draw_legend(self) -> None:
+        """For the newest looks."""
+        with self._lock:
+            wish, self._unexplained = self._unexplained, None
+        assert wish is not None
         try:
             shown = self._painter.dress(wish).shown_attributes[0]
+            image = legend_of(shown)
         except ValueError:  # the painter says so
             return
         with self._lock:
             if wish.looks is not self._looks:
                 return
-            self._voice.legend(shown)
+            self._voice.legend(image)
             if self._looks.low is None and shown.range is not None:  # what was found can be changed now
                 self._looks = replace(self._looks, low=shown.range[0], high=shown.range[1])
                 self._panel()

@@ -54,6 +54,8 @@ class Subject:
         What it begins with.
     problem : str
         Why there is nothing to see, or not all.
+    failures : int
+        How many problems there have been: the same one again is another.
     """
 
     def __init__(
@@ -68,7 +70,7 @@ class Subject:
         self.up = _check_direction(up, "up")
         self.home: Camera | None = None
         self.exposure, self.curve = 0.0, "srgb"
-        self.problem = ""
+        self.problem, self.failures = "", 0
         self.progress = Progress()
         self._scene, self._shown = scene, 0
         self._wanted: Build | None = None  # how the user wants models to be built; None: as they came
@@ -76,6 +78,7 @@ class Subject:
         self._exchanged: tuple[Any, Scene] | None = None  # what that was made for, and the scene with them
         self._listeners: list[Callable[[], None]] = []
         self._lock, self._building = threading.Lock(), threading.Lock()
+        self._next: threading.Thread | None = None  # waits to build what will be wished for by then
 
     @property
     def scene(self) -> Scene | None:
@@ -132,14 +135,19 @@ class Subject:
 
     def rebuild(self, **changes: Any) -> threading.Thread:
         """Build all models anew, with changes to what was wished for last; until it is done the old ones are shown."""
-        last = self._wanted or self.build
-        if last is None:
-            raise ValueError("there is no model to build anew")
-        self._wanted = replace(last, **changes)
-        return self._start(self._rebuild)
+        with self._lock:
+            last = self._wanted or self.build
+            if last is None:
+                raise ValueError("there is no model to build anew")
+            self._wanted = replace(last, **changes)
+            if self._next is None:
+                self._next = self._start(self._rebuild)
+            return self._next
 
     def _rebuild(self) -> None:
         with self._building:
+            with self._lock:
+                self._next = None
             while True:
                 scene, build = self._scene, self._wanted
                 if scene is None or build is None or build == self.build:
@@ -171,15 +179,19 @@ class Subject:
     def _run(self, work: Callable[[], None]) -> None:
         if self.problem:
             self.problem = ""
-            self.tell()  # so that the same one is said again
+            self.tell()
         try:
             work()
         except (OSError, ValueError) as error:
-            self.problem = str(error)
+            self._fail(str(error))
         except Exception as error:
             log.exception("while building")
-            self.problem = f"{type(error).__name__}: {error}"
+            self._fail(f"{type(error).__name__}: {error}")
         self.say("", None)
+
+    def _fail(self, why: str) -> None:
+        self.failures += 1  # first: who looks between the two sees no problem yet
+        self.problem = why
 
     def say(self, stage: str, share: float | None) -> None:
         """What is being done, and how much of it is."""

@@ -8,7 +8,8 @@ import webbrowser
 from collections.abc import Callable
 from typing import Any
 
-from .server import Link, Server
+from .link import Link
+from .server import Server
 from .session import Session
 from .subject import Subject
 
@@ -19,16 +20,17 @@ class Viewer:
     Attributes
     ----------
     url : str
-        Where the page is.
+        Where the page is. A random token in it lets in who knows it, and nobody else.
+    port : int
     """
 
-    def __init__(self, subject: Subject, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(self, subject: Subject, host: str = "127.0.0.1", port: int = 0, token: str = "") -> None:
         self._subject = subject
         self._ended = threading.Event()
         self._sessions: set[Session] = set()
         self._lock = threading.Lock()
-        self._server = Server(self._welcome, host, port)
-        self.url, self.is_public = self._server.url, self._server.is_public
+        self._server = Server(self._welcome, host, port, token)
+        self.url, self.port, self.is_public = self._server.url, self._server.port, self._server.is_public
         self._watcher = threading.Thread(target=self._watch, name="pointray-watcher", daemon=True)
         self._watcher.start()
 

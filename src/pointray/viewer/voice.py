@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import io
 import json
+import re
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,14 +21,17 @@ from ..image.legend import draw_legend
 from ..scene import Scene
 from ..shade.attributes import Attribute
 from .controls import Folder
+from .link import Link
 from .messages import describe, packed
 from .painter import Frame
 from .pick import Found
-from .server import Link
 from .subject import Progress
 
 STATUS = 0.25  # seconds between two statistics
 LEGEND = (600, 220)  # pixels
+REPEAT = 2.0  # seconds in which the same word is not said again
+# Folders before a file's name: of an absolute path up to its last slash, spaces or not; of another one without spaces.
+FOLDERS = re.compile(r"""((?<![^\s'"(])([A-Za-z]:)?[/\\][^:'"\n]*|[^\s:'"]*)[/\\](?=[^\s/\\])""")
 
 
 class Voice:
@@ -35,7 +40,13 @@ class Voice:
     def __init__(self, link: Link) -> None:
         self._link = link
         self._status_at = 0.0
+        self._toasts: dict[str, float] = {}  # those of the last seconds, and when they were said
         self._described: list[dict[str, Any]] = []
+
+    @property
+    def is_local(self) -> bool:
+        """Whether the page is on this machine: only such a page is told where files are."""
+        return self._link.is_local
 
     def say(self, **message: Any) -> None:
         """A message as it is."""
@@ -63,8 +74,13 @@ class Voice:
         self.say(type="progress", stage=progress.stage, share=progress.share)
 
     def toast(self, level: str, text: str, stay: bool = False) -> None:
-        """A word that goes away. level : "info", "warning", "error"."""
-        self.say(type="toast", level=level, text=text, stay=stay)
+        """A word that goes away, and is not repeated at once; or one that stays. level : "info", "warning", "error"."""
+        now = time.monotonic()
+        self._toasts = {said: at for said, at in self._toasts.items() if now - at < REPEAT}
+        if not stay and text in self._toasts:
+            return
+        self._toasts[text] = now
+        self.say(type="toast", level=level, text=text if self.is_local else FOLDERS.sub("", text), stay=stay)
 
     def found(self, found: Found, first: NDArray[np.float64] | None) -> None:
         """What is under the mouse, and how far it is from what was before, if that was a first one."""
@@ -74,18 +90,13 @@ class Voice:
             length = float(np.linalg.norm(found.position - first))
             self.say(**{"type": "measured", "from": first.tolist(), "to": position, "text": f"{length:.6g}"})
 
-    def legend(self, attribute: Attribute | None) -> None:
-        """What the colours mean, drawn; None: nothing."""
-        if attribute is None:
-            self.say(type="legend", image=None)
-            return
-        stream = io.BytesIO()
-        Image.fromarray(draw_legend(np.zeros((*LEGEND, 4), np.uint8), attribute)).save(stream, "PNG")
-        self.say(type="legend", image=f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}")
+    def legend(self, image: str | None) -> None:
+        """What the colours mean, see `legend_of`; None: nothing."""
+        self.say(type="legend", image=image)
 
-    def file(self, name: str, mime: str, contents: bytes) -> None:
-        """A file for the page to save."""
-        self._link.send(packed({"type": "file", "name": name, "mime": mime}, contents))
+    def file(self, path: Path, mime: str) -> None:
+        """A file for the page to save; returns when it is sent, or the page has gone."""
+        self._link.send_file(packed({"type": "file", "name": path.name, "mime": mime}), path)
 
     def frame(self, frame: Frame, rate: float) -> None:
         """A picture, and now and then the statistics. rate : frames a second."""
@@ -97,6 +108,13 @@ class Voice:
         if now - self._status_at > STATUS or frame.samples == frame.wish.looks.samples:
             self._status_at = now
             self.say(type="status", lines=_statistics(frame, rate))
+
+
+def legend_of(attribute: Attribute) -> str:
+    """A picture of what the colours mean, as an address."""
+    stream = io.BytesIO()
+    Image.fromarray(draw_legend(np.zeros((*LEGEND, 4), np.uint8), attribute)).save(stream, "PNG")
+    return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
 def _statistics(frame: Frame, rate: float) -> list[str]:

@@ -141,7 +141,8 @@ function act(action) {
   wake();
 }
 
-const connection = new Connection(`${location.protocol.replace("http", "ws")}//${location.host}/socket`, {
+// Beside the page: the address has a token, which the socket needs too.
+const connection = new Connection(new URL("socket", location.href.replace("http", "ws")).href, {
   opened,
   closed: () => overlay.showBanner(true),
   received,

@@ -1,0 +1,183 @@
+"""The way to one browser: what it is sent waits here, in bounded memory, until it has read what came before."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import logging
+import threading
+from collections import deque
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+from websockets.frames import Frame, Opcode
+
+from .share import Allowance
+
+log = logging.getLogger("pointray.view")
+
+MOST_WAITING = 15 << 20  # bytes, for a browser that does not read: it is let go
+EACH = 256  # bytes that a waiting message takes beside its own
+PIECE = 1 << 18  # bytes: longer messages go in pieces, so that copies are made of these only
+READ = 1 << 14  # bytes that are read at once: all frames in them are taken before reading can pause
+MOST_PARTS = 10.0  # frames a second that are no whole message, and ten times as many at once: pages send hardly any
+
+
+class _File(NamedTuple):
+    """A file on its way: it stays on the disk, and is read as it is sent. left : set once it is needed no more."""
+
+    header: bytes
+    stream: BinaryIO
+    left: threading.Event
+
+
+_Message = str | bytes | _File
+
+
+class Connection(ServerConnection):
+    """Lets go of a client that sends pings or pieces of messages without end.
+
+    They are worked on in the thread that serves all browsers, and neither pings' answers nor pieces wait in bounded
+    memory.
+    """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._parts = Allowance(MOST_PARTS, 10 * MOST_PARTS)
+
+    def connection_made(self, transport: Any) -> None:
+        """Begin, as in the base class."""
+        transport.max_size = READ  # of asyncio's own loops
+        super().connection_made(transport)
+
+    def process_event(self, event: Any) -> None:
+        """Take what came, as in the base class."""
+        whole = not isinstance(event, Frame) or (event.fin and event.opcode in (Opcode.TEXT, Opcode.BINARY))
+        if whole or event.opcode is Opcode.CLOSE or self._parts.take():
+            super().process_event(event)
+        else:
+            self.transport.abort()
+
+
+class Link:
+    """Sends messages one after the other; from any thread.
+
+    Attributes
+    ----------
+    open : bool
+    is_local : bool
+        Whether the browser is on this machine.
+    """
+
+    def __init__(self, connection: ServerConnection, loop: asyncio.AbstractEventLoop) -> None:
+        self._connection, self._loop = connection, loop
+        self.open, self.is_local = True, is_loopback(str(connection.remote_address[0]))
+        self._lock = threading.Lock()
+        self._queue: deque[_Message] = deque()
+        self._waiting = 0  # bytes of the queue, and of what is being sent
+        self._sending = False
+
+    def send(self, message: str | bytes) -> None:
+        """Send, some time soon; to a browser that has gone, nothing."""
+        self._put(message)
+
+    def send_file(self, header: bytes, path: Path) -> None:
+        """Send a header and what is in a file as one message; returns when the file is needed no more.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be opened.
+        """
+        with path.open("rb") as stream:
+            file = _File(header, stream, threading.Event())
+            if self._put(file):
+                file.left.wait()
+
+    def close(self) -> None:
+        """The browser has gone: nothing waits for it any more."""
+        with self._lock:
+            self.open = False
+            files = [message for message in self._queue if isinstance(message, _File)]
+            self._queue.clear()
+        for file in files:
+            file.left.set()
+
+    def _put(self, message: _Message) -> bool:
+        """Whether it will be sent, or its file be left."""
+        with self._lock:
+            if not self.open:
+                return False
+            fits = self._waiting + _weight(message) <= MOST_WAITING
+            starts = fits and not self._sending
+            if fits:
+                self._queue.append(message)
+                self._waiting += _weight(message)
+                self._sending = True
+        try:
+            if not fits:
+                log.warning("a browser does not read what it is sent: its connection is closed")
+                self.close()
+                self._loop.call_soon_threadsafe(self._connection.transport.abort)
+            elif starts:
+                asyncio.run_coroutine_threadsafe(self._send_all(), self._loop)
+        except RuntimeError:  # the loop has ended
+            self.close()
+        return fits
+
+    async def _send_all(self) -> None:
+        """Send until nothing waits."""
+        try:
+            while (message := self._next()) is not None:
+                try:
+                    await self._connection.send(_pieces(message))
+                finally:
+                    with self._lock:
+                        self._waiting -= _weight(message)
+                    if isinstance(message, _File):
+                        message.left.set()
+        except ConnectionClosed:
+            self.close()
+        except Exception:
+            log.exception("while sending to a browser")
+            self.close()
+            self._connection.transport.abort()
+
+    def _next(self) -> _Message | None:
+        with self._lock:
+            self._sending = bool(self._queue)
+            return self._queue.popleft() if self._queue else None
+
+
+def _weight(message: _Message) -> int:
+    """Bytes that it holds."""
+    return EACH + len(message.header if isinstance(message, _File) else message)
+
+
+def _pieces(message: _Message) -> str | bytes | Iterator[str] | Iterator[bytes]:
+    """A message as it is sent."""
+    if isinstance(message, _File):
+        return _read(message)
+    if len(message) <= PIECE:
+        return message
+    return (message[k : k + PIECE] for k in range(0, len(message), PIECE))  # type: ignore[return-value]
+
+
+def _read(file: _File) -> Iterator[bytes]:
+    yield file.header
+    while piece := file.stream.read(PIECE):
+        yield piece
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address, or "localhost", is this machine and reached from nowhere else."""
+    if host == "localhost":
+        return True
+    with suppress(ValueError):
+        address = ipaddress.ip_address(host.partition("%")[0])
+        return (getattr(address, "ipv4_mapped", None) or address).is_loopback
+    return False

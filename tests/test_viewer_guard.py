@@ -1,0 +1,408 @@
+"""Who may come in to the viewer, and what one page or client may take of it."""
+
+import json
+import re
+import socket
+import threading
+import time
+import tracemalloc
+from contextlib import closing, contextmanager
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+import pointray as pr
+from pointray.viewer import session, voice
+from pointray.viewer.lamps import MOST_LAMPS
+from pointray.viewer.link import MOST_WAITING, is_loopback
+from pointray.viewer.looks import Looks
+from pointray.viewer.messages import packed
+from pointray.viewer.pace import REFINED
+from pointray.viewer.painter import IN_FLIGHT, LARGEST, encode
+from pointray.viewer.server import FILES, Server
+from pointray.viewer.session import MOST_COSTLY
+from pointray.viewer.share import CREDIT, SHARE, TRANSPORT, Allowance, Share
+from pointray.viewer.subject import Subject
+from pointray.viewer.viewer import Viewer
+from viewing import SIZE, Browser, compile_kernels, scene_of, socket_of
+
+BOUND = 16 << 20  # bytes that one client may have the server hold
+HELLO = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+KEY = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
+
+
+@pytest.fixture(scope="module")
+def model():
+    points = pr.procedural("sphere", 3_000)
+    height = points.positions[:, 2].astype(np.float32)
+    model = pr.Model(pr.Points(points.positions, points.normals, None, {"height": height}))
+    compile_kernels(scene_of(model))
+    return model
+
+
+@pytest.fixture
+def scene(model):
+    return scene_of(model)
+
+
+@pytest.fixture
+def viewer(scene):
+    with closing(Viewer(Subject("ball", scene, source="my scans/ball.ply"))) as viewer:
+        yield viewer
+
+
+@pytest.fixture
+def browser(viewer):
+    with closing(Browser(viewer.url, SIZE)) as browser:
+        yield browser
+
+
+def wait(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never happened"
+        time.sleep(0.01)
+
+
+def ask(viewer, target, *headers, host=None):
+    """The answer to a GET over HTTP: its status, and all of it as text."""
+    host = f"Host: {host or f'127.0.0.1:{viewer.port}'}"
+    request = "\r\n".join((f"GET {target} HTTP/1.1", host, *headers, "", ""))
+    with socket.create_connection(("127.0.0.1", viewer.port)) as stream:
+        stream.settimeout(10.0)
+        stream.sendall(request.encode("latin-1"))
+        answer = b""
+        while piece := stream.recv(65536):
+            answer += piece
+    text = answer.decode(errors="replace")
+    return int(text.split(" ")[1]), text
+
+
+def path_of(viewer):
+    """The part of the address that holds the token."""
+    return f"/{viewer.url.rstrip('/').rpartition('/')[2]}/"
+
+
+def test_only_files_of_the_page_are_served(viewer):
+    path = path_of(viewer)
+    for name in ("../__init__.py", "%2e%2e/server.py", "etc/passwd", "page", "/etc/passwd", "nothing.js"):
+        assert ask(viewer, path + name)[0] == 404, name
+    assert ask(viewer, path, host="evil.example")[0] == 403
+    for name in ("", *FILES):
+        status, text = ask(viewer, path + name)
+        assert status == 200 and "Content-Security-Policy" in text and "Referrer-Policy: no-referrer" in text, name
+    status, text = ask(viewer, path.rstrip("/"))
+    assert status == 308 and f"Location: {path}\r\n" in text
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_who_does_not_know_the_token_is_refused(scene, host):
+    with closing(Viewer(Subject("x", scene), host)) as viewer, closing(Viewer(Subject("y", scene))) as other:
+        token = path_of(viewer).strip("/")
+        assert re.fullmatch(r"[\w-]{22}", token) and token != path_of(other).strip("/")
+        for wrong in ("", "/", f"/{token[:-1]}/", f"/{token}x/", f"/{token.swapcase()}/", path_of(other)):
+            for name in ("", "main.js", "socket", f"?token={token}"):
+                assert ask(viewer, wrong + name or "/")[0] == 403, wrong + name
+        for origin in (None, f"http://127.0.0.1:{viewer.port}"):
+            for wrong in ("", f"{token[:-1]}/", path_of(other).strip("/") + "/"):
+                address = f"ws://127.0.0.1:{viewer.port}/{wrong}socket"
+                with pytest.raises(InvalidStatus, match="403"), connect(address, origin=origin):
+                    pass
+            with connect(socket_of(viewer.url), origin=origin):
+                pass
+
+
+def test_requests_that_make_no_sense_are_the_clients_fault(viewer):
+    path, here = path_of(viewer), f"127.0.0.1:{viewer.port}"
+    hello = f"{HELLO}{KEY}".split("\r\n")
+    requests = [
+        *((f"{path}{'a' * length}",) for length in (300, 5_000, 7_900, 20_000)),
+        *((f"{path}{'a/' * length}",) for length in (200, 3_000)),
+        *((f"/{'a' * length}",) for length in (300, 5_000, 20_000)),
+        *((f"{path}{name}",) for name in ("\x00", "a\x00.js", "%00")),
+        *((target,) for target in ("//[/", "//[::1/", "http://[", f"//[x{path}")),
+        *((target, f"Host: {here}") for target in (path, f"{path}socket")),
+        *((f"{path}socket", f"Origin: {origin}") for origin in ("http://[", "null", "http://]/")),
+        (f"{path}socket", f"Origin: http://{here}", f"Origin: http://{here}", *hello),
+        (f"{path}socket", hello[-1], *hello),
+        (f"{path}socket", "Upgrade: websocket", *hello),
+        (path, *(f"X-{k}: 1" for k in range(200))),
+        (path, f"X: {'1' * 20_000}"),
+    ]
+    for request in requests:
+        assert 400 <= ask(viewer, *request)[0] < 500, [part[:60] for part in request]
+    for host in ("[", "[::1", "a b", "]", ":::", "\xe9"):
+        assert 400 <= ask(viewer, path, host=host)[0] < 500, host
+    assert ask(viewer, path)[0] == 200
+
+
+class Visitor:
+    """What is behind a browser here: nothing."""
+
+    def receive(self, text):
+        pass
+
+    def leave(self):
+        pass
+
+
+@contextmanager
+def linked():
+    """A client of a server, and the server's `Link` to it."""
+    links = []
+    server = Server(lambda link: (links.append(link), Visitor())[1], "127.0.0.1", 0)
+    with closing(server), connect(socket_of(server.url), max_size=None, compression=None, max_queue=1) as client:
+        wait(lambda: links)
+        yield client, links[0]
+        client.close_socket()
+
+
+@pytest.mark.parametrize("size", [30, 1_000, 1 << 20, LARGEST])
+@pytest.mark.parametrize("kind", [bytes, str])
+def test_a_client_that_does_not_read_is_let_go(size, kind):
+    with linked() as (_, link):
+        tracemalloc.start()
+        begun, sent, held = tracemalloc.get_traced_memory()[0], 0, 0
+        while link.open and sent < 100 * BOUND:
+            link.send(b"x" * size if kind is bytes else "x" * size)
+            sent += max(size, 50)
+            held = max(held, tracemalloc.get_traced_memory()[0] - begun)
+        assert not link.open and held < BOUND, f"{held:,}"
+        wait(lambda: tracemalloc.get_traced_memory()[0] - begun < 1 << 20)  # and nothing stays
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [[0x89, 0x80, 0, 0, 0, 0], [0x8A, 0x80, 0, 0, 0, 0], [0x00, 0x80, 0, 0, 0, 0]],
+    ids=["pings", "pongs", "empty pieces"],
+)
+def test_a_client_that_sends_no_messages_is_let_go(frame):
+    """Pings want answers, which it does not read; pieces of a message have no end."""
+    server = Server(lambda link: Visitor(), "127.0.0.1", 0)
+    hello = f"GET /{server.token}/socket HTTP/1.1\r\nHost: 127.0.0.1\r\n{HELLO}{KEY}\r\n\r\n"
+    first = [0x01, 0x80, 0, 0, 0, 0] if frame[0] == 0 else []
+    with closing(server), socket.create_connection(("127.0.0.1", server.port)) as deaf:
+        deaf.settimeout(30.0)
+        deaf.sendall(hello.encode())
+        assert b" 101 " in deaf.recv(4096)
+        deaf.sendall(bytes(first))
+        tracemalloc.start()
+        sent = 0
+        with pytest.raises(ConnectionError):
+            for _ in range(100):
+                deaf.sendall(bytes(frame) * 5_000)
+                sent += 5_000
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < BOUND, f"{peak:,}"
+
+
+def test_a_file_of_any_size_goes_to_a_client_that_reads(tmp_path):
+    contents = np.random.default_rng(0).bytes(3 * BOUND)
+    (tmp_path / "big.exr").write_bytes(contents)
+    with linked() as (client, link):
+        sending = threading.Thread(target=link.send_file, args=(packed({"type": "file"}), tmp_path / "big.exr"))
+        sending.start()
+        wait(lambda: link._sending)
+        link.send("after it")
+        received, after = client.recv(), client.recv()
+        assert received[4 + received[0] :] == contents and after == "after it"
+        sending.join(30)
+        assert not sending.is_alive() and link.open
+
+
+@pytest.mark.parametrize("sent", [0, 2])
+def test_a_file_for_a_client_that_goes_is_left(tmp_path, sent):
+    (tmp_path / "big.exr").write_bytes(bytes(3 * BOUND))
+    with linked() as (client, link):
+        for _ in range(sent):
+            link.send(bytes(BOUND // 4))
+        tracemalloc.start()
+        sending = threading.Thread(target=link.send_file, args=(b"", tmp_path / "big.exr"))
+        sending.start()
+        sending.join(0.5)
+        assert sending.is_alive()  # it waits for the client, and the file on the disk
+        assert tracemalloc.get_traced_memory()[1] < BOUND // 4
+        tracemalloc.stop()
+        client.close_socket()
+        sending.join(30)
+        assert not sending.is_alive() and not link.open
+        link.send_file(b"", tmp_path / "big.exr")  # nobody is there: at once
+        with pytest.raises(OSError):
+            link.send_file(b"", tmp_path / "none.exr")
+
+
+def test_pictures_in_flight_fit_into_what_may_wait():
+    noise = np.random.default_rng(0).integers(0, 256, (3840, 3840, 3), dtype=np.uint8)
+    assert len(encode(noise, REFINED)) <= LARGEST and IN_FLIGHT * LARGEST < MOST_WAITING - (2 << 20)
+    calm = np.zeros((480, 640, 3), np.uint8)
+    assert encode(calm, REFINED) != encode(calm, REFINED._replace(quality=75))
+
+
+class Deaf:
+    """A `link.Link` to nobody, from wherever; what it was to say."""
+
+    def __init__(self, is_local):
+        self.is_local, self.said = is_local, []
+
+    def send(self, message):
+        if isinstance(message, str):
+            self.said.append(json.loads(message))
+
+
+@pytest.mark.parametrize(("is_local", "source"), [(True, "'/home/me/my scans/ball.ply'"), (False, "ball.ply")])
+def test_pages_elsewhere_are_told_no_path(scene, is_local, source):
+    link, subject = Deaf(is_local), Subject("ball.ply", scene, source="/home/me/my scans/ball.ply")
+    page = session.Session(link, subject, lambda _: None)
+    page.receive(json.dumps({"type": "size", "width": 64, "height": 48}))
+    page.receive(json.dumps({"type": "press", "name": "copy.command"}))
+    subject.problem = "/home/me/my scans/ball.ply: damaged"
+    subject.tell()
+    wait(lambda: link.said[-1]["type"] == "toast")
+    page.leave()
+    texts = {m["type"]: m["text"] for m in link.said if m["type"] in ("copy", "toast")}
+    assert texts["copy"].startswith(f"pointray render {source} -o picture.png ")
+    assert texts["toast"] == ("/home/me/my scans/ball.ply: damaged" if is_local else "ball.ply: damaged")
+    assert ("/home" in json.dumps(link.said)) == is_local
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[Errno 2] No such file or directory: '/home/me/a b/x.ply'", "[Errno 2] No such file or directory: 'x.ply'"),
+        ("scans/x.ply: line 3: it is cut", "x.ply: line 3: it is cut"),
+        (r"cannot read C:\Users\me\x.ply: damaged", "cannot read x.ply: damaged"),
+        ("~/scans/../x.ply is damaged", "x.ply is damaged"),
+        ("nothing / here: 3 / 4", "nothing / here: 3 / 4"),
+    ],
+)
+def test_folders_in_texts(text, told):
+    assert voice.FOLDERS.sub("", text) == told
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.3.2.1", "::1", "::ffff:127.0.0.1"])
+def test_what_is_this_machine(host):
+    assert is_loopback(host)
+    assert not any(map(is_loopback, ("0.0.0.0", "192.0.2.1", "::", "::ffff:192.0.2.1", "fe80::1%eth0", "a.example")))
+
+
+def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
+    other = Browser(viewer.url, SIZE)
+    camera = other.arrive()
+    browser.arrive()
+    for _ in range(2_000):
+        browser.say(type="press", name="lamps.add.sun")
+    # Meanwhile another page is served.
+    for k in range(5):
+        count = len(other.frames)
+        other.go(camera, fov=30.0 + k, time=2.0 + k)
+        other.listen(lambda n=count, k=k: any(h["time"] == 2.0 + k for h, _ in other.frames[n:]))
+    browser.say(type="sun", dx=0.1, dy=0.0)  # the last that is answered
+    browser.listen(lambda: browser.last("values"))
+    lamps = [name for name in browser.controls() if re.fullmatch(r"lamps\.\d+\.on", name)]
+    assert len(lamps) == MOST_LAMPS
+    said = [m["text"] for m in browser.told if m["type"] == "toast"]
+    assert f"there are {MOST_LAMPS} lights: remove one to add another" in said
+    assert "too much was asked for at once: some of it was left out" in said and len(said) < 20
+    assert sum(m["type"] == "panel" for m in browser.told) <= MOST_LAMPS + 2
+    browser.set("lamps.0.on", False)
+    browser.say(type="press", name="lamps.1.remove")
+    browser.listen(lambda: f"lamps.{MOST_LAMPS - 1}.on" not in browser.controls())
+    other.close()
+
+
+def test_control_drag_adds_no_light_beyond_the_limit(browser, scene):
+    scene.lights = [pr.PointLight([9, 9, 9], 1)] * MOST_LAMPS
+    browser.arrive()
+    browser.listen(lambda: f"lamps.{MOST_LAMPS - 1}.on" in browser.controls())
+    browser.say(type="sun", dx=0.1, dy=0.0)
+    assert "remove one to add another" in browser.listen(lambda: browser.last("toast"))["text"]
+
+
+def test_a_scene_of_many_lights_has_a_panel_all_the_same(browser, scene):
+    scene.lights = [pr.PointLight([9, 9, k], 1) for k in range(MOST_LAMPS + 5)]
+    browser.arrive()
+    browser.listen(lambda: "more_lamps" in browser.controls())
+    assert browser.controls()["more_lamps"]["value"].startswith("And 5 more")
+    assert f"lamps.{MOST_LAMPS}.on" not in browser.controls()
+
+
+def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkeypatch):
+    """However long it takes: here until the other one has its pictures."""
+    busy, go, whole = threading.Event(), threading.Event(), Looks.with_lamp
+
+    def slow(self, *arguments):
+        busy.set()
+        assert go.wait(60)
+        return whole(self, *arguments)
+
+    monkeypatch.setattr(Looks, "with_lamp", slow)
+    browser.arrive()
+    browser.say(type="press", name="lamps.add.sun")
+    assert busy.wait(60)
+    with closing(Browser(viewer.url, SIZE)) as other:  # one that comes meanwhile
+        camera = other.arrive()
+        other.go(camera, fov=30.0, time=2.0)
+        other.listen(lambda: any(header["time"] == 2.0 for header, _ in other.frames))
+        scene.lights = []  # all pages are told, the busy one too
+        other.listen(lambda: "no_lamps" in other.controls())
+    assert "lamps.0.on" in browser.controls()
+    go.set()
+    browser.listen(lambda: "no_lamps" in browser.controls())
+
+
+def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
+    """While one is drawn the page is heard, and none of those between is drawn."""
+    busy, go, drawn = threading.Event(), threading.Event(), []
+    whole = session.legend_of
+
+    def slow(attribute):
+        drawn.append(attribute.colormap)
+        busy.set()
+        assert go.wait(60)
+        return whole(attribute)
+
+    browser.arrive()
+    monkeypatch.setattr(session, "legend_of", slow)
+    browser.set("color_by", "height")
+    assert busy.wait(60)
+    for name in ("plasma", "magma") * 10:
+        browser.set("colormap", name)
+    before = browser.last("camera")
+    browser.say(type="view", name="front")  # its answer comes after all of them were heard
+    browser.listen(lambda: browser.last("camera") is not before)
+    go.set()
+    browser.listen(lambda: (m := browser.last("legend")) and m["image"])
+    assert drawn[:2] == ["viridis", "magma"] and len(drawn) <= 3  # and once more for the range that was found
+    browser.rest(0.5)
+
+
+def test_many_wishes_for_a_surface_need_two_threads(scene):
+    subject = Subject("x", scene)
+    with subject._building:  # as if one were being built
+        threads = {subject.rebuild(radius_scale=1.0 + k / 1_000) for k in range(1, 500)}
+        assert len(threads) == 1
+    for thread in threads:
+        thread.join()
+    assert subject.build.radius_scale == 1.499
+
+
+def test_how_much_a_page_may_ask_for():
+    now = [0.0]
+    allowance = Allowance(MOST_COSTLY, 2 * MOST_COSTLY, lambda: now[0])
+    assert sum(allowance.take() for _ in range(2_000)) == 2 * MOST_COSTLY
+    now[0] += 1.0
+    assert sum(allowance.take() for _ in range(2_000)) == MOST_COSTLY
+    now[0] += 100.0
+    assert sum(allowance.take() for _ in range(2_000)) == 2 * MOST_COSTLY
+    share, worked = Share(lambda: now[0]), 0.0
+    begun = now[0]
+    while now[0] < begun + 60:
+        worked += 0.02
+        now[0] += 0.02 + share.rest(0.02 - TRANSPORT)
+    assert worked == pytest.approx(60 * SHARE, rel=0.05)
+    now[0] += 10.0
+    assert share.rest(CREDIT - TRANSPORT) == 0.0
