@@ -366,7 +366,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, failure):
     path = tmp_path / "a.txt"
     path.write_text("old")
     with pytest.raises(failure), replacing(path) as beside:
-        beside.write_text("half")
+        beside.write(b"half")
         raise failure
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a.txt", "old")]
 
@@ -378,7 +378,7 @@ def test_a_replaced_file_has_an_ordinary_mode_and_stays_a_link(tmp_path):
     link.symlink_to(target)
     plain.touch()
     with replacing(link) as beside:
-        beside.write_text("new")
+        beside.write(b"new")
     assert link.is_symlink()
     assert target.read_text() == "new"
     assert stat.S_IMODE(target.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)

@@ -69,7 +69,7 @@ def write_model(path: str | os.PathLike[str], parts: Sequence[Part], say: Say) -
     meta = {**about, "settings": settings[0], "levels": settings[1:]}
     head = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     total, done = sum(array.size for array in named.values()) or 1, 0
-    with replacing(path) as beside, beside.open("wb") as file:
+    with replacing(path) as file:
         for array in (head, *named.values()):
             npy.write_array_header_1_0(file, npy.header_data_from_array_1_0(array))
             flat = np.ascontiguousarray(array).reshape(-1)

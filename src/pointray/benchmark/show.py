@@ -7,6 +7,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import IO, cast
 
 from ..points.files import check_writable, replacing
 from .frames import Row
@@ -72,5 +73,5 @@ def plot(path: Path, rows: Sequence[Row]) -> None:
     axis.spines[["top", "right"]].set_visible(False)
     axis.legend(frameon=False)
     with replacing(path) as beside:
-        figure.savefig(beside, dpi=150)
+        figure.savefig(cast(IO[bytes], beside), dpi=150, format=path.suffix[1:].lower())
     pyplot.close(figure)

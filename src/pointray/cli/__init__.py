@@ -13,6 +13,7 @@ from typing import Any
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 # What a lack of memory is called by those who have no MemoryError: C++, threads, and what loads libraries.
 NO_MEMORY = ("bad_alloc", "start new thread", "failed to map segment", "annot allocate memory")
+FULL = {getattr(errno, name, None) for name in ("ENOSPC", "EDQUOT", "EFBIG")} - {None}  # the disk: no input is wrong
 
 
 def execute(arguments: Sequence[str]) -> int:
@@ -44,7 +45,7 @@ def _tell(error: Exception) -> int:
         return FAILED
     if isinstance(error, OSError | ValueError):
         _say(_reason(error))
-        return BAD_INPUT
+        return FAILED if isinstance(error, OSError) and error.errno in FULL else BAD_INPUT
     _say(str(error) if type(error).__name__ == "WriteError" else f"{type(error).__name__}: {error}")
     return FAILED
 
@@ -84,8 +85,15 @@ def main() -> None:
         status = execute(sys.argv[1:])
     except KeyboardInterrupt:  # a second one
         status = INTERRUPTED
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError, AttributeError):  # closed, or whoever read them has gone
-            stream.flush()
+    try:
+        sys.stdout.flush()
+    except (BrokenPipeError, ValueError, AttributeError):  # whoever read it has gone, or it is closed
+        pass
+    except OSError as error:
+        if status == DONE:  # else it has been said
+            status = FAILED
+            _say(f"standard output: {error.strerror}")
+    with suppress(OSError, ValueError, AttributeError):
+        sys.stderr.flush()
     # A thread may still be inside of the compiler, which nothing interrupts: do not wait for it.
     os._exit(status)

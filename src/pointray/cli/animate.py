@@ -82,6 +82,7 @@ def target_of(output: Path, background: str) -> Target:
     """What -o means; raises what would keep the film from being written."""
     from ..image.frames import check_pattern, note_of
     from ..image.mp4 import check_mp4
+    from ..points.files import sweep
 
     if output.suffix.lower() == ".mp4" and not output.is_dir():
         check_mp4(output)
@@ -89,6 +90,7 @@ def target_of(output: Path, background: str) -> Target:
             raise ValueError(f"--background none: {TRANSPARENT}")
         pattern = Path(f"{output}.frames") / "%04d.png"
         folder = pattern.parent
+        sweep(folder)
         if folder.is_dir() and any(folder.iterdir()) and not note_of(pattern).exists():
             raise ValueError(f"{folder}: not of a film that was interrupted, and its place is needed for frames")
         check_pattern(pattern)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import errno
+import struct
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ CHANNELS = {
     "point": ("point",),
 }
 NO_INDEX = 2**32 - 1  # what -1 is as uint32
+LINES = 16  # that ZIP compresses together
 
 
 def check_exr(path: Path) -> None:
@@ -63,3 +65,38 @@ def write_exr(path: Path, channels: dict[str, NDArray[Any]]) -> None:
             file.write(str(path))
     except RuntimeError as error:  # the library's only kind: the disk is full, say
         raise OSError(errno.EIO, str(error), str(path)) from error
+    _check_whole(path)
+
+
+def _check_whole(path: Path) -> None:
+    """OSError if an EXR was cut off: the library does not tell what went wrong when it closed the file.
+
+    Behind the header is a table of where chunks of lines begin; each begins with its first line and its size.
+    """
+    end = path.stat().st_size
+    with path.open("rb") as file:
+        file.seek(8)  # magic number, version
+        height = 0
+        while name := _text(file):
+            _text(file)  # the attribute's type
+            value = file.read(int.from_bytes(file.read(4), "little"))
+            if name == b"dataWindow":
+                _, low, _, high = struct.unpack("<4i", value.ljust(16, b"\0"))
+                height = high - low + 1
+        count = -(-height // LINES)
+        starts = np.frombuffer(file.read(8 * count).ljust(8 * count, b"\0"), "<u8")
+        reached = file.tell()
+        for start in starts.tolist():
+            if not reached <= start < end:
+                break
+            file.seek(start + 4)
+            reached = start + 8 + int.from_bytes(file.read(4), "little")
+        else:
+            if count > 0 and reached == end:
+                return
+    raise OSError(errno.EIO, "the EXR was cut off: is the disk full?", str(path))
+
+
+def _text(file: IO[bytes]) -> bytes:
+    """What stands before the next zero."""
+    return b"".join(iter(lambda: file.read(1).rstrip(b"\0"), b""))

@@ -73,7 +73,7 @@ class Frames:
 
     def _write_note(self) -> None:
         with replacing(self.note) as beside:
-            beside.write_text(json.dumps({"settings": self._settings, "done": self._done}, indent=1))
+            beside.write(json.dumps({"settings": self._settings, "done": self._done}, indent=1).encode())
 
     def _complete(self, k: int) -> bool:
         """Whether a picture is there with all its pixels."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import struct
 import subprocess
 from pathlib import Path
 
@@ -42,7 +43,25 @@ def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int
     command += ["-vf", ",".join(filters), "-c:v", "libx264", "-crf", CRF, "-movflags", "+faststart"]
     with replacing(path) as beside:
         # In the pictures' folder: ffmpeg would take a % in its name for a number.
-        done = subprocess.run([*command, str(beside)], cwd=pattern.parent, capture_output=True, text=True)
+        done = subprocess.run([*command, str(beside.path)], cwd=pattern.parent, capture_output=True, text=True)
         if done.returncode != 0:
             last = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
             raise OSError(errno.EIO, f"ffmpeg: {last}", str(path))
+        _check_whole(beside.path)
+
+
+def _check_whole(path: Path) -> None:
+    """OSError if a film was cut off: its boxes do not end where the file does, or one of the three is missing."""
+    end, place, kinds = path.stat().st_size, 0, set()
+    with path.open("rb") as file:
+        while place < end:
+            file.seek(place)
+            size, kind = struct.unpack(">I4s", file.read(8).ljust(8, b"\0"))
+            if size == 1:  # more than 4 GiB: the size comes behind
+                size = int.from_bytes(file.read(8), "big")
+            if size < 8:
+                break
+            kinds.add(kind)
+            place += size
+    if place != end or not {b"ftyp", b"moov", b"mdat"} <= kinds:
+        raise OSError(errno.EIO, "the film was cut off: is the disk full?", str(path))

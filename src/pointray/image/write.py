@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,7 +84,8 @@ def write_image(
     if legend is not None:
         picture = draw_legend(picture, legend)
     with replacing(file) as beside:
-        Image.fromarray(picture).save(beside, format, quality=QUALITY, subsampling=0, compress_level=4)
+        stream = cast(IO[bytes], beside)
+        Image.fromarray(picture).save(stream, format, quality=QUALITY, subsampling=0, compress_level=4)
 
 
 def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) -> None:
@@ -118,10 +119,9 @@ def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) 
     channels = channels_of(arrays) if format == "EXR" else {}
     with replacing(file) as beside:
         if format == "EXR":
-            write_exr(beside, channels)
+            write_exr(beside.path, channels)
         else:
-            with beside.open("wb") as stream:
-                np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # its stub takes names for an option
+            np.savez_compressed(beside, **arrays)  # type: ignore[arg-type]  # its stub takes names for an option
 
 
 def check_image_path(path: str | os.PathLike[str]) -> None:

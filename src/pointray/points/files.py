@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
+import re
 import secrets
 import stat
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..arguments import check_kind, check_path
 from ..data import Points
 from . import ply
+
+if sys.platform != "win32":
+    import fcntl
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+BESIDE = re.compile(r"\.pointray-[0-9a-f]{16}(\..*)?")  # names of files that are to replace others
+BUFFER = 1 << 20  # bytes
+_swept: set[Path] = set()
 
 # Extension -> reader. A format to come adds its file's READERS here.
 READERS: dict[str, Callable[[Path], Points]] = {**ply.READERS}
@@ -103,15 +116,126 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         raise PermissionError(errno.EACCES, f"cannot write {file.name}: no permission in the folder", str(folder))
 
 
+class Replacement(io.BufferedIOBase):
+    """A new file beside the one that it is to replace: a stream to write to, and its path for writers that need one.
+
+    An error stays and is raised at the end too, whatever a library has made of it. There is no descriptor: Pillow
+    would write to it, and takes a write that was cut short for a whole one. Whoever writes to the path has to see for
+    himself that all of it has arrived.
+
+    A lock is held until the file has its name: what is not locked was left by a process that has been killed.
+
+    Attributes
+    ----------
+    path : path
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.path, self._lock = _new_beside(file)
+        self._file = self.path.open("r+b", BUFFER)
+        self._error: OSError | None = None
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        with self._remembering():
+            return self._file.write(data)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        with self._remembering():  # it writes what waits in the buffer
+            return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def flush(self) -> None:
+        if not self._file.closed:
+            with self._remembering():
+                self._file.flush()
+
+    def take_place_of(self, file: Path) -> None:
+        """Replace the file, once all that was written has reached the disk; OSError if any of it has not."""
+        self.flush()
+        with self._remembering():
+            os.fsync(self._file.fileno())
+            self._file.close()
+        if self._error is not None:
+            raise self._error
+        if sys.platform == "win32":  # nothing that is open can be replaced there
+            os.close(self._lock)
+        self.path.replace(file)
+        if sys.platform != "win32":
+            os.close(self._lock)
+
+    def discard(self) -> None:
+        """Take the file away."""
+        for close in (self._file.close, lambda: os.close(self._lock)):
+            with suppress(OSError):  # the disk is full: it is on its way out
+                close()
+        self.path.unlink(missing_ok=True)
+
+    @contextmanager
+    def _remembering(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self._error = self._error or error
+            raise
+
+
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path in the same folder to write to: it takes the place of `path` at the end, or goes if anything is raised."""
+def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
+    """A file in the same folder to write to: it takes the place of `path` at the end, or goes if anything is raised."""
     check_writable(path)
     file = Path(os.path.realpath(path))  # the file that a link points to, not the link
-    beside = file.with_name(f".pointray-{secrets.token_hex(6)}{file.suffix}")
+    sweep(file.parent)
+    beside = Replacement(file)
     try:
         yield beside
-        beside.replace(file)
+        beside.take_place_of(file)
     except BaseException:  # Ctrl-C too
-        beside.unlink(missing_ok=True)
+        beside.discard()
         raise
+
+
+def sweep(folder: Path) -> None:
+    """Take away the files beside others that processes have left which were killed; once for each folder."""
+    if folder in _swept:
+        return
+    _swept.add(folder)
+    with suppress(OSError), os.scandir(folder) as entries:
+        for path in [entry.path for entry in entries if BESIDE.fullmatch(entry.name)]:
+            with suppress(OSError):  # somebody holds it, or it is another user's
+                _remove_left(path)
+
+
+def _new_beside(file: Path) -> tuple[Path, int]:
+    """A new empty file in the same folder, and the descriptor that holds its lock."""
+    while True:
+        path = file.with_name(f".pointray-{secrets.token_hex(8)}{file.suffix}")
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        if sys.platform == "win32":
+            return path, lock
+        with suppress(OSError):  # a file system without locks: there nobody takes away what others have left
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        with suppress(FileNotFoundError):  # another process took it away before it was locked
+            if os.path.samestat(os.fstat(lock), path.stat()):
+                return path, lock
+        os.close(lock)
+
+
+def _remove_left(path: str) -> None:
+    """Remove a file beside others; OSError if a process holds it, here or on another machine."""
+    if sys.platform == "win32":
+        os.unlink(path)  # fails while it is open
+        return
+    lock = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.unlink(path)
+    finally:
+        os.close(lock)

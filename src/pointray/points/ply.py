@@ -279,7 +279,7 @@ def _to_uint8(colors: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
     return np.rint(colors / (1 if high <= 255 else 257)).astype(np.uint8)
 
 
-def write_ply(path: Path, points: Points) -> None:
+def write_ply(file: io.BufferedIOBase, points: Points) -> None:
     """Write all that the points hold, binary little-endian."""
     columns: Columns = {}
     positions = points.world if points.origin.any() else points.positions
@@ -298,8 +298,7 @@ def write_ply(path: Path, points: Points) -> None:
     rows = np.empty(len(points), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         rows[name] = column
-    with path.open("wb") as file:
-        PlyData([PlyElement.describe(rows, "vertex")], byte_order="<").write(file)
+    PlyData([PlyElement.describe(rows, "vertex")], byte_order="<").write(file)
 
 
 def _add(columns: Columns, names: Sequence[str], values: NDArray[Any]) -> None:

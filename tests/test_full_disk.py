@@ -1,0 +1,335 @@
+"""Writing where the disk is full or the process is killed: the old file stays whole, and nothing is left beside it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from conftest import sphere_points
+from pointray.cli import execute
+from pointray.image import write_layers
+from pointray.image.exr import _check_whole as check_exr_whole
+from pointray.image.frames import Frames
+from pointray.image.mp4 import _check_whole as check_mp4_whole
+from pointray.image.mp4 import write_mp4
+from pointray.points import files
+from pointray.points.files import replacing
+
+if os.name == "posix":
+    import resource
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="limits, locks and signals of POSIX")
+
+# Writes a file whole, then again and again with a limit that cuts it off, at many places and in the last block that
+# waits in a buffer; prints the places where that went unnoticed.
+SWEEP = """
+import json, resource, signal, sys
+from pathlib import Path
+import numpy as np
+import pointray as pr
+from pointray.benchmark import show
+from pointray.benchmark.frames import Row
+from pointray.image.frames import Frames
+from pointray.image.mp4 import write_mp4
+
+file, more = Path(sys.argv[1]), sys.argv[2:]
+rng = np.random.default_rng(1)
+image = rng.random((40, 36, 4), dtype=np.float32)
+points = pr.Points(rng.random((300, 3)))
+model = pr.Model(pr.procedural("sphere", 300)) if file.suffix == ".pointray" else None
+frames = Frames(file.parent / "%04d.png", {"seed": [0] * 900}, 9, (36, 40))
+write = {
+    "picture.png": lambda: pr.write_image(file, image),
+    "picture.jpg": lambda: pr.write_image(file, image),
+    "picture.exr": lambda: pr.write_image(file, image),
+    "layers.npz": lambda: pr.write_layers(file, {"radiance": image, "depth": image[..., 0]}),
+    "points.ply": lambda: pr.write(file, points),
+    "model.pointray": lambda: model.save(file),
+    "film.mp4": lambda: write_mp4(file, Path(more[0]), 3, 24, (36, 40)),
+    "%04d.png.json": frames.begin,
+    "plot.svg": lambda: show.plot(file, [Row(1000, "far", "8x8", "none", *[1.0] * (len(Row.__annotations__) - 4))]),
+}[file.name]
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # else the first byte beyond the limit would kill
+write()
+size, wrong = file.stat().st_size, []
+step = 97 if file.suffix != ".mp4" else 997
+places = {0, 1, size // 3, size // 2, size - 9, size - 2, size - 1, *range(max(size - 40 * step, 0), size, step)}
+for place in sorted(places):
+    file.write_bytes(b"old")
+    resource.setrlimit(resource.RLIMIT_FSIZE, (place, resource.RLIM_INFINITY))
+    try:
+        write()
+        wrong.append([place, "no error"])
+    except OSError:
+        pass
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    if file.read_bytes() != b"old" or len(list(file.parent.iterdir())) != 1:
+        wrong.append([place, sorted(p.name for p in file.parent.iterdir())])
+print(json.dumps([len(places), wrong]))
+"""
+NAMES = ("picture.png", "picture.jpg", "layers.npz", "points.ply", "model.pointray", "%04d.png.json")
+
+
+def sweep(folder, name, *more, **variables):
+    folder.mkdir(exist_ok=True)
+    command = [sys.executable, "-c", SWEEP, str(folder / name), *map(str, more)]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **variables}, check=False)
+    assert done.returncode == 0, done.stderr
+    count, wrong = json.loads(done.stdout)
+    assert count >= 10
+    assert not wrong
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_file_that_is_cut_off_anywhere_does_not_replace_the_old_one(tmp_path, name):
+    sweep(tmp_path, name)
+
+
+def test_an_exr_that_is_cut_off_does_not_replace_the_old_one(tmp_path):
+    pytest.importorskip("OpenEXR")
+    sweep(tmp_path, "picture.exr")
+
+
+def test_a_plot_that_is_cut_off_does_not_replace_the_old_one(tmp_path):
+    pytest.importorskip("matplotlib")
+    sweep(tmp_path, "plot.svg")
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    """Three numbered pictures, by their pattern; skips where no film can be made."""
+    pytest.importorskip("imageio_ffmpeg")
+    folder = tmp_path / "pictures"
+    frames = Frames(folder / "%04d.png", {}, 3, (36, 40))
+    frames.begin()
+    for k in range(3):
+        frames.keep(k, np.random.default_rng(k).random((40, 36, 4), dtype=np.float32), 0.0)
+    return frames.pattern
+
+
+def test_a_film_that_is_cut_off_does_not_replace_the_old_one(tmp_path, pictures):
+    import imageio_ffmpeg
+
+    ffmpeg = tmp_path / "ffmpeg"  # one that goes on where the limit is met, as on a full disk
+    ffmpeg.write_text(f"#!/bin/sh\ntrap '' XFSZ\nexec {imageio_ffmpeg.get_ffmpeg_exe()} \"$@\"\n")
+    ffmpeg.chmod(0o755)
+    sweep(tmp_path / "film", "film.mp4", pictures, IMAGEIO_FFMPEG_EXE=str(ffmpeg))
+
+
+def test_what_an_exr_lacks_is_seen(tmp_path):
+    """Wherever it is cut off, and where its table of chunks was not written at the end."""
+    pytest.importorskip("OpenEXR")
+    file = tmp_path / "a.exr"
+    write_layers(file, {"depth": np.random.default_rng(0).random((70, 9))})
+    whole = file.read_bytes()
+    check_exr_whole(file)
+    for place in range(0, len(whole), 7):
+        file.write_bytes(whole[:place])
+        with pytest.raises(OSError, match="cut off"):
+            check_exr_whole(file)
+    head = whole.index(b"\0\0", whole.index(b"screenWindowWidth") + 30)
+    file.write_bytes(whole[: head + 2] + bytes(40) + whole[head + 42 :])
+    with pytest.raises(OSError, match="cut off"):
+        check_exr_whole(file)
+
+
+def test_what_a_film_lacks_is_seen(tmp_path, pictures):
+    file = tmp_path / "a.mp4"
+    write_mp4(file, pictures, 3, 24, (36, 40))
+    whole = file.read_bytes()
+    for place in range(0, len(whole), 53):
+        file.write_bytes(whole[:place])
+        with pytest.raises(OSError, match="cut off"):
+            check_mp4_whole(file)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="mounts a small file system")
+def test_a_really_full_disk(tmp_path, pictures):
+    """Pictures and a film on a file system of 64 KiB: each is written whole, or told and the old one stays."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode != 0:
+        pytest.skip("only root can mount")
+    image = np.random.default_rng(0).random((64, 64, 4), dtype=np.float32)
+    writers = {"a.jpg": lambda p: pr.write_image(p, image), "a.mp4": lambda p: write_mp4(p, pictures, 3, 24, (36, 40))}
+    writers["a.exr"] = lambda p: pr.write_image(p, image[:20, :20])
+    try:
+        for name, write in writers.items():
+            file, told = disk / name, 0
+            for free in range(0, 60_000, 4096):
+                file.write_bytes(b"old")
+                (disk / "rest").write_bytes(bytes(60 * 1024 - free - free % 4096))
+                try:
+                    write(file)
+                except OSError:
+                    told += 1
+                    assert file.read_bytes() == b"old"
+                assert {p.name for p in disk.iterdir()} == {name, "rest"}
+            assert told > 0
+            file.unlink()
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+# Renders a picture as the command line does, onto a disk with room for so many bytes.
+COMMAND = """
+import resource, signal, sys
+from pointray.cli import execute
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
+sys.exit(execute(sys.argv[2:]))
+"""
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.npz"])
+def test_the_command_line_says_that_the_disk_is_full(tmp_path, name):
+    pr.write(tmp_path / "scan.ply", pr.Points(sphere_points(2000), sphere_points(2000)))
+    folder = tmp_path / "out"
+    folder.mkdir()
+    arguments = ["render", str(tmp_path / "scan.ply"), "-o", str(folder / name), "--size", "48x32", "--spp", "1"]
+    assert execute(arguments) == 0
+    size = (folder / name).stat().st_size
+    for place in (0, size // 2, size - 1):
+        (folder / name).write_bytes(b"old")
+        command = [sys.executable, "-c", COMMAND, str(place), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr == f"pointray: {folder / name}: File too large\n"
+        assert [(p.name, p.read_bytes()) for p in folder.iterdir()] == [(name, b"old")]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_table_that_nobody_gets_is_a_failure(tmp_path):
+    pr.write(tmp_path / "scan.ply", pr.Points(sphere_points(100)))
+    command = [sys.executable, "-m", "pointray.cli", "info", str(tmp_path / "scan.ply"), "--json"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.endswith("No space left on device\n") and done.stderr.count("\n") == 1
+
+
+def test_an_error_that_a_library_swallows_is_raised_all_the_same(tmp_path, monkeypatch):
+    """Though there is room again for what it writes next."""
+    file = tmp_path / "a.bin"
+    file.write_bytes(b"old")
+    monkeypatch.setattr(files, "BUFFER", 0)  # each write goes to the disk
+    with pytest.raises(OSError, match="File too large"), replacing(file) as beside:
+        beside.write(b"one")
+        limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+        before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3, limit[1]))
+        with suppress(OSError):
+            beside.write(b"two")
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        signal.signal(signal.SIGXFSZ, before)
+        beside.write(b"three")
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.bin", b"old")]
+
+
+# ------------------------------------------------------------------------------------------------------ killed
+
+WAITS = """
+import sys, time
+from pathlib import Path
+from pointray.points.files import replacing
+
+with replacing(sys.argv[1]) as beside:
+    Path(beside.path).write_bytes(b"half")  # as a writer does that takes a path only
+    print("writing", flush=True)
+    sys.stdin.readline()
+"""
+
+
+def begin_writing(file):
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    process = subprocess.Popen([sys.executable, "-c", WAITS, str(file)], **pipes)
+    assert process.stdout.readline() == b"writing\n"
+    return process
+
+
+def kill(process):
+    process.kill()
+    process.communicate()
+
+
+def names(folder):
+    return sorted(p.name for p in folder.iterdir())
+
+
+def write_anew(file):
+    """Write in a process of its own: each looks once for what others have left."""
+    code = "import sys; from pointray.points.files import replacing\nwith replacing(sys.argv[1]) as f: f.write(b'new')"
+    subprocess.run([sys.executable, "-c", code, str(file)], check=True)
+
+
+def test_what_a_killed_process_leaves_goes_with_the_next_write(tmp_path):
+    """Not what a living one writes, nor what is called alike."""
+    foreign = [tmp_path / ".pointray-notes.txt", tmp_path / ".pointray-0123456789abcdef0.png", tmp_path / ".pointray"]
+    for path in foreign:
+        path.write_text("mine")
+    (tmp_path / ".pointray-0123456789abcdef").mkdir()
+    killed, living = begin_writing(tmp_path / "a.png"), begin_writing(tmp_path / "b.png")
+    before = names(tmp_path)
+    kill(killed)
+    assert names(tmp_path) == before and len(before) == 6
+    write_anew(tmp_path / "c.txt")
+    assert len(names(tmp_path)) == 6  # one goes, c.txt comes
+    living.communicate(b"\n")
+    assert living.returncode == 0
+    assert (tmp_path / "b.png").read_bytes() == b"half"
+    assert names(tmp_path) == sorted([*(p.name for p in foreign), ".pointray-0123456789abcdef", "b.png", "c.txt"])
+
+
+def test_a_process_that_lives_on_takes_away_too(tmp_path):
+    """Also in a thread beside one that writes there: each file has a lock of its own."""
+    killed = begin_writing(tmp_path / "a.png")
+    kill(killed)
+    with replacing(tmp_path / "b.txt") as first:
+        assert not names(tmp_path)[1:]
+        files._swept.clear()
+        with replacing(tmp_path / "c.txt") as second:
+            second.write(b"c")
+        first.write(b"b")
+    assert names(tmp_path) == ["b.txt", "c.txt"]
+
+
+def test_a_film_whose_first_moment_was_its_last_goes_on(tmp_path):
+    """What is left of a note that was being written is no reason to refuse the folder."""
+    from pointray.cli.animate import target_of
+
+    pytest.importorskip("imageio_ffmpeg")
+    folder = tmp_path / "a.mp4.frames"
+    folder.mkdir()
+    process = begin_writing(folder / "%04d.png.json")
+    kill(process)
+    assert target_of(tmp_path / "a.mp4", "sky").pattern.parent == folder
+    assert names(folder) == []
+    (folder / "mine.png").touch()
+    with pytest.raises(ValueError, match="not of a film"):
+        target_of(tmp_path / "a.mp4", "sky")
+
+
+def test_many_writers_of_one_folder_do_not_take_each_others_files(tmp_path):
+    """Processes that all sweep, at every write, while all write."""
+    code = """
+import sys
+from pathlib import Path
+from pointray.points import files
+for k in range(60):
+    files._swept.clear()
+    with files.replacing(Path(sys.argv[1]) / f"{sys.argv[2]}.txt") as beside:
+        beside.write(str(k).encode())
+"""
+    processes = [subprocess.Popen([sys.executable, "-c", code, str(tmp_path), str(k)]) for k in range(4)]
+    assert [process.wait() for process in processes] == [0] * 4
+    assert names(tmp_path) == [f"{k}.txt" for k in range(4)]
+    assert {p.read_text() for p in tmp_path.iterdir()} == {"59"}
