@@ -14,7 +14,7 @@ import pytest
 
 import pointray
 from pointray import jit
-from pointray.jit import Cancel, kernel, run, take
+from pointray.jit import Cancel, disk, kernel, run, take
 from pointray.jit.disk import NO_KERNELS
 
 PACKAGE = Path(pointray.__file__).parent
@@ -223,6 +223,7 @@ ROOMS = [
     "vec",
     "extras",
     "arguments",
+    "memory",
     "sampling",
     "records",
     "scratch",
@@ -298,3 +299,24 @@ def modules(path: Path) -> list[str]:
             base = ".".join(parts[: len(parts) - node.level]) + (f".{node.module}" if node.module else "")
             named += [f"{base}.{alias.name}" for alias in node.names]
     return named + imports(path)
+
+
+def test_only_folders_that_are_marked_are_pruned(tmp_path):
+    """Not one that is called alike, nor one that holds another mark; the newest stay."""
+    foreign = [tmp_path / "kernels-of-my-own", tmp_path / "kernels-0000000000000000", tmp_path / "kernels-x"]
+    ours = [tmp_path / f"kernels-{k:016x}" for k in range(1, 8)]
+    for age, folder in enumerate([*foreign, *ours]):
+        folder.mkdir()
+        (folder / "a.nbc").touch()
+        if folder in ours:
+            (folder / disk.MARK).write_bytes(disk.MARKED)
+        os.utime(folder, (1e9 + age, 1e9 + age))
+    (foreign[2] / disk.MARK).write_text("another's")
+    (tmp_path / "kernels-notes.txt").touch()
+    code = "from pointray.jit import cache_folder; print(cache_folder())"
+    environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    new = Path(done.stdout.strip())
+    assert (new / disk.MARK).read_bytes() == disk.MARKED
+    kept = [*foreign, *ours[-disk.KEEP_CACHES :], new, tmp_path / "kernels-notes.txt"]
+    assert sorted(tmp_path.iterdir()) == sorted(kept)

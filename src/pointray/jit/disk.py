@@ -26,7 +26,7 @@ CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 NO_KERNELS = (
     *("assembly.py", "camera.py", "clips.py", "demonstration.py", "extras.py", "film.py", "instances.py", "layers.py"),
     *("model.py", "paints.py", "picture.py", "rays.py", "report.py", "saved.py", "scene.py", "transforms.py"),
-    *("window.py", "benchmark/", "cli/", "scenefile/", "viewer/"),
+    *("memory.py", "window.py", "benchmark/", "cli/", "scenefile/", "viewer/"),
     *("image/denoise.py", "image/exr.py", "image/frames.py", "image/legend.py", "image/mp4.py", "image/write.py"),
     *("points/cleaning.py", "points/files.py", "points/normals.py", "points/ply.py", "shade/materials.py"),
     *("shade/attributes.py", "shade/colormaps.py", "shade/environment.py", "shade/lights.py", "shade/pictures.py"),
@@ -34,6 +34,7 @@ NO_KERNELS = (
     *("tree/build.py", "tree/check.py", "tree/indices.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
+MARK, MARKED = ".made-by-pointray", b"compiled kernels of pointray: this folder may be removed at any time\n"
 
 
 def cpu_name() -> str:
@@ -80,12 +81,26 @@ def cache_folder() -> Path | None:
         probe.touch()
         probe.unlink()
         if fresh:
-            others = sorted(base.glob("kernels-*"), key=lambda p: p.stat().st_mtime)
-            for old in others[: -KEEP_CACHES - 1]:
-                shutil.rmtree(old, ignore_errors=True)
+            (folder / MARK).write_bytes(MARKED)
+            _prune(base)
     except OSError:
         return None
     return folder
+
+
+def _prune(base: Path) -> None:
+    """Remove the oldest folders of kernels that are marked as ours; what is only called alike stays."""
+    ours = [path for path in base.glob("kernels-*") if _is_ours(path)]
+    for old in sorted(ours, key=lambda path: path.stat().st_mtime)[: -KEEP_CACHES - 1]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether pointray has made a folder, and marked it."""
+    try:
+        return not folder.is_symlink() and (folder / MARK).read_bytes() == MARKED
+    except OSError:
+        return False
 
 
 class _Locator:
