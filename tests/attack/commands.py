@@ -28,7 +28,8 @@ COMMANDS = {
     "film": ["animate", "--size", "64x48", "--spp", "1", "--seconds", "0.5", "--fps", "12"],
     "": ["view", "--no-open"],
 }
-LATEST = 1.6  # times as long as the command takes
+LATEST = 1.4  # times as long as the command takes: until then the signal comes
+WRITING = 0.8, 1.1  # in times as long: when files are written, which is when every second signal comes
 
 
 def command_of(name: str, scan: Path, place: Path) -> list[str]:
@@ -97,7 +98,7 @@ def begin(folder: Path) -> Attack:
         process = subprocess.Popen(
             command_of(name, scan, place), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
-        time.sleep(LATEST * seconds * float(rng.random()))
+        time.sleep(seconds * float(rng.uniform(*(WRITING if rng.random() < 0.5 else (0.0, LATEST)))))
         process.send_signal(signal.SIGINT)
         _, said = process.communicate()
         status = process.returncode
