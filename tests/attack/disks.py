@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import io
-import json
 import os
 import resource
 import shutil
@@ -22,38 +21,14 @@ from typing import Any
 import numpy as np
 
 import pointray as pr
-from attack import Attack, CrashError, WrongError
+from attack import Attack, WrongError
 from attack.mutate import Rng, pick
-from attack.writers import film, frame_image, versions_of, writers
+from attack.writers import film, frame_image, in_child, versions_of, writers
 from pointray.cli import execute
 
 CLONE_NEWNS, MS_REC, MS_PRIVATE = 0x00020000, 1 << 14, 1 << 18
 PAGE = 4096
 SMALL = ["--size", "48x32", "--spp", "1"]
-
-
-def in_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What a forked process finds out; CrashError if a signal ends it."""
-    here, there = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.close(here)
-        try:
-            told = work()
-        except BaseException as error:
-            told = {"error": f"{type(error).__name__}: {error}"}
-        os.write(there, json.dumps(told).encode())
-        os._exit(0)
-    os.close(there)
-    with open(here, "rb") as pipe:
-        data = pipe.read()
-    _, status = os.waitpid(child, 0)
-    if os.WIFSIGNALED(status):
-        raise CrashError(f"{signal.Signals(os.WTERMSIG(status)).name} on a full disk")
-    answer: dict[str, Any] = json.loads(data)
-    if "error" in answer:
-        raise WrongError(answer["error"])
-    return answer
 
 
 def limit_files(size: int) -> None:

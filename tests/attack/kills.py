@@ -1,6 +1,6 @@
 """SIGKILL at random moments while files are written: the old file or the new one is there, whole.
 
-What a killed process leaves beside is gone after the next write into that folder.
+What a killed process leaves beside is gone after the next process has written into that folder.
 """
 
 from __future__ import annotations
@@ -9,25 +9,27 @@ import os
 import shutil
 import signal
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from attack import Attack, CrashError, WrongError
 from attack.mutate import Rng, pick
-from attack.writers import LEFTOVERS, Write, film, frame_image, versions_of, writers
+from attack.writers import LEFTOVERS, Write, film, frame_image, in_child, versions_of, writers
 
 LONGEST = 0.06  # seconds until the kill
 
 
-def killed_after(rng: Rng, work: object) -> None:
+def killed_after(rng: Rng, work: Callable[[], None]) -> None:
     """Do the work in a process that is killed at a random moment; CrashError if it ends by another signal."""
     child = os.fork()
     if child == 0:
         try:
-            work()  # type: ignore[operator]
+            work()
         finally:
             os._exit(1)
     time.sleep(float(rng.random()) * LONGEST)
@@ -69,9 +71,19 @@ def check_film(folder: Path) -> bool:
     return bool(pictures)
 
 
-def check_folder(folder: Path, write: object, known: set[str]) -> None:
-    """WrongError if the next write leaves something beside its file."""
-    write()  # type: ignore[operator]
+def in_process(write: Callable[[], None]) -> None:
+    """Write in a process of its own: each takes away only once what others have left in a folder."""
+
+    def work() -> dict[str, Any]:
+        write()
+        return {}
+
+    in_child(work)
+
+
+def check_folder(folder: Path, write: Callable[[], None], known: set[str]) -> None:
+    """WrongError if the next process that writes leaves something beside its file."""
+    in_process(write)
     left = sorted({path.name for path in folder.iterdir()} - known)
     if left:
         raise WrongError(f"left in the folder after the next write: {Path(left[0]).suffix} {LEFTOVERS}")
@@ -81,11 +93,17 @@ def begin(folder: Path) -> Attack:
     """Writers that are killed."""
     known = writers()
     contents = {name: versions_of(write, folder / f"a{extension}") for name, (extension, write) in known.items()}
-    place = folder / "here"
 
     def attack(rng: Rng, index: int) -> bool:
+        place = folder / f"{index}"
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir()
+        try:
+            return killed(rng, place)
+        finally:
+            shutil.rmtree(place)
+
+    def killed(rng: Rng, place: Path) -> bool:
         name = pick(rng, [*known, "film"])
         if name == "film":
             killed_after(rng, lambda: render_for_ever(place))
@@ -98,7 +116,7 @@ def begin(folder: Path) -> Attack:
         extension, write = known[name]
         path = place / f"a{extension}"
         if rng.random() < 0.5:
-            write(path, 0)
+            in_process(lambda: write(path, 0))
         before = path.exists()
         killed_after(rng, lambda: write_for_ever(write, path))
         if path.exists() and path.read_bytes() not in contents[name]:

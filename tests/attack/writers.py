@@ -5,6 +5,9 @@ Attacks on writing compare what is found with both versions, byte for byte.
 
 from __future__ import annotations
 
+import json
+import os
+import signal
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,6 +16,7 @@ from typing import Any
 import numpy as np
 
 import pointray as pr
+from attack import CrashError, WrongError
 from pointray.image.frames import Frames
 
 Write = Callable[[Path, int], None]
@@ -75,3 +79,27 @@ def film(folder: Path, version: int, count: int = 12) -> Frames:
 def frame_image(k: int) -> np.ndarray[Any, Any]:
     """The picture of a frame."""
     return _image(k)
+
+
+def in_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What a forked process finds out; CrashError if a signal ends it, WrongError if it raises."""
+    here, there = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(here)
+        try:
+            told = work()
+        except BaseException as error:
+            told = {"error": f"{type(error).__name__}: {error}"}
+        os.write(there, json.dumps(told).encode())
+        os._exit(0)
+    os.close(there)
+    with open(here, "rb") as pipe:
+        data = pipe.read()
+    _, status = os.waitpid(child, 0)
+    if os.WIFSIGNALED(status):
+        raise CrashError(f"{signal.Signals(os.WTERMSIG(status)).name} while writing")
+    answer: dict[str, Any] = json.loads(data)
+    if "error" in answer:
+        raise WrongError(answer["error"])
+    return answer
