@@ -30,10 +30,10 @@ class Part(NamedTuple):
 
 
 PARTS = {
-    "ply": Part("ply_files", 60_000, 400, 20.0),
-    "pointray": Part("model_files", 50_000, 400, 20.0),
+    "ply": Part("ply_files", 60_000, 300, 20.0),
+    "pointray": Part("model_files", 50_000, 300, 20.0),
     "pointray-checked": Part("model_files", 50_000, 200, 20.0, checked=True),
-    "toml": Part("scene_files", 30_000, 200, 30.0),
+    "toml": Part("scene_files", 30_000, 150, 30.0),
     "hdr": Part("sky_files", 8_200, 150, 20.0),
     "interrupts": Part("interrupts", 600, 12, 60.0),
     "commands": Part("commands", 200, 3, 60.0),
@@ -42,4 +42,4 @@ PARTS = {
     "kills": Part("kills", 200, 10, 60.0),
 }
 # With what tests the harness itself.
-KNOWN = {**PARTS, "sample": Part("sample", 0, 0, 5.0)}
+KNOWN = {**PARTS, "sample": Part("sample", 0, 0, 2.5)}
