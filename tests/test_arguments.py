@@ -164,7 +164,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "read": (pr.read, {"path": t.folder / "a.ply"}),
         "render": (pr.render, {"scene": t.scene, "camera": t.camera}),
         "render_layers": (pr.render_layers, {"scene": t.scene, "camera": t.camera}),
-        "subsample": (pr.subsample, {"points": t.points, "count": 50}),
+        "subsample": (pr.subsample, {"points": t.points, "count": 300}),
         "transform": (pr.transform, {}),
         "turntable": (pr.turntable, {"camera": t.camera, "frames": 3}),
         "view": (lambda **told: pr.view(**{"open_browser": False, **told}).close(), {"scene": t.scene, "block": False}),
