@@ -16,13 +16,13 @@ from conftest import sphere_points
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory, and how much there is of it")
 
-POINTS = 20_000
-# The command runs once, so that all is loaded, and then in children that may have so many MiB more than that takes.
+POINTS = 50_000
+# The command runs once, of a small scan, so that all is loaded, and then in children that may have so many MiB more.
 PROGRAM = """
 import json, os, resource, signal, sys
 from pointray.cli import execute, main
 folder, rooms, arguments = sys.argv[1], json.loads(sys.argv[2]), sys.argv[3:]
-assert execute(arguments) == 0
+assert execute([text.replace("large.ply", "small.ply") for text in arguments]) == 0
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 ends = []
 for room in rooms:
@@ -47,9 +47,10 @@ COMMANDS = {
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_lack_of_memory_is_one_line_and_status_1(tmp_path: Path, command: str) -> None:
-    rows = sphere_points(POINTS)
-    pr.write(tmp_path / "a.ply", pr.Points(rows, rows))
-    arguments = [text.format(scan=tmp_path / "a.ply", folder=tmp_path) for text in COMMANDS[command]]
+    for name, count in (("small", 1000), ("large", POINTS)):
+        rows = sphere_points(count)
+        pr.write(tmp_path / f"{name}.ply", pr.Points(rows, rows))
+    arguments = [text.format(scan=tmp_path / "large.ply", folder=tmp_path) for text in COMMANDS[command]]
     rooms = [int(room) for room in np.geomspace(2, 120, 12)]
     told = [sys.executable, "-c", PROGRAM, str(tmp_path), json.dumps(rooms), *arguments]
     # One arena: with several, threads for which there is none ask the system for each piece, and crawl.

@@ -290,8 +290,8 @@ def _check_size(radii: NDArray[np.float32]) -> None:
     """Squares and their inverses must keep to float32."""
     if radii.min() < SMALLEST or radii.max() > LARGEST:
         raise ValueError(
-            f"radii reach from {radii.min():.3g} to {radii.max():.3g} with radius_scale: they must be from {SMALLEST:g} "
-            f"to {LARGEST:g}"
+            f"radii reach from {radii.min():.3g} to {radii.max():.3g} with radius_scale: "
+            f"they must be from {SMALLEST:g} to {LARGEST:g}"
         )
 
 
