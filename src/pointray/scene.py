@@ -64,7 +64,7 @@ class Scene:
             The number of this instance.
         """
         if not isinstance(shape, Model | Plane):
-            raise ValueError(f"shape must be a Model or a Plane, not {type(shape).__name__}")
+            raise ValueError(f"a scene holds Model and Plane: shape must not be {type(shape).__name__}")
         matrix, looks = check_transform(transform), check_material(material, shape)
         with self._lock:
             self._change()
