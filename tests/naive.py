@@ -156,8 +156,8 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
     return 0
 
 
-def walk(model, origins, directions):  # type: ignore[no-untyped-def]
-    """Twin of the closest hit of world rays (n, 3) with one model at its place; unit directions."""
+def splats_of(model):  # type: ignore[no-untyped-def]
+    """A model's splats, (n, 13) float64, as `field` takes them."""
     tree = model.tree
     used = tree.order >= 0
     splats = np.zeros((used.sum(), 13))
@@ -165,9 +165,16 @@ def walk(model, origins, directions):  # type: ignore[no-untyped-def]
     splats[:, 6] = 1 / np.sqrt(splats[:, 6])
     if tree.borders.size:
         splats[:, 7:10] = tree.borders.reshape(-1, 3)[used] / 127
-    if not tree.facing.size:
+    if tree.facing.size:
+        splats[:, 10:] = tree.facing.reshape(-1, 3)[used]
+    return splats
+
+
+def walk(model, origins, directions):  # type: ignore[no-untyped-def]
+    """Twin of the closest hit of world rays (n, 3) with one model at its place; unit directions."""
+    splats = splats_of(model)
+    if not model.tree.facing.size:
         return _walk_one(model, splats, origins, directions, 0.0)
-    splats[:, 10:] = tree.facing.reshape(-1, 3)[used]
     toward, away = (_walk_one(model, splats, origins, directions, way) for way in (1.0, -1.0))
     first = (toward.t <= away.t)[:, None]
     return Twin(*(np.where(first[:, 0], a, b) for a, b in zip(toward, away, strict=True)))

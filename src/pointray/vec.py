@@ -60,14 +60,6 @@ def unit(a):  # type: ignore[no-untyped-def]
 
 
 @inline
-def unit_of_any(a):  # type: ignore[no-untyped-def]
-    """The vector of length 1 of one that is not zero, whatever its length: squares may leave the range of numbers."""
-    most = max(abs(a[0]), max(abs(a[1]), abs(a[2])))
-    a = a[0] / most, a[1] / most, a[2] / most
-    return scale(a, 1.0 / length(a))
-
-
-@inline
 def triple(array, i):  # type: ignore[no-untyped-def]
     """Three neighbours of a flat array."""
     return array[i], array[i + 1], array[i + 2]

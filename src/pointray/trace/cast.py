@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..jit import borrow, inline, keep, kernel, run, take
 from ..records import INSTANCE, SHAPE_ROW, Array, World, lend_world, tree_at
-from ..scratch import COUNT_NEAR, TILE, lend_scratch, new_scratch
+from ..scratch import COUNT_NEAR, DIRECTION, NEAREST, T_MIN, TILE, lend_scratch, new_scratch, put, row
 from ..simd import lane
 from ..vec import add, along_curve, dot, scale, triple
 from .hits import describe_tile, tile_hit
@@ -46,16 +46,21 @@ def batches(shape: tuple[int, int]) -> int:
 
 
 @inline
+def _is_ordinary(square):  # type: ignore[no-untyped-def]
+    """Whether a direction of such a square is traced as it is."""
+    return (SHORT < square) & (square < LONG)
+
+
+@inline
 def _exponent(d):  # type: ignore[no-untyped-def]
     """The power of two that a direction is divided by before it is traced, so that its square is a number.
 
     0 for lengths from 1e-30 to 1e30, and for those that are zero or not finite: they miss.
     """
     square = dot(d, d)
-    if (SHORT < square) & (square < LONG):
-        return 0
     most = max(abs(d[0]), max(abs(d[1]), abs(d[2])))
-    return math.frexp(most)[1] if (most > 0.0) & (square == square) & (most < np.inf) else 0
+    known = (most > 0.0) & (square == square) & (most < np.inf)
+    return math.frexp(most)[1] if known and not _is_ordinary(square) else 0
 
 
 @inline
@@ -68,19 +73,29 @@ def _times_power(a, exponent):  # type: ignore[no-untyped-def]
 
 @inline
 def _aim_rays(rays, shape, place, scratch):  # type: ignore[no-untyped-def]
-    """The next tile of rays. rays : origins, directions, limits; place : the batch, and where in it the tile begins."""
+    """The next tile of rays; returns whether any of them may have an exponent.
+
+    rays : origins, directions, limits; place : the batch, and where in it the tile begins
+    """
     origins, directions, limits = rays
     for k in range(TILE):
         i = ray_at(shape, place[0], place[1] + k)
         if i >= 0:
-            o, d, t_min, t_max = triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]
-            exponent = _exponent(d)
-            if exponent != 0:
-                d = _times_power(d, -exponent)
-                t_min, t_max, _ = _times_power((t_min, t_max, 0.0), exponent)
-            aim(scratch, k, (o, d, t_min, t_max))
+            aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
         else:
             aim(scratch, k, NOWHERE)
+    wide, odd = scratch.world, False
+    for k in range(TILE):
+        d = row(wide, DIRECTION + k)
+        odd |= not _is_ordinary(dot(d, d))
+    if odd:
+        for k in range(TILE):
+            d = row(wide, DIRECTION + k)
+            exponent = _exponent(d)
+            put(wide, DIRECTION + k, _times_power(d, -exponent))
+            limits_k = _times_power((wide[T_MIN + k], wide[NEAREST + k], 0.0), exponent)
+            wide[T_MIN + k], wide[NEAREST + k] = limits_k[0], limits_k[1]
+    return odd
 
 
 @kernel
@@ -93,7 +108,7 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
     batch = take(work)
     while batch >= 0:
         for first in range(0, BATCH, TILE):
-            _aim_rays((origins, directions, limits), shape, (batch, first), scratch)
+            odd = _aim_rays((origins, directions, limits), shape, (batch, first), scratch)
             trace_tile(world, scratch)
             describe_tile(world, scratch)
             for k in range(TILE):
@@ -104,9 +119,9 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
                 t[i], instance[i], leaf[i] = np.inf, hit.instance, hit.leaf
                 x = (np.nan, np.nan, np.nan)
                 if hit.instance >= 0:
-                    d = triple(directions, 3 * i)
-                    exponent, along = _exponent(d), hit.t
-                    if exponent != 0:
+                    d, along = triple(directions, 3 * i), hit.t
+                    if odd:
+                        exponent = _exponent(d)
                         d, along = _times_power(d, -exponent), _times_power((along, 0.0, 0.0), -exponent)[0]
                     t[i] = min(max(along, -MOST), MOST)
                     x = add(triple(origins, 3 * i), scale(d, hit.t))

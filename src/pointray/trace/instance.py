@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..jit import inline
@@ -36,10 +38,10 @@ from ..scratch import (
     row,
 )
 from ..simd import count_bits, load16, lowest, select, spread16, store
-from ..vec import add, either, scale, transform_transposed, unit_of_any
+from ..vec import add, dot, either, scale, transform_transposed
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
 from .leaf import BEHIND
-from .space import into_model, matrix_at, model_bounds
+from .space import into_model, matrix_at, model_bounds, of_size_one
 from .surface import ONE, ZERO
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
 from .traverse import closest, make_ray
@@ -54,7 +56,7 @@ LONELY = 24
 def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
     """Ray i in a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
 
-    box : the model's bounds, and the longest step of the samples in it
+    box : the model's bounds, and the longest step of the samples in it, see `into_model`
     """
     wide, rows, (bounds, step) = scratch.world, scratch.model, box
     ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
@@ -62,7 +64,7 @@ def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
     put(wide, START + i, start)
     put(wide, HEADING + i, d)
     wide[LOW + i], wide[SPEED + i] = low, speed
-    rows[LENGTH + i] = np.float32(high - low + step) if low <= high else -ONE
+    rows[LENGTH + i] = np.float32(high - low + step[0]) if low <= high else -ONE
     begin = np.float32(begin)
     rows[BEGIN + i] = -max(begin, BEHIND) if rows[CUT + i] > ZERO else begin
 
@@ -152,7 +154,8 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
     """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before."""
     model = np.int64(world.instances[at + SHAPE_ROW])
     tree = tree_at(world.table, model)
-    matrix, box = matrix_at(world, at), (model_bounds(tree.head), np.float64(tree.head[LONGEST]))
+    step = np.float64(tree.head[LONGEST])
+    matrix, box = matrix_at(world, at), (model_bounds(tree.head), (step, 1.0 / step))
     rows, numbers = scratch.model, scratch.numbers
     few = count_bits(some) <= LONELY
     alone = _some_enter(matrix, box, some, scratch) if few else _all_enter(matrix, box, some, scratch)
@@ -174,7 +177,7 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
             entered &= entered - 1
             if numbers[FOUND + i] >= 0:
                 _keep_t(i, scratch)
-                _keep_place(matrix, i, scratch)
+                _keep_place(of_size_one(matrix), i, scratch)
                 _keep_leaf(at, i, scratch)
     else:
         _keep_nearest(matrix, at, scratch)
@@ -192,11 +195,11 @@ def _keep_t(i, scratch):  # type: ignore[no-untyped-def]
 
 @inline
 def _keep_place(matrix, i, scratch):  # type: ignore[no-untyped-def]
-    """Keep normal and place of a hit that is nearer."""
+    """Keep normal and place of a hit that is nearer. matrix : see `of_size_one`."""
     wide, rows = scratch.world, scratch.model
     n = row(rows, NX + i)
     n = transform_transposed(matrix, (np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
-    n = unit_of_any(n)
+    n = scale(n, 1.0 / math.sqrt(dot(n, n)))
     x = add(row(wide, START + i), scale(row(wide, HEADING + i), np.float64(rows[LENGTH + i])))
     better = scratch.numbers[FOUND + i] >= 0
     old_n, old_x = row(wide, NORMAL + i), row(wide, LOCAL + i)
@@ -222,6 +225,7 @@ def _keep_nearest(matrix, at, scratch):  # type: ignore[no-untyped-def]
         return
     for i in range(TILE):
         _keep_t(i, scratch)
+    matrix = of_size_one(matrix)
     for i in range(TILE):
         _keep_place(matrix, i, scratch)
     for i in range(TILE):

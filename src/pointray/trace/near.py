@@ -119,16 +119,16 @@ def nearest_slot(tree, leaf, x, y, z):  # type: ignore[no-untyped-def]
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     for k in range(16 * np.int64(first), 16 * (np.int64(first) + count)):
         group, place = k // 16 * GROUP, k % 16
-        if not tree.spheres[group + 48 + place] >= ZERO:
+        if np.isnan(tree.spheres[group + 48 + place]):
             continue  # an empty place
         block = np.int64(tree.refs[k])
         for j in range(4):
             at = block * BLOCK + j
-            if tree.blocks[at + PX] < FAR:
-                dx, dy, dz = tree.blocks[at + PX] - x, tree.blocks[at + PY] - y, tree.blocks[at + PZ] - z
-                away = np.float64(dx * dx + dy * dy + dz * dz) * tree.blocks[at + INV_R2]
-                if best < 0 or away < nearest:
-                    best, nearest = 4 * block + j, away
+            dx, dy, dz = tree.blocks[at + PX] - x, tree.blocks[at + PY] - y, tree.blocks[at + PZ] - z
+            away = np.float64(dx * dx + dy * dy + dz * dz) * np.float64(tree.blocks[at + INV_R2])
+            away = away if tree.blocks[at + PX] < FAR else np.inf
+            if best < 0 or away < nearest:
+                best, nearest = 4 * block + j, away
     return best
 
 

@@ -46,13 +46,29 @@ def matrix_at(world, at):  # type: ignore[no-untyped-def]
 
 
 @inline
+def of_size_one(matrix):  # type: ignore[no-untyped-def]
+    """A transform over its greatest component, so that squares of what it turns are numbers."""
+    most = 0.0
+    for r in range(3):
+        for c in range(3):
+            most = max(most, abs(matrix[r][c]))
+    size = 1.0 / most
+    a, b, c = matrix[0], matrix[1], matrix[2]
+    return (
+        (a[0] * size, a[1] * size, a[2] * size, a[3]),
+        (b[0] * size, b[1] * size, b[2] * size, b[3]),
+        (c[0] * size, c[1] * size, c[2] * size, c[3]),
+    )
+
+
+@inline
 def into_model(matrix, bounds, ray, step):  # type: ignore[no-untyped-def]
     """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
 
     Returns (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a
     ray that misses the bounds; speed is how much longer the direction was; begin is where it begins behind low. No
     branches: the rays of a tile go through it as vectors.
-    step : the model's longest; 0: not known
+    step : the model's longest, 0: not known, and 1 / step
     """
     d = transform(matrix, ray[1])
     speed = length(d)
@@ -65,8 +81,8 @@ def into_model(matrix, bounds, ray, step):  # type: ignore[no-untyped-def]
     span = _clip(span, (bounds[0][1], bounds[1][1]), o[1], d[1])
     span = _clip(span, (bounds[0][2], bounds[1][2]), o[2], d[2])
     low = span[0]
-    back = np.floor(low / step) * step if step > 0.0 else low
-    low = back if low < 0.0 else low
+    back = np.floor(low * step[1]) * step[0]
+    low = back if (low < 0.0) & (step[0] > 0.0) else low
     begin = first - low if first > low else 0.0
     high = span[1] if first <= span[1] else -np.inf
     end = high if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has squeezed the direction away

@@ -57,7 +57,7 @@ def _rays_to_top(world, scratch):  # type: ignore[no-untyped-def]
     wide, rows = scratch.world, scratch.model
     for i in range(TILE):
         ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
-        start, d, low, high, speed, _ = into_model(matrix, bounds, ray, 0.0)
+        start, d, low, high, speed, _ = into_model(matrix, bounds, ray, (0.0, 0.0))
         wide[TOP_LOW + i], wide[TOP_SPEED + i] = low, speed
         ray = make_ray(start, d, high - low, 1.0)
         put(rows, TOP_OX + i, (ray.ox, ray.oy, ray.oz))
