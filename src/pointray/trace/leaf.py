@@ -112,12 +112,12 @@ def lattice(tree, leaf, interval, begin):  # type: ignore[no-untyped-def]
     step = tree.leaves[leaf * LEAF + STEP]
     # Asked of where the surface may begin: where the ray ends must not decide.
     fine = low < MOST_STEPS * step
-    # Where the ray begins in this voxel the start rule needs f there.
-    starts = enter <= begin
-    low = select(fine, select(starts, vmin(low, begin), low), spread16(ZERO))
+    # Where the ray begins in this voxel the start rule needs f there; and where it begins among the samples.
+    low = select(fine, select(enter <= begin, vmin(low, begin), low), spread16(ZERO))
     high = select(fine, vmin(high, spread16(MOST_STEPS * step + MOST_STEPS * step)), spread16(ZERO))
     # t is never negative here: truncation is the floor.
     first, last = whole(low / step), whole(high / step) + ONE
+    starts = (first * step <= begin) & (begin <= last * step)
     return Reach(first, last, select(starts, begin, ZERO - vmax(vabs(begin), spread16(BEHIND)))), fine
 
 
