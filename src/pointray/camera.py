@@ -192,8 +192,13 @@ class Camera:
         out[LENS_RADIUS], out[NEARNESS] = self.aperture / 2, 1 / (self.focus or distance)
         return out
 
-    def rays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rays(self, rows: slice = slice(None)) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The ray through the middle of each pixel, and of the lens.
+
+        Parameters
+        ----------
+        rows : slice
+            Some rows of the picture only: h are these.
 
         Returns
         -------
@@ -203,7 +208,7 @@ class Camera:
         """
         width, height = self.size
         u = ((2 * np.arange(width) + 1) / width - 1)[None, :]
-        v = (1 - (2 * np.arange(height) + 1) / height)[:, None]
+        v = (1 - (2 * np.arange(height)[rows] + 1) / height)[:, None]
         return self.rays_through(u, v)
 
     def rays_through(self, u: Any, v: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

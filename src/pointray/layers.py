@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from .assembly import Snapshot
 from .camera import Camera
-from .picture import check_view, render_snapshot
+from .picture import check_picture, check_view, picture_bytes, render_snapshot
 from .rays import Hits, check_rays
 from .records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from .scene import Scene, intersect_snapshot
 from .settings import Settings
+
+LAYER_BYTES = 80  # a pixel, of all layers
+BAND, SQUARE = 1 << 13, 32  # rays of so many pixels are traced together, in squares of this edge
 
 
 def render_layers(
@@ -55,23 +58,42 @@ def render_layers(
     write_layers : as .npz, or as .exr for other programs.
     """
     settings = check_view(scene, camera, settings, progress)
+    check_picture(camera.size, max(picture_bytes(settings), LAYER_BYTES))
     share = settings.spp / (settings.spp + 1)  # the layers take one ray a pixel
+
+    def show(done: float) -> None:
+        if progress is not None:
+            progress(done)
+
     now = scene.snapshot()
-    radiance = render_snapshot(now, camera, settings, progress and (lambda done: progress(share * done)))
-    origins, directions = camera.rays()
-    hits = intersect_snapshot(now, *check_rays(origins, directions, 0, np.inf))
-    depth = np.full(hits.t.shape, np.inf, np.float32)
-    view = directions @ camera.record()[FORWARD : FORWARD + 3] if camera.projection != "panorama" else 1.0
-    np.multiply(hits.t, view, out=depth, where=hits.instance >= 0)
-    return {
+    radiance = render_snapshot(now, camera, settings, lambda done: show(share * done))
+    shape = radiance.shape[:2]
+    layers: dict[str, NDArray[Any]] = {
         "radiance": radiance,
-        "depth": depth,
-        "normal": hits.normal,
-        "position": hits.position,
-        "albedo": _albedo(now, hits),
-        "instance": hits.instance,
-        "point": hits.point,
+        "depth": np.full(shape, np.inf, np.float32),
+        "normal": np.empty((*shape, 3), np.float32),
+        "position": np.empty((*shape, 3)),
+        "albedo": np.empty((*shape, 3), np.float32),
+        "instance": np.empty(shape, np.int32),
+        "point": np.empty(shape, np.int64),
     }
+    rows = max(BAND // shape[1], 1) * SQUARE
+    tops = list(range(0, max(shape[0] - 1, 1), rows))  # no single row at the end: it would not be traced in squares
+    for top, end in zip(tops, [*tops[1:], shape[0]], strict=True):
+        _trace_band(now, camera, slice(top, end), layers)
+        show(share + (1 - share) * end / shape[0])
+    return layers
+
+
+def _trace_band(scene: Snapshot, camera: Camera, band: slice, layers: dict[str, NDArray[Any]]) -> None:
+    """Fill some rows of the layers but the radiance: rays and hits of all would take more memory than the layers."""
+    origins, directions = camera.rays(band)
+    hits = intersect_snapshot(scene, *check_rays(origins, directions, 0, np.inf))
+    view = directions @ camera.record()[FORWARD : FORWARD + 3] if camera.projection != "panorama" else 1.0
+    np.multiply(hits.t, view, out=layers["depth"][band], where=hits.instance >= 0)
+    for name in ("normal", "position", "instance", "point"):
+        layers[name][band] = getattr(hits, name)
+    layers["albedo"][band] = _albedo(scene, hits)
 
 
 def _albedo(scene: Snapshot, hits: Hits) -> NDArray[np.float32]:

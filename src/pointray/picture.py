@@ -18,7 +18,8 @@ from .image.denoise import check_denoise, denoise
 from .jit import Cancel, run
 from .lens import FILTERS
 from .levels import at_distance
-from .pixels import SUMS
+from .memory import check_memory
+from .pixels import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
 from .records import (
     DISK_LIGHT,
     EMISSIVE,
@@ -40,7 +41,9 @@ from .window import EVERYWHERE, Window, window_of
 
 AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
 MOST_ONWARD = 32  # mirrors and panes one behind the other
-LONGEST_PASS = 64  # samples
+IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes a pixel, and of each of its numbers in a film
+DENOISE_BYTES = 48  # a pixel: colours and normals, and what Open Image Denoise takes
+BAND = 1 << 19  # pixels that are looked at together where noise is measured
 SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # paths see them
 SURFACE_SAMPLES = 16  # of the colours and normals that denoising is told
 
@@ -83,8 +86,30 @@ def render_snapshot(
             progress(share)
     if not settings.denoised:
         return picture.image
+    image = picture.image
+    del picture  # what it holds beside the image makes room
     albedo, normal = (_surfaces(scene, camera, settings, name) for name in ("color", "normal"))
-    return denoise(picture.image, albedo[..., :3], 2.0 * normal[..., :3] - normal[..., 3:])
+    for row in normal:  # shown as 0 to 1, times alpha
+        row[:, :3] = 2.0 * row[:, :3] - row[:, 3:]
+    denoise(image, albedo, normal)
+    return image
+
+
+def picture_bytes(settings: Settings, catchers: bool = True, written: int = 0) -> int:
+    """Bytes a pixel while a picture is made, or afterwards, when it is written with so many beside it."""
+    one_pass = settings.time_limit is None and settings.noise is None
+    film = 0 if one_pass else FILM_NUMBER * _sums(settings, catchers)
+    return IMAGE_BYTES + max(film, DENOISE_BYTES if settings.denoised else 0, written)
+
+
+def check_picture(size: tuple[int, int], bytes_a_pixel: int) -> None:
+    """ValueError if a picture does not fit into the memory that there is."""
+    check_memory(size[0] * size[1] * bytes_a_pixel, f"for a picture of {size[0]}x{size[1]}")
+
+
+def _sums(settings: Settings, catchers: bool) -> int:
+    """Numbers of a pixel in the film of a picture that is made in passes."""
+    return ALL_SUMS if catchers else LIGHT_SUMS if settings.noise is None else NOISE_SUMS
 
 
 def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Settings:
@@ -132,9 +157,12 @@ class Picture:
         self._settings, self._camera = settings, camera.record()
         self._blocks = -(-width // BLOCK) * -(-height // BLOCK)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
-        self.image = np.empty((height, width, 4), np.float32)
-        self._film = np.zeros((0, 0, SUMS) if self._one_pass else (height, width, SUMS))
         self._world, self._kernel, how = _plan(scene, camera, settings)
+        catchers = self._world.catchers > 0
+        check_picture(camera.size, picture_bytes(settings, catchers))
+        sums = _sums(settings, catchers)
+        self.image = np.empty((height, width, 4), np.float32)
+        self._film = np.zeros((0, 0, sums) if self._one_pass else (height, width, sums), np.float32)
         self._window = _window(camera, self._world, how[0])
         self._how = how[0], how[1] if background is None else background
 
@@ -172,10 +200,15 @@ class Picture:
 
     def _noise(self, done: int) -> float:
         """Standard error of the pixels, root mean square, as a share of the picture's mean."""
-        mean = self._film[..., :3] @ np.array(LUMINANCE) / done
-        variance = np.maximum(self._film[..., 4] / done - mean * mean, 0.0) / (done - 1)
-        average = float(mean.mean())
-        return float(np.sqrt(variance.mean())) / average if average > 0 else 0.0
+        light, variance, film = 0.0, 0.0, self._film
+        rows = max(BAND // film.shape[1], 1)
+        for top in range(0, len(film), rows):
+            band = film[top : top + rows].astype(np.float64)
+            mean = band[..., :3] @ np.array(LUMINANCE) / done
+            variance += float(np.maximum(band[..., 4] / done - mean * mean, 0.0).sum()) / (done - 1)
+            light += float(mean.sum())
+        pixels = film.shape[0] * film.shape[1]
+        return float(np.sqrt(variance / pixels)) * pixels / light if light > 0 else 0.0
 
 
 def _plan(

@@ -36,7 +36,10 @@ from .trace.world import aim
 from .vec import add, along_curve, luminance, scale, unit
 
 EDGE = 8  # pixels a side of a tile
-SUMS = 8  # numbers of a pixel in a film
+LONGEST_PASS = 64  # samples
+# Numbers of a pixel in a film: the light and how often something was met; where noise is measured, the squares too; all
+# where there are shadow catchers.
+LIGHT_SUMS, NOISE_SUMS, ALL_SUMS = 4, 5, 8
 _ACROSS, _DOWN = DIRECTION, DIRECTION + TILE  # until rays are made: where in the image they go through
 
 
@@ -123,7 +126,7 @@ def aim_pixels(camera, size, corner, sample, how, scratch):  # type: ignore[no-u
 
 @inline
 def begin_sums(corner, first, film, scratch):  # type: ignore[no-untyped-def]
-    """The sums of a tile's pixels so far: `first` samples."""
+    """The sums of a tile's pixels so far: `first` samples. Those that the film does not keep are 0."""
     sums = scratch.sums
     sums[:] = 0.0
     if first == 0:
@@ -131,8 +134,19 @@ def begin_sums(corner, first, film, scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
         x, y = pixel_of(corner, i)
         if x < film.shape[1] and y < film.shape[0]:
-            for c in range(SUMS):
+            for c in range(film.shape[2]):
                 sums[c * TILE + i] = film[y, x, c]
+
+
+@inline
+def round_sums(sample, first, scratch):  # type: ignore[no-untyped-def]
+    """Round the sums of a tile to float32 before a sample where a pass may begin, as a film would have rounded them.
+
+    So a picture does not depend on whether it is cut into passes of 1, 1, 2, 4 and so on, or is made in one.
+    """
+    if sample > first and (sample % LONGEST_PASS == 0 or (sample < LONGEST_PASS and sample & (sample - 1) == 0)):
+        for k in range(scratch.sums.size):
+            scratch.sums[k] = np.float32(scratch.sums[k])
 
 
 @inline
@@ -197,7 +211,7 @@ def finish_sums(corner, done, background, film, image, scratch):  # type: ignore
         for i in range(TILE):
             x, y = pixel_of(corner, i)
             if x < width and y < height:
-                for c in range(SUMS):
+                for c in range(film.shape[2]):
                     film[y, x, c] = sums[c * TILE + i]
     _average(done, background, sums)
     for i in range(TILE):

@@ -140,8 +140,11 @@ def animate(target: Target, way: Way, subject: Subject) -> str:
     """Render the frames that are not there yet, and write the film; returns a line that says what was done."""
     from ..image.frames import Frames
     from ..image.mp4 import even, write_mp4
+    from ..image.write import SHOWN_BYTES
+    from ..picture import check_picture, picture_bytes
 
     size = way.view.size
+    check_picture(size, picture_bytes(subject.picture, written=SHOWN_BYTES))
     frames = Frames(target.pattern, _settings(way, subject), way.count, size)
     missing, other = frames.find()
     if other:

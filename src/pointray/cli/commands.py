@@ -94,7 +94,7 @@ def render(
     legend: LegendOption = False,
 ) -> None:
     """Render a scan to a picture, camera and light place themselves; or what a scene file describes."""
-    from .outputs import check_output, write_picture
+    from .outputs import check_fits, check_output, write_picture
     from .scenes import is_scene, render_scene
     from .stage import Stage, check_scan
 
@@ -108,6 +108,7 @@ def render(
     view = View(size, fov, up, eye, target, projection.value, aperture, focus)
     effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
     settings = settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort)
+    check_fits(output, view.size, settings, legend)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
     stage = Stage(file, shape, place)

@@ -7,6 +7,8 @@ from typing import Any
 
 from .waiting import Progress, in_background, writing
 
+LEGEND_BYTES = 8  # a pixel, for the legend, which is drawn into a picture of its own
+
 
 def _layered(output: Path) -> bool:
     from ..image.write import LAYERED
@@ -29,6 +31,19 @@ def check_output(output: Path, exposure: float, legend: bool) -> None:
         extension = output.suffix or "a file without extension"
         raise ValueError(f"{output}: cannot write {extension}; can write {', '.join([*SHOWN, *LAYERED])}")
     check_writable(output)
+
+
+def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool = False) -> None:
+    """Raise ValueError if there is too little memory for the picture and what is written of it."""
+    from ..image.write import EXR_BYTES, LAYERED, SHOWN_BYTES
+    from ..layers import LAYER_BYTES
+    from ..picture import check_picture, picture_bytes
+
+    if _layered(output):
+        more = EXR_BYTES if LAYERED[output.suffix.lower()] == "EXR" else 0
+        check_picture(size, max(picture_bytes(settings), LAYER_BYTES + more))
+        return
+    check_picture(size, picture_bytes(settings, written=SHOWN_BYTES + (LEGEND_BYTES if legend else 0)))
 
 
 def write_picture(output: Path, subject: tuple[Any, Any, Any], look: tuple[float, str, Any], progress: Progress) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .options import background_of, numbers, size_of, use_threads
-from .outputs import write_picture
+from .outputs import check_fits, write_picture
 from .waiting import Progress, in_background
 
 if TYPE_CHECKING:
@@ -97,6 +97,7 @@ class SceneStage:
 def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     """Render what a scene file describes; returns a line that says what was done."""
     plan = SceneStage(file, options).plan
+    check_fits(output, SceneView(plan.camera).size, plan.settings)
     with Progress() as progress:
         made = in_background(lambda: plan.build(progress.show))
         what = write_picture(output, made[:3], (made.exposure, made.curve, None), progress)

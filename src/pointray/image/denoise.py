@@ -15,23 +15,42 @@ def check_denoise() -> None:
     require("pyoidn", "denoise", "denoising")
 
 
-def denoise(image: Floats, albedo: Floats, normal: Floats) -> Floats:
-    """A picture without its noise; alpha, which has none of its own, stays.
+def denoise(image: Floats, albedo: Floats, normal: Floats) -> None:
+    """Take the noise out of a picture; alpha, which has none of its own, stays.
+
+    All are worked on where they are, without copies: a large picture has no room for these.
 
     Parameters
     ----------
-    image : (h, w, 4) float32
-        Linear, premultiplied; brightness without limit.
-    albedo : (h, w, 3) float32
-        Colour of the surfaces, 0 to 1.
-    normal : (h, w, 3) float32
-        Their normals, at most unit length.
+    image : (h, w, 4) float32, C-contiguous
+        Linear, premultiplied; brightness without limit. Becomes the result.
+    albedo : (h, w, 4) float32, C-contiguous
+        Colour of the surfaces, 0 to 1; clipped. The fourth number does not matter, nor that of the normals.
+    normal : (h, w, 4) float32, C-contiguous
+        Their normals, at most unit length; clipped.
+
+    Raises
+    ------
+    MemoryError
+        If there is too little for what Open Image Denoise needs beside them.
+    RuntimeError
+        If it fails otherwise.
     """
     oidn = require("pyoidn", "denoise", "denoising")
-    color = np.ascontiguousarray(np.nan_to_num(image[..., :3]))
-    helpers = {
-        "albedo": np.ascontiguousarray(np.clip(albedo, 0, 1)),
-        "normal": np.ascontiguousarray(np.clip(normal, -1, 1)),
-    }
-    clean = oidn.denoise(color, **helpers, hdr=True)
-    return np.concatenate([np.maximum(clean, 0.0), image[..., 3:]], axis=2)
+    for row in image:  # whole pictures of what is not a number would be held
+        np.nan_to_num(row[:, :3], copy=False)
+    np.clip(albedo, 0, 1, out=albedo)
+    np.clip(normal, -1, 1, out=normal)
+    with oidn.Device() as device:
+        device.commit()
+        with oidn.Filter(device, oidn.OIDN_FILTER_TYPE_RT) as work:
+            for name, array in (("color", image), ("albedo", albedo), ("normal", normal), ("output", image)):
+                work.set_image(name, array, oidn.OIDN_FORMAT_FLOAT3, pixel_byte_stride=4 * array.itemsize)
+            work.set_bool("hdr", True)
+            work.set_quality(oidn.OIDN_QUALITY_HIGH)
+            work.commit()
+            work.execute()
+            error = device.get_error()
+    if error:
+        raise (MemoryError if "memory" in str(error) else RuntimeError)(f"Open Image Denoise: {error}")
+    np.maximum(image[..., :3], 0.0, out=image[..., :3])

@@ -53,7 +53,10 @@ def _number(plane: NDArray[Any], name: str) -> NDArray[Any]:
             return np.ascontiguousarray(plane, np.float32)
     if plane.min() < -1 or plane.max() >= NO_INDEX:
         raise ValueError(f"layer {name!r}: an EXR holds whole numbers from -1 to {NO_INDEX - 1}, see an NPZ for others")
-    return np.ascontiguousarray(plane.astype(np.int64) & NO_INDEX, np.uint32)
+    out = np.empty(plane.shape, np.uint32)
+    for row, numbers in zip(out, plane, strict=True):  # a row at a time: no second copy of all that is wider
+        row[:] = numbers.astype(np.int64) & NO_INDEX
+    return out
 
 
 def write_exr(path: Path, channels: dict[str, NDArray[Any]]) -> None:

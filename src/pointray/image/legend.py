@@ -53,15 +53,20 @@ def draw_legend(image: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
         raise ValueError(
             f"image must have the shape (h, w, 3) or (h, w, 4) and be uint8 or float32, not {array.shape} {array.dtype}"
         )
-    over = _layer(array.shape[1], array.shape[0], attribute)
+    layer = _layer(array.shape[1], array.shape[0], attribute)
+    left, top, right, bottom = layer.getbbox() or (0, 0, 0, 0)
+    over, place = layer.crop((left, top, right, bottom)), np.s_[top:bottom, left:right]
+    out = array.copy()
     if array.dtype == np.uint8:
         mode = "RGBA" if array.shape[2] == 4 else "RGB"
-        drawn = Image.alpha_composite(Image.fromarray(array).convert("RGBA"), over)
-        return np.asarray(drawn.convert(mode))
+        drawn = Image.alpha_composite(Image.fromarray(array[place]).convert("RGBA"), over)
+        out[place] = np.asarray(drawn.convert(mode))
+        return out
     levels = np.asarray(over)
     alpha = (levels[..., 3:] / 255).astype(np.float32)
     light = np.concatenate([srgb_to_linear(levels[..., :3]) * alpha, alpha], axis=2)
-    return np.asarray(light[..., : array.shape[2]] + array * (1 - alpha))
+    out[place] = light[..., : array.shape[2]] + array[place] * (1 - alpha)
+    return out
 
 
 def check_legend(attribute: Any, name: str) -> None:

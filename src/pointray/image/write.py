@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from ..arguments import check_mapping, check_path
+from ..memory import check_memory
 from ..points.files import check_writable, replacing
 from ..shade.attributes import Attribute
 from .exr import channels_of, check_exr, write_exr
@@ -22,6 +23,9 @@ SHOWN = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 FORMATS = {**SHOWN, ".exr": "EXR"}
 LAYERED = {".exr": "EXR", ".npz": "NPZ"}
 QUALITY = 92  # of JPEG
+BAND = 1 << 19  # pixels that are converted together
+SHOWN_BYTES = 8  # a pixel: 8 bits a channel, and as Pillow keeps them
+EXR_BYTES = 64  # a pixel, of all that `render_layers` returns: its channels one by one
 
 Floats = NDArray[np.float32]
 
@@ -74,13 +78,8 @@ def write_image(
             raise ValueError(f"{file}: an EXR keeps the light as it is; a legend is for {', '.join(SHOWN)}")
         write_layers(file, {"radiance": array})
         return
-    linear, alpha = _split(array)
-    shown = tone(linear, exposure, curve)
-    if format == "JPEG":
-        shown = shown * alpha + (1 - alpha)
-    picture = _to_bytes(linear_to_srgb(shown))
-    if format == "PNG" and (alpha < 1).any():
-        picture = np.concatenate([picture, _to_bytes(alpha)], axis=2)
+    check_memory(SHOWN_BYTES * array.shape[0] * array.shape[1], f"to write {file.name}")
+    picture = _to_bytes(array, exposure, curve, format == "PNG")
     if legend is not None:
         picture = draw_legend(picture, legend)
     with replacing(file) as beside:
@@ -170,18 +169,19 @@ def _as_array(values: ArrayLike, name: str) -> NDArray[Any]:
         raise ValueError(f"{name} is no regular array of numbers: {error}") from None
 
 
-def _check_image(image: ArrayLike) -> Floats:
+def _check_image(image: ArrayLike) -> NDArray[Any]:
     array = _as_array(image, "image")
     if array.dtype.kind != "f":
         raise ValueError(f"an image must be float, linear, not {array.dtype}")
     if array.ndim != 3 or array.shape[2] not in (3, 4) or array.size == 0:
         raise ValueError(f"an image must have the shape (h, w, 3) or (h, w, 4), not {array.shape}")
-    with np.errstate(over="ignore"):
-        return array.astype(np.float32, copy=False)
+    return array
 
 
-def _split(linear: Floats) -> tuple[Floats, Floats]:
+def _split(image: NDArray[Any]) -> tuple[Floats, Floats]:
     """Colour as if everything were opaque, (h, w, 3), and alpha, (h, w, 1)."""
+    with np.errstate(over="ignore"):
+        linear = image.astype(np.float32, copy=False)
     if linear.shape[2] == 3:
         return linear, np.ones((*linear.shape[:2], 1), np.float32)
     alpha = np.clip(np.nan_to_num(linear[..., 3:]), 0, 1)
@@ -190,5 +190,26 @@ def _split(linear: Floats) -> tuple[Floats, Floats]:
     return colors, alpha
 
 
-def _to_bytes(values: Floats) -> NDArray[np.uint8]:
-    return np.rint(values * 255).astype(np.uint8)
+def _to_bytes(image: NDArray[Any], exposure: float, curve: str, transparent: bool) -> NDArray[np.uint8]:
+    """What is shown of an image, (h, w, 3) uint8, or (h, w, 4) where alpha is kept and any is below 1; else on white.
+
+    Made by bands of rows: what is on the way to it takes several times the memory of the picture.
+    """
+    rows = bands(image.shape)
+    transparent = transparent and any((_split(image[band])[1] < 1).any() for band in rows)
+    out = np.empty((*image.shape[:2], 4 if transparent else 3), np.uint8)
+    for band in rows:
+        linear, alpha = _split(image[band])
+        shown = tone(linear, exposure, curve)
+        if not transparent:
+            shown = shown * alpha + (1 - alpha)
+        out[band, :, :3] = np.rint(linear_to_srgb(shown) * 255)
+        if transparent:
+            out[band, :, 3:] = np.rint(alpha * 255)
+    return out
+
+
+def bands(shape: tuple[int, ...]) -> list[slice]:
+    """Rows of a picture (h, w, ...), some at a time."""
+    rows = max(BAND // shape[1], 1)
+    return [slice(top, top + rows) for top in range(0, shape[0], rows)]

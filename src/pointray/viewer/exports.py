@@ -17,8 +17,8 @@ from ..film import turntable
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
-from ..image.write import check_image_path, write_image
-from ..picture import render
+from ..image.write import SHOWN_BYTES, check_image_path, write_image
+from ..picture import check_picture, picture_bytes, render
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import PointLight, SunLight
 from .looks import CONSTANT, OWN
@@ -93,9 +93,11 @@ class Exports:
         settings = replace(wish.looks.settings(output.samples), denoise=output.denoise)
         camera = replace(wish.camera, size=(output.width, output.height))
         scene = wish.looks.dress(wish.scene, wish.up)
+        check_picture(camera.size, picture_bytes(settings, written=SHOWN_BYTES))
         image = render(scene, camera, settings, lambda share: self._tell("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         write_image(path, image, wish.looks.exposure, wish.looks.curve, legend=legend)
+        del image  # what is sent needs the room
         self._give(path)
 
     def _film(self, wish: Wish, output: Output, folder: Path, stem: str) -> None:
