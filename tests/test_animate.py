@@ -346,7 +346,7 @@ BAD_KEYS = {
     "key 2: it must have": [KEYS[0], 7],
     "key 2: time must be": [KEYS[0], {**KEYS[1], "time": "soon"}],
     "key 1: target must be three": [{**KEYS[0], "target": "123"}, KEYS[1]],
-    "key 1: fov must lie": [{**KEYS[0], "fov": 180}, KEYS[1]],
+    "key 1: fov must be a number of degrees between": [{**KEYS[0], "fov": 180}, KEYS[1]],
     "key 1: fov must be": [{**KEYS[0], "fov": True}, KEYS[1]],
     "key 2: eye and target are the same": [KEYS[0], {**KEYS[1], "eye": [0, 0, 0]}],
     "key 2: int too large": [KEYS[0], {**KEYS[1], "time": 10**400}],
@@ -457,7 +457,7 @@ def test_an_attribute_that_is_not_there(output, scan, capsys):
         ("--ground", "--ground is not for a scene file"),
         ("--radius-scale 2", "--radius-scale is not for a scene file"),
         ("--seconds 0", "--seconds"),
-        ("--fov 180", "fov must lie"),
+        ("--fov 180", "fov must be"),
         ("--keys keys.json --turns 3", "--turns is not for --keys"),
     ],
 )
@@ -469,7 +469,7 @@ def test_options_that_do_not_fit_a_scene_file(option, words, scene, capsys):
 def test_mistakes_in_a_scene_file(scene, capsys):
     scene.write_text(SCENE.replace("fov = 50", "fov = 500"))
     err = bad_input([str(scene), "-o", str(scene.with_name("out"))], capsys)
-    assert err.startswith(f"pointray: {scene}:27: camera.fov: must lie between")
+    assert err.startswith(f"pointray: {scene}:27: camera.fov: must be a number of degrees between")
     assert bad_input([str(scene.with_name("no.toml")), "-o", str(scene.with_name("out"))], capsys)
 
 

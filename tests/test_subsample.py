@@ -228,7 +228,7 @@ SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
         ({"tolerance": np.nan}, "positive"),
         ({"tolerance": "a"}, "positive"),
         ({"tolerance": 100.0}, "diagonal"),
-        ({"count": 0}, "1 or more"),
+        ({"count": 0}, "whole number from 1"),
         ({"count": 2.5}, "whole number"),
         ({"count": 2001}, "2,000 different places"),
     ],
