@@ -119,6 +119,7 @@ def test_requests_that_make_no_sense_are_the_clients_fault(viewer):
     hello = f"{HELLO}{KEY}".split("\r\n")
     requests = [
         *((f"{path}{'a' * length}",) for length in (300, 5_000, 7_900, 20_000)),
+        *((f"{path}{'a' * length}.js",) for length in (300, 5_000)),
         *((f"{path}{'a/' * length}",) for length in (200, 3_000)),
         *((f"/{'a' * length}",) for length in (300, 5_000, 20_000)),
         *((f"{path}{name}",) for name in ("\x00", "a\x00.js", "%00")),
@@ -190,11 +191,9 @@ def test_a_client_that_sends_no_messages_is_let_go(frame):
         assert b" 101 " in deaf.recv(4096)
         deaf.sendall(bytes(first))
         tracemalloc.start()
-        sent = 0
         with pytest.raises(ConnectionError):
-            for _ in range(100):
-                deaf.sendall(bytes(frame) * 5_000)
-                sent += 5_000
+            for _ in range(20):
+                deaf.sendall(bytes(frame) * 50_000)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert peak < BOUND, f"{peak:,}"
