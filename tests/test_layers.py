@@ -85,7 +85,7 @@ def test_layers_tell_their_progress(scene, camera, monkeypatch):
     monkeypatch.setattr("pointray.layers.render", told)
     shares = []
     pr.render_layers(scene, camera, pr.Settings(spp=3), shares.append)
-    assert shares == [0.75]
+    assert shares == [0.75, 1.0]
 
 
 # ----------------------------------------------------------------------------------------------- what files keep
