@@ -47,6 +47,12 @@ def luminance(a):  # type: ignore[no-untyped-def]
 
 
 @inline
+def cross(a, b):  # type: ignore[no-untyped-def]
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inline
 def length(a):  # type: ignore[no-untyped-def]
     """Euclidean length."""
     return math.sqrt(dot(a, a))

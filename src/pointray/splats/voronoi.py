@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, keep, kernel, run, take
-from ..vec import dot, sub, tangents, triple
+from ..vec import add, cross, dot, length, scale, sub, tangents, triple
 from .borders import FOLD
 
 OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals beyond which points lie on two sheets
 BORDER = 1.3  # so many times as wide as usual may a gap be where the surface may end, unless a point lies ahead
 AHEAD = math.cos(math.radians(60))  # within which it does
 USUAL = 8  # neighbours whose cells say what is usual
+FLAT = 0.05  # sine of a seam's angle to a plane below which they meet nowhere near
+SHARED = 1e-5  # this much of a bisector's distance beyond it a vertex is still on it: exact grids have four at a vertex
 CORNERS = 64  # of a polygon; more neighbours than that never bound a cell
 TILE = 2048
 
@@ -58,7 +60,7 @@ def _cut(polygons, which, count, a, b, j):  # type: ignore[no-untyped-def]
     `which` is cut, the other one is the result. (Arrays that pieces hand back and forth are freed too early.)
     """
     limit = 0.5 * (a * a + b * b)
-    edge = 1e-9 * limit  # a point that comes twice cuts once
+    edge = SHARED * limit
     kept, corners, spare = 0, polygons[which], polygons[1 - which]
     before = a * corners[count - 1, 0] + b * corners[count - 1, 1] - limit
     for k in range(count):
@@ -117,12 +119,46 @@ def _lies_ahead(b, ahead):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _reach(corners, count, own, usual, void, ahead):  # type: ignore[no-untyped-def]
+def _nearer_until(place, way, d):  # type: ignore[no-untyped-def]
+    """How far along a line (place, unit way) the origin stays nearer than d."""
+    ahead = dot(way, d)
+    return max(0.5 * dot(d, d) - dot(place, d), 0.0) / ahead if ahead > 0.0 else np.inf
+
+
+@inline
+def _up_to_seam(cloud, i, one, other, distance):  # type: ignore[no-untyped-def]
+    """Distance to the vertex between two neighbours; less where point i and both lie on three sheets that meet.
+
+    Around the corner of a cube are 270 degrees of surface: unfolded into a plane they leave a quarter where there is
+    none. The surface ends at the seam of the two other sheets: it goes as far as to the corner, and to where on the
+    seam one of the neighbours is nearer.
+    """
+    positions, normals = cloud
+    n, a, b = triple(normals, 3 * i), triple(normals, 3 * one), triple(normals, 3 * other)
+    if dot(n, a) > FOLD or dot(n, b) > FOLD or dot(a, b) > FOLD:
+        return distance
+    at, p, q = triple(positions, 3 * i), triple(positions, 3 * one), triple(positions, 3 * other)
+    here = np.float64(at[0]), np.float64(at[1]), np.float64(at[2])
+    d, e, seam = sub(p, here), sub(q, here), cross(a, b)
+    volume = dot(n, seam)
+    if abs(volume) < FLAT * length(seam):
+        return distance
+    corner = scale(add(scale(cross(b, n), dot(a, d)), scale(cross(n, a), dot(b, e))), 1.0 / volume)
+    side = dot(seam, sub(add(d, e), scale(corner, 2.0)))
+    way = scale(seam, math.copysign(1.0, side) / length(seam))
+    along = min(_nearer_until(corner, way, d), _nearer_until(corner, way, e))
+    return min(distance, max(length(corner), length(add(corner, scale(way, along))))) if along < np.inf else distance
+
+
+@inline
+def _reach(cloud, i, corners, count, known, ahead):  # type: ignore[no-untyped-def]
     """Distance to the farthest vertex that counts, and whether the surface goes on ahead of a gap.
 
-    own : how far cells usually reach around the point; void : in these, the widest gap that is closed; ahead : a gap's
-    direction, or zero. A side without a vertex that counts has one point, the one closest to the origin.
+    known : how far cells usually reach around the point and around all points, and in these the widest gap that is
+        closed; ahead : a gap's direction, or zero. A side without a vertex that counts has one point, the one closest
+        to the origin.
     """
+    own, usual, void = known
     within, beyond, closed, facing = 0.0, 0.0, True, False
     for k in range(count):
         last, after = (k - 1 if k > 0 else count - 1), (k + 1 if k + 1 < count else 0)
@@ -135,6 +171,7 @@ def _reach(corners, count, own, usual, void, ahead):  # type: ignore[no-untyped-
             within = max(within, min(here, BORDER * own))
         outward = x * ahead[0] + y * ahead[1] > 0.0
         if one >= 0 and other >= 0:
+            distance = _up_to_seam(cloud, i, one, other, distance)
             if len(usual) > 0:
                 at = max(at, np.float64(usual[one]), np.float64(usual[other]))
             if distance <= void * at:
@@ -172,7 +209,8 @@ def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[
                 gap = triple(gaps, 3 * i)
                 ahead = dot(gap, axes[0]), dot(gap, axes[1])
                 own = np.float64(usual[i])
-            reach[at], closed[at] = _reach(polygons[which], count, own, usual, known[2], ahead)
+            said = own, usual, known[2]
+            reach[at], closed[at] = _reach((positions, normals), i, polygons[which], count, said, ahead)
             if len(usual) == 0:
                 closed[at] = 4.0 * square <= np.float64(distances[at, near.shape[1] - 1]) ** 2
         tile = take(work)
