@@ -43,7 +43,7 @@ AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
 MOST_ONWARD = 32  # mirrors and panes one behind the other
 IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes a pixel, and of each of its numbers in a film
 DENOISE_BYTES = 48  # a pixel: colours and normals, and what Open Image Denoise takes
-BAND = 1 << 19  # pixels that are looked at together where noise is measured
+BAND = 1 << 17  # pixels that are looked at together where noise is measured
 SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # paths see them
 SURFACE_SAMPLES = 16  # of the colours and normals that denoising is told
 
