@@ -79,7 +79,8 @@ def test_the_same_as_rays_with_intervals(scene, name, rays, limits):
     cut = scene.copy()
     cut.clips = clips
     found, expected = cut.intersect(origins, directions, *limits), scene.intersect(origins, directions, low, high)
-    same = (found.instance == expected.instance) & (found.t == expected.t)
+    # One may go together with others and one alone: t may differ by a step of float32.
+    same = (found.instance == expected.instance) & np.isclose(found.t, expected.t, rtol=2.4e-7, atol=0)
     assert np.array_equal(cut.occluded(origins, directions, *limits), found.instance >= 0)
     # An interval's beginning may lie on a surface, a cut may not: these few rays begin in splats, close to it.
     assert (~same).sum() <= 5

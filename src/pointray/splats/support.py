@@ -8,17 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import distinct, neighbors
-from .crests import find_crests
 from .radii import NEIGHBORS, choose_radii
 from .sheets import find_sheets
 
 # Where over a thousandth of the radii are smaller than TIGHT times those that cover, surface lies in gaps.
 TIGHT, TIGHT_SHARE = 0.9, 1e-3
-# At sharp convex edges radii are this many times larger. Cube of 6,000 random points: 138 of a million rays from inside
-# leave it, with 1.1 times the radii 20, with 1.2 none; errors over 0.5 h are as frequent as before, with 1.5 by half
-# more.
-CREST = 1.2
-BESIDE = 0.6  # radii: as far from an edge as that a splat lies at it
 CROWD = 16  # splats at one place
 
 
@@ -92,8 +86,6 @@ def find_support(
     covering, ends = choose_radii(*sites, *hood)
     if within is not None:
         covering = np.clip(covering, np.float32(within[0]), within[1][rows])
-    elif given is None:
-        covering[find_crests(*sites, np.float32(BESIDE) * covering, hood[1])] *= np.float32(CREST)
     chosen = covering[places] * np.float32(scale) if given is None else given
     if not borders:
         return Support(chosen, None, None, False, places)
