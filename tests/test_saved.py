@@ -10,7 +10,7 @@ import pytest
 import pointray as pr
 from conftest import shared_model
 from pointray.cli import execute
-from pointray.records import BORDERED, LEAF, REFINE, SHEETED, STEP, SURFACE, Tree
+from pointray.records import BORDERED, LEAF, LONGEST, REFINE, SHEETED, STEP, SURFACE, Tree
 from pointray.saved import ALIGN
 
 RNG = np.random.default_rng(5)
@@ -303,3 +303,11 @@ def test_a_span_whose_end_wraps_around_is_an_error(tmp_path, saved):
     model.save(tmp_path / "m")
     with pytest.raises(ValueError, match="span"):
         pr.Model.load(tmp_path / "m")
+
+
+def test_a_model_saved_without_the_longest_step_is_the_same(tmp_path, saved):
+    """As they were before it was kept."""
+    model = pr.Model.load(saved[1])
+    model.tree.head[LONGEST] = 0.0
+    model.save(tmp_path / "m")
+    assert pr.Model.load(tmp_path / "m").tree.head[LONGEST] == saved[0].tree.head[LONGEST] > 0

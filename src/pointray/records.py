@@ -65,7 +65,7 @@ SURFACES = ("paper", "imls", "apss", "disc")
 REFINE = 7  # secant steps after the bracket
 TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
 OVERHANG = 9  # how far a hit may lie out of an open border, in local radii; inf: no limit
-LONGEST = 10  # longest step of the samples in any leaf; 0 in models that an older version has saved
+LONGEST = 10  # longest step of the samples in any leaf
 
 
 class Tree(NamedTuple):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .data import Points
 from .points.files import check_regular, replacing
-from .records import BLOCK, GROUP, HEAD, LEAF, NODE, PATCH, Tree
+from .records import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STEP, Tree
 from .tree.indices import check_indices
 
 SAVED = ".pointray"  # how the name of such a file usually ends
@@ -220,4 +220,7 @@ def _take_tree(found: dict[str, NDArray[Any]]) -> Tree:
     whole = {"children", "spans", "refs", "order", "colors"}
     small = {"borders", "facing"}
     types = {name: np.int32 if name in whole else np.int8 if name in small else np.float32 for name in Tree._fields}
-    return Tree(*(_take(found, f"tree.{name}", types[name], (-1,)) for name in Tree._fields))
+    tree = Tree(*(_take(found, f"tree.{name}", types[name], (-1,)) for name in Tree._fields))
+    if len(tree.head) == HEAD and tree.head[LONGEST] == 0.0:  # saved before it was kept
+        tree.head[LONGEST] = tree.leaves[STEP::LEAF].max(initial=0.0)
+    return tree
