@@ -77,7 +77,7 @@ SENSE: dict[str, set[str]] = {
     "Progress": {"lambda"},
     "os.PathLike": TEXTS,
     **dict.fromkeys(("Attribute", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()),
-    **dict.fromkeys(("Plane", "Points", "Scene", "Settings"), set()),
+    **dict.fromkeys(("Plane", "Points", "Scene", "Settings", "slice"), set()),
 }
 PATHS = {"path", "image", "host"}  # what may end in an OSError
 
@@ -116,6 +116,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Camera": (pr.Camera, eye),
         "Camera.look_at": (pr.Camera.look_at, eye),
         "Camera.frame": (pr.Camera.frame, {"bounds": t.points.bounds}),
+        "Camera.rays": (t.camera.rays, {"rows": slice(0, 2)}),
         "Camera.rays_through": (t.camera.rays_through, {"u": 0, "v": 0}),
         "Dielectric": (pr.Dielectric, {}),
         "Diffuse": (pr.Diffuse, {}),

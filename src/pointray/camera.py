@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_choice, check_number, check_numbers, wrong
+from .arguments import check_choice, check_kind, check_number, check_numbers, wrong
 from .records import (
     ACROSS,
     CAMERA,
@@ -206,6 +206,7 @@ class Camera:
         directions : (h, w, 3) float64
             Unit; row 0 is the top of the picture.
         """
+        check_kind(rows, "rows", slice, "a slice")
         width, height = self.size
         u = ((2 * np.arange(width) + 1) / width - 1)[None, :]
         v = (1 - (2 * np.arange(height)[rows] + 1) / height)[:, None]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -273,7 +274,8 @@ def make_file(rng: Rng) -> tuple[bytes, Ply | None]:
     if kind < 0.75:
         for _ in range(int(rng.integers(1, 4))):
             change: Callable[[Rng, Ply], None] = pick(rng, OTHER)
-            change(rng, ply)
+            with suppress(IndexError, ValueError):  # an earlier one has taken away what this one changes
+                change(rng, ply)
         data = ply.write()
         return (corrupt(rng, data, 1) if rng.random() < 0.1 else data), None
     return corrupt(rng, ply.write()), None
