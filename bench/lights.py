@@ -56,7 +56,7 @@ def scene_of(lights: list[Any], model: pr.Model) -> tuple[pr.Scene, float, float
     for light in lights:
         scene.add_light(light)
     added = time.perf_counter()
-    scene._world()
+    scene.snapshot()
     return scene, added - begun, time.perf_counter() - added
 
 

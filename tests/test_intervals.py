@@ -56,10 +56,10 @@ def check(scene, rays, limits, t, slack):
     """Rays hit at t, inf for none; `occluded` tells the same. Returns which do not, as (k,) numbers of rays."""
     found = scene.intersect(*rays, *limits)
     hit = np.isfinite(found.t)
-    assert np.array_equal(scene.occluded(*rays, *limits), hit)
+    blocked = scene.occluded(*rays, *limits)
     both = hit & np.isfinite(t)
     apart = np.abs(np.where(both, found.t, 0) - np.where(both, t, 0))
-    return np.flatnonzero((hit != np.isfinite(t)) | (apart > slack))
+    return np.flatnonzero((hit != np.isfinite(t)) | (blocked != hit) | (apart > slack))
 
 
 def on_surface(model, x, d):

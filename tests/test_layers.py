@@ -9,6 +9,7 @@ import pointray as pr
 from conftest import sphere_points
 from pointray.cli import execute
 from pointray.image import write_image, write_layers
+from pointray.picture import render_snapshot
 
 NONE = 2**32 - 1  # -1 in an EXR
 
@@ -80,9 +81,9 @@ def test_albedo_is_the_material_s_color_else_the_points_own(layers):
 def test_layers_tell_their_progress(scene, camera, monkeypatch):
     def told(scene, camera, settings, progress):
         progress(1.0)
-        return pr.render(scene, camera, settings)
+        return render_snapshot(scene, camera, settings, None)
 
-    monkeypatch.setattr("pointray.layers.render", told)
+    monkeypatch.setattr("pointray.layers.render_snapshot", told)
     shares = []
     pr.render_layers(scene, camera, pr.Settings(spp=3), shares.append)
     assert shares == [0.75, 1.0]
@@ -145,7 +146,7 @@ def test_a_picture_as_exr_is_its_own_numbers(tmp_path, channels):
     ("name", "layers", "words"),
     [
         ("a.png", {"depth": np.zeros((2, 3))}, r"cannot write \.png; can write \.exr, \.npz"),
-        ("a.npz", {}, "no layers"),
+        ("a.npz", {}, "layers holds none"),
         ("a.npz", {"depth": np.array([[object()]])}, "'depth' must hold real numbers"),
         ("a.npz", {"depth": np.zeros(3)}, r"'depth': \(3,\)"),
         ("a.npz", {"depth": np.zeros((2, 3)), "normal": np.zeros((3, 2, 3))}, r"'normal': \(3, 2, 3\)"),

@@ -315,7 +315,7 @@ def test_a_light_more_is_no_more_work_after_many(count):
     for k in range(count):
         assert scene.add_light(Counted((k, 0, 1), 1)) == k
     assert Counted.asked == count
-    scene._world()
+    scene.snapshot()
     assert Counted.asked == 2 * count and len(scene.lights) == count
 
 
@@ -339,7 +339,7 @@ def test_copies_grow_by_themselves():
     twin.add_light(d)
     scene.add_light(d)
     assert scene.lights == (a, b, d) and twin.lights == (a, c, d) and before == (a,)
-    with pytest.raises(ValueError, match="a light is one of"):
+    with pytest.raises(ValueError, match="each is one of"):
         scene.add_light("sun")
     with pytest.raises(ValueError, match="already"):
         scene.lights = [pr.EnvironmentLight(), pr.EnvironmentLight()]

@@ -64,7 +64,7 @@ def lights_of(count, rng, spread=4.0):
 def world_of(lights, sky=None):
     scene = pr.Scene()
     scene.lights = [*lights, *([] if sky is None else [sky])]
-    return scene._world()[0]
+    return scene.snapshot().world
 
 
 def expected_shares(world, radius, sky=None):

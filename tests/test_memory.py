@@ -179,8 +179,10 @@ def test_layers_of_several_bands_are_those_of_all_rays(scene, monkeypatch, size,
     monkeypatch.setattr("pointray.layers.BAND", 1)
     layers = pr.render_layers(scene, camera)
     hits = scene.intersect(*camera.rays())
+    # Bands of a picture one pixel wide end within tiles: a ray may go alone there, which rounds otherwise.
+    rounding = {"rtol": 1e-6, "atol": 1e-7} if 1 in size else {"rtol": 0, "atol": 0}
     for name in ("normal", "position", "instance", "point"):
-        np.testing.assert_array_equal(layers[name], getattr(hits, name))
+        np.testing.assert_allclose(layers[name], getattr(hits, name), **rounding)
     np.testing.assert_array_equal(layers["albedo"], hits.color)
     assert (np.isfinite(layers["depth"]) == (hits.instance >= 0)).all()
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from .data import Points
+from .data import FARTHEST, Points
 from .points.files import check_regular, replacing
 from .records import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STEP, Tree
 from .tree.indices import check_indices
@@ -187,7 +187,8 @@ def _take_part(settings: dict[str, Any], found: dict[str, NDArray[Any]], prefix:
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
     points = _take_points(mine)
     radii, bounds = _take(mine, "radii", np.float32, (len(points),)), _take(mine, "bounds", np.float64, (2, 3))
-    if not (np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all()):
+    within = np.abs(bounds - points.origin) <= 2.0 * FARTHEST  # also false for NaN
+    if not (within.all() and (bounds[0] <= bounds[1]).all()):
         raise ValueError("the model is damaged: its bounds are none")
     part = Part(settings, points, radii, bounds, _take_tree(mine))
     problems = check_indices(part.tree, len(points))

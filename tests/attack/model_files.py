@@ -174,7 +174,7 @@ def mix_indices(rng: Rng, saved: Saved) -> None:
     """Several integers at once: at extremes, or at each other's values."""
     names = [name for name, array in saved.arrays.items() if array.dtype.kind == "i" and array.size]
     for _ in range(int(rng.integers(1, 6))):
-        array = saved.arrays[pick(rng, names)]
+        array = saved.arrays[pick(rng, names)].reshape(-1)
         at = int(rng.integers(array.size))
         values = (*extremes_of(array.dtype, array.size, int(array[at - 1])), int(array[at]) + 1, int(array[at]) - 1)
         good = [

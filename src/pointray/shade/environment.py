@@ -236,5 +236,4 @@ class Lights:
         if not isinstance(light, Light):
             known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
             raise ValueError(f"{name}: each is one of {known}, not {type(light).__name__}")
-        light.record()
         return False
