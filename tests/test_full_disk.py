@@ -97,6 +97,7 @@ def test_an_exr_that_is_cut_off_does_not_replace_the_old_one(tmp_path):
     sweep(tmp_path, "picture.exr")
 
 
+@pytest.mark.long
 def test_a_plot_that_is_cut_off_does_not_replace_the_old_one(tmp_path):
     pytest.importorskip("matplotlib")
     sweep(tmp_path, "plot.svg")
@@ -114,6 +115,7 @@ def pictures(tmp_path):
     return frames.pattern
 
 
+@pytest.mark.long
 def test_a_film_that_is_cut_off_does_not_replace_the_old_one(tmp_path, pictures):
     import imageio_ffmpeg
 

@@ -45,6 +45,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_lack_of_memory_is_one_line_and_status_1(tmp_path: Path, command: str) -> None:
     for name, count in (("small", 1000), ("large", POINTS)):

@@ -131,6 +131,7 @@ print((now("VmHWM:") - before) / 2048**2)
 ALLOWED = 20 + 16 + 8  # bytes a pixel: beside the picture, and the picture; then 32 MiB for bands, whatever the size
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not os.access("/proc/self/clear_refs", os.W_OK), reason="needs Linux's /proc")
 @pytest.mark.parametrize(
     ("work", "most"),
