@@ -311,3 +311,12 @@ def test_a_model_saved_without_the_longest_step_is_the_same(tmp_path, saved):
     model.tree.head[LONGEST] = 0.0
     model.save(tmp_path / "m")
     assert pr.Model.load(tmp_path / "m").tree.head[LONGEST] == saved[0].tree.head[LONGEST] > 0
+
+
+def test_bounds_far_from_the_points_are_an_error(tmp_path, saved):
+    """No camera can stand before them."""
+    model = pr.Model.load(saved[1])
+    model._bounds[1, 2] = 1e206
+    model.save(tmp_path / "m")
+    with pytest.raises(ValueError, match="bounds"):
+        pr.Model.load(tmp_path / "m")

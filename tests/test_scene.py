@@ -440,3 +440,9 @@ def test_exchange_puts_models_in_the_place_of_others() -> None:
     assert np.array_equal(other.intersect(origins, way).t, expected.intersect(origins, way).t)
     assert scene.models == [model] and other.models == [discs] and moved in other.shapes
     assert not np.array_equal(other.intersect(origins, way).t, scene.intersect(origins, way).t)
+
+
+def test_a_plane_reflects_no_more_than_there_is():
+    """Else light that bounces on it without end leaves the range of numbers."""
+    with pytest.raises(ValueError, match="color must lie between 0 and 1"):
+        pr.Plane((0, 0, 0), (0, 0, 1), color=(0.5, 1.5, 0.5))

@@ -514,3 +514,10 @@ def test_the_manual(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.png").unlink()
     wrong = small.replace("direction = [1, 1, -1.5]", "direction = [0, 0, 0]")
     assert f"    pointray: {said(tmp_path, wrong, capsys)}\n" in page
+
+
+def test_what_is_wrong_is_told_in_one_line(tmp_path):
+    (tmp_path / "a.toml").write_text('[models.ball]\n"\\n" = 1\nfile = "\\n/a.ply"\n')
+    with pytest.raises((ValueError, OSError)) as told:
+        pr.load_scene(tmp_path / "a.toml")
+    assert "\n" not in str(told.value)

@@ -153,3 +153,11 @@ def rgb(value: Any, name: str) -> NDArray[np.float64]:
     if not np.isfinite(color).all() or (color < 0).any():
         raise ValueError(f"{name} must be finite and not negative, not {value!r}")
     return color
+
+
+def reflectance(value: Any, name: str) -> NDArray[np.float64]:
+    """RGB of what is reflected of the light, 0 to 1."""
+    color = rgb(value, name)
+    if (color > 1).any():
+        raise ValueError(f"{name} must lie between 0 and 1, what is reflected of the light, not {value!r}")
+    return color

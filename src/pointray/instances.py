@@ -11,7 +11,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_flag, check_numbers, check_positive, rgb, vector
+from .arguments import check_flag, check_numbers, check_positive, reflectance, rgb, vector
 from .model import Model
 from .paints import Coat, Paints, PaintTables, check_attribute
 from .records import (
@@ -74,7 +74,7 @@ class Plane:
         vector(self.point, "point")
         if not vector(self.normal, "normal").any():
             raise ValueError("normal must not be zero")
-        rgb(self.color, "color")
+        reflectance(self.color, "color")
         check_flag(self.shadow_catcher, "shadow_catcher")
         if self.checker is not None:
             check_positive(self.checker, "checker", "a positive length")

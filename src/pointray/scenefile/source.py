@@ -70,4 +70,4 @@ class Source:
     def _tell(self, key: Key, message: str) -> str:
         line = self.line_of(key)
         name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
-        return f"{self.file}:{f'{line}:' if line else ''} {f'{name}: ' if name else ''}{message}"
+        return " ".join(f"{self.file}:{f'{line}:' if line else ''} {f'{name}: ' if name else ''}{message}".split())

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_number, rgb
+from ..arguments import check_number, reflectance, rgb
 from ..records import (
     ALPHA,
     BASE_COLOR,
@@ -48,10 +48,7 @@ def _record(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]
     """The record of a kind with a colour of 0 to 1."""
     out = np.zeros(MATERIAL_SIZE)
     out[MATERIAL_KIND], out[OWN_COLOR] = kind, color is None or isinstance(color, Attribute)
-    values = rgb(1.0 if color is None or isinstance(color, Attribute) else color, name)
-    if (values > 1).any():
-        raise ValueError(f"{name} must lie between 0 and 1, what is reflected of the light, not {color!r}")
-    out[BASE_COLOR : BASE_COLOR + 3] = values
+    out[BASE_COLOR : BASE_COLOR + 3] = reflectance(1.0 if out[OWN_COLOR] else color, name)
     return out
 
 

@@ -140,7 +140,7 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
                 packed, total = tree.colors[slot], 1.0
                 red, green = np.float64(world.tone[packed & 255]), np.float64(world.tone[(packed >> 8) & 255])
                 blue = np.float64(world.tone[(packed >> 16) & 255])
-        put(wide, COLOR + i, (red / total, green / total, blue / total) if total > 0.0 else (1.0, 1.0, 1.0))
+        put(wide, COLOR + i, (red / total, green / total, blue / total) if 0.0 < total < np.inf else (1.0, 1.0, 1.0))
     if world.instances[at + PAINT] >= 0.0:
         paint_four(world, four, places, (sheeted, v), scratch)
 
