@@ -16,15 +16,20 @@ def test_a_whole_attack_has_200_000_inputs():
     assert sum(part.count for part in PARTS.values()) == 200_000
 
 
+# Checked kernels are compiled for minutes the first time.
+NAMES = [pytest.param(name, marks=pytest.mark.long) if part.checked else name for name, part in PARTS.items()]
+
+
 @needs_posix
-@pytest.mark.parametrize("name", list(PARTS))
+@pytest.mark.parametrize("name", NAMES)
 def test_a_few_inputs_of(name):
     few = PARTS[name].few
     with Attacker(name, SEED) as attacker:
         tally = attacker.make(0, few)
     assert tally.failures == []
     assert tally.counts["accepted"] + tally.counts["refused"] == few
-    assert tally.counts["accepted"] > 0
+    if name not in ("commands", "kills"):  # whose few processes may all be ended before they are done
+        assert tally.counts["accepted"] > 0
 
 
 @needs_posix
