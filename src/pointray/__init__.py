@@ -4,7 +4,7 @@
 >>> model = pr.Model(pr.read("scan.ply"))
 >>> scene = pr.Scene()
 >>> scene.add(model)
->>> pr.write_image("scan.png", pr.render(scene, pr.Camera.frame(scene.bounds)))
+>>> pr.write_image("scan.png", pr.render(scene, pr.frame(scene)))
 """
 
 from __future__ import annotations
@@ -42,12 +42,14 @@ _HOME = {
     "estimate_normals": "points",
     "find_flaws": "points.cleaning",
     "fly": "film",
+    "frame": "staging.first_view",
     "load_scene": "scenefile",
     "procedural": "points",
     "procedural_distance": "points",
     "read": "points",
     "render": "picture",
     "render_layers": "layers",
+    "studio": "staging.studio",
     "subsample": "splats.subsample",
     "transform": "transforms",
     "turntable": "film",
@@ -97,6 +99,8 @@ if TYPE_CHECKING:
     from .shade.materials import Phong as Phong
     from .shade.materials import Principled as Principled
     from .splats.subsample import subsample as subsample
+    from .staging.first_view import frame as frame
+    from .staging.studio import studio as studio
     from .transforms import transform as transform
     from .viewer import view as view
 

@@ -2,20 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .camera import Camera
 from .clips import clip_records
 from .image.tone import srgb_to_linear
 from .instances import Instances
 from .model import Model
-from .records import CATCHER, INSTANCE, KIND, MODEL, SHAPE_ROW, TO_MODEL, World, model_table
+from .records import (
+    ACROSS,
+    CATCHER,
+    EYE,
+    FORWARD,
+    INSTANCE,
+    KIND,
+    MODEL,
+    SHAPE_ROW,
+    TO_MODEL,
+    UPWARD,
+    LightTree,
+    World,
+    model_table,
+)
 from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, Lights, no_sky
+from .shade.lights import Light, fixed, goes_along
 from .shade.tables import light_shares, light_trees
 from .tree.top import boxes_around, build_top
+
+
+class LightTables(NamedTuple):
+    """What of a `World` depends on its lights."""
+
+    lights: NDArray[np.float64]
+    light_shares: NDArray[np.float64]
+    lamps: LightTree
+    suns: LightTree
 
 
 class Snapshot(NamedTuple):
@@ -27,6 +53,8 @@ class Snapshot(NamedTuple):
         What kernels read.
     models : tuple of Model
         In the order of the world's table.
+    lamps : tuple of Light
+        All but the light from all around.
     numbers : (n + 1,) int32
         What `Scene.add` returned for each instance; -1 behind the last, so that row -1 (a miss) is -1.
     boxes : (n, 6) float64
@@ -41,6 +69,7 @@ class Snapshot(NamedTuple):
 
     world: World
     models: tuple[Model, ...]
+    lamps: tuple[Light, ...]
     numbers: NDArray[np.int32]
     boxes: NDArray[np.float64]
     shown: tuple[Attribute, ...]
@@ -52,13 +81,32 @@ class Snapshot(NamedTuple):
         """See `Scene.bounds`."""
         return bounds_of(self.world.instances.reshape(-1, INSTANCE), self.boxes)
 
+    def seen_by(self, camera: Camera) -> Snapshot:
+        """The scene in front of a camera: lights that go with it stand where it takes them."""
+        if not any(goes_along(light) for light in self.lamps):
+            return self
+        record = camera.record()
+        right, up, ahead = (record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (ACROSS, UPWARD, FORWARD))
+        axes = np.stack([right, up, -ahead])
+        lamps = tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps)
+        world = self.world
+        bounds = _around(world.instances.reshape(-1, INSTANCE), self.boxes)
+        lights = _light_tables(lamps, world.sky, world.sky_mean, bounds)
+        return self._replace(world=world._replace(**lights._asdict()), lamps=lamps)
+
 
 def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Least and greatest world coordinates of all models among instances, (2, 3) float64; ValueError if none is."""
-    boxes = boxes[records[:, KIND] == MODEL]
-    if len(boxes) == 0:
+    bounds = _around(records, boxes)
+    if not np.isfinite(bounds).all():
         raise ValueError("the scene holds no model")
-    return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+    return bounds
+
+
+def _around(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same; the least is inf where there is no model."""
+    boxes = boxes[records[:, KIND] == MODEL]
+    return np.stack([boxes[:, :3].min(axis=0, initial=np.inf), boxes[:, 3:].max(axis=0, initial=-np.inf)])
 
 
 def take_snapshot(
@@ -73,9 +121,7 @@ def take_snapshot(
     lamps = [light for light in lights if not isinstance(light, EnvironmentLight)]
     skies = [light.tables() for light in lights if isinstance(light, EnvironmentLight)]
     sky, sky_colors, sky_rows, sky_columns, sky_mean = skies[0] if skies else no_sky()
-    records = np.concatenate([*(light.record() for light in lamps), []])
-    boxes = instances.boxes[instances.records[:, KIND] == MODEL]
-    bounds = np.stack([boxes[:, :3].min(axis=0, initial=np.inf), boxes[:, 3:].max(axis=0, initial=-np.inf)])
+    bounds = _around(instances.records, instances.boxes)
     top, top_boxes, top_children = _top(instances, models)
     world = World(
         model_table([model.tree for model in models]),
@@ -84,9 +130,7 @@ def take_snapshot(
         top,
         top_boxes,
         top_children,
-        records,
-        light_shares(records, sky, sky_mean, bounds),
-        *light_trees(records),
+        *_light_tables(lamps, sky, sky_mean, bounds),
         materials,
         sky,
         sky_colors,
@@ -101,7 +145,17 @@ def take_snapshot(
     )
     numbers = np.append(instances.numbers, -1).astype(np.int32)
     shown = tuple(instances.paints.shown)
-    return Snapshot(world, tuple(models), numbers, instances.boxes, shown, background, shows_sky)
+    return Snapshot(world, tuple(models), tuple(lamps), numbers, instances.boxes, shown, background, shows_sky)
+
+
+def _light_tables(
+    lamps: Sequence[Light], sky: NDArray[np.float64], sky_mean: NDArray[np.float64], bounds: NDArray[np.float64]
+) -> LightTables:
+    """What kernels read of lights."""
+    records = np.concatenate([*(light.record() for light in lamps), []])
+    with_size, suns = light_trees(records)
+    shares = light_shares(records, sky, sky_mean, bounds)
+    return LightTables(records, shares, with_size, suns)
 
 
 def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64], ...]:

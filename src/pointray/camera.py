@@ -66,7 +66,7 @@ class Camera:
         checked = {
             "eye": _check_vector(self.eye, "eye"),
             "target": _check_vector(self.target, "target"),
-            "up": _check_direction(self.up, "up"),
+            "up": check_direction(self.up, "up"),
             "fov": _check_fov(self.fov),
             "size": _check_size(self.size),
             "projection": _check_projection(self.projection),
@@ -155,9 +155,9 @@ class Camera:
         if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
             raise ValueError(f"bounds must be finite, (2, 3), the least row first, not {box.tolist()}")
         middle = (box[0] + box[1]) / 2
-        above = np.asarray(_check_direction(up, "up"))
-        towards = _upright(above) if direction is None else np.asarray(_check_direction(direction, "direction"))
-        forward, right, top = _axes(-towards, above)
+        above = np.asarray(check_direction(up, "up"))
+        towards = _upright(above) if direction is None else np.asarray(check_direction(direction, "direction"))
+        forward, right, top = view_axes(-towards, above)
         width, height = _check_size(size)
         half = np.tan(np.radians(_check_fov(fov)) / 2) / MARGIN
         corners = np.stack(np.meshgrid(*(box - middle).T), axis=-1).reshape(-1, 3)
@@ -181,7 +181,7 @@ class Camera:
         """The camera as kernels read it, (16,) float64: see `records.CAMERA`."""
         out = np.zeros(CAMERA)
         eye = np.asarray(self.eye)
-        forward, right, up = _axes(np.asarray(self.target) - eye, np.asarray(self.up))
+        forward, right, up = view_axes(np.asarray(self.target) - eye, np.asarray(self.up))
         width, height = self.size
         distance = math.dist(self.eye, self.target)
         half = np.tan(np.radians(self.fov) / 2) * (distance if self.projection == "orthographic" else 1.0)
@@ -250,7 +250,7 @@ def _fit(offset: NDArray[np.float64], depth: NDArray[np.float64], half: float) -
     return float(high - low) / 2, float(high + low) / (2 * half)
 
 
-def _axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def view_axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """Unit vectors forward, right and up."""
     forward = _unit(view)
     # Straight down, the picture's top is +y, as on a map.
@@ -286,7 +286,8 @@ def _check_vector(value: Any, name: str) -> Vector:
     return x, y, z
 
 
-def _check_direction(value: Any, name: str) -> Vector:
+def check_direction(value: Any, name: str) -> Vector:
+    """Three finite numbers, not all zero."""
     direction = _check_vector(value, name)
     if not any(direction):
         raise ValueError(f"{name} must not be zero")

@@ -7,16 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .arguments import check_kind, check_number, check_positive, check_whole, wrong
-from .camera import MARGIN, SIZE, Camera, _fit
-from .records import ACROSS, FORWARD, UPWARD
+from .camera import Camera
+from .records import UPWARD
 
 Floats = NDArray[np.float64]
 
 MOST_FRAMES = 100_000
-CORNERS = 64  # of the polygon around the circle that a corner of the model goes along
 STEP = np.radians(45.0)  # a curve through directions farther apart than this gets some of the arc between them
 SAME = 1e-9  # seconds: a frame this close to a key is the key
 
@@ -52,51 +51,6 @@ def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
     angles = 2 * np.pi * turns * np.arange(1, frames) / frames
     others = [(target + _turned(arm, axis, angle), _turned(up, axis, angle)) for angle in angles]
     return [camera, *(replace(camera, eye=tuple(eye), up=tuple(top)) for eye, top in others)]
-
-
-def frame_turning(
-    bounds: ArrayLike,
-    fov: float = 40,
-    size: tuple[int, int] = SIZE,
-    up: ArrayLike = (0, 0, 1),
-    projection: str = "perspective",
-) -> Camera:
-    """The camera that `Camera.frame` makes, as far away as a box needs to stay in the picture while it turns.
-
-    It looks at a place on the axis, which goes along `up` through the middle of the box; parameters as for
-    `Camera.frame`. An orthographic camera whose `fov` is so wide that its eye would be among what turns stands farther
-    away, with a smaller one: the picture is the same.
-
-    Raises
-    ------
-    ValueError
-        If it is a panorama, which nothing turns before.
-    """
-    if projection == "panorama":
-        raise ValueError("a panorama is all around the camera: there is no turntable before it")
-    framed = Camera.frame(bounds, fov=fov, size=size, up=up, projection=projection)
-    forward, right, top = (_unit(framed.record()[k : k + 3]) for k in (FORWARD, ACROSS, UPWARD))
-    box = np.asarray(bounds, np.float64)
-    middle, axis = box.mean(axis=0), _unit(np.asarray(framed.up))
-    corners = np.stack(np.meshgrid(*(box - middle).T), axis=-1).reshape(-1, 3)
-    # The way of each corner, within a polygon around it.
-    corners = corners @ np.outer(axis, axis) + (corners - corners @ np.outer(axis, axis)) / np.cos(np.pi / CORNERS)
-    way = np.concatenate([_turned(corners, axis, angle) for angle in 2 * np.pi * np.arange(CORNERS) / CORNERS])
-    half = np.tan(np.radians(framed.fov) / 2) / MARGIN
-    depth, across, high = way @ forward, way @ right, way @ top
-    wide, nearest = half * framed.size[0] / framed.size[1], -MARGIN * float(depth.min())
-    if projection == "orthographic":
-        upwards, tall = 0.0, max(np.abs(high).max() / half, np.abs(across).max() / wide)
-        distance = max(tall, nearest) or 1.0
-        framed = replace(framed, fov=float(np.degrees(2 * np.arctan(half * MARGIN * (tall or 1.0) / distance))))
-    else:
-        upwards, far_up = _fit(high, depth, half)
-        _, far_across = _fit(across, depth, wide)
-        distance = max(far_up, far_across, nearest) or 1.0
-    eye = middle + upwards * top - distance * forward
-    # On the way forward, where it meets the axis.
-    flat = forward - axis * (forward @ axis)
-    return replace(framed, eye=tuple(eye), target=tuple(eye + forward * ((middle - eye) @ flat) / (flat @ flat)))
 
 
 def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]:

@@ -108,12 +108,14 @@ def _is_beside(corner, window):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _direct(world, most, shadows, sky_shows, background, scratch):  # type: ignore[no-untyped-def]
+def _direct(world, how, look, background, scratch):  # type: ignore[no-untyped-def]
     """Radiance along the tile's rays, which are traced: direct light, and what comes by mirrors and glass.
 
-    sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
+    how : depth, shadows, sky_shows: whether a camera's ray that meets nothing sees the sky; look : see
+    `find_sky_seen`. Returns the rays that have met anything (bits).
     """
     met = np.int64(0)
+    most, shadows, sky_shows = how
     begin_radiance(scratch)
     begin_onward(scratch)
     first = True
@@ -131,7 +133,7 @@ def _direct(world, most, shadows, sky_shows, background, scratch):  # type: igno
             show_caught(world, sky_shows, scratch)
         # Shadow rays take the place of the tile's: what goes on is put down before.
         send_onward(world, most, scratch)
-        light_tile(world, shadows, scratch)
+        light_tile(world, shadows, look, scratch)
         if not aim_onward(scratch):
             break
         trace_tile(world, scratch)
@@ -142,12 +144,12 @@ def _direct(world, most, shadows, sky_shows, background, scratch):  # type: igno
 
 @kernel
 def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyped-def]
-    """Direct light, or what is at the first hit. how : integrator, shadows, depth, whether the sky shows, samples,
-    span, window, background."""
+    """Direct light, or what is at the first hit. how : integrator, shadows, depth, whether the sky shows, rays by which
+    it is looked for and their reach, samples, span, window, background."""
     memory = new_scratch(world.longest)
     scratch, world = lend_scratch(memory), lend_world(world)
     scratch.counts[SEEN_ONLY] = 1
-    integrator, shadows, most, sky_shows, samples, span, window, background = how
+    integrator, shadows, most, sky_shows, sky_rays, reach, samples, span, window, background = how
     camera = borrow(camera)
     height, width = image.shape[:2]
     block = take(work)
@@ -159,7 +161,7 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
             if _is_beside(corner, window):
                 fill_tile(corner, background, image)
                 continue
-            if samples[1] > 1:  # else nothing is left to chance: 2% of a lit frame
+            if samples[1] > 1 or sky_rays > 0:  # else nothing is left to chance: 2% of a lit frame
                 begin_tile(corner, (width, height), samples[0], scratch)
             begin_sums(corner, span[0], film, scratch)
             for sample in range(span[0], span[1]):
@@ -176,7 +178,8 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
                 if integrator in (PHONG, COLOR):
                     describe_tile(world, scratch)
                 if integrator == PHONG:
-                    add_sample(_direct(world, most, shadows != 0, sky_shows != 0, background[:3], scratch), scratch)
+                    way, look_up = (most, shadows != 0, sky_shows != 0), (sample, sky_rays, reach)
+                    add_sample(_direct(world, way, look_up, background[:3], scratch), scratch)
                     continue
                 for i in range(TILE):
                     hit = tile_hit(scratch, i)

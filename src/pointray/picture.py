@@ -153,6 +153,7 @@ class Picture:
         background: tuple[float, ...] | None = None,
         in_passes: bool = False,
     ) -> None:
+        scene = scene.seen_by(camera)
         width, height = camera.size
         self._settings, self._camera = settings, camera.record()
         self._blocks = -(-width // BLOCK) * -(-height // BLOCK)
@@ -220,14 +221,21 @@ def _plan(
     background = (0.0, 0.0, 0.0, 0.0) if color is None else (*map(float, color), 1.0)
     integrator = INTEGRATORS.index(settings.integrator)
     if integrator == AO:
-        reach = float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
+        reach = _reach(scene, settings)
         world = _lit(world) if scene.shows_sky else world
         return world, sampled_frame, ((integrator, reach, 1, int(scene.shows_sky)), background)
     if integrator == PATH:
         return _lit(world), sampled_frame, ((integrator, 0.0, settings.depth, int(scene.shows_sky)), background)
     onward = min(settings.depth, MOST_ONWARD)
     shown = int(scene.shows_sky and integrator == PHONG)
-    return world, quick_frame, ((integrator, int(settings.shadows), onward, shown), background)
+    looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
+    sky_rays, reach = (settings.sky_rays, _reach(scene, settings)) if looks_up else (0, 0.0)
+    return world, quick_frame, ((integrator, int(settings.shadows), onward, shown, sky_rays, reach), background)
+
+
+def _reach(scene: Snapshot, settings: Settings) -> float:
+    """How far ambient occlusion looks."""
+    return float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
 
 
 def _window(camera: Camera, world: World, how: tuple[Any, ...]) -> Window:

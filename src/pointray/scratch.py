@@ -59,7 +59,8 @@ SPOT_INSTANCE, SPOT_SIDE, RADIANCE, GAIN = 12 * TILE, 13 * TILE, 14 * TILE, 17 *
 SPOT_WEIGHT, SPOT_DEPTH, KEY, DENSITY = 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
 NEXT, NEXT_SIDE, NEXT_WEIGHT, NEXT_DENSITY = 26 * TILE, 29 * TILE, 30 * TILE, 33 * TILE
 UNLIT, LIT = 34 * TILE, 35 * TILE  # of a shadow catcher: light that would arrive, that does
-SPOT_ROWS = 36
+SKY_SEEN = 36 * TILE  # share of the sky that a surface point sees, by the cosine
+SPOT_ROWS = 37
 # float64: the sums of a tile's pixels, see `pixels.py`: RGB; samples that met something; squares of the luminance;
 # samples that met a shadow catcher, what UNLIT and LIT were there.
 TOTAL, TOTAL_MET, TOTAL_SQUARE = 0, 3 * TILE, 4 * TILE

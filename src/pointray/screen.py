@@ -32,7 +32,7 @@ def _table(curve: str) -> Levels:
 @kernel
 def _levels(work, image, backdrop, gain, table, out):  # type: ignore[no-untyped-def]
     """Levels of an image over a backdrop: (h, w, 3) uint8."""
-    image, table, out = borrow(image), borrow(table), borrow(out)
+    image, backdrop, table, out = borrow(image), borrow(backdrop), borrow(table), borrow(out)
     height, width = image.shape[:2]
     block = take(work)
     while block >= 0:
@@ -40,7 +40,7 @@ def _levels(work, image, backdrop, gain, table, out):  # type: ignore[no-untyped
             for x in range(width):
                 rest = np.float32(1.0) - image[y, x, 3]
                 for c in range(3):
-                    value = (image[y, x, c] * gain) + backdrop[c] * rest
+                    value = (image[y, x, c] * gain) + backdrop[y, c] * rest
                     value = value if value > DARKEST else DARKEST  # NaN too; `max` may keep it
                     value = value if value < WHITEST else WHITEST
                     out[y, x, c] = table[(float_bits(value) >> SHIFT) - _FIRST]
@@ -57,8 +57,8 @@ def levels_of(
     ----------
     image : (h, w, 4) float32
         Linear, premultiplied.
-    backdrop : (3,) float
-        Linear colour behind it.
+    backdrop : (3,) or (h, 3) float
+        Linear colour behind it, or behind each row.
     exposure, curve
         See `image.tone.tone`.
 
@@ -68,7 +68,7 @@ def levels_of(
         sRGB; not farther than one level from what `write_image` writes.
     """
     out = np.empty((*image.shape[:2], 3), np.uint8)
-    behind = tuple(np.float32(c) for c in np.asarray(backdrop, np.float64))
+    behind = np.broadcast_to(np.asarray(backdrop, np.float32), (len(image), 3)).copy()
     gain = np.float32(2.0**exposure)
     run(_levels, -(-len(image) // ROWS), image, behind, gain, _table(curve), out)
     return out

@@ -11,6 +11,7 @@ from .lens import FILTERS
 INTEGRATORS = ("phong", "ao", "path", "normal", "depth", "color", "cost")
 PHONG, AO, PATH, NORMAL, DEPTH, COLOR, COST = range(7)
 MOST_SAMPLES = 65536
+MOST_SKY_RAYS = 64
 DEEPEST = 1000  # scatterings of a path without limit
 
 
@@ -34,7 +35,7 @@ class Settings:
     shadows : bool
         Of "phong".
     ao_distance : float, optional
-        How far "ao" looks, in the world's units; None: a fifth of the scene's diagonal.
+        How far "ao" and these look, in the world's units; None: a fifth of the scene's diagonal.
     seed : int
         Of all that is left to chance.
     threads : int, optional
@@ -55,6 +56,9 @@ class Settings:
         checkerboard too fine for the pixels the last leaves a third of the box's moire (tent the same, gaussian a
         seventh), and edges are smooth where the box leaves steps; 4 samples have 20% more noise than in a box
         (gaussian 39%, and blurred detail).
+    sky_rays : int
+        Of "phong": rays a sample, 0 to 64, that find how much of the sky a surface point sees, no farther than
+        `ao_distance`: contact shadows. 0: all of it, nothing is in the way of its light.
     """
 
     integrator: str = "phong"
@@ -69,12 +73,14 @@ class Settings:
     denoise: bool = False
     levels: bool = True
     filter: str = "blackman-harris"
+    sky_rays: int = 0
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
             "integrator": check_choice(self.integrator, "integrator", INTEGRATORS),
             "filter": check_choice(self.filter, "filter", FILTERS),
             "spp": check_whole(self.spp, "spp", 1, MOST_SAMPLES),
+            "sky_rays": check_whole(self.sky_rays, "sky_rays", 0, MOST_SKY_RAYS),
             "seed": check_whole(self.seed, "seed", 0, 2**31 - 1),
         }
         for name in ("shadows", "denoise", "levels"):

@@ -6,7 +6,7 @@ import math
 import shutil
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ from .stage import Stage
 from .waiting import Progress, in_background, writing
 
 SECONDS, TURNS = 6.0, 1.0  # of a film that says nothing
+PREVIEWS, PREVIEW, PREVIEW_SAMPLES = 8, 128, 16  # frames by which it is exposed, their pixels across, their samples
 TRANSPARENT = "an MP4 cannot be transparent, numbered .png can"
 
 
@@ -110,8 +111,10 @@ class Subject(NamedTuple):
     build : callable
         Makes, with a Progress, the scene and the camera that a turntable turns.
     picture : Settings
-    exposure : float
+    exposure : float or "auto"
+        Auto: one for all frames.
     curve : str
+    backdrop : two sRGB colours, or None
     settings : dict
         What the scene depends on, as JSON takes it.
     leveled : bool
@@ -120,20 +123,24 @@ class Subject(NamedTuple):
 
     build: Callable[[Progress], tuple[Any, Any]]
     picture: Any
-    exposure: float
+    exposure: float | str
     curve: str
     settings: dict[str, Any]
     leveled: bool = False
+    backdrop: Any = None
 
 
-def scan_subject(stage: Stage, view: View, picture: Any, exposure: float) -> Subject:
+def scan_subject(stage: Stage, view: View, picture: Any, exposure: float | str) -> Subject:
     """A film of a scan: the whole of it stays in the picture, where the view says nothing else."""
 
     def build(progress: Progress) -> tuple[Any, Any]:
-        scene, model = stage.build(progress)
-        return scene, view.turning(model.bounds)
+        scene, _, scan = stage.build(progress)
+        for found in scan.found if view.framed else ():
+            progress.note(found)
+        return scene, view.turning(scan)
 
-    return Subject(build, picture, exposure, "srgb", stage.settings, picture.levels and stage.is_plain)
+    leveled = picture.levels and stage.is_plain
+    return Subject(build, picture, exposure, "srgb", stage.settings, leveled, stage.backdrop)
 
 
 def animate(target: Target, way: Way, subject: Subject) -> str:
@@ -192,12 +199,33 @@ def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progres
         show(0.0)
         return render(scene, camera, subject.picture, show)
 
+    exposure = subject.exposure
+    if isinstance(exposure, str):
+        progress.show("choosing the exposure", 0.0)
+        exposure = in_background(lambda: _exposure(scene, cameras, subject.picture))
     with writing(frames.pattern):
         frames.begin()
     for done, k in enumerate(missing):
         image = in_background(partial(picture, cameras[k], done))
         with writing(frames.path(k)):
-            frames.keep(k, image, subject.exposure, subject.curve)
+            frames.keep(k, image, exposure, subject.curve, subject.backdrop)
+
+
+def _exposure(scene: Any, cameras: list[Any], picture: Any) -> float:
+    """One exposure for a film: the least of those that some small frames would have, so that none burns out."""
+    from ..image.exposure import auto_exposure
+    from ..picture import render
+
+    few = replace(picture, spp=1, time_limit=None, noise=None, denoise=False)
+    if picture.integrator != "phong":
+        few = replace(few, spp=min(picture.most, PREVIEW_SAMPLES))
+    stops = []
+    for camera in cameras[:: max(len(cameras) // PREVIEWS, 1)]:
+        width, height = camera.size
+        share = min(PREVIEW / max(width, height), 1.0)
+        small = replace(camera, size=(max(1, round(width * share)), max(1, round(height * share))))
+        stops.append(auto_exposure(render(scene, small, few)))
+    return min(stops)
 
 
 def _settings(way: Way, subject: Subject) -> dict[str, Any]:

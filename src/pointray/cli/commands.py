@@ -8,13 +8,17 @@ from typing import Annotated
 import typer
 
 from .options import (
-    SKY,
+    AUTO,
     ApertureOption,
+    AzimuthOption,
     BackgroundOption,
     ColorByOption,
+    ColorOption,
     DenoiseOption,
+    ElevationOption,
     ExposureOption,
     EyeOption,
+    FillOption,
     Filter,
     FilterOption,
     FocusOption,
@@ -25,6 +29,8 @@ from .options import (
     LegendOption,
     LevelsOption,
     LightOption,
+    Look,
+    MaterialOption,
     MaxDepthOption,
     NoiseOption,
     Projection,
@@ -32,6 +38,7 @@ from .options import (
     RadiusScaleOption,
     SamplesOption,
     SeedOption,
+    Side,
     SizeOption,
     SppOption,
     SubjectArgument,
@@ -41,6 +48,8 @@ from .options import (
     TimeLimitOption,
     UpOption,
     View,
+    ViewOption,
+    ZoomOption,
     exposure_of,
     given,
     numbers,
@@ -67,7 +76,11 @@ def render(
     ],
     eye: EyeOption = None,
     target: TargetOption = None,
-    up: UpOption = "0,0,1",
+    up: UpOption = AUTO,
+    view: ViewOption = Side.auto,
+    azimuth: AzimuthOption = None,
+    elevation: ElevationOption = None,
+    zoom: ZoomOption = 1.0,
     fov: FovOption = 40.0,
     size: SizeOption = "800x600",
     projection: ProjectionOption = Projection.perspective,
@@ -86,36 +99,46 @@ def render(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
-    background: BackgroundOption = SKY,
+    background: BackgroundOption = AUTO,
     light: LightOption = None,
-    exposure: ExposureOption = 0.0,
+    fill: FillOption = None,
+    exposure: ExposureOption = AUTO,
+    material: MaterialOption = Look.own,
+    color: ColorOption = None,
     ground: GroundOption = False,
     color_by: ColorByOption = None,
     legend: LegendOption = False,
 ) -> None:
     """Render a scan to a picture, camera and light place themselves; or what a scene file describes."""
-    from .outputs import check_fits, check_output, write_picture
+    from ..staging.studio import with_contact
+    from .outputs import Shown, check_fits, check_output, write_picture
     from .scenes import is_scene, render_scene
     from .stage import Stage, check_scan
 
-    check_output(output, exposure_of(exposure), legend)
+    stops = exposure_of(exposure, integrator.value)
+    check_output(output, exposure != AUTO and stops != 0, legend)
     if is_scene(file):
         print(render_scene(file, output, given(context)))
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
     check_scan(file)
-    view = View(size, fov, up, eye, target, projection.value, aperture, focus)
+    lens = {"fov": fov, "projection": projection.value, "aperture": aperture, "focus": focus}
+    way = {"eye": eye, "target": target, "view": view.value, "azimuth": azimuth, "elevation": elevation, "zoom": zoom}
+    seen = View(size, up, lens, **way)
     effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
-    settings = settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort)
-    check_fits(output, view.size, settings, legend)
+    settings = with_contact(settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort))
+    check_fits(output, seen.size, settings, legend)
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
+    place = {"light": light, "fill": fill, "background": background, "ground": ground, "wish": seen.wish}
+    place |= {"material": material.value, "color": color, "color_by": color_by}
     stage = Stage(file, shape, place)
     with Progress() as progress:
-        scene, model = stage.build(progress)
-        camera = view.camera(model.bounds)
-        look = exposure, "srgb", stage.legend if legend else None
+        scene, model, scan = stage.build(progress)
+        for found in scan.found if seen.framed else ():
+            progress.note(found)
+        camera = seen.camera(scan)
+        look = Shown(stops, "srgb", stage.legend if legend else None, stage.backdrop)
         what = write_picture(output, (scene, camera, settings), look, progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
 
@@ -136,7 +159,11 @@ def animate(
     ] = None,
     eye: EyeOption = None,
     target: TargetOption = None,
-    up: UpOption = "0,0,1",
+    up: UpOption = AUTO,
+    view: ViewOption = Side.auto,
+    azimuth: AzimuthOption = None,
+    elevation: ElevationOption = None,
+    zoom: ZoomOption = 1.0,
     fov: FovOption = 40.0,
     size: SizeOption = "800x600",
     projection: ProjectionOption = Projection.perspective,
@@ -155,13 +182,17 @@ def animate(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
-    background: BackgroundOption = SKY,
+    background: BackgroundOption = AUTO,
     light: LightOption = None,
-    exposure: ExposureOption = 0.0,
+    fill: FillOption = None,
+    exposure: ExposureOption = AUTO,
+    material: MaterialOption = Look.own,
+    color: ColorOption = None,
     ground: GroundOption = False,
     color_by: ColorByOption = None,
 ) -> None:
     """A film of a scan or a scene file, on a turntable or along keys; an interrupted one goes on when started again."""
+    from ..staging.studio import with_contact
     from .animate import Way, scan_subject, target_of
     from .animate import animate as work
     from .scenes import animate_scene, is_scene
@@ -172,14 +203,17 @@ def animate(
         print(animate_scene(file, goal, given(context), fps))
         return
     check_scan(file)
-    view = View(size, fov, up, eye, target, projection.value, aperture, focus)
-    way = Way(view, fps, {"seconds": seconds, "turns": turns, "keys": keys, "eye": eye, "target": target})
+    lens = {"fov": fov, "projection": projection.value, "aperture": aperture, "focus": focus}
+    way = {"eye": eye, "target": target, "view": view.value, "azimuth": azimuth, "elevation": elevation, "zoom": zoom}
+    seen = View(size, up, lens, **way)
+    film = Way(seen, fps, {"seconds": seconds, "turns": turns, "keys": keys, "eye": eye, "target": target})
     effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
-    settings = settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort)
+    settings = with_contact(settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort))
     shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    place = {"light": light, "background": background, "ground": ground, "up": view.up, "color": color_by}
+    place = {"light": light, "fill": fill, "background": background, "ground": ground, "wish": seen.wish}
+    place |= {"material": material.value, "color": color, "color_by": color_by}
     stage = Stage(file, shape, place)
-    print(work(goal, way, scan_subject(stage, view, settings, exposure_of(exposure))))
+    print(work(goal, film, scan_subject(stage, seen, settings, exposure_of(exposure, integrator.value))))
 
 
 @app.command()
@@ -193,24 +227,26 @@ def view(
     ),
     port: Annotated[int, typer.Option(min=0, max=65535, help="0: 8080, or the next one that is free.")] = 0,
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True,
-    up: UpOption = "0,0,1",
+    up: UpOption = AUTO,
     integrator: IntegratorOption = Integrator.phong,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
-    background: BackgroundOption = SKY,
+    background: BackgroundOption = AUTO,
     light: LightOption = None,
+    fill: FillOption = None,
     ground: GroundOption = False,
     threads: ThreadsOption = None,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
     from ..settings import Settings
+    from ..staging.studio import with_contact
     from .view import serve, subject_of
 
     use_threads(threads)
-    place = {"settings": Settings(integrator=integrator.value, levels=levels), "up": up, "light": light}
-    place |= {"background": background, "ground": ground}
+    settings = with_contact(Settings(integrator=integrator.value, levels=levels))
+    place = {"settings": settings, "up": up, "light": light, "fill": fill, "background": background, "ground": ground}
     look = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     positive(radius_scale, "--radius-scale")
     subject, loader = subject_of(files, given(context), place, look)

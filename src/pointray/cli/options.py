@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +17,8 @@ SUN = 3.0  # irradiance of a light without a strength
 Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
 Integrator = StrEnum("Integrator", ["phong", "ao", "path", "normal", "depth", "color", "cost"])
 Projection = StrEnum("Projection", ["perspective", "orthographic", "panorama"])
+Side = StrEnum("Side", ["auto", "iso", "front", "back", "left", "right", "top", "bottom"])
+Look = StrEnum("Look", ["own", "clay", "phong", "metal", "glass"])
 Filter = StrEnum("Filter", ["box", "tent", "gaussian", "blackman-harris"])
 
 SubjectArgument = Annotated[
@@ -24,7 +26,13 @@ SubjectArgument = Annotated[
 ]
 EyeOption = Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")]
 TargetOption = Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")]
-UpOption = Annotated[str, typer.Option(help="Which way is up, x,y,z.")]
+UpOption = Annotated[
+    str, typer.Option(help="Which way is up: z, y, -y, ... or x,y,z; auto: where the scan would stand.")
+]
+ViewOption = Annotated[Side, typer.Option(help="The side that is seen; auto: what shows the scan best.")]
+AzimuthOption = Annotated[float | None, typer.Option(help="Degrees around it: 0 the front, 90 the right side.")]
+ElevationOption = Annotated[float | None, typer.Option(help="Degrees above the horizon, -90 to 90.")]
+ZoomOption = Annotated[float, typer.Option(help="2: half as far away as where all is seen.")]
 FovOption = Annotated[float, typer.Option(help="Vertical field of view, degrees.")]
 SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
 IntegratorOption = Annotated[Integrator, typer.Option(help="What is shown.")]
@@ -47,15 +55,29 @@ LevelsOption = Annotated[
 SurfaceOption = Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")]
 SamplesOption = Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")]
 RadiusScaleOption = Annotated[float, typer.Option(help="All radii times this.")]
-BackgroundOption = Annotated[str, typer.Option(help="Linear r,g,b, none: transparent, or sky: the light all around.")]
+BackgroundOption = Annotated[
+    str,
+    typer.Option(
+        help="auto: a soft gradient, as bright whatever the exposure; r,g,b: linear; none: transparent; sky: the light "
+        "all around."
+    ),
+]
 LightOption = Annotated[
     list[str] | None,
     typer.Option(
-        help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength; sky:r,g,b or sky:FILE (.hdr, .exr: "
-        "all around); repeatable. Default: a headlight."
+        help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength, with ,camera at the end it goes with "
+        "the camera (x to the right, y up, z to the eye); sky:r,g,b or sky:FILE (.hdr, .exr: all around); repeatable. "
+        "A fill light from the sky comes with suns and points, see --fill. Default: a studio, a key light beside the "
+        "camera and a sky."
     ),
 ]
-ExposureOption = Annotated[float, typer.Option(help="Stops.")]
+FillOption = Annotated[
+    float | None,
+    typer.Option(help="The sky's light beside --light sun and point, as a share of a sun's; 0: none. Default: 0.3."),
+]
+ExposureOption = Annotated[str, typer.Option(help="Stops; auto: of medium brightness, highlights kept.")]
+ColorOption = Annotated[str | None, typer.Option(help="One colour for all of the scan: linear r,g,b, 0 to 1.")]
+MaterialOption = Annotated[Look, typer.Option(help="What the scan is made of; own: matt, in its own colours.")]
 GroundOption = Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")]
 ColorByOption = Annotated[
     str | None,
@@ -66,7 +88,9 @@ ColorByOption = Annotated[
 ]
 LegendOption = Annotated[bool, typer.Option("--legend/--no-legend", help="Draw what the colors of --color-by mean.")]
 
-SKY = "0.85,0.87,0.9"  # the background where none is given
+AUTO = "auto"
+FILL = 0.3  # see `staging.studio.fill`
+LIT = ("phong", "ao", "path")  # integrators whose pictures are light, which is exposed
 
 
 def numbers(text: str, name: str) -> tuple[float, float, float]:
@@ -80,6 +104,16 @@ def numbers(text: str, name: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def up_axis(text: str) -> tuple[float, float, float] | None:
+    """`z`, `-y`, ..., or `x,y,z`; None: `auto`."""
+    from ..staging.first_view import up_of
+
+    try:
+        return up_of(numbers(text, "--up") if "," in text else text)
+    except ValueError as error:
+        raise ValueError(f"--{str(error).removeprefix('--')}") from None
+
+
 def positive(value: float, name: str) -> float:
     """A finite number greater than 0."""
     if not 0 < value < math.inf:
@@ -87,8 +121,14 @@ def positive(value: float, name: str) -> float:
     return value
 
 
-def exposure_of(value: float) -> float:
-    """Stops that float32 can hold."""
+def exposure_of(text: str, integrator: str = "phong") -> float | str:
+    """Stops that float32 can hold, or "auto"; pictures that show no light are shown as they are."""
+    if text == AUTO:
+        return AUTO if integrator in LIT else 0.0
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"--exposure must be a number of stops, or auto, not {text!r}") from None
     if not -100 <= value <= 100:
         raise ValueError(f"--exposure must lie between -100 and 100 stops, not {value}")
     return value
@@ -104,8 +144,8 @@ def size_of(text: str) -> tuple[int, int]:
 
 
 def background_of(text: str) -> Any:
-    """`none`, `sky` or `r,g,b`, as `Scene.background` takes it."""
-    named = {"none": None, "sky": "environment"}
+    """`none`, `sky` or `r,g,b`, as `Scene.background` takes it; `auto`: it is put behind the picture afterwards."""
+    named = {"none": None, "sky": "environment", AUTO: None}
     return named[text] if text in named else numbers(text, "--background")
 
 
@@ -122,20 +162,26 @@ def light_of(text: str) -> Callable[[Any], Any]:
     if kind == "sky":
         around = _sky_of(rest)
         return lambda middle: around
+    rest, along, _ = rest.partition(",camera")
+    camera = bool(along)
     place, _, strength = rest.partition(":")
     if kind not in ("sun", "point"):
         raise ValueError(f"--light must be like sun:1,1,-2, point:0,-3,4:20, sky:1,1,1 or sky:FILE, not {text!r}")
+    if camera and not text.endswith(",camera"):
+        raise ValueError(f"--light: ,camera comes at the end, not as in {text!r}")
     at = numbers(place, "--light")
     try:
         power = float(strength) if strength else None
     except ValueError:
         raise ValueError(f"--light: {strength!r} is no strength") from None
     if kind == "sun":
-        sun = pr.SunLight(at, SUN if power is None else power)
+        sun = pr.SunLight(at, SUN if power is None else power, camera=camera)
         sun.record()  # raises what is wrong
         return lambda middle: sun
     pr.PointLight(at, power or 1.0).record()
-    return lambda middle: pr.PointLight(at, SUN * math.dist(at, middle) ** 2 if power is None else power)
+    if camera and power is None:
+        raise ValueError(f"--light: a point light that goes with the camera needs a strength, not {text!r}")
+    return lambda middle: pr.PointLight(at, SUN * math.dist(at, middle) ** 2 if power is None else power, camera)
 
 
 def _sky_of(text: str) -> Any:
@@ -163,65 +209,75 @@ def color_of(text: str) -> Any:
 
 
 class View:
-    """Where the camera is: where the options say, else where the whole scan is seen. Raises what is wrong at once."""
+    """Where the camera is: where the options say, else where the whole scan is seen. Raises what is wrong at once.
 
-    def __init__(
-        self,
-        size: str,
-        fov: float = 40.0,
-        up: str = "0,0,1",
-        eye: str | None = None,
-        target: str | None = None,
-        projection: str = "perspective",
-        aperture: float = 0.0,
-        focus: float | None = None,
-    ) -> None:
-        self.up = numbers(up, "--up")
-        if not any(self.up):
-            raise ValueError("--up must not be zero")
+    Parameters
+    ----------
+    size, up : str
+    lens : fov, projection, aperture and focus, as `Camera.look_at` takes them
+    place : the options eye and target, and view, azimuth, elevation and zoom, which say how the scan is framed
+    """
+
+    def __init__(self, size: str, up: str = AUTO, lens: dict[str, Any] | None = None, **place: Any) -> None:
+        from ..staging.first_view import ViewChoice
+
         self.size = size_of(size)
+        self.lens: dict[str, Any] = {"fov": 40.0, "projection": "perspective", "aperture": 0.0, "focus": None}
+        self.lens |= lens or {}
+        eye, target = place.pop("eye", None), place.pop("target", None)
         self.eye = None if eye is None else numbers(eye, "--eye")
         self.target = None if target is None else numbers(target, "--target")
-        if focus is not None and not aperture:
+        given_up = up_axis(up)
+        self.wish = ViewChoice(given_up, **{name: value for name, value in place.items() if value is not None})
+        if not self.framed and self.wish != ViewChoice(given_up):
+            raise ValueError(
+                "--view, --azimuth, --elevation and --zoom are for a camera that frames the scan, without --eye"
+            )
+        if self.lens["focus"] is not None and not self.lens["aperture"]:
             raise ValueError("--focus is for --aperture, which is not given")
-        self.lens: dict[str, Any] = {"fov": fov, "projection": projection, "aperture": aperture, "focus": focus}
         near = self.eye or (0.0, 0.0, 0.0)
-        self.camera([near, [x + 1 + abs(x) for x in near]])  # some box that the eye is not in the middle of
+        probe = self.target or [x + 1 + abs(x) for x in near]
+        self._looking(near, probe, given_up or (0.0, 0.0, 1.0))
 
     @property
     def settings(self) -> dict[str, Any]:
         """What a turntable's frames depend on, as JSON takes it; the size apart."""
-        return {"eye": self.eye, "target": self.target, "up": self.up, **self.lens}
+        return {"eye": self.eye, "target": self.target, **asdict(self.wish), **self.lens}
+
+    @property
+    def up(self) -> Any:
+        """Which way is up, for who asks before the scan is read."""
+        return self.wish.up or (0.0, 0.0, 1.0)
 
     @property
     def framed(self) -> bool:
         """Whether the options leave it to the scan where the camera is."""
         return self.eye is None and self.target is None
 
-    def camera(self, bounds: Any) -> Any:
-        """The camera for a box."""
-        from ..camera import Camera
-
-        fov, projection = self.lens["fov"], self.lens["projection"]
-        framed = Camera.frame(bounds, fov=fov, size=self.size, up=self.up, projection=projection)
+    def camera(self, scan: Any) -> Any:
+        """The camera for a `Scan`."""
+        framed = scan.camera(self.lens["fov"], self.size, self.lens["projection"])
         if self.framed:
-            return replace(framed, **self.lens)
-        target = self.target or [(low + high) / 2 for low, high in zip(*bounds, strict=True)]
-        # Without an eye: as far away, and on the same side, as to frame the box.
+            return replace(framed, aperture=self.lens["aperture"], focus=self.lens["focus"])
+        target = self.target or scan.middle
+        # Without an eye: as far away, and on the same side, as to frame it.
         eye = self.eye or [e + a - t for e, a, t in zip(framed.eye, target, framed.target, strict=True)]
-        return Camera.look_at(eye, target, self.up, size=self.size, **self.lens)
+        return self._looking(eye, target, scan.up)
 
-    def turning(self, bounds: Any) -> Any:
-        """The camera for a box that turns; where the options say nothing, it stays in the picture all the way.
+    def turning(self, scan: Any) -> Any:
+        """The camera for a `Scan` that turns; where the options say nothing, it stays in the picture all the way.
 
         Not for a panorama, which is all around the camera: `Way` has refused its turntable, keys do without this one.
         """
-        from ..film import frame_turning
-
         if self.framed and self.lens["projection"] != "panorama":
-            framed = frame_turning(bounds, self.lens["fov"], self.size, self.up, self.lens["projection"])
+            framed = scan.turning(self.lens["fov"], self.size, self.lens["projection"])
             return replace(framed, aperture=self.lens["aperture"], focus=self.lens["focus"])
-        return self.camera(bounds)
+        return self.camera(scan)
+
+    def _looking(self, eye: Any, target: Any, up: Any) -> Any:
+        from ..camera import Camera
+
+        return Camera.look_at(eye, target, up, size=self.size, **self.lens)
 
 
 def settings_of(integrator: Integrator, filter: Filter, *, threads: int | None, **others: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .waiting import Progress, in_background, writing
 
@@ -16,14 +16,14 @@ def _layered(output: Path) -> bool:
     return output.suffix.lower() in LAYERED
 
 
-def check_output(output: Path, exposure: float, legend: bool) -> None:
+def check_output(output: Path, exposed: bool, legend: bool) -> None:
     """Raise what would keep the result from being written, before the work is done."""
     from ..image.write import LAYERED, SHOWN, check_layers_path
     from ..points.files import check_writable
 
     if _layered(output):
         check_layers_path(output)
-        for option, given in (("--exposure", exposure != 0), ("--legend", legend)):
+        for option, given in (("--exposure", exposed), ("--legend", legend)):
             if given:
                 raise ValueError(f"{output}: layers keep the light as it is; {option} is for {', '.join(SHOWN)}")
         return
@@ -46,13 +46,28 @@ def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool 
     check_picture(size, picture_bytes(settings, written=SHOWN_BYTES + (LEGEND_BYTES if legend else 0)))
 
 
-def write_picture(output: Path, subject: tuple[Any, Any, Any], look: tuple[float, str, Any], progress: Progress) -> str:
-    """Render and write; returns what the message says of it.
+class Shown(NamedTuple):
+    """How a picture is shown.
 
-    subject : scene, camera, settings; look : exposure, curve, and the attribute of a legend or None
+    Attributes
+    ----------
+    exposure : float or "auto"
+    curve : str
+    legend : Attribute or None
+    backdrop : two sRGB colours, or None
     """
+
+    exposure: float | str = 0.0
+    curve: str = "srgb"
+    legend: Any = None
+    backdrop: Any = None
+
+
+def write_picture(output: Path, subject: tuple[Any, Any, Any], shown: Shown, progress: Progress) -> str:
+    """Render and write; returns what the message says of it. subject : scene, camera, settings"""
     import pointray as pr
 
+    from ..image.exposure import auto_exposure
     from ..layers import render_layers
     from ..picture import render  # pr.render may be the module, by now
 
@@ -62,9 +77,9 @@ def write_picture(output: Path, subject: tuple[Any, Any, Any], look: tuple[float
     if not _layered(output):
         image = in_background(lambda: render(*subject, show))
         with writing(output):
-            exposure, curve, legend = look
-            pr.write_image(output, image, exposure, curve, legend=legend)
-        return ""
+            exposure = auto_exposure(image) if shown.exposure == "auto" else shown.exposure
+            pr.write_image(output, image, exposure, shown.curve, shown.legend, shown.backdrop)
+        return f", exposure {exposure:g}" if shown.exposure == "auto" else ""
     layers = in_background(lambda: render_layers(*subject, show))
     with writing(output):
         pr.write_layers(output, layers)

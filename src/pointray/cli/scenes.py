@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .options import background_of, numbers, size_of, use_threads
-from .outputs import check_fits, write_picture
+from .options import background_of, exposure_of, numbers, size_of, up_axis, use_threads
+from .outputs import Shown, check_fits, write_picture
 from .waiting import Progress, in_background
 
 if TYPE_CHECKING:
     from .animate import Subject, Target
 
-VECTORS = ("eye", "target", "up")
-CAMERA = (*VECTORS, "fov", "size", "projection", "aperture", "focus")
+VECTORS = ("eye", "target")
+CAMERA = (*VECTORS, "up", "fov", "size", "projection", "aperture", "focus")
 SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads", "levels")
 LOOK = ("background", "exposure")
 FILM = ("seconds", "fps", "turns", "keys")  # options that are about the film, not about what it shows
@@ -61,6 +61,14 @@ class SceneStage:
         texts: dict[str, Any] = {name: numbers(options[name], f"--{name}") for name in VECTORS if name in options}
         texts |= {"size": size_of(options["size"])} if "size" in options else {}
         texts |= {"background": background_of(options["background"])} if "background" in options else {}
+        if "up" in options:
+            texts["up"] = up_axis(options["up"])
+            if texts["up"] is None:
+                raise ValueError("--up auto is for a scan: a scene file says which way is up")
+        if "exposure" in options:
+            texts["exposure"] = exposure_of(options["exposure"])
+            if isinstance(texts["exposure"], str):
+                raise ValueError("--exposure auto is for a scan: a scene file says how bright its light is")
         plain = {name: getattr(value, "value", value) for name, value in options.items()} | texts
         from ..image.denoise import check_denoise
         from ..scenefile import Plan
@@ -100,7 +108,7 @@ def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     check_fits(output, SceneView(plan.camera).size, plan.settings)
     with Progress() as progress:
         made = in_background(lambda: plan.build(progress.show))
-        what = write_picture(output, made[:3], (made.exposure, made.curve, None), progress)
+        what = write_picture(output, made[:3], Shown(made.exposure, made.curve), progress)
     width, height = made.camera.size
     return f"{output}: {width}x{height}{what}"
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from ..saved import SAVED
 from ..splats.radii import radii_in
-from .options import background_of, color_of, light_of, positive
+from .options import AUTO, FILL, background_of, color_of, light_of, numbers, positive
 from .waiting import Progress, in_background
 
 PLAIN = {"surface": None, "samples": 4, "radius_scale": 1.0}  # of a surface: what the options say by default
@@ -30,17 +31,18 @@ class Stage:
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
     place : dict
-        The texts of the options light, background and perhaps color, whether there is a ground, and up, a vector.
+        The texts of the options light, background, material and perhaps color and color_by; fill, a number or None;
+        whether there is a ground; and how the scan is seen, a `ViewChoice`.
     """
 
     def __init__(self, file: Path, surface: dict[str, Any], place: dict[str, Any]) -> None:
         import pointray as pr
 
         positive(surface["radius_scale"], "--radius-scale")
-        self._place = place
-        self.file, self._surface, self._ground, self._up = file, surface, place["ground"], place["up"]
+        self.file, self._surface, self._place, self._wish = file, surface, place, place["wish"]
         self._lights = [light_of(text) for text in place["light"] or []]
-        self._color = color_of(place["color"]) if place.get("color") is not None else None
+        self._fill = fill_of(place["fill"], place["light"])
+        self._coat = Coat(place["material"], place.get("color"), place.get("color_by"))
         self._scene = pr.Scene()
         self._scene.background = background_of(place["background"])
 
@@ -49,7 +51,8 @@ class Stage:
         """What the scene depends on, as JSON takes it."""
         facts = self.file.stat()
         scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
-        return {**scan, **self._surface, **self._place}
+        place = {name: value for name, value in self._place.items() if name != "wish"}
+        return {**scan, **self._surface, **place, **asdict(self._wish)}
 
     @property
     def is_plain(self) -> bool:
@@ -57,20 +60,29 @@ class Stage:
         return self._surface == PLAIN
 
     @property
+    def backdrop(self) -> Any:
+        """What stands behind the picture, as `write_image` takes it."""
+        from ..image.tone import GRADIENT
+
+        return GRADIENT if self._place["background"] == AUTO else None
+
+    @property
     def legend(self) -> Any:
         """What the scan is coloured by, with the range that is shown, by the name that was asked for."""
-        assert self._color is not None
-        return replace(self._scene.shown_attributes[0], name=self._color.name)
+        assert self._coat.attribute is not None
+        return replace(self._scene.shown_attributes[0], name=self._coat.attribute.name)
 
-    def build(self, progress: Progress) -> tuple[Any, Any]:
-        """The scene, and the model in it."""
+    def build(self, progress: Progress) -> tuple[Any, Any, Any]:
+        """The scene, the model in it, and what was found out about it: a `Scan`."""
+        from ..staging.first_view import Scan
+
         model = self._load(progress)
-        self._scene.add(model, material=self._material(model.points))
-        if self._ground:
-            self._scene.add(ground_under(model.bounds, self._up))
-        for make in self._lights:
-            self._scene.add_light(make(model.bounds.mean(axis=0)))
-        return self._scene, model
+        scan = in_background(lambda: Scan(model, self._wish))
+        self._scene.add(model, material=self._coat.material(model.points, scan.up))
+        if self._place["ground"]:
+            self._scene.add(ground_under(model.bounds, scan.up))
+        self._scene.lights = lights_for(self._lights, self._fill, model.bounds.mean(axis=0), scan.up)
+        return self._scene, model, scan
 
     def _load(self, progress: Progress) -> Any:
         """The model of the file: a scan's, or a saved one."""
@@ -83,30 +95,88 @@ class Stage:
                 raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
             return in_background(lambda: pr.Model.load(file))
         points = in_background(lambda: pr.read(file))
-        self._material(points)  # raises what is wrong
+        self._coat.material(points, self._wish.up)  # raises what is wrong
         radii = radii_in(points)
         try:
             return in_background(lambda: pr.Model(points, radii, **self._surface, progress=progress.show))
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
 
-    def _material(self, points: Any) -> Any:
-        """What the scan is made of: None for its own colours."""
-        from ..paints import check_attribute
-        from ..shade.materials import Diffuse
 
-        color = self._color
-        if color is None:
-            return None
-        if color.name == HEIGHT and HEIGHT not in points.attributes:
-            color = replace(color, name=_axis_of(self._up))
-        check_attribute(points, color)
-        return Diffuse(color)
+class Coat:
+    """What the scan is made of, and in which colour. Raises what is wrong with the options at once.
+
+    Parameters
+    ----------
+    material : str
+        "own", "clay", "phong", "metal" or "glass".
+    color : str or None
+        Linear r,g,b.
+    color_by : str or None
+        What the colour tells.
+    """
+
+    def __init__(self, material: str, color: str | None = None, color_by: str | None = None) -> None:
+        if color is not None and color_by is not None:
+            raise ValueError("--color and --color-by exclude each other")
+        if material == "glass" and (color is not None or color_by is not None):
+            raise ValueError("--material glass has no colour")
+        self._kind = material
+        self.attribute = None if color_by is None else color_of(color_by)
+        self._color = None if color is None else numbers(color, "--color")
+        if self._color is not None and not all(0 <= part <= 1 for part in self._color):
+            raise ValueError(f"--color must be linear r,g,b from 0 to 1, not {color}")
+
+    def material(self, points: Any, up: Any) -> Any:
+        """The material for points; what they have no colour for is grey. up : None: it will be along an axis"""
+        from ..paints import check_attribute
+        from ..shade.materials import Dielectric, Diffuse, Phong, Principled
+        from ..staging.studio import ALBEDO, CLAY
+
+        color: Any = self._color
+        if self.attribute is not None:
+            color = self.attribute
+            if color.name == HEIGHT and HEIGHT not in points.attributes:
+                color = replace(color, name=_axis_of(up or (0.0, 0.0, 1.0)))
+            check_attribute(points, color)
+        elif color is None and (points.colors is None or self._kind == "clay"):
+            color = CLAY if self._kind == "clay" else (ALBEDO, ALBEDO, ALBEDO)
+        made: dict[str, Any] = {
+            "own": lambda: Diffuse(color),
+            "clay": lambda: Diffuse(color),
+            "phong": lambda: Phong(color),
+            "metal": lambda: Principled(color, 0.35, 1.0),
+            "glass": Dielectric,
+        }
+        return made[self._kind]()
+
+
+def fill_of(fill: float | None, lights: list[str] | None) -> float:
+    """How much light comes from the sky beside lights that are given: none where one of them is a sky."""
+    if fill is not None and not 0 <= fill <= 1e6:
+        raise ValueError(f"--fill must be a number from 0 on, not {fill}")
+    if fill is not None and not lights:
+        raise ValueError("--fill is for --light sun or point, which is not given")
+    if any(text.startswith("sky") for text in lights or []):
+        if fill:
+            raise ValueError("--fill is for --light sun or point: there is a sky already")
+        return 0.0
+    return FILL if fill is None else fill
+
+
+def lights_for(lights: Sequence[Any], fill: float, middle: Any, up: Any) -> list[Any]:
+    """The lights of the options, see `light_of`, around a scan's middle; where there are none, a studio."""
+    from ..staging import studio
+
+    if not lights:
+        return studio.studio(up)
+    return [*(make(middle) for make in lights), *([studio.fill(fill, up)] if fill > 0 else [])]
 
 
 def _axis_of(up: tuple[float, float, float]) -> str:
     """The coordinate that rises upwards."""
-    if sorted(up)[:2] != [0, 0]:
+    axes = sorted(map(abs, up))
+    if axes[:2] != [0, 0] or max(up) <= 0:
         raise ValueError(f"--color-by {HEIGHT} is for --up along x, y or z, not {up}: name the coordinate")
     return "xyz"[up.index(max(up))]
 

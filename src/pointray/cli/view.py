@@ -14,7 +14,7 @@ from typing import Any
 
 from .options import View, background_of, light_of
 from .scenes import SceneStage, is_scene
-from .stage import PLAIN, check_scan, ground_under
+from .stage import PLAIN, check_scan, fill_of, ground_under, lights_for
 
 M_ARENA_MAX = -8  # of glibc's mallopt
 SERVING = ("host", "port", "open_browser")  # options that are about neither the scene nor the picture
@@ -26,6 +26,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
     options : those that the user has typed; place : settings, up, light, background and ground; surface : as `Model`
     takes it; another than the default one is shown with all points always
     """
+    from ..staging.first_view import Scan
     from ..viewer.loading import Described, Files
     from ..viewer.subject import Subject
 
@@ -36,20 +37,23 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
         plan = SceneStage(files[0], typed, SERVING).plan
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
         return Subject(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
-    up = View("1x1", up=place["up"]).up
-    lights = [light_of(text) for text in place["light"] or []]
-    background = background_of(place["background"]) if "background" in options else None
+    wish = View("1x1", place["up"]).wish
+    lights, fill = [light_of(text) for text in place["light"] or []], fill_of(place["fill"], place["light"])
+    background = background_of(place["background"])
+    known: list[Any] = []  # which way is up, and the lights: once, for the coarse version as for the whole
 
-    made: list[Any] = []  # once, for the coarse version as for the whole
-
-    def furnish(scene: Any) -> None:
+    def furnish(scene: Any) -> Any:
         bounds = scene.bounds
-        made.extend(make(bounds.mean(axis=0)) for make in lights[len(made) :])
-        scene.lights = made
+        if not known:
+            scan = Scan(scene, wish)
+            for found in scan.found[:1]:
+                _tell(found)
+            known.extend((scan.up, lights_for(lights, fill, bounds.mean(axis=0), scan.up)))
+        up, scene.lights = known
         if place["ground"]:
             scene.add(ground_under(bounds, up))
-        if background is not None:
-            scene.background = background
+        scene.background = background
+        return up
 
     for file in files:
         check_scan(file)
@@ -58,7 +62,9 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
         title, source = f"{title} and {len(files) - 1} more", ""
     settings = place["settings"]
     loader = Files(files, surface, furnish, settings.levels and surface == PLAIN)
-    return Subject(title, None, up, settings, source), loader
+    subject = Subject(title, None, wish.up or (0.0, 0.0, 1.0), settings, source)
+    subject.exposes = True
+    return subject, loader
 
 
 def serve(subject: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from ..points.files import check_writable, replacing
+from .tone import Backdrop
 from .write import SHOWN, write_image
 
 
@@ -61,9 +62,11 @@ class Frames:
         self.pattern.parent.mkdir(exist_ok=True)
         self._write_note()
 
-    def keep(self, k: int, image: ArrayLike, exposure: float, curve: str = "srgb") -> None:
+    def keep(
+        self, k: int, image: ArrayLike, exposure: float, curve: str = "srgb", backdrop: Backdrop | None = None
+    ) -> None:
         """Write a frame, and note that it is done."""
-        write_image(self.path(k), image, exposure, curve)
+        write_image(self.path(k), image, exposure, curve, backdrop=backdrop)
         self._done = max(self._done, k + 1)
         self._write_note()
 

@@ -7,12 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_choice, check_number
+from ..arguments import check_choice, check_number, check_numbers, wrong
 
 Floats = NDArray[np.float32]
 
 CURVES = ("srgb", "filmic")
 MOST_STOPS = 100  # that float32 can hold
+# sRGB, above and below, behind a scan: darker than its lit side, lighter than its shadows.
+GRADIENT = ((0.22, 0.25, 0.29), (0.46, 0.48, 0.51))
+Backdrop = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def linear_to_srgb(linear: NDArray[np.floating[Any]]) -> Floats:
@@ -33,6 +36,22 @@ def _decode(x: NDArray[np.float64]) -> Floats:
 
 
 _TABLE = _decode(np.arange(256) / 255)
+
+
+def check_backdrop(backdrop: Any) -> Backdrop:
+    """Two sRGB colours."""
+    colors = check_numbers(backdrop, "backdrop", "two sRGB colours, above and below").astype(np.float64)
+    if colors.shape != (2, 3) or not ((colors >= 0) & (colors <= 1)).all():
+        raise wrong("backdrop", "two sRGB colours, above and below, from 0 to 1", backdrop)
+    above, below = ((r, g, b) for r, g, b in colors.tolist())
+    return above, below
+
+
+def backdrop_rows(backdrop: Backdrop, height: int) -> Floats:
+    """Linear colours of a gradient from sRGB above to sRGB below, (height, 1, 3)."""
+    above, below = (np.array(color, np.float64) for color in backdrop)
+    share = ((np.arange(height) + 0.5) / height)[:, None, None]
+    return srgb_to_linear(above + share * (below - above))
 
 
 def filmic(linear: Floats) -> Floats:

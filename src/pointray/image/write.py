@@ -15,9 +15,10 @@ from ..arguments import check_mapping, check_path
 from ..memory import check_memory
 from ..points.files import check_writable, replacing
 from ..shade.attributes import Attribute
+from .exposure import auto_exposure
 from .exr import channels_of, check_exr, write_exr
 from .legend import check_legend, draw_legend
-from .tone import check_tone, linear_to_srgb, tone
+from .tone import Backdrop, backdrop_rows, check_backdrop, check_tone, linear_to_srgb, tone
 
 SHOWN = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 FORMATS = {**SHOWN, ".exr": "EXR"}
@@ -33,9 +34,10 @@ Floats = NDArray[np.float32]
 def write_image(
     path: str | os.PathLike[str],
     image: ArrayLike,
-    exposure: float = 0,
+    exposure: float | str = 0,
     curve: str = "srgb",
     legend: Attribute | None = None,
+    backdrop: Backdrop | None = None,
 ) -> None:
     """Write a rendered image.
 
@@ -45,12 +47,15 @@ def write_image(
         Ends in .png, .jpg, .jpeg or .exr; replaced when all is written.
     image : (h, w, 4) or (h, w, 3) float32
         Linear; with alpha premultiplied. NaN becomes 0.
-    exposure : float
-        In stops: each doubles the light.
+    exposure : float or "auto"
+        In stops: each doubles the light. Auto: of medium brightness, with highlights kept, see `auto_exposure`.
     curve : {"srgb", "filmic"}
         Brightness above 1 is cut off, or rolled off as by film.
     legend : Attribute, optional
         With a range: drawn onto what is shown, see `draw_legend`. Not for EXR.
+    backdrop : ((3,), (3,)) float, optional
+        sRGB, 0 to 1: a gradient from the first above to the second below, behind what is transparent; the exposure does
+        not change it. Not for EXR.
 
     Raises
     ------
@@ -70,16 +75,19 @@ def write_image(
     file = check_path(path)
     format = _format_of(file, FORMATS)
     array = _check_image(image)
-    check_tone(exposure, curve)
+    stops: Any = auto_exposure(array) if isinstance(exposure, str) and exposure == "auto" else exposure
+    check_tone(stops, curve)
+    behind = None if backdrop is None else backdrop_rows(check_backdrop(backdrop), len(array))
     if legend is not None:
         check_legend(legend, "legend")
     if format == "EXR":
-        if legend is not None:
-            raise ValueError(f"{file}: an EXR keeps the light as it is; a legend is for {', '.join(SHOWN)}")
+        for name, given in (("a legend", legend), ("a backdrop", backdrop)):
+            if given is not None:
+                raise ValueError(f"{file}: an EXR keeps the light as it is; {name} is for {', '.join(SHOWN)}")
         write_layers(file, {"radiance": array})
         return
     check_memory(SHOWN_BYTES * array.shape[0] * array.shape[1], f"to write {file.name}")
-    picture = _to_bytes(array, exposure, curve, format == "PNG")
+    picture = _to_bytes(array, (stops, curve), format == "PNG", behind)
     if legend is not None:
         picture = draw_legend(picture, legend)
     with replacing(file) as beside:
@@ -190,19 +198,23 @@ def _split(image: NDArray[Any]) -> tuple[Floats, Floats]:
     return colors, alpha
 
 
-def _to_bytes(image: NDArray[Any], exposure: float, curve: str, transparent: bool) -> NDArray[np.uint8]:
+def _to_bytes(
+    image: NDArray[Any], look: tuple[Any, str], transparent: bool, backdrop: Floats | None
+) -> NDArray[np.uint8]:
     """What is shown of an image, (h, w, 3) uint8, or (h, w, 4) where alpha is kept and any is below 1; else on white.
+
+    look : exposure, curve; backdrop : (h, 1, 3), linear, in the place of white
 
     Made by bands of rows: what is on the way to it takes several times the memory of the picture.
     """
     rows = bands(image.shape)
-    transparent = transparent and any((_split(image[band])[1] < 1).any() for band in rows)
+    transparent = transparent and backdrop is None and any((_split(image[band])[1] < 1).any() for band in rows)
     out = np.empty((*image.shape[:2], 4 if transparent else 3), np.uint8)
     for band in rows:
         linear, alpha = _split(image[band])
-        shown = tone(linear, exposure, curve)
+        shown = tone(linear, *look)
         if not transparent:
-            shown = shown * alpha + (1 - alpha)
+            shown = shown * alpha + (1 - alpha) * (1.0 if backdrop is None else backdrop[band])
         out[band, :, :3] = np.rint(linear_to_srgb(shown) * 255)
         if transparent:
             out[band, :, 3:] = np.rint(alpha * 255)

@@ -1,4 +1,4 @@
-"""Direct light at the hits of a tile: each light from its middle, its shadow rays together; the sky's, unshadowed.
+"""Direct light at the hits of a tile: each light from its middle, its shadow rays together; the sky's, by its mean.
 
 What mirrors and glass send on is in `shade/onward.py`.
 """
@@ -9,9 +9,10 @@ import math
 
 from ..jit import inline
 from ..records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT
-from ..scratch import DIRECTION, GAIN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
+from ..scratch import DIRECTION, GAIN, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
 from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
 from ..vec import BLACK, either, multiply, scale
+from .ambient import find_sky_seen
 from .bsdf import ambient, emitted, scatter
 from .emitters import from_middle
 from .sky import has_sky, sky_irradiance
@@ -65,12 +66,15 @@ def shade_gains(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def light_tile(world, shadows, scratch):  # type: ignore[no-untyped-def]
+def light_tile(world, shadows, look, scratch):  # type: ignore[no-untyped-def]
     """Add the radiance that the tile's surface points send back along its rays. Uses these as shadow rays.
 
-    A scene without lights has a headlight: where rays begin, without fall-off and shadows, irradiance pi.
+    look : how the sky is looked for, see `find_sky_seen`. A scene without lights has a headlight: where rays begin,
+    without fall-off and shadows, irradiance pi.
     """
     dark = world.lights.size == 0 and not has_sky(world)
+    if has_sky(world):
+        find_sky_seen(world, look, scratch)
     for i in range(TILE):
         if is_spot(scratch, i):
             at, place = place_of(world, scratch, i)
@@ -79,7 +83,8 @@ def light_tile(world, shadows, scratch):  # type: ignore[no-untyped-def]
                 add_radiance(scratch, i, scale(scatter(world, at, place, place.to_eye)[0], math.pi))
             elif has_sky(world):
                 even = sky_irradiance(world, row(scratch.spots, SPOT_NORMAL + i))
-                add_radiance(scratch, i, multiply(ambient(world, at, place), scale(even, 1.0 / math.pi)))
+                share = scratch.spots[SKY_SEEN + i] / math.pi
+                add_radiance(scratch, i, multiply(ambient(world, at, place), scale(even, share)))
     for light in range(0, world.lights.size, LIGHT):
         if not _light_from(world, light, scratch):
             continue

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import LEAST_LENGTH, check_number, rgb, unit_vector, vector
+from ..arguments import LEAST_LENGTH, check_flag, check_number, rgb, unit_vector, vector
 from ..records import (
     DISK_LIGHT,
     LIGHT,
@@ -70,13 +70,17 @@ class PointLight(_Checked):
     position : (3,) float, world
     intensity : float or (3,) float
         Radiant intensity, W/sr.
+    camera : bool
+        It goes with the camera: the position is from the eye to the right, upwards and back from what it looks at.
     """
 
     position: ArrayLike
     intensity: ArrayLike
+    camera: bool = False
 
     def record(self) -> NDArray[np.float64]:
         """The light as kernels read it, (18,) float64."""
+        check_flag(self.camera, "camera")
         return _record(POINT_LIGHT, vector(self.position, "position"), rgb(self.intensity, "intensity"))
 
 
@@ -92,14 +96,18 @@ class SunLight(_Checked):
         On a surface that faces it, W/m2. A white diffuse surface under irradiance pi has radiance 1.
     angle : float
         How wide the disk is, degrees, 0 to 180: the path tracer's shadows have soft edges. 0.53 is the sun's.
+    camera : bool
+        It goes with the camera: the direction is to the right in the picture, upwards in it, and towards the eye.
     """
 
     direction: ArrayLike
     irradiance: ArrayLike = np.pi
     angle: float = 0.53
+    camera: bool = False
 
     def record(self) -> NDArray[np.float64]:
         """The light as kernels read it, (18,) float64."""
+        check_flag(self.camera, "camera")
         angle = check_number(self.angle, "angle", "from 0 to 180 degrees", lambda x: 0 <= x <= 180)
         out = _record(SUN_LIGHT, unit_vector(self.direction, "direction"), rgb(self.irradiance, "irradiance"))
         out[LIGHT_RADIUS] = 2.0 * np.sin(np.radians(angle) / 4.0) ** 2
@@ -180,6 +188,20 @@ class SphereLight(_Checked):
         out[LIGHT_RADIUS] = radius = length_of(self.radius, "radius")
         out[LIGHT_AREA] = 4.0 * np.pi * radius * radius
         return out
+
+
+def goes_along(light: object) -> bool:
+    """Whether a light goes with the camera."""
+    return isinstance(light, PointLight | SunLight) and light.camera
+
+
+def fixed(light: Light, eye: NDArray[np.float64], axes: NDArray[np.float64]) -> Light:
+    """A light as it stands in the world. axes : (3, 3), to the right, upwards and towards the eye, rows"""
+    if isinstance(light, SunLight) and light.camera:
+        return replace(light, direction=vector(light.direction, "direction") @ axes, camera=False)
+    if isinstance(light, PointLight) and light.camera:
+        return replace(light, position=eye + vector(light.position, "position") @ axes, camera=False)
+    return light
 
 
 Light = PointLight | SunLight | RectLight | DiskLight | SphereLight

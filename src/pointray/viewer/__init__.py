@@ -11,8 +11,11 @@ from __future__ import annotations
 import sys
 from contextlib import suppress
 
+from numpy.typing import ArrayLike
+
 from ..arguments import check_flag, check_text, check_whole
 from ..scene import Scene
+from ..staging.first_view import Scan, ViewChoice, up_of
 from .subject import Subject
 from .viewer import Viewer
 
@@ -25,7 +28,7 @@ def view(
     port: int = 0,
     open_browser: bool = True,
     block: bool = True,
-    up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    up: ArrayLike | str = "auto",
 ) -> Viewer:
     """Show a scene in the browser, interactively.
 
@@ -42,8 +45,8 @@ def view(
         Where there is none, the address is printed.
     block : bool
         Wait until Ctrl-C. In a notebook it never waits: the page appears in the cell.
-    up : (3,) float
-        Which way is up.
+    up : (3,) array_like, or "x", "-x", "y", "-y", "z", "-z", or "auto"
+        Which way is up; auto: see `pointray.frame`.
 
     Returns
     -------
@@ -65,7 +68,10 @@ def view(
         raise ValueError(f"scene must be a Scene, not {type(scene).__name__}")
     host, port = check_text(host, "host"), check_whole(port, "port", 0, 65535)
     open_browser, block = check_flag(open_browser, "open_browser"), check_flag(block, "block")
-    viewer = Viewer(Subject("pointray", scene, up), host, port)
+    wanted = up_of(up)
+    if wanted is None:
+        wanted = Scan(scene, ViewChoice()).up if scene.models else (0.0, 0.0, 1.0)
+    viewer = Viewer(Subject("pointray", scene, wanted), host, port)
     if in_notebook():
         return viewer
     if not (open_browser and viewer.open_browser()):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..film import turntable
+from ..image.exposure import auto_exposure
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
@@ -96,7 +97,9 @@ class Exports:
         check_picture(camera.size, picture_bytes(settings, written=SHOWN_BYTES))
         image = render(scene, camera, settings, lambda share: self._tell("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
-        write_image(path, image, wish.looks.exposure, wish.looks.curve, legend=legend)
+        backdrop = None if output.format == "exr" else wish.looks.behind
+        stops = wish.looks.exposure + (auto_exposure(image) if wish.looks.exposes else 0.0)
+        write_image(path, image, stops, wish.looks.curve, legend, backdrop)
         del image  # what is sent needs the room
         self._give(path)
 
@@ -117,7 +120,9 @@ class Exports:
 
             image = render(scene, camera, settings, tell)
             self._tell("film", (k + 1) / count)
-            frames.keep(k, image, wish.looks.exposure, wish.looks.curve)
+            if k == 0:  # one exposure for the film
+                stops = wish.looks.exposure + (auto_exposure(image) if wish.looks.exposes else 0.0)
+            frames.keep(k, image, stops, wish.looks.curve, wish.looks.behind)
         write_mp4(path, frames.pattern, count, output.fps, size)
         self._give(path)
 
@@ -137,14 +142,15 @@ def _command(wish: Wish, output: Output, source: str) -> str:
     words += [f"--{name}={_commas(getattr(camera, name))}" for name in ("eye", "target", "up")]
     words += ["--fov", f"{camera.fov:.6g}", "--size", f"{output.width}x{output.height}"]
     words += ["--integrator", looks.integrator, "--spp", str(output.samples)]
-    words += ["--exposure", f"{looks.exposure:g}"] if looks.exposure else []
+    words += ["--exposure", "auto" if looks.exposes else f"{looks.exposure:g}"]
     words += [] if looks.levels else ["--no-levels"]
     if not source.endswith(".toml"):
         for light in looks.lights(wish.up):
             words += ["--light", text] if (text := _light_text(light)) else []
+        words += ["--fill", "0"] if "--light" in words and not any(w.startswith("sky") for w in words) else []
         words += ["--ground"] if looks.ground else []
         color = _commas(srgb_to_linear(np.array(looks.backdrop)))
-        words += ["--background", "sky" if looks.around == "sky" else color]
+        words += ["--background", {"sky": "sky", "gradient": "auto"}.get(looks.around, color)]
         if looks.color_by not in (OWN, CONSTANT):
             words += ["--color-by", f"{looks.color_by}:{looks.colormap}"]
     return shlex.join(words)
@@ -153,9 +159,11 @@ def _command(wish: Wish, output: Output, source: str) -> str:
 def _light_text(light: Any) -> str:
     """A light as the command line takes it: of one strength, a sun or a point; others have no words there."""
     if isinstance(light, SunLight):
-        return f"sun:{_commas(light.direction)}:{float(np.max(light.irradiance)):.6g}"
+        along = ",camera" if light.camera else ""
+        return f"sun:{_commas(light.direction)}:{float(np.max(light.irradiance)):.6g}{along}"
     if isinstance(light, PointLight):
-        return f"point:{_commas(light.position)}:{float(np.max(light.intensity)):.6g}"
+        along = ",camera" if light.camera else ""
+        return f"point:{_commas(light.position)}:{float(np.max(light.intensity)):.6g}{along}"
     if isinstance(light, EnvironmentLight) and light.image is None and light.horizon is None and light.ground is None:
         return f"sky:{_commas(np.broadcast_to(light.radiance, 3))}"
     return ""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arguments import rgb
 from ..image.tone import linear_to_srgb, srgb_to_linear
 from ..scene import Scene
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, PointLight, SunLight
+from ..staging.direction import angles_of, direction_of
 
 Color = tuple[float, float, float]
 Vector = tuple[float, float, float]
@@ -40,6 +39,8 @@ class Lamp:
     angle : float
         Degrees, of a sun's disk.
     position : (3,) world, of a point light
+    camera : bool
+        It goes with the camera: angles are about its axes, the position is before it.
     light : of kind "own": a light of the scene, as it is
     """
 
@@ -52,6 +53,7 @@ class Lamp:
     position: Vector = (0.0, 0.0, 0.0)
     light: Light | EnvironmentLight | None = None
     on: bool = True
+    camera: bool = False
 
     def make(self, up: Vector) -> Light | EnvironmentLight:
         """The light itself."""
@@ -59,10 +61,14 @@ class Lamp:
             return self.light
         power = srgb_to_linear(np.array(self.color, np.float64)) * self.strength
         if self.kind == SUN:
-            return SunLight(-_direction(self.azimuth, self.elevation, up), power, self.angle)
+            return SunLight(-direction_of(self.azimuth, self.elevation, self._up(up)), power, self.angle, self.camera)
         if self.kind == POINT:
-            return PointLight(self.position, power)
+            return PointLight(self.position, power, self.camera)
         return EnvironmentLight(power, up=up)
+
+    def _up(self, up: Vector) -> Vector:
+        """What its angles are about."""
+        return (0.0, 1.0, 0.0) if self.camera else up
 
 
 def new_lamp(kind: str, scene: Scene, up: Vector) -> Lamp:
@@ -71,7 +77,7 @@ def new_lamp(kind: str, scene: Scene, up: Vector) -> Lamp:
         return Lamp(kind, strength=BRIGHT if kind == SUN else 1.0)
     low, high = scene.bounds
     away = AWAY * float(np.linalg.norm(high - low))
-    x, y, z = ((low + high) / 2 + away * _direction(-40.0, 40.0, up)).tolist()
+    x, y, z = ((low + high) / 2 + away * direction_of(-40.0, 40.0, up)).tolist()
     return Lamp(POINT, strength=BRIGHT * away * away, position=(x, y, z))
 
 
@@ -83,12 +89,13 @@ def lamps_of(scene: Scene, up: Vector) -> tuple[Lamp, ...]:
 def _lamp_of(light: Light | EnvironmentLight, up: Vector) -> Lamp:
     if isinstance(light, SunLight):
         color, strength = _split(light.irradiance)
-        azimuth, elevation = _angles(-np.asarray(light.direction, np.float64), up)
-        return Lamp(SUN, color, strength, azimuth, elevation, float(light.angle))
+        about = (0.0, 1.0, 0.0) if light.camera else up
+        azimuth, elevation = angles_of(-np.asarray(light.direction, np.float64), about)
+        return Lamp(SUN, color, strength, azimuth, elevation, float(light.angle), camera=light.camera)
     if isinstance(light, PointLight):
         color, strength = _split(light.intensity)
         x, y, z = np.asarray(light.position, np.float64).tolist()
-        return Lamp(POINT, color, strength, position=(x, y, z))
+        return Lamp(POINT, color, strength, position=(x, y, z), camera=light.camera)
     return Lamp(OWN, light=light)
 
 
@@ -98,25 +105,3 @@ def _split(power: Any) -> tuple[Color, float]:
     strength = float(values.max()) or 1.0
     r, g, b = linear_to_srgb(values / strength).tolist()
     return (r, g, b), strength if values.max() > 0 else 0.0
-
-
-def axes_of(up: Vector) -> NDArray[np.float64]:
-    """Right, front and up as rows, as one sees them who stands in front: unit; front is -y where z is up, else +z."""
-    top = np.asarray(up, np.float64) / np.linalg.norm(up)
-    ahead = np.array([0.0, -1.0, 0.0]) if abs(top[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
-    front = ahead - top * (ahead @ top)
-    front /= np.linalg.norm(front)
-    return np.stack([np.cross(top, front), front, top])
-
-
-def _direction(azimuth: float, elevation: float, up: Vector) -> NDArray[np.float64]:
-    """Unit vector to where azimuth and elevation point."""
-    right, front, top = axes_of(up)
-    a, e = math.radians(azimuth), math.radians(elevation)
-    return np.asarray(math.cos(e) * (math.cos(a) * front + math.sin(a) * right) + math.sin(e) * top)
-
-
-def _angles(direction: NDArray[np.float64], up: Vector) -> tuple[float, float]:
-    """Azimuth and elevation of a direction, degrees."""
-    right, front, top = axes_of(up) @ (direction / np.linalg.norm(direction))
-    return math.degrees(math.atan2(right, front)), math.degrees(math.asin(max(-1.0, min(1.0, top))))

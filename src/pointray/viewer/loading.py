@@ -15,7 +15,9 @@ from ..points.files import read
 from ..saved import SAVED
 from ..scene import Scene
 from ..scenefile import Plan
+from ..shade.materials import Diffuse
 from ..splats.radii import radii_in
+from ..staging.studio import ALBEDO
 from .subject import Subject
 
 COARSE = 60_000  # points of the coarse version: built in some 0.3 s
@@ -31,14 +33,14 @@ class Files:
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
     furnish : callable
-        Puts lights and the like into a scene that has its models.
+        Puts lights and the like into a scene that has its models; returns which way is up in it.
     leveled : bool
         Whether large scans get levels of detail.
     """
 
     paths: Sequence[Path]
     surface: dict[str, Any]
-    furnish: Callable[[Scene], None]
+    furnish: Callable[[Scene], tuple[float, float, float]]
     leveled: bool = True
 
     def __call__(self, subject: Subject) -> None:
@@ -50,14 +52,16 @@ class Files:
             subject.say("building a coarse version", None)
             # Small ones are models from here on, and not built again.
             clouds = [cloud if _is_large(cloud) else self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
-            subject.show(self._scene([self._coarse(cloud) for cloud in clouds]))
+            subject.show(self._scene([self._coarse(cloud) for cloud in clouds], subject))
         models = [self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
-        subject.show(self._scene(models))
+        subject.show(self._scene(models, subject))
         large = [model for cloud, model in zip(clouds, models, strict=True) if _is_large(cloud)]
         if self.leveled and large:
             for model in large:
                 model.make_levels(lambda stage, share: subject.say(f"building: {stage}", share))
-            subject.show(self._scene(models))  # anew: what colours the points by an attribute counts the levels too
+            subject.show(
+                self._scene(models, subject)
+            )  # anew: what colours the points by an attribute counts the levels too
 
     def _coarse(self, cloud: Points | Model) -> Model:
         """Of some of the points."""
@@ -78,11 +82,11 @@ class Files:
         except ValueError as error:
             raise ValueError(f"{self.paths[number]}: {error}") from error
 
-    def _scene(self, models: Sequence[Model]) -> Scene:
+    def _scene(self, models: Sequence[Model], subject: Subject) -> Scene:
         scene = Scene()
         for model in models:
-            scene.add(model)
-        self.furnish(scene)
+            scene.add(model, material=None if model.points.colors is not None else Diffuse(ALBEDO))
+        subject.up = self.furnish(scene)
         return scene
 
 

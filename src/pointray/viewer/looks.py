@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..image.tone import linear_to_srgb, srgb_to_linear
+from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..instances import Plane
 from ..model import Model
 from ..paints import check_attribute
@@ -19,14 +19,16 @@ from ..shade.attributes import COORDINATES, Attribute
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light
 from ..shade.materials import Dielectric, Diffuse, Material, Mirror, Phong, Principled
-from .lamps import Color, Lamp, Vector, axes_of, lamps_of, new_lamp
+from ..staging.direction import axes_of
+from ..staging.studio import ALBEDO
+from .lamps import Color, Lamp, Vector, lamps_of, new_lamp
 from .subject import Subject
 
 OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
 
 # Values of the picture, not of the scene: `dress` does not depend on them.
-PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposure", "curve")
+PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposes", "exposure", "curve")
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,11 @@ class Looks:
         What the panel has nothing for.
     samples : int
         Of a pixel, when it is refined.
+    exposes : bool
+        Whether the exposure is chosen; `exposure` is then added to it.
     backdrop : (3,) sRGB
     around : str
-        "color": the backdrop's; "sky": the lights'; "scene": what the scene itself says.
+        "gradient": that of `image.tone`; "color": the backdrop's; "sky": the lights'; "scene": what it says itself.
     material : str
         "own": each instance's own; else one for all models.
     color_by : str
@@ -65,9 +69,10 @@ class Looks:
     max_depth: int = 4
     shadows: bool = True
     levels: bool = True
+    exposes: bool = False
     exposure: float = 0.0
     curve: str = "srgb"
-    around: str = "color"
+    around: str = "gradient"
     backdrop: Color = BACKDROP
     lamps: tuple[Lamp, ...] = ()
     material: str = OWN
@@ -95,6 +100,7 @@ class Looks:
             max_depth=settings.depth,
             shadows=settings.shadows,
             levels=settings.levels,
+            exposes=subject.exposes,
             exposure=subject.exposure,
             curve=subject.curve,
         )
@@ -105,7 +111,7 @@ class Looks:
         if scene.shows_sky:
             return replace(self, around="sky")
         if scene.background is None:
-            return self
+            return replace(self, around="gradient")
         r, g, b = linear_to_srgb(np.clip(scene.background, 0, 1)).tolist()
         return replace(self, around="color", backdrop=(r, g, b))
 
@@ -138,6 +144,11 @@ class Looks:
         shown: dict[str, Any] = {"integrator": self.integrator, "max_depth": self.max_depth, "shadows": self.shadows}
         return replace(self.base, spp=spp, levels=self.levels, **shown)
 
+    @property
+    def behind(self) -> Backdrop:
+        """What is seen where a picture is transparent: sRGB above and below."""
+        return GRADIENT if self.around == "gradient" else (self.backdrop, self.backdrop)
+
     def lights(self, up: Vector) -> list[Light | EnvironmentLight]:
         """Those that are on."""
         return [lamp.make(up) for lamp in self.lamps if lamp.on]
@@ -147,6 +158,8 @@ class Looks:
         dressed = scene.copy()
         dressed.lights = self.lights(up)
         dressed.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
+        if self.around == "gradient":
+            dressed.background = None
         if self.around == "scene":
             dressed.background = "environment" if scene.shows_sky else scene.background
         low, high = scene.bounds
@@ -155,10 +168,9 @@ class Looks:
             dressed.add(Plane(np.where(top >= 0, low, high), up))
         dressed.clips = [*map(tuple, scene.clips), *self._clips(low, high)]
         if self.material != OWN or self.color_by != OWN:
-            material = self._material()
             for number, shape in scene.shapes.items():
                 if isinstance(shape, Model):
-                    dressed.update(number, material=material)
+                    dressed.update(number, material=self._material(shape.points.colors is None))
         return dressed
 
     def _clips(self, low: Any, high: Any) -> list[tuple[Any, Any]]:
@@ -170,13 +182,16 @@ class Looks:
                 out.append((low + (high - low) * cut.at, normal))
         return out
 
-    def _material(self) -> Material:
+    def _material(self, uncolored: bool) -> Material:
+        """uncolored : whether the points have no colours of their own"""
         color: Any = None
         if self.color_by == CONSTANT:
             color = srgb_to_linear(np.array(self.color))
         elif self.color_by != OWN:
             limits = None if self.low is None or self.high is None else (self.low, self.high)
             color = Attribute(self.color_by, self.colormap, limits)
+        elif uncolored:
+            color = (ALBEDO, ALBEDO, ALBEDO)
         made: dict[str, Any] = {
             OWN: lambda: Diffuse(color),
             "diffuse": lambda: Diffuse(color),

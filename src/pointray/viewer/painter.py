@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..camera import Camera
-from ..image.tone import srgb_to_linear
+from ..image.exposure import auto_exposure
+from ..image.tone import backdrop_rows
 from ..jit import Cancel
 from ..picture import Picture
 from ..scene import Scene
@@ -26,6 +27,7 @@ from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 
 log = logging.getLogger("pointray.view")
 
+STEADY = 0.4  # stops: a smaller change of what still pictures ask for is not followed
 IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
 LARGEST = 6 << 20  # bytes of a picture: so many in flight fit into what may wait for a page, see `link`
 COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling of those that would be larger
@@ -90,6 +92,7 @@ class Painter:
         self._drawn, self._seen = 0, 0
         self._pace = Pace()
         self._dressed: tuple[Wish, Scene] | None = None
+        self._exposed: tuple[Looks, tuple[int, int], float] | None = None  # what was chosen, and for which looks
         self._times: deque[float] = deque(maxlen=60)
         threading.Thread(target=self._run, name="pointray-painter", daemon=True).start()
 
@@ -165,7 +168,10 @@ class Painter:
     def _show(self, wish: Wish, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
         """One sample a pixel."""
         begun = time.perf_counter()
-        picture = Picture(scene.snapshot(), camera, wish.looks.settings(1))
+        settings = wish.looks.settings(1)
+        if stage is MOVING:  # contact shadows of one sample would be grain
+            settings = replace(settings, sky_rays=0)
+        picture = Picture(scene.snapshot(), camera, settings)
         picture.add(0, 1, cancel=cancel)
         if cancel is None or not cancel.wanted:
             self._send(wish, picture.image, stage, (1, 1), time.perf_counter() - begun)
@@ -206,13 +212,28 @@ class Painter:
     ) -> None:
         """Send a picture. samples : a pixel's in all, and those that were added in these seconds."""
         looks = wish.looks
-        levels = levels_of(image, srgb_to_linear(np.array(looks.backdrop)), looks.exposure, looks.curve)
+        behind = backdrop_rows(looks.behind, len(image))[:, 0]
+        levels = levels_of(image, behind, looks.exposure + self._exposure(wish, image, stage), looks.curve)
         jpeg = encode(levels, stage)
         height, width = levels.shape[:2]
         with self._changed:
             self._drawn += 1
         rays = width * height * samples[1]
         self._deliver(Frame(self._drawn, wish, (width, height), stage, samples[0], jpeg, seconds, rays))
+
+    def _exposure(self, wish: Wish, image: NDArray[np.float32], stage: Stage) -> float:
+        """The exposure that is chosen, stops: anew where looks have changed, and where still pictures ask for much more
+        or less, so that nothing flickers while the camera moves."""
+        if not wish.looks.exposes:
+            return 0.0
+        known = self._exposed
+        if known is None or known[0] is not wish.looks or known[1] != wish.version or stage is STILL:
+            stops = auto_exposure(image)
+            if known is None or abs(stops - known[2]) > STEADY or stage is not STILL:
+                known = wish.looks, wish.version, stops
+            self._exposed = wish.looks, wish.version, known[2]
+        assert self._exposed is not None
+        return self._exposed[2]
 
 
 def encode(levels: NDArray[np.uint8], stage: Stage) -> bytes:

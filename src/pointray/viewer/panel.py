@@ -60,7 +60,12 @@ def folders(looks: Looks, subject: Subject, output: Output, scene: Scene | None)
 
 
 def _view(looks: Looks, has_levels: bool) -> Folder:
-    around = [("color", "this colour"), ("sky", "the light all around"), ("scene", "the scene's own")]
+    around = [
+        ("gradient", "a gradient"),
+        ("color", "this colour"),
+        ("sky", "the light all around"),
+        ("scene", "the scene's own"),
+    ]
     depth = (
         [_range(looks, "max_depth", "Bounces", 0, max(32, looks.max_depth), 1)]
         if looks.integrator in ("phong", "path")
@@ -82,10 +87,13 @@ def _view(looks: Looks, has_levels: bool) -> Folder:
             ),
             *depth,
             *levels,
-            _range(looks, "exposure", "Exposure", -6, 6, 0.1, "Stops: each doubles the light"),
+            Control(
+                "exposes", "Choose exposure", "switch", looks.exposes, hint="Of medium brightness, highlights kept"
+            ),
+            _range(looks, "exposure", "Exposure", -6, 6, 0.1, "Stops, from what was chosen: each doubles the light"),
             _choice(looks, "curve", "Curve", [("srgb", "sRGB"), ("filmic", "filmic")]),
             _choice(looks, "around", "Background", around),
-            Control("backdrop", "Colour", "color", looks.backdrop),
+            *([Control("backdrop", "Colour", "color", looks.backdrop)] if looks.around == "color" else []),
             Control("help", "", "note", KEYS),
         ],
         open=True,
@@ -135,6 +143,8 @@ def _lamp(at: str, number: int, lamp: Lamp) -> list[Control]:
                 hint="Degrees: soft shadows of path tracing",
             ),
         ]
+    if lamp.kind in (SUN, POINT):
+        rows.append(Control(f"{at}camera", "Goes with the camera", "switch", lamp.camera))
     if lamp.kind == POINT:
         rows.append(Control(f"{at}position", "Place", "vector", lamp.position))
     return [*rows, Control(f"{at}remove", "Remove", "button")]

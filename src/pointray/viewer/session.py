@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..scene import Scene
+from ..staging.direction import VIEWS
+from ..staging.first_view import AUTO
 from .controls import Control, Folder
 from .exports import Exports
-from .lamps import MOST_LAMPS, SUN, axes_of, lamps_of
+from .lamps import MOST_LAMPS, SUN, lamps_of
 from .link import Link
 from .looks import CONSTANT, OWN, Looks
 from .messages import camera_of, number, parse, size_of, word
@@ -34,14 +36,6 @@ MOST_SAID = 10  # messages of one page that are ignored and told in the log
 COSTLY = frozenset({"press", "pick", "view"})  # messages of which no hand makes MOST_COSTLY a second
 MOST_COSTLY = 50.0  # a second; twice as many at once
 TURN = 180.0  # degrees that the sun turns over a window's height
-VIEWS = {
-    "front": (0.0, 1.0, 0.0),  # right, front, up
-    "back": (0.0, -1.0, 0.0),
-    "left": (-1.0, 0.0, 0.0),
-    "right": (1.0, 0.0, 0.0),
-    "top": (0.0, 0.01, 1.0),
-    "bottom": (0.0, 0.01, -1.0),
-}
 
 
 class Session:
@@ -277,8 +271,7 @@ class Session:
             camera = replace(self._subject.home, size=size)
         else:
             fov = FOV if self._camera is None else self._camera.fov
-            way = None if name == "home" else np.array(VIEWS[name]) @ axes_of(self._subject.up)
-            camera = Camera.frame(scene.bounds, way, fov=fov, size=size, up=self._subject.up)
+            camera = self._subject.scan(AUTO if name == "home" else name).camera(fov, size)
         if not animate:
             self._camera, self._at_home = camera, True
         self._voice.go(camera, animate)

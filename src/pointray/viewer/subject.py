@@ -8,10 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
-from ..camera import Camera, _check_direction
+from ..camera import Camera, check_direction
 from ..model import Model
 from ..scene import Scene
 from ..settings import Settings
+from ..staging.first_view import Scan, ViewChoice
 
 log = logging.getLogger("pointray.view")
 
@@ -50,7 +51,7 @@ class Subject:
     up : (3,) tuple
     home : Camera or None
         Where a browser begins; None: where it sees all.
-    settings, exposure, curve
+    settings, exposes, exposure, curve
         What it begins with.
     problem : str
         Why there is nothing to see, or not all.
@@ -67,9 +68,10 @@ class Subject:
         source: str = "",
     ) -> None:
         self.title, self.settings, self.source = title, settings or Settings(), source
-        self.up = _check_direction(up, "up")
+        self.up = check_direction(up, "up")
         self.home: Camera | None = None
-        self.exposure, self.curve = 0.0, "srgb"
+        self.exposes, self.exposure, self.curve = False, 0.0, "srgb"
+        self._scan: tuple[Any, Scan] | None = None  # how the scene was seen last, and what for
         self.problem, self.failures = "", 0
         self.progress = Progress()
         self._scene, self._shown = scene, 0
@@ -116,6 +118,15 @@ class Subject:
             self._rebuild()
 
         return self._start(work)
+
+    def scan(self, view: str) -> Scan:
+        """What is known of the scene for a view of it, see `ViewChoice`; ValueError if there is none."""
+        scene, key = self.scene, (self.version, self.up, view)
+        if scene is None:
+            raise ValueError("there is nothing to see yet")
+        if self._scan is None or self._scan[0] != key:
+            self._scan = key, Scan(scene, ViewChoice(self.up, view))
+        return self._scan[1]
 
     def show(self, scene: Scene, home: Camera | None = None) -> None:
         """This is what is shown from now on, and where a browser begins."""

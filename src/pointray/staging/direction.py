@@ -1,0 +1,122 @@
+"""Where to look at a scan from: a body from slightly above, terrain from higher up, a scanned side from before it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .sample import Sample
+from .upright import STRAY, is_depth_picture, is_flat
+
+Floats = NDArray[np.float64]
+
+VIEWS = {  # azimuth and elevation, degrees: 0 and 0 is the front, 90 to the right
+    "iso": (45.0, 35.264),
+    "front": (0.0, 0.0),
+    "right": (90.0, 0.0),
+    "back": (180.0, 0.0),
+    "left": (-90.0, 0.0),
+    "top": (0.0, 90.0),
+    "bottom": (0.0, -90.0),
+}
+BODY = (25.0, 18.0)  # from the front, a little to the right and above
+TERRAIN = (25.0, 40.0)
+ASIDE = 20.0  # degrees that a scanned side is turned away, for its depth to be seen
+SIDED = 0.15  # length of the mean level normal from which a scan has one side
+STEEPEST = 89.94  # degrees: a top view that still knows where the front is
+LONG = 1.5  # times as long as wide: such a scan lies across the picture
+SECTORS = 16  # around the middle of a room
+SURROUNDED, INWARD, CEILING = 0.9, 0.7, 0.05  # of the sectors, of the normals, and of those that look down from above
+
+
+class Outlook(NamedTuple):
+    """Where a scan is looked at from.
+
+    Attributes
+    ----------
+    azimuth, elevation : float
+        Degrees.
+    kind : str
+        What the scan was taken for.
+    within : bool
+        Whether the camera stands inside, as in a room.
+    """
+
+    azimuth: float
+    elevation: float
+    kind: str
+    within: bool = False
+
+
+def axes_of(up: ArrayLike) -> Floats:
+    """Right, front and up as rows, as one sees them who stands in front: unit; front is -y where z is up, else +z."""
+    top = np.asarray(up, np.float64) / np.linalg.norm(up)
+    ahead = np.array([0.0, -1.0, 0.0]) if abs(top[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
+    front = ahead - top * (ahead @ top)
+    front /= np.linalg.norm(front)
+    return np.stack([np.cross(top, front), front, top])
+
+
+def direction_of(azimuth: float, elevation: float, up: ArrayLike) -> Floats:
+    """The unit vector to where azimuth and elevation point, degrees; elevations are held off straight up and down."""
+    right, front, top = axes_of(up)
+    a, e = math.radians(azimuth), math.radians(max(-STEEPEST, min(STEEPEST, elevation)))
+    return np.asarray(math.cos(e) * (math.cos(a) * front + math.sin(a) * right) + math.sin(e) * top)
+
+
+def angles_of(direction: ArrayLike, up: ArrayLike) -> tuple[float, float]:
+    """Azimuth and elevation of a direction, degrees."""
+    right, front, top = axes_of(up) @ np.asarray(direction, np.float64)
+    return math.degrees(math.atan2(right, front)), math.degrees(math.atan2(top, math.hypot(right, front)))
+
+
+def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
+    """Where to look from, by what the points show."""
+    places = sample.positions @ axes_of(up).T  # right, front, up
+    normals = sample.normals @ axes_of(up).T
+    if is_depth_picture(sample):
+        azimuth, elevation = angles_of(-np.median(sample.positions + sample.origin, axis=0), up)
+        return Outlook(azimuth, elevation, "one picture of a depth camera, seen as it saw")
+    low, high = np.quantile(places, [STRAY, 1.0 - STRAY], axis=0)
+    known = normals.any(axis=1)
+    facing = normals[known].mean(axis=0) if known.any() else np.zeros(3)
+    if is_flat(places):
+        return Outlook(_broadside(places), TERRAIN[1], "flat: seen from above")
+    around, under_roof = _surroundings(places[known], normals[known], (low + high) / 2)
+    if around:
+        if under_roof:
+            return Outlook(BODY[0], 0.0, "a room, seen from within", True)
+        return Outlook(BODY[0], TERRAIN[1], "walls around a place, seen from above")
+    if math.hypot(facing[0], facing[1]) > SIDED:
+        azimuth = math.degrees(math.atan2(facing[0], facing[1]))
+        return Outlook(azimuth + ASIDE, BODY[1], "scanned from one side, seen from there")
+    return Outlook(*BODY, "a body, seen from the front")
+
+
+def _broadside(places: Floats) -> float:
+    """The azimuth, near the front, from which what is long lies across the picture."""
+    flat = places[:, :2] - np.median(places[:, :2], axis=0)
+    size, ways = np.linalg.eigh(flat.T @ flat)
+    if size[1] < LONG * LONG * size[0]:
+        return TERRAIN[0]
+    right, front = ways[:, 0] if ways[1, 0] >= 0 else -ways[:, 0]
+    return math.degrees(math.atan2(right, front))
+
+
+def _surroundings(places: Floats, normals: Floats, middle: Floats) -> tuple[bool, bool]:
+    """Whether surfaces stand all around a middle and face it, and whether there is a ceiling too."""
+    if len(places) == 0:
+        return False, False
+    away = places - middle
+    walls = np.abs(normals[:, 2]) < 0.5
+    if not walls.any():
+        return False, False
+    sector = (np.arctan2(away[walls, 1], away[walls, 0]) / (2 * np.pi) * SECTORS).astype(int) % SECTORS
+    filled = np.bincount(sector, minlength=SECTORS) > 0.1 * walls.sum() / SECTORS
+    inward = (away[walls] * normals[walls]).sum(axis=1) < 0
+    around = filled.mean() >= SURROUNDED and inward.mean() >= INWARD
+    ceiling = (normals[:, 2] < -0.7) & (away[:, 2] > 0)
+    return bool(around), bool(ceiling.mean() >= CEILING)

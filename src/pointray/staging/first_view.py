@@ -1,0 +1,196 @@
+"""The camera that sees all of a scan, where nobody says where it stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import check_kind, check_number, check_positive
+from ..camera import SIZE, Camera, check_direction
+from ..data import Points
+from ..model import Model
+from ..scene import Scene
+from .direction import VIEWS, Outlook, direction_of, find_outlook
+from .framing import frame_points, frame_turning
+from .sample import Sample, sample_of
+from .upright import find_up
+
+Floats = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+AUTO = "auto"
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+WIDE = 75.0  # degrees that a camera within a room sees
+BACK = (0.4, 0.3, 0.2, 0.1, 0.0)  # of a room's width: how far from its middle a camera stands, if there is room
+CLEAR = 0.05  # of a room's width: what it keeps away from surfaces
+
+
+@dataclass(frozen=True)
+class ViewChoice:
+    """How a scan is to be seen; what is None is found.
+
+    Attributes
+    ----------
+    up : (3,) tuple or None
+    view : str
+        "auto", or one of `VIEWS`.
+    azimuth, elevation : float or None
+        Degrees; instead of the view's.
+    zoom : float
+        2: half as far away.
+    """
+
+    up: Vector | None = None
+    view: str = AUTO
+    azimuth: float | None = None
+    elevation: float | None = None
+    zoom: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.view != AUTO and self.view not in VIEWS:
+            raise ValueError(f"view must be one of {', '.join((AUTO, *VIEWS))}, not {self.view!r:.40}")
+        for name, most in (("azimuth", 36000.0), ("elevation", 90.0)):
+            _check_angle(getattr(self, name), name, most)
+        check_positive(self.zoom, "zoom")
+
+
+class Scan:
+    """What is to be seen, and what was found out about it.
+
+    Parameters
+    ----------
+    subject : Scene, Model or Points
+    wish : ViewChoice
+
+    Attributes
+    ----------
+    up : (3,) tuple
+    outlook : Outlook
+    found : list of str
+        What was found out, in words, and how to say something else on the command line.
+    """
+
+    def __init__(self, subject: Scene | Model | Points, wish: ViewChoice) -> None:
+        self._sample = sample_of(subject)
+        self._wish = wish
+        self.found: list[str] = []
+        if wish.up is None:
+            up = find_up(self._sample)
+            self.up = up.direction
+            others = "x" if up.axis[-1] != "x" else "y"
+            self.found.append(f"up is {up.axis} ({up.why}; --up {others} changes it)")
+        else:
+            self.up = wish.up
+        self.outlook = self._look()
+
+    @property
+    def middle(self) -> Vector:
+        """The middle of the points, world."""
+        x, y, z = (self._sample.origin + np.median(self._sample.positions, axis=0)).tolist()
+        return x, y, z
+
+    def camera(self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective") -> Camera:
+        """The camera that frames all of it."""
+        towards = direction_of(self.outlook.azimuth, self.outlook.elevation, self.up)
+        if self.outlook.within and projection == "perspective":
+            return _within(self._sample, towards, self.up, max(fov, WIDE), size)
+        return self._near(frame_points(self._sample, towards, self.up, fov, size, projection))
+
+    def turning(self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective") -> Camera:
+        """The same for a turntable: it stays in the picture all the way."""
+        towards = direction_of(self.outlook.azimuth, self.outlook.elevation, self.up)
+        return self._near(frame_turning(self._sample, towards, self.up, fov, size, projection))
+
+    def _look(self) -> Outlook:
+        wish = self._wish
+        if wish.view != AUTO:
+            outlook = Outlook(*VIEWS[wish.view], wish.view)
+        else:
+            outlook = find_outlook(self._sample, self.up)
+            if wish.azimuth is None and wish.elevation is None:
+                self.found.append(f"{outlook.kind} (--view, --azimuth, --elevation)")
+        if wish.azimuth is not None:
+            outlook = outlook._replace(azimuth=wish.azimuth, within=False)
+        if wish.elevation is not None:
+            outlook = outlook._replace(elevation=wish.elevation, within=False)
+        return outlook
+
+    def _near(self, camera: Camera) -> Camera:
+        eye, target = np.asarray(camera.eye), np.asarray(camera.target)
+        return replace(camera, eye=tuple(target + (eye - target) / self._wish.zoom))
+
+
+def frame(
+    subject: Scene | Model | Points,
+    view: str = AUTO,
+    up: ArrayLike | str = AUTO,
+    fov: float = 40,
+    size: tuple[int, int] = SIZE,
+    projection: str = "perspective",
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    zoom: float = 1.0,
+) -> Camera:
+    """A camera in whose picture a scan stands upright, in the middle, as large as fits.
+
+    Parameters
+    ----------
+    subject : Scene, Model or Points
+        Framed are its points as they are seen, the central 99.9% of them along each side of the picture.
+    view : {"auto", "iso", "front", "back", "left", "right", "top", "bottom"}
+        The front is seen from -y where z is up, from +z where y is. Auto: bodies from the front, a little from the
+        right and above; flat scans from 40 degrees above; what was scanned from one side from there; rooms from within.
+    up : (3,) array_like, or "x", "-x", "y", "-y", "z", "-z", or "auto"
+        Auto: z of maps and flat scans; against y of a depth camera's picture; otherwise where it would stand best.
+    fov, size, projection
+        As for `Camera.look_at`.
+    azimuth, elevation : float, optional
+        Degrees, instead of the view's; 0 and 0 is the front, 90 and 0 the right side.
+    zoom : float
+        2: half as far away.
+
+    Raises
+    ------
+    ValueError
+        If a value is none of these, or there are no points.
+
+    Examples
+    --------
+    >>> camera = pr.frame(scene, view="front", size=(800, 600))
+    """
+    check_kind(subject, "subject", (Scene, Model, Points), "a Scene, a Model or Points")
+    scan = Scan(subject, ViewChoice(up_of(up), view, azimuth, elevation, zoom))
+    return scan.camera(fov, size, projection)
+
+
+def up_of(up: Any) -> Vector | None:
+    """Which way is up, as a vector; None: to be found."""
+    from .upright import axis_direction
+
+    if isinstance(up, str):
+        if up == AUTO:
+            return None
+        if up not in AXES:
+            raise ValueError(f"up must be three numbers, auto, or one of {', '.join(AXES)}, not {up!r:.40}")
+        return axis_direction(up)
+    return check_direction(up, "up")
+
+
+def _within(sample: Sample, towards: Floats, up: Vector, fov: float, size: tuple[int, int]) -> Camera:
+    """A camera in a room that looks across its middle."""
+    middle = np.median(sample.positions, axis=0)
+    width = float(np.ptp(np.quantile(sample.positions @ towards, [0.01, 0.99])))
+    for share in BACK:
+        eye = middle + share * width * towards
+        if np.linalg.norm(sample.positions - eye, axis=1).min() > CLEAR * width:
+            break
+    return Camera.look_at(sample.origin + eye, sample.origin + eye - towards * width / 2, up, fov, size)
+
+
+def _check_angle(value: float | None, name: str, most: float) -> None:
+    if value is not None:
+        wanted = f"a number of degrees between {-most:g} and {most:g}, or None"
+        check_number(value, name, wanted, lambda x: -most <= x <= most)

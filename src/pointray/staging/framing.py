@@ -1,0 +1,153 @@
+"""How near a camera comes: the points fill its picture, as they are seen in it.
+
+What is framed are the central 99.9% of the points along each side of the picture, so that strays do not count. A box
+around them would not do: its corners are empty, and the points sit too high in it or beside its middle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..camera import SIZE, Camera, check_direction, view_axes
+from .sample import Sample
+
+Floats = NDArray[np.float64]
+
+STRAY = 0.0005  # of the points at either end of a side count as strays
+MARGIN = 0.05  # of the picture, on either side of what fills it
+ROUNDS = 60
+ENOUGH = 1e-4  # of the picture: how well it is centred
+NEAREST = 0.05  # of the points' size: how close to the nearest of them the eye comes
+CIRCLE = 64  # places on the way of a point that turns
+PROFILE = 256  # heights at which the profile of what turns is kept
+
+
+def frame_points(
+    sample: Sample,
+    direction: ArrayLike,
+    up: ArrayLike = (0, 0, 1),
+    fov: float = 40,
+    size: tuple[int, int] = SIZE,
+    projection: str = "perspective",
+) -> Camera:
+    """The camera in whose picture the points are as large as fits with a margin of 5%, in the middle.
+
+    Parameters
+    ----------
+    direction : (3,) array_like
+        From the points towards the camera.
+    fov, size, up, projection
+        As for `Camera.look_at`; a panorama is taken from the middle of the points.
+
+    Returns
+    -------
+    Camera
+        Its target lies as deep as the middle of the points.
+    """
+    return _frame(sample, direction, up, (fov, size, projection), STRAY)
+
+
+def frame_turning(
+    sample: Sample,
+    direction: ArrayLike,
+    up: ArrayLike = (0, 0, 1),
+    fov: float = 40,
+    size: tuple[int, int] = SIZE,
+    projection: str = "perspective",
+) -> Camera:
+    """The same for points that turn about an axis along `up` through their middle: they stay in the picture.
+
+    Its target lies on the axis.
+
+    Raises
+    ------
+    ValueError
+        If it is a panorama, which nothing turns before.
+    """
+    if projection == "panorama":
+        raise ValueError("a panorama is all around the camera: there is no turntable before it")
+    axis = _unit(check_direction(up, "up"))
+    low, high = np.quantile(sample.positions, [STRAY, 1.0 - STRAY], axis=0)
+    middle = (low + high) / 2
+    about = sample.seen_from(middle - axis * (middle @ axis))
+    framed = _frame(about._replace(positions=_ways(about.positions, axis)), direction, up, (fov, size, projection), 0.0)
+    eye, view = np.asarray(framed.eye) - about.origin, np.asarray(framed.target) - np.asarray(framed.eye)
+    flat = view - axis * (view @ axis)
+    if projection == "orthographic" or flat @ flat < 1e-12 * (view @ view):
+        return framed
+    reach = -(eye @ flat) / (flat @ flat)  # along the view, to where it meets the axis
+    return Camera.look_at(framed.eye, framed.eye + reach * view, up, fov, size, projection)
+
+
+def _frame(
+    sample: Sample, direction: ArrayLike, up: ArrayLike, lens: tuple[float, tuple[int, int], str], stray: float
+) -> Camera:
+    fov, (width, height), projection = lens
+    Camera.look_at((0, 0, 0), (1, 0, 0), up, fov, (width, height), projection)  # raises what is wrong
+    forward, right, top = view_axes(-np.asarray(check_direction(direction, "direction")), np.asarray(up, np.float64))
+    middle = np.median(sample.positions, axis=0)
+    across, high, depth = ((sample.positions - middle) @ way for way in (right, top, forward))
+    half = np.tan(np.radians(fov) / 2)
+    room = np.array([half * width / height, half]) * (1.0 - 2.0 * MARGIN)
+    center = sample.origin + middle
+    if projection == "panorama":
+        level = np.cross(np.asarray(up, np.float64), right)  # a panorama is level
+        return Camera.look_at(center, center + level, up, fov, (width, height), projection)
+    before = -float(np.quantile(depth, stray))  # how far before the middle the nearest point is
+    extent = max(float(np.ptp(np.quantile(a, [stray, 1.0 - stray]))) for a in (across, high, depth))
+    nearest = before + NEAREST * extent
+    if projection == "orthographic":
+        sides = [np.quantile(a, [stray, 1.0 - stray]) for a in (across, high)]
+        aside, above = (float(side.mean()) for side in sides)
+        distance = max(float(np.ptp(side)) / 2 / part for side, part in zip(sides, room, strict=True)) or 1.0
+        eye = center + aside * right + above * top - max(distance, nearest) * forward
+        return Camera.look_at(eye, eye + distance * forward, up, fov, (width, height), projection)
+    aside, above, distance = _fit(np.stack([across, high]), depth, room, (nearest or 1.0, stray))
+    aim = center + aside * right + above * top
+    return Camera.look_at(aim - distance * forward, aim, up, fov, (width, height), projection)
+
+
+def _fit(places: Floats, depth: Floats, room: Floats, how: tuple[float, float]) -> tuple[float, float, float]:
+    """Where a camera stands, to the right, upwards and backwards, so that points fill the room that there is.
+
+    places : (2, n), to the right and upwards; room : tangents, half the width and the height; how : the least distance,
+    and the share of strays
+    """
+    least, stray = how
+    shift, distance = np.zeros(2), 2.0 * max(least, float(np.abs(places).max(initial=0.0)) / float(room.min()))
+    for _ in range(ROUNDS):
+        seen = (places - shift[:, None]) / np.maximum(depth + distance, 1e-3 * distance)
+        low, high = np.quantile(seen, [stray, 1.0 - stray], axis=1)
+        off, filled = (low + high) / 2, float(((high - low) / 2 / room).max())
+        shift = shift + off * distance
+        # A root: points before the middle come nearer faster than the camera does.
+        nearer = max(np.sqrt(filled) * distance, least) if filled > 0 else least
+        done = np.abs(off / room).max() < ENOUGH and abs(nearer / distance - 1.0) < ENOUGH / 2
+        distance = nearer
+        if done:
+            break
+    return float(shift[0]), float(shift[1]), float(distance)
+
+
+def _ways(positions: Floats, axis: Floats) -> Floats:
+    """Places on the ways of points that turn about an axis through zero: of the outermost at each height."""
+    height = positions @ axis
+    radius = np.linalg.norm(positions - height[:, None] * axis, axis=1)
+    low, high = np.quantile(height, [STRAY, 1.0 - STRAY])
+    kept = (height >= low) & (height <= high) & (radius <= np.quantile(radius, 1.0 - 2.0 * STRAY))
+    row = np.clip((height[kept] - low) / (high - low or 1.0) * PROFILE, 0, PROFILE - 1).astype(int)
+    rim = np.full(PROFILE, -1.0)
+    np.maximum.at(rim, row, radius[kept])
+    rows = np.flatnonzero(rim >= 0)
+    heights = low + (rows + 0.5) / PROFILE * (high - low)
+    u = _unit(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]))
+    angles = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
+    circle = np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * np.cross(axis, u)
+    rim = rim[rows] / np.cos(np.pi / CIRCLE)  # the polygon goes around the circle
+    return np.asarray((rim[:, None, None] * circle + heights[:, None, None] * axis).reshape(-1, 3))
+
+
+def _unit(vector: ArrayLike) -> Floats:
+    array = np.asarray(vector, np.float64)
+    return np.asarray(array / np.linalg.norm(array))

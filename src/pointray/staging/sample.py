@@ -1,0 +1,93 @@
+"""Some of the points of a scene, where they are in the world: what the first view of it is chosen by."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import Points
+from ..model import Model
+from ..records import TO_MODEL
+from ..scene import Scene
+
+Floats = NDArray[np.float64]
+
+MOST = 200_000  # points; 0.05% of them are still a hundred
+
+
+class Sample(NamedTuple):
+    """Points of a scene.
+
+    Attributes
+    ----------
+    positions : (n, 3) float64
+        World, about the origin.
+    normals : (n, 3) float64
+        World, unit; zero where there are none.
+    origin : (3,) float64
+    far : bool
+        Whether some coordinates are as large as those of maps: the points have an origin of their own.
+    """
+
+    positions: Floats
+    normals: Floats
+    origin: Floats
+    far: bool
+
+    def seen_from(self, point: Floats) -> Sample:
+        """The same points about another place: (3,), about the origin of this one."""
+        return self._replace(positions=self.positions - point, origin=self.origin + point)
+
+
+def sample_of(subject: Scene | Model | Points, most: int = MOST) -> Sample:
+    """At most so many points of a subject, spread evenly over its rows; ValueError if it has none.
+
+    Planes do not count. A model that stands in a scene several times counts as often.
+    """
+    placed = _placed(subject)
+    total = sum(len(points) for points, _ in placed)
+    if total == 0:
+        raise ValueError("there are no points to look at")
+    origin = (placed[0][1] @ [*placed[0][0].origin, 1.0])[:3]
+    parts = [_part(points, matrix, min(most / total, 1.0), origin) for points, matrix in placed]
+    positions, normals = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    if len(positions) == 0:
+        raise ValueError("no point has finite coordinates")
+    return Sample(positions, normals, origin, any(points.origin.any() for points, _ in placed))
+
+
+def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:
+    """Points, and the transform (4, 4) of each to the world."""
+    if isinstance(subject, Points):
+        return [(subject, np.eye(4))]
+    if isinstance(subject, Model):
+        return [(subject.points, np.eye(4))]
+    with subject._lock:
+        shapes, records = list(subject._instances.shapes), subject._instances.records.copy()
+    placed = [(shape.points, row) for shape, row in zip(shapes, records, strict=True) if isinstance(shape, Model)]
+    return [(points, _matrix(row[TO_MODEL:], points)) for points, row in placed]
+
+
+def _matrix(to_model: Floats, points: Points) -> Floats:
+    """The transform of an instance from its record, which leads to places about the points' origin."""
+    out = np.eye(4)
+    out[:3] = to_model.reshape(3, 4)
+    out[:3, 3] += points.origin
+    return np.asarray(np.linalg.inv(out))
+
+
+def _part(points: Points, matrix: Floats, share: float, origin: Floats) -> tuple[Floats, Floats]:
+    """A share of a model's points, drawn at random: places about an origin, and normals."""
+    rows = np.flatnonzero(points.finite)
+    if share < 1.0:
+        rows = rows[np.random.default_rng(0).random(len(rows)) < share]
+    linear = matrix[:3, :3]
+    positions = points.positions[rows].astype(np.float64) @ linear.T
+    positions += linear @ points.origin + matrix[:3, 3] - origin
+    if points.normals is None:
+        return positions, np.zeros_like(positions)
+    normals = np.nan_to_num(points.normals[rows].astype(np.float64)) @ np.linalg.inv(linear)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return positions, np.asarray(normals / np.where(lengths > 0, lengths, 1.0))

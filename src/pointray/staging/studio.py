@@ -1,0 +1,51 @@
+"""The lights of a scan that brings none: a key light beside the camera, and a sky that leaves nothing black."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..camera import check_direction
+from ..settings import INTEGRATORS, PHONG, Settings
+from ..shade.environment import EnvironmentLight
+from ..shade.lights import Light, SunLight
+
+# The way of the key light before the camera: from above its left shoulder.
+KEY_DIRECTION = (0.55, -0.65, -0.6)
+KEY = 0.9 * np.pi  # irradiance: a white surface that faces it has radiance 0.9
+KEY_ANGLE = 5.0  # degrees: soft edges where they are traced
+ZENITH, HORIZON, GROUND = 0.34, 0.26, 0.14  # radiance of the sky, and of what lies below it
+ALBEDO = 0.65  # linear, of points without colours
+CLAY = (0.58, 0.37, 0.27)  # linear
+SKY_RAYS = 4  # a sample, for contact shadows
+
+
+def studio(up: ArrayLike = (0, 0, 1)) -> list[Light | EnvironmentLight]:
+    """Lights that show a scan well from every side.
+
+    A sun that goes with the camera, above its left shoulder, and a gradient of sky above and less below.
+    With `Settings(sky_rays=4)` the sky's light leaves contact shadows.
+
+    Parameters
+    ----------
+    up : (3,) array_like
+        Where the sky is.
+
+    Examples
+    --------
+    >>> scene.lights = pr.studio()
+    """
+    key = SunLight(KEY_DIRECTION, KEY, KEY_ANGLE, camera=True)
+    return [key, EnvironmentLight(ZENITH, horizon=HORIZON, ground=GROUND, up=check_direction(up, "up"))]
+
+
+def fill(strength: float, up: ArrayLike = (0, 0, 1)) -> EnvironmentLight:
+    """The sky alone: `strength` is its share of the light of a sun of irradiance pi on a surface that faces both."""
+    return EnvironmentLight(strength, horizon=0.8 * strength, ground=0.5 * strength, up=check_direction(up, "up"))
+
+
+def with_contact(settings: Settings) -> Settings:
+    """Settings whose sky leaves contact shadows, where the integrator has none of its own."""
+    return replace(settings, sky_rays=SKY_RAYS) if INTEGRATORS.index(settings.integrator) == PHONG else settings

@@ -1,0 +1,317 @@
+"""The first picture of a scan: which way is up, where the camera stands, what lights it, how it is exposed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from conftest import shared_model
+from pointray.image.exposure import auto_exposure
+from pointray.staging.direction import VIEWS, angles_of, direction_of, find_outlook
+from pointray.staging.first_view import Scan, ViewChoice
+from pointray.staging.framing import MARGIN, STRAY, frame_points, frame_turning
+from pointray.staging.sample import sample_of
+from pointray.staging.upright import axis_direction, find_up
+
+# How the scans of the shared folder stand, as one sees when one looks at them.
+STANDING = {
+    "stanford_bunny": "y",
+    "stanford_dragon": "y",
+    "stanford_bunny_rangescans": "y",
+    "stanford_dragon_stand_rangescans": "y",
+    "stanford_lucy_50k": "y",
+    "nefertiti_50k": "z",
+    "potree_lion_takanawa_rgb": "z",
+    "outcrop_qcompass_rgb": "z",
+    "autzen_stadium_crop_rgb": "z",
+    "rgbd_kinect_chair_rgb": "-y",
+    "tls_pumpA_rgb": "z",
+    "sfm_garden_rgb_nonormals": "z",
+    "tls_tower_wall_ghost_nonormals": "z",
+}
+
+
+def scan(name):
+    return pr.read(shared_model(f"points/{name}.ply"))
+
+
+def seen(camera, points):
+    """Where points are in the picture, (2, n): -1 to 1 across and upwards; and how far along the view, (n,)."""
+    eye, forward, right, up = camera.record()[:12].reshape(4, 3)
+    offset = points - eye
+    depth = offset @ forward
+    scale = 1.0 if camera.projection == "orthographic" else depth
+    return np.stack([offset @ right / (right @ right) / scale, offset @ up / (up @ up) / scale]), depth
+
+
+def filled(camera, points, stray=STRAY):
+    """The middle of what the points fill of the picture, and its half size."""
+    low, high = np.quantile(seen(camera, points)[0], [stray, 1 - stray], axis=1)
+    return (low + high) / 2, (high - low) / 2
+
+
+# ------------------------------------------------------------------------------------------------------ framing
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("size", [(400, 300), (100, 400)])
+@pytest.mark.parametrize("direction", [(0.4, -1, 0.3), (1, 0, 0), (0, 0.001, -1)])
+def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projection):
+    points = pr.procedural("statue", 20_000)
+    camera = frame_points(sample_of(points), direction, (0, 0, 1), 35, size, projection)
+    middle, half = filled(camera, points.positions)
+    assert np.abs(middle).max() < 0.01
+    np.testing.assert_allclose(half.max(), 1 - 2 * MARGIN, atol=0.005)
+    away = np.subtract(camera.eye, camera.target)
+    np.testing.assert_allclose(away / np.linalg.norm(away), direction / np.linalg.norm(direction), atol=1e-9)
+
+
+def test_strays_do_not_count():
+    clean = pr.procedural("torus", 20_000)
+    strays = np.random.default_rng(0).normal(size=(8, 3)) * 50
+    dirty = pr.Points(np.concatenate([clean.positions, strays]))
+    cameras = [frame_points(sample_of(points), (0.4, -1, 0.3)) for points in (clean, dirty)]
+    np.testing.assert_allclose(cameras[0].eye, cameras[1].eye, atol=0.02)
+
+
+def test_points_far_from_zero_are_framed_as_near_ones():
+    points = pr.procedural("statue", 5_000)
+    far = np.array([596_700.0, 5_243_700.0, 100.0])
+    near = frame_points(sample_of(points), (0.4, -1, 0.3))
+    moved = frame_points(sample_of(pr.Points(points.positions + far, points.normals)), (0.4, -1, 0.3))
+    np.testing.assert_allclose(np.subtract(moved.eye, far), near.eye, atol=1e-3)
+
+
+def test_what_stands_in_a_scene_is_framed_where_it_stands():
+    model = pr.Model(pr.procedural("torus", 2_000))
+    scene = pr.Scene()
+    for x in (0.0, 9.0):
+        scene.add(model, pr.transform(scale=2, translate=(x, 0, 0)))
+    scene.add(pr.Plane((0, 0, -1), (0, 0, 1)))
+    everything = np.concatenate([2 * model.points.positions + (x, 0, 0) for x in (0.0, 9.0)])
+    middle, half = filled(pr.frame(scene, "front", "z"), everything)
+    assert np.abs(middle).max() < 0.02 and half.max() == pytest.approx(0.9, abs=0.02)
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 2, 3)])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_what_turns_stays_in_the_picture(up, projection):
+    points = pr.procedural("statue", 20_000)
+    first = frame_turning(sample_of(points), direction_of(25, 18, up), up, 35, (400, 300), projection)
+    sides = np.array([np.abs(seen(camera, points.positions)[0]) for camera in pr.turntable(first, 24)])
+    assert np.quantile(sides, 1 - 2 * STRAY) < 0.92
+    assert np.quantile(sides, 1 - 2 * STRAY) > 0.8
+    assert all(seen(camera, points.positions)[1].min() > 0 for camera in pr.turntable(first, 24))
+
+
+def test_zoom_comes_nearer():
+    points = pr.procedural("torus", 5_000)
+    far, near = (pr.frame(points, zoom=zoom) for zoom in (1, 2))
+    assert np.linalg.norm(np.subtract(near.eye, near.target)) == pytest.approx(
+        np.linalg.norm(np.subtract(far.eye, far.target)) / 2
+    )
+
+
+# ------------------------------------------------------------------------------------------------- up and view
+
+
+@pytest.mark.parametrize(("name", "up"), STANDING.items())
+def test_scans_stand_upright(name, up):
+    assert find_up(sample_of(scan(name))).axis == up
+
+
+@pytest.mark.parametrize("name", ["stanford_bunny", "stanford_dragon", "stanford_lucy_50k", "nefertiti_50k"])
+@pytest.mark.parametrize("axis", ["y", "z"])
+def test_a_body_stands_whichever_of_the_usual_axes_is_up(name, axis):
+    points = scan(name)
+    old, new = (np.array(axis_direction(a)) for a in (STANDING[name], axis))
+    about = np.cross(old, new)
+    turn = np.eye(3)
+    if about.any():
+        turn = np.stack([about, new, np.cross(about, new)]).T @ np.stack([about, old, np.cross(about, old)])
+    turned = pr.Points(points.positions @ turn.T, points.normals @ turn.T)
+    assert find_up(sample_of(turned)).axis == axis
+
+
+def test_maps_and_flat_scans_have_z_upwards():
+    rng = np.random.default_rng(1)
+    wall = rng.random((3000, 3)) * (10, 0.1, 10)
+    assert find_up(sample_of(pr.Points(wall + (6e5, 5e6, 0)))).axis == "z"
+    assert find_up(sample_of(pr.Points(rng.random((3000, 3)) * (10, 10, 1.9)))).why == "the scan is flat"
+
+
+def test_terrain_is_seen_from_above_and_a_side_from_before_it():
+    rng = np.random.default_rng(2)
+    flat = pr.Points(rng.random((3000, 3)) * (10, 10, 1))
+    assert 35 <= find_outlook(sample_of(flat), (0, 0, 1)).elevation <= 45
+    for facing in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-0.6, -0.8, 0.0)):
+        along = np.cross((0, 0, 1), facing)
+        places = rng.random((3000, 2)) @ np.stack([along, (0, 0, 1)])
+        wall = pr.Points(places, np.broadcast_to(facing, places.shape))
+        outlook = find_outlook(sample_of(wall), (0, 0, 1))
+        assert direction_of(outlook.azimuth, 0, (0, 0, 1)) @ facing > 0.9
+
+
+def room(ceiling):
+    """Points on the inside of a box, with normals that look into it."""
+    rng, sides = np.random.default_rng(3), []
+    for axis in range(3):
+        for side in (0, 1):
+            if axis == 2 and side == 1 and not ceiling:
+                continue
+            places, normal = rng.random((4000, 3)), np.zeros(3)
+            places[:, axis], normal[axis] = side, 1 - 2 * side
+            sides.append((places * (8, 6, 3), np.broadcast_to(normal, places.shape)))
+    return pr.Points(*(np.concatenate(arrays) for arrays in zip(*sides, strict=True)))
+
+
+def test_a_room_is_seen_from_within_and_a_yard_from_above():
+    inside = pr.frame(room(True), up="z")
+    assert (np.array(inside.eye) > 0).all() and (np.array(inside.eye) < (8, 6, 3)).all()
+    yard = Scan(room(False), ViewChoice((0, 0, 1)))
+    assert not yard.outlook.within and yard.outlook.elevation > 30
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (0, -1, 0), (1, 2, 3)])
+@pytest.mark.parametrize("view", VIEWS)
+def test_views_are_seen_from_where_they_say(view, up):
+    camera = pr.frame(pr.procedural("torus", 2_000), view, up)
+    away = np.subtract(camera.eye, camera.target)
+    azimuth, elevation = angles_of(away, up)
+    assert elevation == pytest.approx(VIEWS[view][1], abs=0.1)
+    if abs(elevation) < 80:
+        assert np.cos(np.radians(azimuth - VIEWS[view][0])) == pytest.approx(1)
+
+
+def test_a_top_view_has_north_up():
+    assert pr.frame(pr.procedural("torus", 2_000), "top", "z").record()[9:12] @ (0, 1, 0) > 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *({"view": "inside"}, {"up": "w"}, {"up": (0, 0, 0)}, {"zoom": 0}, {"azimuth": np.nan}, {"elevation": 91}),
+        *({"fov": 200}, {"size": (0, 1)}, {"projection": "fisheye"}),
+    ],
+)
+def test_what_is_no_view_is_told(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        pr.frame(pr.procedural("torus", 2_000), **wrong)
+
+
+def test_what_is_found_is_told_in_words():
+    found = Scan(pr.procedural("statue", 5_000), ViewChoice()).found
+    assert len(found) == 2 and "--up" in found[0] and "--view" in found[1]
+    assert Scan(pr.procedural("statue", 5_000), ViewChoice((0, 0, 1), "front")).found == []
+
+
+# ------------------------------------------------------------------------------------------------------- light
+
+
+@pytest.mark.parametrize("kind", ["sun", "point"])
+@pytest.mark.parametrize("integrator", ["phong", "path"])
+def test_a_light_that_goes_with_the_camera_lights_every_side_alike(kind, integrator):
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.procedural("sphere", 20_000)))
+    scene.background = (0, 0, 0)
+    along = {
+        "sun": pr.SunLight((0.5, -0.6, -0.6), 3.0, camera=True),
+        "point": pr.PointLight((-3, 4, 1), 40.0, camera=True),
+    }
+    scene.add_light(along[kind])
+    settings = pr.Settings(integrator, spp=16, max_depth=1)
+    cameras = [
+        pr.Camera.look_at(eye, (0, 0, 0), up, size=(48, 48))
+        for eye, up in (((0, -4, 0), (0, 0, 1)), ((2, 2, -2.83), (1, 0, 0)))
+    ]
+    pictures = [pr.render(scene, camera, settings)[..., 0] for camera in cameras]
+    assert np.abs(pictures[0] - pictures[1]).mean() < 0.02 * pictures[0].mean()
+    left, right = pictures[0][:, :24].mean(), pictures[0][:, 24:].mean()
+    assert left > 1.2 * right and pictures[0][:24].mean() > 1.2 * pictures[0][24:].mean()
+
+
+def test_a_light_of_the_camera_stands_where_it_would_in_the_world():
+    scene, twin = pr.Scene(), pr.Scene()
+    model = pr.Model(pr.procedural("torus", 5_000))
+    camera = pr.Camera.look_at((1, -5, 2), (0, 0, 0), size=(32, 24))
+    for place in (scene, twin):
+        place.add(model)
+    scene.add_light(pr.PointLight((1, 2, 3), 50.0, camera=True))
+    forward, right, up = (camera.record()[k : k + 3] / np.linalg.norm(camera.record()[k : k + 3]) for k in (3, 6, 9))
+    twin.add_light(pr.PointLight(np.array(camera.eye) + right + 2 * up - 3 * forward, 50.0))
+    np.testing.assert_array_equal(pr.render(scene, camera), pr.render(twin, camera))
+
+
+def test_sky_rays_find_what_a_corner_sees():
+    """At a wall's foot half of the sky is hidden, far from it nothing is."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(-1, 1, 60))
+    flat, zero, one = np.ravel(x), np.zeros(3600), np.ones(3600)
+    floor = np.stack([flat, y.ravel(), zero], axis=1), np.stack([zero, zero, one], axis=1)
+    wall = np.stack([flat, zero, y.ravel() + 1], axis=1), np.stack([zero, -one, zero], axis=1)
+    scene = pr.Scene()
+    for places, normals in (floor, wall):
+        scene.add(pr.Model(pr.Points(places, normals)))
+    scene.add_light(pr.EnvironmentLight(1.0))
+    camera = pr.Camera.look_at((0, -0.5, 3), (0, -0.5, 0), (0, 1, 0), fov=8, size=(16, 16), projection="orthographic")
+    near = replace(camera, eye=(0, -0.02, 3), target=(0, -0.02, 0))
+    shares = [
+        [
+            pr.render(scene, c, pr.Settings(spp=4, sky_rays=rays, ao_distance=reach))[..., 0].mean()
+            for c in (near, camera)
+        ]
+        for rays, reach in ((0, 1.0), (16, 1.0), (16, 0.25))
+    ]
+    np.testing.assert_allclose(shares[0], 1.0, atol=0.02)
+    assert shares[1][0] == pytest.approx(0.6, abs=0.12) and shares[1][1] > shares[1][0] + 0.1
+    assert shares[2][1] == pytest.approx(1.0, abs=0.02)  # the wall is farther than that
+
+
+def test_the_studio_leaves_nothing_black_and_burns_nothing():
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.procedural("statue", 20_000)), material=pr.Diffuse(0.65))
+    scene.lights = pr.studio()
+    image = pr.render(scene, pr.frame(scene, size=(160, 120)), pr.Settings(spp=4, sky_rays=4))
+    shown = image[image[..., 3] > 0.99, :3] * 2 ** auto_exposure(image)
+    assert np.quantile(shown, 0.02) > 0.01 and np.quantile(shown, 0.99) < 0.96
+
+
+# ---------------------------------------------------------------------------------------------------- exposure
+
+
+def test_exposure_brings_any_light_to_the_same_brightness():
+    image = np.random.default_rng(0).random((40, 50, 4)).astype(np.float32) * 0.2 + 0.2
+    image[..., 3] = 1.0
+    image[:10] = 0.0  # nothing is there
+    stops = auto_exposure(image)
+    for power in (-9, 3, 12):
+        scaled = image * np.array([2.0**power] * 3 + [1.0], np.float32)
+        assert auto_exposure(scaled) + power == pytest.approx(stops, abs=1e-9)
+
+
+def test_exposure_keeps_highlights():
+    image = np.full((100, 100, 4), 0.01, np.float32)
+    image[..., 3] = 1.0
+    image[:2] = 1.0  # 2 of 100
+    assert 2 ** auto_exposure(image) <= 0.93
+    image[:2] = 0.01
+    image[0, :20] = 1e6  # one of 500 may burn
+    assert 2 ** auto_exposure(image) * 0.01 == pytest.approx(0.24, rel=0.05)
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+def test_of_nothing_the_exposure_is_none(value):
+    assert auto_exposure(np.full((4, 4, 4), value, np.float32)) == 0.0
+
+
+def test_a_backdrop_stands_behind_and_is_not_exposed(tmp_path):
+    from PIL import Image
+
+    image = np.zeros((8, 4, 4), np.float32)
+    image[:, 2:] = 1.0
+    pr.write_image(tmp_path / "a.png", image, exposure=-2, backdrop=((0, 0, 0), (1, 0.5, 0)))
+    pixels = np.asarray(Image.open(tmp_path / "a.png")).astype(int)
+    assert pixels.shape == (8, 4, 3) and (pixels[:, 3] == 137).all()
+    np.testing.assert_allclose(pixels[:, 0, 0], (np.arange(8) + 0.5) / 8 * 255, atol=1)
+    with pytest.raises(ValueError, match="backdrop"):
+        pr.write_image(tmp_path / "a.png", image, backdrop=((0, 0, 2), (0, 0, 0)))
