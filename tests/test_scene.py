@@ -164,6 +164,22 @@ def test_colors_and_attributes_are_blended():
         scene.intersect([0, -4, 0], [0, 1, 0], attributes=["width"])
 
 
+def test_one_ray_and_one_name_of_an_attribute():
+    points = pr.procedural("sphere", 5_000)
+    x = points.positions
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.Points(x, points.normals, attributes={"intensity": x[:, 2], "place": x})))
+    ray = [0.0, -4.0, 0.5], [0.0, 1.0, 0.0]
+    hit = scene.intersect(*ray, attributes=["intensity", "place"])
+    assert hit.attributes["intensity"].shape == () and hit.attributes["place"].shape == (3,)
+    assert abs(hit.attributes["intensity"] - 0.5) < 0.02 and np.abs(hit.attributes["place"] - hit.position).max() < 0.03
+    # A single name stands for itself, not for its letters.
+    assert scene.intersect(*ray, attributes="intensity").attributes == {"intensity": hit.attributes["intensity"]}
+    assert np.isnan(scene.intersect([0, -4, 9], [0, 1, 0], attributes="intensity").attributes["intensity"])
+    with pytest.raises(ValueError, match="no model has an attribute 'width'"):
+        scene.intersect(*ray, attributes="width")
+
+
 def test_unlit_colors_come_back_within_one_level(tmp_path):
     points = pr.procedural("sphere", 5000)
     color = np.tile(np.array([[200, 3, 77]], np.uint8), (5000, 1))

@@ -227,7 +227,7 @@ class Scene:
         t_min: ArrayLike = 0,
         t_max: ArrayLike = np.inf,
         *,
-        attributes: tuple[str, ...] | list[str] = (),
+        attributes: str | tuple[str, ...] | list[str] = (),
     ) -> Hits:
         """The closest hit of each ray.
 
@@ -243,8 +243,8 @@ class Scene:
             misses.
         t_min, t_max : (...) array_like
             The part of the ray that counts, in lengths of the direction.
-        attributes : sequence of str
-            Which of the points' attributes to blend at the hits.
+        attributes : str or sequence of str
+            Which of the points' attributes to blend at the hits; a string is one name.
 
         Raises
         ------
@@ -252,9 +252,10 @@ class Scene:
             If shapes do not broadcast, a dtype is no number, or no model has an attribute of that name.
         """
         shape, rays = check_rays(origins, directions, t_min, t_max)
-        if not isinstance(attributes, tuple | list) or not all(isinstance(name, str) for name in attributes):
-            raise wrong("attributes", "a sequence of names", attributes)
-        return intersect_snapshot(self.snapshot(), shape, rays, attributes)
+        names = (attributes,) if isinstance(attributes, str) else attributes
+        if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):
+            raise wrong("attributes", "a name or a sequence of names", attributes)
+        return intersect_snapshot(self.snapshot(), shape, rays, names)
 
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0, t_max: ArrayLike = np.inf
@@ -311,4 +312,4 @@ def _blend(scene: Snapshot, name: str, found: dict[str, Any], shape: tuple[int, 
         rows = np.flatnonzero(of_model == k)
         if len(rows) and name in model.points.attributes:
             out[rows] = blend_attribute(scene.world, found, rows, k, model.points.attributes[name])
-    return out.reshape(*shape, *out.shape[1:])
+    return out.reshape(shape + out.shape[1:])
