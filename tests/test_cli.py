@@ -52,6 +52,14 @@ def bad_input(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return err
 
 
+@pytest.mark.parametrize("module", ["pointray", "pointray.cli"])
+def test_the_command_is_a_module_too(module: str) -> None:
+    done = subprocess.run([sys.executable, "-m", module, "--version"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{pr.__version__}\n", "")
+    done = subprocess.run([sys.executable, "-m", module, "info", "absent.ply"], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr == "pointray: absent.ply: No such file or directory\n"
+
+
 # ------------------------------------------------------------------------------------------------ what it makes
 
 

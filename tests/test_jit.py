@@ -258,6 +258,7 @@ ROOMS += [
     "demonstration",
     "benchmark",
     "cli",
+    "__main__",
 ]
 
 

@@ -140,3 +140,13 @@ ONE = [[1.0, 2.0, 3.0]]
 def test_what_is_wrong_is_said(positions, others, words):
     with pytest.raises(ValueError, match=words):
         Points(positions, **others)
+
+
+def test_colors_of_16_bits_span_the_whole_range():
+    levels = np.arange(65536, dtype=np.uint16)
+    rows = np.stack([levels, levels[::-1], np.full_like(levels, 65535)], axis=1)
+    colors = Points(RNG.random((65536, 3)), colors=rows).colors
+    assert colors.dtype == np.uint8
+    np.testing.assert_array_equal(colors, np.rint(rows / 65535 * 255))
+    with pytest.raises(ValueError, match=r"colors must be uint8 .*uint16 .*not int32"):
+        Points(CLOUD, colors=np.zeros((1000, 3), np.int32))

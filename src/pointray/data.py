@@ -29,7 +29,8 @@ class Points:
     normals : (n, 3) array_like, optional
         Stored as given: not normalised, and zero or NaN where unknown.
     colors : (n, 3) or (n, 4) array_like, optional
-        sRGB, uint8 or float from 0 to 1; alpha is dropped.
+        sRGB, uint8 (0 to 255), uint16 (0 to 65535) or float (0 to 1); alpha is dropped. Some formats (LAS) keep 8 bits
+        in uint16: give these as uint8.
     attributes : dict of str to (n,) or (n, k) array_like, optional
         Anything else that is known of each point.
     origin : (3,) array_like, optional
@@ -252,8 +253,10 @@ def _check_colors(colors: ArrayLike, n: int) -> NDArray[np.uint8]:
             row = int(np.flatnonzero(~good.all(axis=1))[0])
             raise ValueError(f"float colors must lie between 0 and 1; row {row} is {array[row].tolist()}")
         array = np.rint(array * 255).astype(np.uint8)
+    if array.dtype == np.uint16:
+        array = np.rint(array / np.float32(65535 / 255)).astype(np.uint8)
     if array.dtype != np.uint8:
-        raise ValueError(f"colors must be uint8 (0 to 255) or float (0 to 1), not {array.dtype}")
+        raise ValueError(f"colors must be uint8 (0 to 255), uint16 (0 to 65535) or float (0 to 1), not {array.dtype}")
     return np.require(array, np.uint8, ["C", "W"])
 
 

@@ -1,0 +1,5 @@
+"""python -m pointray: the command `pointray`."""
+
+from .cli import main
+
+main()
