@@ -1,5 +1,6 @@
 """pointray prepare: what it writes, what it says, and how render uses it."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -81,9 +82,38 @@ def test_nothing_to_do_copies(scan, capsys):
     assert (status, len(pr.read(out))) == (0, 5102) and "nothing was to be done" in text
 
 
-def test_a_file_may_replace_itself(scan, capsys):
-    assert run(capsys, "prepare", scan, "-o", scan, "--drop-duplicates")[0] == 0
-    assert len(pr.read(scan)) == 5002
+def test_a_tolerance_is_told_once(scan, capsys):
+    """Where it is not met the share that meets it is said, in the line of the result and nowhere else."""
+    out = scan.with_name("out.ply")
+    status, text, err = run(capsys, "prepare", scan, "-o", out, "--tolerance", "0.01", "--drop-outliers")
+    assert status == 0 and "of 5,100, within 0.01\n" in text and err == ""
+    rows = sphere_points(3000) * (1 + 0.05 * np.random.default_rng(0).normal(size=(3000, 1)))
+    pr.write(scan, pr.Points(rows, sphere_points(3000)))
+    status, text, err = run(capsys, "prepare", scan, "-o", out, "--tolerance", "0.002")
+    assert status == 0 and err == "" and text.count("0.002") == 1 and text.count("within") == 1
+    assert re.search(r"of 3,000, \d\d\.\d% of them within 0\.002 of the surface, not 99\.9%: they are noisier", text)
+
+
+def link_of(scan: Path, kind: str) -> Path:
+    """Another name of a file."""
+    other = scan.with_name(f"{kind}.ply")
+    if kind == "same":
+        return scan
+    if kind == "roundabout":
+        (scan.parent / "folder").mkdir()
+        return scan.parent / "folder" / ".." / scan.name
+    other.symlink_to(scan) if kind == "symlink" else other.hardlink_to(scan)
+    return other
+
+
+@pytest.mark.parametrize("kind", ["same", "roundabout", "symlink", "hardlink"])
+def test_a_file_replaces_itself_by_force_only(scan, capsys, kind):
+    out, before = link_of(scan, kind), scan.read_bytes()
+    status, text, err = run(capsys, "prepare", scan, "-o", out, "--drop-duplicates")
+    assert (status, text) == (2, "") and err == f"pointray: {out}: is the scan itself; --force overwrites it\n"
+    assert scan.read_bytes() == out.read_bytes() == before
+    assert run(capsys, "prepare", scan, "-o", out, "--drop-duplicates", "--force")[0] == 0
+    assert len(pr.read(out)) == 5002
 
 
 @pytest.mark.parametrize(

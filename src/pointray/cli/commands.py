@@ -269,6 +269,7 @@ def prepare(
     levels: Annotated[
         bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
     ] = True,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the scan itself, if that is the result.")] = False,
     threads: ThreadsOption = None,
 ) -> None:
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
@@ -285,6 +286,7 @@ def prepare(
         "estimate_normals": estimate_normals,
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
         "levels": levels,
+        "force": force,
     }
     print(work(file, output, wishes))
 

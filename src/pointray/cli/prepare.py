@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +27,16 @@ def tolerance_of(text: str) -> tuple[float, bool]:
     return (value / 100 if share else value), share
 
 
-def check_output(output: Path) -> None:
-    """Raise what would keep the result from being written, before the work is done."""
+def check_output(file: Path, output: Path, force: bool) -> None:
+    """Raise what would keep the result from being written, before the work is done; or an input from being kept."""
     from ..points.files import check_writable
 
     if output.suffix.lower() not in (".ply", SAVED):
         extension = output.suffix or "a file without extension"
         raise ValueError(f"{output}: cannot write {extension}; can write .ply and {SAVED}")
     check_writable(output)
+    if not force and output.exists() and file.exists() and os.path.samefile(file, output):
+        raise ValueError(f"{output}: is the scan itself; --force overwrites it")
 
 
 def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
@@ -44,7 +48,7 @@ def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
         raise ValueError("give either --tolerance or --count, not both")
     if wishes["count"] is not None and wishes["count"] < 1:
         raise ValueError(f"--count must be 1 or more, not {wishes['count']}")
-    check_output(output)
+    check_output(file, output, wishes["force"])
     check_readable(file)
     import pointray as pr
 
@@ -74,6 +78,7 @@ def _prepared(points: Any, tolerance: tuple[float, bool] | None, wishes: dict[st
     import pointray as pr
 
     from ..points.cleaning import find_flaws
+    from ..splats.subsample import find_subsample
 
     done = []
     if wishes["drop_duplicates"] or wishes["drop_outliers"]:
@@ -94,9 +99,21 @@ def _prepared(points: Any, tolerance: tuple[float, bool] | None, wishes: dict[st
         limit = None
         if tolerance is not None:
             limit = tolerance[0] * (float(np.linalg.norm(np.subtract(*points.bounds))) if tolerance[1] else 1.0)
-        points, radii = pr.subsample(points, limit, wishes["count"], progress=show)
-        points = pr.Points.about(
-            points.origin, points.positions, points.normals, points.colors, {**points.attributes, "radius": radii}
-        )
-        done.append(f"of {before:,}" + (f", within {limit:.4g}" if limit else ""))
+        found = find_subsample(points, limit, wishes["count"], show)
+        if found.message:
+            warnings.warn(found.message, stacklevel=2)
+        few, attributes = found.points, {**found.points.attributes, "radius": found.radii}
+        points = pr.Points.about(few.origin, few.positions, few.normals, few.colors, attributes)
+        done.append(f"of {before:,}{_told(found, limit)}")
     return points, done
+
+
+def _told(found: Any, limit: float | None) -> str:
+    """How near the points have the surface that is left of them."""
+    from ..splats.subsample import NOISY, SHARE
+
+    if limit is None:
+        return ""
+    if found.met:
+        return f", within {limit:.4g}"
+    return f", {found.within:.1%} of them within {limit:.4g} of the surface, not {SHARE:.1%}: {NOISY}"

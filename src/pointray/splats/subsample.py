@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ AROUND = 12  # neighbours that a splat grows to
 RANK = 8  # the neighbour that a radius reaches to where nothing can be left out
 STRAY = 4.0  # and at most this many times the usual one around it
 SHARE = 0.999  # of the points that must lie within the tolerance
+NOISY = "they are noisier, or the surface is sharper, than so many points can show"  # where they do not
 LEEWAY = 2.0  # error bound of the discs in tolerances: the blended surface follows curves, which the discs do not
 MENDS = 8  # rounds of mending, at most
 MARGIN = 0.8  # share of the tolerance at which splats are mended: rays find a little more than is foreseen
@@ -45,6 +46,20 @@ MET = 0.96, 1.03  # chosen splats, once relaxed, for each that is wanted
 SAMPLE = 50_000  # points at which sizes are measured to guess the bound for a count
 DENSITY = 0.5  # splats chosen for each square of a size: 0.45 to 0.6
 FINEST = 1e-7  # of the diagonal: the least error bound that is tried for a count
+
+
+class Subsample(NamedTuple):
+    """What `subsample` returns, and what is to be said of it."""
+
+    points: Points
+    radii: NDArray[np.float32]
+    within: float  # share of the given points that have the surface within the tolerance; 1 for a count
+    message: str | None  # about the normals
+
+    @property
+    def met(self) -> bool:
+        """Whether so many lie within the tolerance as are promised."""
+        return self.within >= SHARE
 
 
 def subsample(
@@ -85,6 +100,21 @@ def subsample(
     ----------
     Wu, Kobbelt: Optimized Sub-Sampling of Point Sets for Surface Splatting (Eurographics 2004).
     """
+    found = find_subsample(points, tolerance, count, progress)
+    if found.message:
+        warnings.warn(found.message, stacklevel=2)
+    if not found.met:
+        warnings.warn(
+            f"{found.within:.1%} of the points lie within {tolerance:g} of the surface, not {SHARE:.1%}: {NOISY}",
+            stacklevel=2,
+        )
+    return found.points, found.radii
+
+
+def find_subsample(
+    points: Points, tolerance: float | None, count: int | None, progress: Progress | None = None
+) -> Subsample:
+    """What `subsample` does, without a warning."""
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
     _check_wishes(tolerance, count)
@@ -102,16 +132,16 @@ def subsample(
     diagonal = float(np.linalg.norm(np.subtract(*mended.bounds)))
     if tolerance is not None and tolerance > diagonal:
         raise ValueError(f"tolerance is {tolerance:g}, more than the cloud is large (its diagonal is {diagonal:g})")
-    if message:
-        warnings.warn(message, stacklevel=2)
     say("neighbors", 0.0)
     cloud = describe_cloud(mended)
+    within = 1.0
     if tolerance is not None:
         subset = _within(cloud, float(tolerance), say)
+        within = float((errors(subset, float(tolerance)) <= 1).mean())
     else:
         assert count is not None
         subset = _as_many(cloud, int(count), diagonal, say)
-    return _averaged(mended, subset), subset.radii
+    return Subsample(_averaged(mended, subset), subset.radii, within, message)
 
 
 def _check_wishes(tolerance: Any, count: Any) -> None:
@@ -153,13 +183,6 @@ def _within(cloud: Cloud, tolerance: float, say: Progress) -> Subset:
         splats, sizes = mend(cloud, subset, sizes, error, worst(subset, MARGIN * tolerance))
         say("fit", (k + 1) / (MENDS + 1))
         subset = fit(cloud, splats, tolerance)
-    share = float((errors(subset, tolerance) <= 1).mean())
-    if share < SHARE:
-        warnings.warn(
-            f"{share:.1%} of the points lie within {tolerance:g} of the surface, not {SHARE:.1%}: they are noisier, or "
-            "the surface is sharper, than so many points can show",
-            stacklevel=3,
-        )
     return subset
 
 
