@@ -1,13 +1,16 @@
 """pointray prepare: what it writes, what it says, and how render uses it."""
 
+import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import pointray as pr
 from conftest import sphere_points
+from pointray import report
 from pointray.cli import execute
 
 
@@ -110,7 +113,7 @@ def link_of(scan: Path, kind: str) -> Path:
 def test_a_file_replaces_itself_by_force_only(scan, capsys, kind):
     out, before = link_of(scan, kind), scan.read_bytes()
     status, text, err = run(capsys, "prepare", scan, "-o", out, "--drop-duplicates")
-    assert (status, text) == (2, "") and err == f"pointray: {out}: is the scan itself; --force overwrites it\n"
+    assert (status, text) == (2, "") and err == f"pointray: {out}: is the input itself; --force overwrites it\n"
     assert scan.read_bytes() == out.read_bytes() == before
     assert run(capsys, "prepare", scan, "-o", out, "--drop-duplicates", "--force")[0] == 0
     assert len(pr.read(out)) == 5002
@@ -140,6 +143,130 @@ def test_bad_wishes(scan, capsys, options, words):
 def test_bad_outputs_are_known_before_the_work(scan, capsys, name, words):
     status, _, err = run(capsys, "prepare", scan.with_name("absent.ply"), "-o", scan.parent / name)
     assert status == 2 and words in err
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> tuple[pr.Points, Path]:
+    """A model with all that points can hold, far from the origin, and with levels of detail."""
+    torus = pr.procedural("torus", 20_000)
+    n = len(torus)
+    colors = np.random.default_rng(1).integers(0, 255, (n, 3), np.uint8)
+    about = torus.positions + np.array([5e6, 0, 0])
+    points = pr.Points(about, torus.normals, colors, {"row": np.arange(n)})
+    model = pr.Model(points, surface="imls", samples=3, refine=2)
+    model.make_levels()
+    model.save(tmp_path / "torus.pointray")
+    return points, tmp_path / "torus.pointray"
+
+
+def test_the_points_of_a_model_come_back(saved, capsys):
+    points, file = saved
+    out = file.with_name("out.ply")
+    status, text, err = run(capsys, "prepare", file, "-o", out)
+    assert (status, err) == (0, "") and text == f"{out}: {len(points):,} points; nothing was to be done\n"
+    again = pr.read(out)
+    assert np.array_equal(again.world, points.world)
+    for name in ("normals", "colors"):
+        assert np.array_equal(getattr(again, name), getattr(points, name))
+    assert again.attributes.keys() == {"row"} and np.array_equal(again.attributes["row"], points.attributes["row"])
+    # They can be made fewer, too.
+    status, text, _ = run(capsys, "prepare", file, "-o", out, "--count", 900)
+    assert status == 0 and f"of {len(points):,}" in text and len(pr.read(out)) == 900
+
+
+def test_a_model_stays_what_it_is(saved, capsys):
+    """Its surface too where points are dropped; where nothing is to be done it is the same file."""
+    points, file = saved
+    out = file.with_name("out.pointray")
+    assert run(capsys, "prepare", file, "-o", out)[0] == 0
+    assert out.read_bytes() == file.read_bytes()
+    assert run(capsys, "prepare", file, "-o", out, "--count", 9000, "--no-levels")[0] == 0
+    model, before = pr.Model.load(out), pr.Model.load(file)
+    assert model.settings._replace(trim=0) == before.settings._replace(trim=0)
+    assert (len(model.points), model.levels) == (9000, ())
+    assert run(capsys, "prepare", file, "-o", file)[0] == 2
+
+
+def test_info_of_a_model(saved, capsys):
+    points, file = saved
+    status, out, _ = run(capsys, "info", file, "--json")
+    facts = json.loads(out)
+    assert status == 0 and facts["points"] == len(points) and facts["attributes"] == ["row"] and facts["normals"]
+    model = pr.Model.load(file)
+    assert (facts["surface"], facts["samples"]) == ("imls", 3)
+    assert facts["levels"] == [len(level.points) for level in model.levels] and facts["levels"]
+    assert facts["median_radius"] == pytest.approx(np.median(model.radii))
+    assert run(capsys, "info", file)[0] == 0
+    # Of the points alone it tells the same.
+    run(capsys, "prepare", file, "-o", file.with_name("out.ply"))
+    alone = json.loads(run(capsys, "info", file.with_name("out.ply"), "--json")[1])
+    assert {name: facts[name] for name in alone if name != "file"} == {k: v for k, v in alone.items() if k != "file"}
+
+
+@pytest.mark.parametrize("command", [["info"], ["prepare", "-o", "{folder}/out.ply"]])
+def test_a_damaged_model_is_told(tmp_path, capsys, command):
+    (tmp_path / "a.pointray").write_bytes(b"\x93NUMPY and no more")
+    options = [text.format(folder=tmp_path) for text in command[1:]]
+    status, out, err = run(capsys, command[0], tmp_path / "a.pointray", *options)
+    assert (status, out) == (2, "") and err.startswith(f"pointray: {tmp_path / 'a.pointray'}: ")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.pointray"]
+
+
+CLOUDS = {
+    "surface": lambda r: sphere_points(60_000),
+    "volume": lambda r: r.random((60_000, 3)),
+    "line": lambda r: np.outer(r.random(60_000), [1, 2, 3]),
+    "uneven": lambda r: sphere_points(60_000) * np.exp(2 * r.normal(size=(60_000, 1))),
+    "twice": lambda r: np.repeat(sphere_points(30_000), 2, axis=0),
+    "far": lambda r: sphere_points(60_000) + [4e5, 5e6, 0],
+    "stray": lambda r: np.vstack([sphere_points(59_999), [[1e11, 0, 0]]]),
+    "grid": lambda r: np.stack(np.meshgrid(*[np.arange(245.0)] * 2, [0.0]), axis=-1).reshape(-1, 3),
+}
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+def test_info_of_a_large_scan_asks_for_few_neighbours(name, monkeypatch):
+    """The spacing is that of a sample, and nearly that of all; few trees of few points are built for it."""
+    points = pr.Points(CLOUDS[name](np.random.default_rng(3)))
+    whole = report.describe(points, deep=True)
+    asked, ask = [], report.neighbors
+    monkeypatch.setattr(report, "FEW", 50_000)
+    monkeypatch.setattr(report, "GUESS", 2_000)
+    monkeypatch.setattr(report, "SAMPLED", 200)
+    monkeypatch.setattr(report, "neighbors", lambda rows, *rest: asked.append(len(rows)) or ask(rows, *rest))
+    monkeypatch.setattr(report, "find_flaws", lambda points: pytest.fail("looked for flaws"))
+    facts = report.describe(points)
+    assert facts.keys() == whole.keys() and facts["duplicates"] is facts["outliers"] is None
+    assert 0 < facts["spacing_sample"] <= 200
+    assert facts["spacing"] == pytest.approx(whole["spacing"], rel=0.25)
+    assert sum(asked) < len(points)
+    same = facts.keys() - {"duplicates", "outliers", "spacing", "spacing_sample"}
+    assert all(facts[name] == whole[name] for name in same)
+
+
+def test_the_spacing_of_a_sample_is_that_of_its_points(monkeypatch):
+    """Whose neighbours are looked for among all points."""
+    rows = sphere_points(60_000)
+    monkeypatch.setattr(report, "SAMPLED", 60_000)
+    found, count = report._sampled_spacing(rows)
+    sample = rows[np.unique(np.random.default_rng(0).integers(60_000, size=(report.GUESS + 60_000))[report.GUESS :])]
+    assert count == len(sample)
+    assert found == pytest.approx(np.median(cKDTree(rows).query(sample, 2)[0][:, 1]), rel=1e-5)
+
+
+def test_info_of_one_place(monkeypatch):
+    monkeypatch.setattr(report, "FEW", 10)
+    assert report.describe(pr.Points(np.ones((1000, 3))))["spacing"] == 0
+    assert report.describe(pr.Points(np.repeat(np.eye(3), 500, axis=0)))["spacing"] == pytest.approx(np.sqrt(2))
+
+
+def test_info_deep(scan, capsys, monkeypatch):
+    monkeypatch.setattr(report, "FEW", 1000)
+    facts = json.loads(run(capsys, "info", scan, "--json")[1])
+    assert facts["duplicates"] is None and facts["outliers"] is None
+    assert "not looked for (--deep does)" in run(capsys, "info", scan)[1]
+    facts = json.loads(run(capsys, "info", scan, "--json", "--deep")[1])
+    assert (facts["duplicates"], facts["outliers"], facts["spacing_sample"]) == (100, 2, 5002)
 
 
 def test_info_tells_of_outliers(scan, capsys):

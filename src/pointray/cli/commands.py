@@ -255,7 +255,7 @@ def view(
 
 @app.command()
 def prepare(
-    file: Annotated[Path, typer.Argument(help="A scan: .ply.")],
+    file: Annotated[Path, typer.Argument(help="A scan, .ply, or a saved model, .pointray: its points.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply, or .pointray: the model, ready.")],
     tolerance: Annotated[
         str | None,
@@ -269,7 +269,7 @@ def prepare(
     levels: Annotated[
         bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
     ] = True,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the scan itself, if that is the result.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
     threads: ThreadsOption = None,
 ) -> None:
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
@@ -293,19 +293,27 @@ def prepare(
 
 @app.command()
 def info(
-    file: Annotated[Path, typer.Argument(help="A scan: .ply.")],
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    file: Annotated[Path, typer.Argument(help="A scan, .ply, or a saved model, .pointray.")],
+    deep: Annotated[
+        bool, typer.Option("--deep", help="Look at the neighbours of all points: 10 million take a minute and 7 GB.")
+    ] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="As JSON: null is what only --deep finds of so many points.")
+    ] = False,
 ) -> None:
-    """What is in a scan, and what is missing."""
-    from ..points.files import check_readable
-    from ..report import describe, show_table
+    """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
+    from ..report import describe, describe_model, show_table
+    from .prepare import read_scan
+    from .stage import check_scan
 
-    check_readable(file)
-    import pointray as pr
-
+    check_scan(file)
     with Progress() as progress:
         progress.show("reading", 0.0)
-        facts = in_background(lambda: describe(pr.read(file)))
+        points, model = in_background(lambda: read_scan(file))
+        progress.show("looking", 0.0)
+        facts = in_background(lambda: describe(points, deep))
+    if model is not None:
+        facts |= describe_model(model)
     show_table({"file": str(file), **facts}, json)
 
 

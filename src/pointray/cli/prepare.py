@@ -12,6 +12,7 @@ import numpy as np
 
 from ..saved import SAVED
 from ..splats.radii import radii_in
+from .stage import check_scan
 from .waiting import Progress, in_background, writing
 
 
@@ -36,35 +37,53 @@ def check_output(file: Path, output: Path, force: bool) -> None:
         raise ValueError(f"{output}: cannot write {extension}; can write .ply and {SAVED}")
     check_writable(output)
     if not force and output.exists() and file.exists() and os.path.samefile(file, output):
-        raise ValueError(f"{output}: is the scan itself; --force overwrites it")
+        raise ValueError(f"{output}: is the input itself; --force overwrites it")
+
+
+def read_scan(file: Path) -> tuple[Any, Any]:
+    """The points of a file, and the model if it is a saved one, else None."""
+    import pointray as pr
+
+    if file.suffix.lower() != SAVED:
+        return pr.read(file), None
+    model = pr.Model.load(file)
+    return model.points, model
+
+
+def surface_of(settings: Any) -> dict[str, Any]:
+    """The arguments of `Model` that give the surface of a saved one."""
+    trim = "auto" if settings.overhang < math.inf else settings.trim if settings.trim < math.inf else None
+    return {"surface": settings.surface, "samples": settings.samples, "refine": settings.refine, "trim": trim}
 
 
 def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
     """Do what is wished for and write the result; returns a line that says what was done."""
-    from ..points.files import check_readable
-
     tolerance = None if wishes["tolerance"] is None else tolerance_of(wishes["tolerance"])
     if tolerance is not None and wishes["count"] is not None:
         raise ValueError("give either --tolerance or --count, not both")
     if wishes["count"] is not None and wishes["count"] < 1:
         raise ValueError(f"--count must be 1 or more, not {wishes['count']}")
     check_output(file, output, wishes["force"])
-    check_readable(file)
+    check_scan(file)
     import pointray as pr
 
     with Progress() as progress:
         progress.show("reading", 0.0)
-        points = in_background(lambda: pr.read(file))
+        read, model = in_background(lambda: read_scan(file))
         try:
-            points, done = in_background(lambda: _prepared(points, tolerance, wishes, progress.show))
+            points, done = in_background(lambda: _prepared(read, tolerance, wishes, progress.show))
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
         if output.suffix.lower() == SAVED:
-            try:
-                model = in_background(lambda: pr.Model(points, radii_in(points), progress=progress.show))
-            except ValueError as error:
-                raise ValueError(f"{file}: {error}") from error
-            if wishes["levels"]:
+            surface = {} if model is None else surface_of(model.settings)
+            if model is None or points is not read:
+                try:
+                    model = in_background(lambda: pr.Model(points, radii_in(points), **surface, progress=progress.show))
+                except ValueError as error:
+                    raise ValueError(f"{file}: {error}") from error
+            if not wishes["levels"]:
+                model.levels = ()
+            elif not model.levels:
                 in_background(lambda: model.make_levels(progress.show))
             with writing(output):
                 in_background(lambda: model.save(output, lambda share: progress.show("writing", share)))
