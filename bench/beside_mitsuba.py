@@ -19,7 +19,8 @@ lie between them, too, with such normals: edges are halved once or twice (the bu
 vertices alone, 1 to 3% so).
 
 Needs mitsuba and trimesh (pip install 'pointray[dev]') and LLVM from 16 on (libLLVM.so; DRJIT_LIBLLVM_PATH names it:
-14 and 15 fail on processors with AVX-512). Without LLVM, materials that Mitsuba lacks are left out. Some half an hour.
+14 and 15 fail on processors with AVX-512). Without LLVM, or with one that does not know the processor, materials that
+Mitsuba lacks are left out. Some half an hour.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 import pointray as pr
+from mitsuba_child import llvm_works
 from mitsuba_pairs import COLOR, FORMULAS, LIGHTS, MATERIALS, Floats
 from mitsuba_pictures import write_difference
 from mitsuba_scenes import Body, Case, body, camera, halved, our_scene, their_camera, their_scene
@@ -107,10 +109,9 @@ def choose_variant(arrays: bool = True) -> str:
     ImportError
         If there is no mitsuba.
     """
-    import drjit as dr
     import mitsuba as mi
 
-    name = "llvm_ad_rgb" if arrays and dr.has_backend(dr.JitBackend.LLVM) else "scalar_rgb"
+    name = "llvm_ad_rgb" if arrays and llvm_works() else "scalar_rgb"
     mi.set_variant(name)
     if name != "scalar_rgb":
         import mitsuba_formulas  # noqa: F401  # Mitsuba knows its materials from now on
@@ -271,18 +272,18 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> None:
     """Render, compare, print, write."""
     options = parsed(arguments)
+    if options.speed:
+        try:
+            from mitsuba_speed import speed
+        except ImportError:
+            sys.exit(NO_VARIANT)
+        speed(options.points, options.size, options.runs, options.spp)
+        return
     try:
         options.variant = choose_variant()
     except ImportError:
         sys.exit(NO_VARIANT)
     warnings.simplefilter("ignore")
-    if options.speed:
-        if options.variant == "scalar_rgb":
-            sys.exit("--speed needs LLVM")
-        from mitsuba_speed import speed
-
-        speed(options.points, options.size, options.runs, options.spp)
-        return
     rows = []
     print(HEAD)
     for mesh in options.meshes:

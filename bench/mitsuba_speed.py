@@ -13,6 +13,7 @@ million points 92.0, 96.6, 97.0 and 97.0% of the depths agree enlarged by 1e3 to
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from copy import copy
 from typing import Any
@@ -22,6 +23,7 @@ import numpy as np
 
 import pointray as pr
 from embree import alternate
+from mitsuba_child import in_child, told
 from mitsuba_pairs import Floats, diffuse, rgb
 from mitsuba_scenes import their_camera
 from pointray.benchmark.views import far_view
@@ -82,18 +84,16 @@ def our_scene(model: pr.Model, light: Any) -> pr.Scene:
     return scene
 
 
-def pictures(model: pr.Model, camera: pr.Camera, spp: int) -> dict[str, dict[str, Callable[[], Any]]]:
-    """What is timed: for each picture a call by either that returns it, as an array of float32."""
+def pictures(
+    model: pr.Model, camera: pr.Camera, spp: int, beside: bool = True
+) -> dict[str, dict[str, Callable[[], Any]]]:
+    """What is timed: for each picture a call by either that returns it, an array of float32. beside : Mitsuba, too"""
     low, high = model.bounds
     place = (low + high) / 2 + np.linalg.norm(high - low) * np.array([0.6, -0.8, 1.0])
     strength = 10.0 * float(np.linalg.norm(high - low)) ** 2
     theirs = {
         "path": {"type": "constant", "radiance": rgb(1.0)},
-        "lit": {
-            "type": "point",
-            "position": (ENLARGED * place).tolist(),
-            "intensity": rgb(strength * ENLARGED**2),
-        },
+        "lit": {"type": "point", "position": (ENLARGED * place).tolist(), "intensity": rgb(strength * ENLARGED**2)},
     }
     ours = {"path": pr.EnvironmentLight(1.0), "lit": pr.PointLight(place, strength)}
     how = {
@@ -106,12 +106,11 @@ def pictures(model: pr.Model, camera: pr.Camera, spp: int) -> dict[str, dict[str
     }
     out: dict[str, dict[str, Callable[[], Any]]] = {}
     for name in ours:
-        scene = mi.load_dict({"type": "scene", "model": splats(model), "light": theirs[name]})
-        sensor = their_camera(enlarged(camera), settings[name].spp)
-        out[name] = {
-            "pointray": _ours(our_scene(model, ours[name]), camera, settings[name]),
-            "mitsuba": _theirs(scene, sensor, mi.load_dict(how[name])),
-        }
+        out[name] = {"pointray": _ours(our_scene(model, ours[name]), camera, settings[name])}
+        if beside:
+            scene = mi.load_dict({"type": "scene", "model": splats(model), "light": theirs[name]})
+            sensor = their_camera(enlarged(camera), settings[name].spp)
+            out[name]["mitsuba"] = _theirs(scene, sensor, mi.load_dict(how[name]))
     out["lit"]["pointray, levels of detail"] = _ours(our_scene(leveled(model), ours["lit"]), camera, settings["lit"])
     return out
 
@@ -131,10 +130,19 @@ def _theirs(scene: Any, sensor: Any, integrator: Any) -> Callable[[], Any]:
     return lambda: np.array(mi.render(scene, sensor=sensor, integrator=integrator))
 
 
-def speed(points: int, size: int, runs: int, spp: int) -> None:
-    """Print the two rows."""
-    model = pr.Model(pr.procedural("statue", points))
-    camera = far_view(model.points, model.bounds, (size, size))
+def speed(points: int, size: int, runs: int, spp: int, beside: Callable[..., None] | None = None) -> None:
+    """Print the rows; where Mitsuba ends its process, those of pointray alone. beside : what the child does"""
+    ended = in_child(beside or speed_beside, points, size, runs, spp)
+    if ended is not None:
+        print(told(ended), "pointray alone:", flush=True)
+        speed_alone(points, size, runs, spp)
+
+
+def speed_beside(points: int, size: int, runs: int, spp: int) -> None:
+    """Print the rows of both."""
+    mi.set_variant("llvm_ad_rgb")
+    warnings.simplefilter("ignore")
+    model, camera = _seen(points, size)
     agree = agreement(model, camera)
     print(f"statue: {points:,} points, {size}x{size}; {agree:.1%} of Mitsuba's depths are right within a radius")
     for name, calls in pictures(model, camera, spp).items():
@@ -142,9 +150,27 @@ def speed(points: int, size: int, runs: int, spp: int) -> None:
         seconds = alternate(calls, runs, PAUSE)
         for who, spent in seconds.items():
             ratio = seconds["mitsuba"] / spent
-            figure = f"{1e3 * spent:.1f} ms"
-            if name == "path":
-                figure = f"{size * size * spp / spent / 1e6:.2f} million samples a second"
             same = f"mean radiance of Mitsuba's / this {light['mitsuba'] / light[who]:.3f}"
             verdict = f"{ratio:.2f}" if agree >= AGREE else "does not count: its depths are wrong"
+            figure = _figure(name, spent, size * size * spp)
             print(f"{name}: {who} {figure}, Mitsuba's time / this {verdict} ({same})")
+
+
+def speed_alone(points: int, size: int, runs: int, spp: int) -> None:
+    """Print pointray's rows."""
+    model, camera = _seen(points, size)
+    print(f"statue: {points:,} points, {size}x{size}")
+    for name, calls in pictures(model, camera, spp, beside=False).items():
+        for call in calls.values():
+            call()
+        for who, spent in alternate(calls, runs, PAUSE).items():
+            print(f"{name}: {who} {_figure(name, spent, size * size * spp)}")
+
+
+def _seen(points: int, size: int) -> tuple[pr.Model, pr.Camera]:
+    model = pr.Model(pr.procedural("statue", points))
+    return model, far_view(model.points, model.bounds, (size, size))
+
+
+def _figure(name: str, seconds: float, samples: int) -> str:
+    return f"{samples / seconds / 1e6:.2f} million samples a second" if name == "path" else f"{1e3 * seconds:.1f} ms"

@@ -1,7 +1,11 @@
 """Pictures beside Mitsuba's, of a mesh there and of its vertices here, at sizes that take seconds."""
 
+import os
+import sys
+
 import pytest
 
+import mitsuba_child
 import mitsuba_pairs
 import pointray as pr
 from beside_mitsuba import Pair, choose_variant, compare
@@ -43,3 +47,32 @@ def test_a_wrong_color_is_noticed(pair, monkeypatch):
     monkeypatch.setitem(mitsuba_pairs.MATERIALS, "diffuse", lambda: wrong)
     row = compare(pair, Case("sun", "diffuse"))
     assert not row.model.met and row.model.off == pytest.approx(1 / 1.03 - 1, abs=0.005)
+
+
+def aborted(*arguments):
+    """What Mitsuba does where its LLVM does not know the processor."""
+    os.abort()
+
+
+def test_where_mitsuba_ends_its_process_the_rest_goes_on(capfd):
+    pytest.importorskip("mitsuba")
+    from mitsuba_speed import speed
+
+    speed(2_000, 32, 1, 1, beside=aborted)
+    out = capfd.readouterr().out.splitlines()
+    assert out[0].startswith("Mitsuba has ended its process (SIGABRT): ") and out[0].endswith("; pointray alone:")
+    assert out[1] == "statue: 2,000 points, 32x32"
+    assert [line.split(":")[0] for line in out[2:]] == ["path", "lit", "lit"]
+
+
+def test_how_a_child_ends():
+    assert mitsuba_child.in_child(print) is None
+    assert mitsuba_child.in_child(os.abort) == "SIGABRT"
+    assert mitsuba_child.in_child(sys.exit, 3) == "status 3"
+
+
+def test_an_llvm_that_ends_its_process_is_not_taken(monkeypatch, capsys):
+    pytest.importorskip("mitsuba")
+    monkeypatch.setattr(mitsuba_child, "try_llvm", os.abort)
+    assert choose_variant() == "scalar_rgb"
+    assert capsys.readouterr().out.count("(SIGABRT)") == 1

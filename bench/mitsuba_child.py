@@ -1,0 +1,47 @@
+"""What may end the process, in a child: Mitsuba's LLVM aborts on processors that it does not know (AMD Zen 5)."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from pointray.jit.disk import cpu_name
+
+
+def in_child(work: Callable[..., Any], *arguments: Any) -> str | None:
+    """Do it in a process of its own; None if it ended well, else how it ended."""
+    child = multiprocessing.get_context("spawn").Process(target=work, args=arguments)
+    child.start()
+    child.join()
+    code = child.exitcode or 0
+    return None if code == 0 else signal.Signals(-code).name if code < 0 else f"status {code}"
+
+
+def llvm_works() -> bool:
+    """Whether Mitsuba can compile with the LLVM that is here, if any; where that ends a process it is said."""
+    ended = in_child(try_llvm)
+    if ended not in (None, "status 3"):
+        print(told(ended), "Mitsuba's scalar variant instead", flush=True)
+    return ended is None
+
+
+def try_llvm() -> None:
+    """Compile a little; exit status 3 where there is no LLVM."""
+    import drjit as dr
+
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        sys.exit(3)
+    import mitsuba as mi
+
+    mi.set_variant("llvm_ad_rgb")
+    dr.eval(dr.sqrt(dr.arange(mi.Float, 64)) + 1.0)
+    dr.sync_thread()
+
+
+def told(ended: str | None) -> str:
+    """The line about a child that has ended so: by a signal, or by an error that it has said."""
+    why = f"its LLVM may not know this processor, {cpu_name()}" if "SIG" in str(ended) else "there may be no LLVM"
+    return f"Mitsuba has ended its process ({ended}): {why};"
