@@ -7,6 +7,7 @@ import threading
 import time
 import tracemalloc
 from contextlib import closing, contextmanager
+from urllib.parse import urljoin
 
 import numpy as np
 import pytest
@@ -94,7 +95,107 @@ def test_only_files_of_the_page_are_served(viewer):
         status, text = ask(viewer, path + name)
         assert status == 200 and "Content-Security-Policy" in text and "Referrer-Policy: no-referrer" in text, name
     status, text = ask(viewer, path.rstrip("/"))
-    assert status == 308 and f"Location: {path}\r\n" in text
+    assert status == 308 and f"Location: {path.strip('/')}/\r\n" in text  # relative: there may be a prefix
+
+
+HUB, PUBLIC = "/user/x/", "hub.example.org"
+
+
+class Proxy:
+    """What jupyter-server-proxy does of each request: takes the prefix away, keeps Host, and names the prefix."""
+
+    def __init__(self, viewer):
+        self.prefix = f"{HUB}proxy/{viewer.port}"
+        self.headers = f"X-Forwarded-Context: {self.prefix}", f"X-ProxyContextPath: {self.prefix}"
+        self._viewer = viewer
+
+    def get(self, target, *headers):
+        """An address as the browser asks for it."""
+        assert target.startswith(f"{self.prefix}/"), target
+        return ask(self._viewer, target.removeprefix(self.prefix), *self.headers, *headers, host=PUBLIC)
+
+
+@pytest.fixture
+def hub_viewer(monkeypatch):
+    monkeypatch.setenv("JUPYTERHUB_SERVICE_PREFIX", HUB)
+    with closing(Viewer(Subject("nothing", pr.Scene()))) as viewer:
+        yield viewer
+
+
+@pytest.fixture
+def plain_viewer(monkeypatch):
+    monkeypatch.delenv("JUPYTERHUB_SERVICE_PREFIX", raising=False)
+    with closing(Viewer(Subject("nothing", pr.Scene()))) as viewer:
+        yield viewer
+
+
+def test_the_page_works_behind_the_proxy_of_a_hub(hub_viewer):
+    """The frame's address, and all that it names, are below the prefix."""
+    proxy = Proxy(hub_viewer)
+    html = hub_viewer._repr_html_()
+    page = re.search(r'src="([^"]+)"', html)[1]
+    assert page == f"{proxy.prefix}{path_of(hub_viewer)}" and "jupyter-server-proxy" in html
+    status, text = proxy.get(page)
+    assert status == 200
+    names = re.findall(r'(?:src|href)="([^"]+)"', text)
+    assert "main.js" in names
+    for name in names:
+        if not name.startswith("data:"):
+            assert proxy.get(urljoin(page, name))[0] == 200, name
+    scripts = [name for name in FILES if name.endswith(".js")]
+    for name in scripts:
+        for module in re.findall(r'from "([^"]+)"', proxy.get(urljoin(page, name))[1]):
+            assert proxy.get(urljoin(urljoin(page, name), module))[0] == 200, module
+    status, text = proxy.get(page.rstrip("/"))
+    assert urljoin(page.rstrip("/"), re.search(r"Location: (\S+)", text)[1]) == page
+    # The script opens the socket beside the page.
+    assert 'new URL("socket", location.href' in proxy.get(urljoin(page, "main.js"))[1]
+    hello = f"{HELLO}{KEY}".split("\r\n")
+    for origin, answer in ((f"https://{PUBLIC}", 101), ("https://evil.example", 403), ("null", 403)):
+        request = (*proxy.headers, *hello, f"Origin: {origin}", "Connection: close")
+        assert first_line(hub_viewer, f"{path_of(hub_viewer)}socket", *request)[1] == str(answer), origin
+
+
+def first_line(viewer, target, *headers):
+    """The words of the first line of an answer, whose connection may stay open."""
+    with socket.create_connection(("127.0.0.1", viewer.port)) as stream:
+        stream.settimeout(10.0)
+        stream.sendall("\r\n".join((f"GET {target} HTTP/1.1", f"Host: {PUBLIC}", *headers, "", "")).encode())
+        return stream.recv(1000).decode().split("\r\n")[0].split()
+
+
+def test_other_names_are_refused_but_for_the_hubs_own_proxy(hub_viewer, plain_viewer):
+    """Neither without the header that only the proxy adds, nor with another prefix, nor where there is no hub."""
+    path, known = path_of(hub_viewer), Proxy(hub_viewer).headers
+    assert ask(hub_viewer, path, *known, host=PUBLIC)[0] == 200
+    assert ask(hub_viewer, path, host=PUBLIC)[0] == 403
+    assert ask(hub_viewer, path, f"X-Forwarded-Context: /user/y/proxy/{hub_viewer.port}", host=PUBLIC)[0] == 403
+    assert ask(hub_viewer, "/", *known, host=PUBLIC)[0] == 403  # without the token
+    assert ask(plain_viewer, path_of(plain_viewer), *Proxy(plain_viewer).headers, host=PUBLIC)[0] == 403
+
+
+def test_a_browser_behind_the_proxy_is_not_on_this_machine(hub_viewer):
+    seen = []
+    hub_viewer._server._welcome = lambda link: seen.append(link.is_local) or Idle()
+    for count, headers in enumerate(({}, dict(header.split(": ") for header in Proxy(hub_viewer).headers)), 1):
+        with connect(socket_of(hub_viewer.url), additional_headers=headers):
+            wait(lambda count=count: len(seen) == count)
+    assert seen == [True, False]
+
+
+class Idle:
+    """A visitor that does nothing."""
+
+    def receive(self, text):
+        pass
+
+    def leave(self):
+        pass
+
+
+def test_the_cell_says_what_to_do_on_a_remote_machine(plain_viewer):
+    html, port = plain_viewer._repr_html_(), plain_viewer.port
+    assert f'src="{plain_viewer.url}"' in html and f"ssh -L {port}:127.0.0.1:{port}" in html
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])

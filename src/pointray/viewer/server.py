@@ -70,6 +70,9 @@ class Server:
         0: PORT, or the next one that is free. Another that is taken: the next one too, see `port`.
     token : str
         The secret part of the address; empty: a random one.
+    hub : str
+        The path below which a notebook's server is at a JupyterHub, such as "/user/x/"; empty: there is none. Browsers
+        come through its proxy, then, under the hub's name.
 
     Raises
     ------
@@ -77,8 +80,10 @@ class Server:
         If it cannot listen there.
     """
 
-    def __init__(self, welcome: Callable[[Link], Visitor], host: str, port: int, token: str = "") -> None:
-        self._welcome, self.host, self.port = welcome, host, port or PORT
+    def __init__(
+        self, welcome: Callable[[Link], Visitor], host: str, port: int, token: str = "", hub: str = ""
+    ) -> None:
+        self._welcome, self.host, self.port, self._hub = welcome, host, port or PORT, hub.strip("/")
         self.token = token or secrets.token_urlsafe(TOKEN_BYTES)
         self._ready = threading.Event()
         self._failed: Exception | None = None
@@ -94,6 +99,16 @@ class Server:
         """Where the page is, for a browser on this machine; whoever knows it is let in."""
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
         return f"http://{f'[{host}]' if ':' in host and '[' not in host else host}:{self.port}/{self.token}/"
+
+    @property
+    def proxied(self) -> str:
+        """Where the page is for a browser at the hub, from its root on; empty where there is no hub."""
+        return f"{self._prefix}/{self.token}/" if self._hub else ""
+
+    @property
+    def _prefix(self) -> str:
+        """What jupyter-server-proxy takes away from an address, and names in a header."""
+        return f"/{self._hub}/proxy/{self.port}"
 
     @property
     def is_public(self) -> bool:
@@ -154,7 +169,7 @@ class Server:
             return _refused(http.HTTPStatus.BAD_REQUEST, f"{type(error).__name__}: {error}")
 
     def _judge(self, request: Request) -> Response | None:
-        if not self._is_known(request.headers.get("Host", "")):
+        if not (self._is_known(request.headers.get("Host", "")) or self._is_proxied(request.headers)):
             return _refused(http.HTTPStatus.FORBIDDEN, "unknown host")
         token, slash, name = urlsplit(request.path).path.removeprefix("/").partition("/")
         if not secrets.compare_digest(token.encode(), self.token.encode()):
@@ -163,7 +178,7 @@ class Server:
             own = self._is_own(request.headers)
             return None if own else _refused(http.HTTPStatus.FORBIDDEN, "a page of another site")
         if not slash:
-            return _response(http.HTTPStatus.PERMANENT_REDIRECT, b"", "text/plain", Location=f"/{self.token}/")
+            return _response(http.HTTPStatus.PERMANENT_REDIRECT, b"", "text/plain", Location=f"{self.token}/")
         file = FILES.get(name or "index.html")
         if file is None:
             return _refused(http.HTTPStatus.NOT_FOUND, "not found")
@@ -185,9 +200,18 @@ class Server:
         own = socket.gethostname().lower()
         return self.is_public and name in {own, f"{own}.local", socket.getfqdn().lower()}
 
+    def _is_proxied(self, headers: Headers) -> bool:
+        """Whether a request comes through the hub's proxy: no page of another site can make a browser add its header.
+
+        (It can where its name has been pointed here, and then it still lacks the token.)
+        """
+        return bool(self._hub) and headers.get("X-Forwarded-Context", "").rstrip("/") == self._prefix
+
     async def _attend(self, connection: ServerConnection) -> None:
         """One browser, from coming to going. While its thread works no more is read from it."""
         link, share = Link(connection, self._loop), Share()
+        if connection.request is None or self._is_proxied(connection.request.headers):
+            link.is_local = False  # it is the proxy that is on this machine
         thread = ThreadPoolExecutor(1, "pointray-visitor")
         try:
             visitor = await self._loop.run_in_executor(thread, self._meet, link)

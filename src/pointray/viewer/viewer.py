@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 import threading
 import webbrowser
 from collections.abc import Callable
@@ -12,6 +13,8 @@ from .link import Link
 from .server import Server
 from .session import Session
 from .subject import Subject
+
+HUB = "JUPYTERHUB_SERVICE_PREFIX"  # where a JupyterHub says below which path a notebook's server is
 
 
 class Viewer:
@@ -29,7 +32,7 @@ class Viewer:
         self._ended = threading.Event()
         self._sessions: set[Session] = set()
         self._lock = threading.Lock()
-        self._server = Server(self._welcome, host, port, token)
+        self._server = Server(self._welcome, host, port, token, os.environ.get(HUB, ""))
         self.url, self.port, self.is_public = self._server.url, self._server.port, self._server.is_public
         self._watcher = threading.Thread(target=self._watch, name="pointray-watcher", daemon=True)
         self._watcher.start()
@@ -77,5 +80,18 @@ class Viewer:
                 self._subject.tell()
 
     def _repr_html_(self) -> str:
-        """In a notebook: the page itself."""
-        return f'<iframe src="{html.escape(self.url)}" width="100%" height="600" style="border:0"></iframe>'
+        """In a notebook: the page itself, and what to do where it does not come."""
+        if self._server.proxied:
+            hint = (
+                "If nothing appears: pip install jupyter-server-proxy where the notebook's server runs, and restart it."
+            )
+        else:
+            hint = (
+                "If nothing appears, the notebook runs on another machine: forward the port from yours, "
+                f"<code>ssh -L {self.port}:127.0.0.1:{self.port} MACHINE</code>, and run the cell again."
+            )
+        page = html.escape(self._server.proxied or self.url)
+        return (
+            f'<iframe src="{page}" width="100%" height="600" style="border:0"></iframe>'
+            f'<div style="font-size:small;opacity:0.6">{hint}</div>'
+        )
