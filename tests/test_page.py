@@ -315,6 +315,48 @@ def test_keys_of_the_standard_views(page, scene):
     assert not [text for text in page.said[count:] if json.loads(text)["type"] == "view"]
 
 
+def free_area(page):
+    """What the page said last of the view: left, top, right, bottom of what is free."""
+    sizes = [message for message in map(json.loads, page.said) if message["type"] == "size"]
+    return sizes[-1]["free"] if sizes else None
+
+
+def waits_for_free(page, wanted):
+    """Until the page has told of an area as wanted."""
+    for _ in range(200):
+        if (free := free_area(page)) is not None and wanted(free):
+            return free
+        page.tab.wait_for_timeout(50)
+    raise AssertionError(free)
+
+
+def test_the_page_tells_what_the_panel_leaves_free(page):
+    panel = page.tab.locator("#panel").bounding_box()
+    sizes = [message for message in map(json.loads, page.said) if message["type"] == "size"]
+    assert len(sizes) == 1 and sizes[0]["free"] == [0, 0, round(panel["x"]), SIZE[1]]  # told once, and rightly
+    page.tab.locator(".lil-title").first.click()  # folded: its title is left
+    title = page.tab.locator(".lil-title").first.bounding_box()
+    bottom = round(title["y"] + title["height"])
+    assert waits_for_free(page, lambda free: free[2] == SIZE[0]) == [0, bottom, *SIZE]
+    page.tab.keyboard.press("p")  # the picture alone
+    assert waits_for_free(page, lambda free: free[1] == 0) == [0, 0, *SIZE]
+
+
+def test_the_panel_folds_away_on_a_narrow_window(page):
+    title, button = page.tab.locator(".lil-title").first, page.row("samples")
+    assert button.is_visible()
+    page.tab.set_viewport_size({"width": 380, "height": 640})
+    button.wait_for(state="hidden")
+    free = waits_for_free(page, lambda free: free[2] == 380)
+    title.click()
+    button.wait_for(state="visible")
+    page.tab.mouse.click(60, 400)  # on the picture
+    button.wait_for(state="hidden")
+    assert free_area(page) == free  # an open panel stands over it for a moment only
+    page.tab.set_viewport_size({"width": SIZE[0], "height": SIZE[1]})
+    button.wait_for(state="visible")
+
+
 def test_control_drag_moves_the_sun(page, scene):
     camera, before = page.camera, page.number("lamps.0.azimuth")
     with page.holding("Control"), page.another(SAMPLES):

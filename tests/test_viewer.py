@@ -13,7 +13,7 @@ from pointray.records import ACROSS, FORWARD, UPWARD
 from pointray.viewer import session
 from pointray.viewer.controls import Control
 from pointray.viewer.lamps import SUN, Lamp, axes_of, lamps_of
-from pointray.viewer.messages import camera_of, parse, size_of
+from pointray.viewer.messages import camera_of, free_of, parse, size_of
 from pointray.viewer.pace import ROOM, SCALES, Pace, next_pass
 from pointray.viewer.pick import pick
 from pointray.viewer.session import MOST_SAID
@@ -455,6 +455,12 @@ def test_messages():
         parse("[]")
     assert size_of({"width": 100.7, "height": 50}) == (100, 50)
     assert size_of({"width": 7680, "height": 4320}) == (3840, 2160)
+    assert free_of({"width": 100, "height": 50}) == (0, 0, 100, 50)
+    assert free_of({"width": 100, "height": 50, "free": [0, 10, 70.2, 50]}) == (0, 10, 70, 50)
+    assert free_of({"width": 7680, "height": 4320, "free": [0, 20, 5000, 4320]}) == (0, 10, 2500, 2160)
+    for free in (None, [0, 0, 1], [0, 0, "1", 2], [70, 0, 70, 50], [0, 0, 101, 50], [-1, 0, 100, 50], [0, 0, 100, 1e9]):
+        with pytest.raises(ValueError, match="free"):
+            free_of({"width": 100, "height": 50, "free": free})
     message = {"eye": [1, 2, 3], "target": [0, 0, 0], "up": [0, 0, 1], "fov": 30}
     assert camera_of(message, (4, 3)).size == (4, 3)
 

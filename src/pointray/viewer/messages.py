@@ -48,6 +48,25 @@ def size_of(message: dict[str, Any]) -> tuple[int, int]:
     return (max(1, int(width / over)), max(1, int(height / over))) if over > 1 else (width, height)
 
 
+def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
+    """What the panel leaves free of a view: left, top, right, bottom, pixels of `size_of`; all if none is named."""
+    width, height = size_of(message)
+    if "free" not in message:
+        return 0, 0, width, height
+    sides = message["free"]
+    if not isinstance(sides, list) or len(sides) != 4:
+        raise ValueError("free must be four numbers: left, top, right, bottom")
+    whole = number(message, "width", 1, 1e6), number(message, "height", 1, 1e6)
+    edges = []
+    for k, name in enumerate(("left", "top", "right", "bottom")):
+        edge = number({f"free's {name}": sides[k]}, f"free's {name}", 0, whole[k % 2])
+        edges.append(min((width, height)[k % 2], round(edge * (width, height)[k % 2] / whole[k % 2])))
+    left, top, right, bottom = edges
+    if left >= right or top >= bottom:
+        raise ValueError(f"free must be left, top, right, bottom of a rectangle, not {sides!r:.60}")
+    return left, top, right, bottom
+
+
 def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
     """The camera of a page, for a picture of a size."""
     places = {name: message.get(name) for name in ("eye", "target", "up")}

@@ -21,7 +21,7 @@ from .exports import Exports
 from .lamps import MOST_LAMPS, SUN, lamps_of
 from .link import Link
 from .looks import CONSTANT, OWN, Looks
-from .messages import camera_of, number, parse, size_of, word
+from .messages import camera_of, free_of, number, parse, size_of, word
 from .painter import Painter, Wish
 from .panel import Output, folders
 from .pick import pick
@@ -51,6 +51,7 @@ class Session:
         self._subject, self._ended, self._voice = subject, ended, Voice(link)
         self._lock = threading.RLock()
         self._size: tuple[int, int] | None = None  # of the view; until it is known nothing is shown
+        self._free = (0, 0, 1, 1)  # what the panel leaves free of it: left, top, right, bottom, pixels
         self._time = 0.0
         self._camera: Camera | None = None
         self._at_home = False  # where it was taken at first, and has not moved
@@ -111,7 +112,7 @@ class Session:
     # What the page says.
 
     def _on_size(self, message: dict[str, Any]) -> None:
-        self._size = size_of(message)
+        self._size, self._free = size_of(message), free_of(message)
         if (self._camera is None or self._at_home) and self._looks is not None:
             self._go("home", animate=False)  # as large as fits into this view
         elif self._camera is not None:

@@ -8,6 +8,7 @@ import { copyCamera, isCamera, sameCamera } from "./camera.js";
 import { Connection } from "./connection.js";
 import { closeHelp, prepareDialogs, saveFile, showCopy, toggleHelp } from "./dialogs.js";
 import { Keys } from "./keys.js";
+import { freeOf } from "./layout.js";
 import { Markers } from "./markers.js";
 import { Motion } from "./motion.js";
 import * as overlay from "./overlay.js";
@@ -39,7 +40,10 @@ const messages = {
   },
   place: ({ bounds }) => motion.setBounds(bounds),
   camera: takeCamera,
-  panel: ({ folders }) => panel.build(folders),
+  panel({ folders }) {
+    panel.build(folders);
+    sendSize(); // the first one: until now nobody knew what the panel covers
+  },
   values: ({ values }) => panel.setValues(values),
   status: ({ lines }) => overlay.showStatus(lines),
   progress: ({ stage, share }) => overlay.showProgress(stage, share),
@@ -101,12 +105,14 @@ function send(message) {
   return connection.send(message);
 }
 
-/** The view in device pixels. */
+/** The view in device pixels, and what of it nothing stands over. */
 function sendSize() {
   const { innerWidth, innerHeight, devicePixelRatio } = window;
   const ratio = Math.min(devicePixelRatio, WIDEST / innerWidth);
-  const size = { width: Math.round(innerWidth * ratio), height: Math.round(innerHeight * ratio) };
-  if (!(size.width > 0 && size.height > 0) || sent.size === JSON.stringify(size)) return;
+  const boxes = [panel.box, overlay.legendBox()].filter(Boolean);
+  const free = freeOf({ width: innerWidth, height: innerHeight }, boxes).map((edge) => Math.round(edge * ratio));
+  const size = { width: Math.round(innerWidth * ratio), height: Math.round(innerHeight * ratio), free };
+  if (!panel.built || !(size.width > 0 && size.height > 0) || sent.size === JSON.stringify(size)) return;
   if (send({ type: "size", ...size })) sent.size = JSON.stringify(size);
 }
 
@@ -167,7 +173,15 @@ new Keys({
   plain: overlay.togglePlain,
 });
 
-window.addEventListener("resize", () => act(() => markers.redraw()));
+window.addEventListener("resize", () => {
+  panel.resized();
+  act(() => markers.redraw());
+});
+view.addEventListener("pointerdown", () => panel.yield());
+
+// They come, go, open and fold; what is free of the view changes with them.
+const covering = new ResizeObserver(wake);
+for (const id of ["panel", "legend"]) covering.observe(document.getElementById(id));
 
 window.pointray = {
   camera: () => motion.camera && copyCamera(motion.camera),

@@ -54,6 +54,12 @@ export function showLegend(image) {
   else legend.removeAttribute("src");
 }
 
+/** Where the legend stands, null while there is none. */
+export function legendBox() {
+  const box = byId("legend").getBoundingClientRect();
+  return box.width && box.height ? box : null;
+}
+
 /** The banner of a lost connection. */
 export function showBanner(shown) {
   byId("banner").hidden = !shown;

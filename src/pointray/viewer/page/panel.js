@@ -4,7 +4,7 @@ import { addControl } from "./controls.js";
 import { GUI } from "./lil-gui.esm.min.js";
 
 const PAUSE = 50; // ms between two values of one control
-const NARROW = 600; // CSS px; in a narrower window the panel is closed at first
+const NARROW = 600; // CSS px; a panel in a narrower window is closed unless it is at work
 
 export class Panel {
   #container;
@@ -13,6 +13,7 @@ export class Panel {
   #title = "pointray";
   #controls = new Map(); // name -> {show}
   #toggled = new Map(); // title -> whether the user left it open; the panel itself has none
+  #narrow = isNarrow();
   #changes = new Map(); // name -> value that is still to be sent
   #timer = 0;
   #held = null; // name of the control under a pressed pointer
@@ -40,9 +41,41 @@ export class Panel {
     this.#controls.clear();
     this.#gui = new GUI({ container: this.#container, title: this.#title, injectStyles: false });
     for (const folder of folders) this.#addFolder(folder);
-    this.#gui.open(this.#toggled.get("") ?? window.innerWidth > NARROW);
+    this.#gui.open(this.#toggled.get("") ?? !this.#narrow);
     this.#gui.onOpenClose((gui) => this.#toggled.set(gui === this.#gui ? "" : gui._title, !gui._closed));
     this.#gui.$children.scrollTop = scrolled;
+  }
+
+  get built() {
+    return this.#gui !== null;
+  }
+
+  /**
+   * What it takes of the window, null for nothing. An open one may grow down to the window's edge; in a narrow window it
+   * opens over the picture for a moment, and only its title counts.
+   */
+  get box() {
+    const title = this.#gui?.$title.getBoundingClientRect();
+    if (!title?.height) return null;
+    const { left, right } = this.#gui.domElement.getBoundingClientRect();
+    return { left, right, top: 0, bottom: this.#narrow || this.#gui._closed ? title.bottom : window.innerHeight };
+  }
+
+  /** The window has another size: one that has become narrow has no room for an open panel. */
+  resized() {
+    if (isNarrow() === this.#narrow) return;
+    this.#narrow = isNarrow();
+    this.#toggled.delete("");
+    this.#fold(this.#narrow);
+  }
+
+  /** The user turns to the picture: in a narrow window the panel goes out of its way. */
+  yield() {
+    if (this.#narrow) this.#fold(true);
+  }
+
+  #fold(folded) {
+    this.#gui?.open(!folded);
   }
 
   #addFolder({ title, open = true, controls = [] }) {
@@ -95,4 +128,8 @@ export class Panel {
     for (const [name, value] of this.#changes) this.#send({ type: "set", name, value });
     this.#changes.clear();
   }
+}
+
+function isNarrow() {
+  return window.innerWidth <= NARROW;
 }
