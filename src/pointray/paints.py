@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from .records import (
     PAINT_START,
     PLACED,
 )
-from .shade.attributes import COORDINATES, Attribute
+from .shade.attributes import COORDINATES, Attribute, categories_of, category_colors
 from .shade.colormaps import colormap, shows_classes
 
 LOW, HIGH = 2, 98  # percentiles between which a range lies that is not given
@@ -51,6 +52,17 @@ def check_attribute(points: Points, attribute: Attribute) -> None:
     """ValueError if the points cannot be coloured by it."""
     if attribute.name not in COORDINATES:
         values_of(points, attribute.name)
+
+
+_CATEGORIES: WeakKeyDictionary[Model, dict[str, tuple[int, ...] | None]] = WeakKeyDictionary()  # it looks at all values
+
+
+def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
+    """The categories of an attribute of a model's points; None if it has none."""
+    known = _CATEGORIES.setdefault(model, {})
+    if name not in known:
+        known[name] = categories_of(values_of(model.points, name))
+    return known[name]
 
 
 class Coat(NamedTuple):
@@ -96,15 +108,15 @@ class Paints:
             row_of[paint] = len(paints)
             paints += [paint, *_coarser(*paint)]
         self._find_levels([(attribute, model) for attribute, model in paints if model is not None])
-        colors = [np.concatenate([colormap(a.colormap), [NEUTRAL]]).astype(np.uint8) for a in self.shown]
+        colors = [np.concatenate([_table(a), [NEUTRAL]]).astype(np.uint8) for a in self.shown]
         starts = dict(zip(self.shown, np.cumsum([0, *(c.size for c in colors)]), strict=False))
         begin, records = 0, np.zeros((len(paints), PAINT_SIZE))
         for record, (attribute, model) in zip(records, paints, strict=True):
-            record[PAINT_COLORS], record[PAINT_COUNT] = starts[attribute], len(colormap(attribute.colormap))
+            record[PAINT_COLORS], record[PAINT_COUNT] = starts[attribute], len(_table(attribute))
             if model is None:
                 _place(record, attribute)
                 continue
-            record[PAINT_KIND] = CLASSES if shows_classes(attribute.colormap) else BLENDED
+            record[PAINT_KIND] = CLASSES if _has_classes(attribute) else BLENDED
             record[PAINT_LEVELS], record[PAINT_COARSER] = begin, len(_coarser(attribute, model))
             begin += len(model.tree.order)
         linear = srgb_to_linear(np.concatenate([*colors, np.zeros((0, 3), np.uint8)]))
@@ -112,18 +124,25 @@ class Paints:
         return [row_of[paint] for paint in wanted], tables
 
     def _find_ranges(self, coats: list[Coat]) -> dict[Attribute, Attribute]:
-        """The attributes, each with the range that is shown."""
+        """The attributes, each with the range or the categories that are shown."""
         known, self._ranges = self._ranges, {}
         spans: dict[Attribute, list[Range]] = {coat.attribute: [] for coat in coats}
+        sorts = {attribute: _categories(attribute, coats) for attribute in spans}
         for coat in coats:
             attribute = coat.attribute
-            if attribute.range is None:
+            if attribute.range is None and sorts[attribute] is None:
                 where = coat.to_model.tobytes() if attribute.name in COORDINATES else b""
                 key = (coat.model, attribute.name, shows_classes(attribute.colormap), where)
                 self._ranges[key] = known[key] if key in known else _range_of(coat)
                 span = self._ranges[key]
                 spans[attribute] += [] if span is None else [span]
-        return {a: a if a.range is not None else replace(a, range=_widest(found)) for a, found in spans.items()}
+        shown = {}
+        for a, found in spans.items():
+            if sorts[a] is not None:
+                shown[a] = replace(a, categories=sorts[a])
+            else:
+                shown[a] = a if a.range is not None else replace(a, range=_widest(found))
+        return shown
 
     def _find_levels(self, painted: list[tuple[Attribute, Model]]) -> None:
         """The levels of all splats: those of before where it is the same that is painted."""
@@ -135,9 +154,28 @@ class Paints:
 
 def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute, Model | None]]:
     """The paints of a model's levels of detail: none for classes, whose means are no classes."""
-    if model is None or shows_classes(attribute.colormap):
+    if model is None or _has_classes(attribute):
         return []
     return [(attribute, level) for level in model.levels]
+
+
+def _has_classes(attribute: Attribute) -> bool:
+    """Whether an attribute that is shown is one of classes or categories, which are never blended."""
+    return bool(attribute.values) or shows_classes(attribute.colormap)
+
+
+def _table(attribute: Attribute) -> NDArray[np.uint8]:
+    """The colours of an attribute that is shown."""
+    return category_colors(attribute) if attribute.values else colormap(attribute.colormap)
+
+
+def _categories(attribute: Attribute, coats: list[Coat]) -> tuple[int, ...] | None:
+    """Those that are given, or those of all models that share the attribute; None if one of these has none."""
+    if not attribute.may_have_categories:
+        return attribute.values or None
+    found = [categories_in(coat.model, attribute.name) for coat in coats if coat.attribute == attribute]
+    known = [values for values in found if values is not None]
+    return tuple(sorted(set().union(*known))) if len(known) == len(found) else None
 
 
 def _range_of(coat: Coat) -> Range | None:
@@ -169,15 +207,20 @@ def _widest(ranges: list[Range]) -> Range:
 
 def _levels(attribute: Attribute, model: Model) -> NDArray[np.float32]:
     """Where in the map the values of a model's splats are, in the tree's order."""
+    order = model.tree.order
+    values = values_of(model.points, attribute.name)
+    if attribute.values:
+        known = np.array(attribute.values)
+        place = np.minimum(np.searchsorted(known, values), len(known) - 1)
+        levels = np.where(known[place] == values, place, np.nan)
+        return np.where(order >= 0, levels[order], 0).astype(np.float32)
     assert attribute.range is not None
     low, high = attribute.range
     count = len(colormap(attribute.colormap))
-    values = values_of(model.points, attribute.name)
     if shows_classes(attribute.colormap):
         levels = np.mod(np.rint(np.clip(values, low, high) - low), count)
     else:
         levels = np.clip((values - low) / (high - low), 0, 1) * count
-    order = model.tree.order
     return np.where(order >= 0, levels[order], 0).astype(np.float32)
 
 

@@ -36,7 +36,8 @@ class Hits:
     instance : (...) int32
         What `Scene.add` returned; -1 for a miss.
     attributes : dict of str to (...) or (..., k) float32
-        Those asked for, blended; NaN for a miss and where the model has no such attribute.
+        Those asked for, blended, but categories: whole numbers, at most 32 different ones (10 points each, on average),
+        of which a hit has that of the splat of most weight; NaN for a miss and where the model has no such attribute.
     """
 
     t: NDArray[np.float32]

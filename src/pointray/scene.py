@@ -14,6 +14,7 @@ from .assembly import Snapshot, bounds_of, take_snapshot
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
 from .model import Model
+from .paints import categories_in
 from .rays import Hits, Rays, check_rays
 from .records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from .shade.attributes import Attribute
@@ -244,7 +245,8 @@ class Scene:
         t_min, t_max : (...) array_like
             The part of the ray that counts, in lengths of the direction.
         attributes : str or sequence of str
-            Which of the points' attributes to blend at the hits; a string is one name.
+            Which of the points' attributes to blend at the hits; a string is one name. Categories (at most 32 different whole numbers) are
+            not blended: a hit has the value of the splat of most weight.
 
         Raises
         ------
@@ -311,5 +313,9 @@ def _blend(scene: Snapshot, name: str, found: dict[str, Any], shape: tuple[int, 
     for k, model in enumerate(models):
         rows = np.flatnonzero(of_model == k)
         if len(rows) and name in model.points.attributes:
-            out[rows] = blend_attribute(scene.world, found, rows, k, model.points.attributes[name])
+            values = model.points.attributes[name]
+            if values.ndim == 1 and categories_in(model, name) is not None:
+                out[rows] = values[found["point"][rows]]  # between categories 2 and 6 there is no 4
+            else:
+                out[rows] = blend_attribute(scene.world, found, rows, k, values)
     return out.reshape(shape + out.shape[1:])

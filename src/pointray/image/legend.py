@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from ..arguments import check_kind
-from ..shade.attributes import Attribute
+from ..shade.attributes import Attribute, category_colors, category_name
 from ..shade.colormaps import colormap, shows_classes
 from .tone import srgb_to_linear
 
@@ -21,17 +21,19 @@ BAR = 0.45  # height of the bar, as a share of the picture's
 MOST_TICKS = 9
 
 
-def draw_legend(image: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
+def draw_legend(image: NDArray[Any], attribute: Attribute, beside: bool = False) -> NDArray[Any]:
     """Draw what an attribute's colours stand for onto a picture, at its right edge.
 
-    A bar with values at round numbers; of a map of classes, a field for each.
+    A bar with values at round numbers; of categories or a map of classes, a field for each.
 
     Parameters
     ----------
     image : (h, w, 3) or (h, w, 4) float32 or uint8
         As `render` returns it, linear and premultiplied; or as it is shown, sRGB.
     attribute : Attribute
-        With a range, see `Scene.shown_attributes`; its name is written above the bar.
+        With a range or categories, see `Scene.shown_attributes`; its name is written above the bar.
+    beside : bool
+        Into a white strip of its own to the right of the picture, which is as much wider, so that nothing is covered.
 
     Returns
     -------
@@ -53,6 +55,8 @@ def draw_legend(image: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
         raise ValueError(
             f"image must have the shape (h, w, 3) or (h, w, 4) and be uint8 or float32, not {array.shape} {array.dtype}"
         )
+    if beside:
+        array = _widened(array, attribute)
     layer = _layer(array.shape[1], array.shape[0], attribute)
     left, top, right, bottom = layer.getbbox() or (0, 0, 0, 0)
     over, place = layer.crop((left, top, right, bottom)), np.s_[top:bottom, left:right]
@@ -69,9 +73,20 @@ def draw_legend(image: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
     return out
 
 
+def _widened(array: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
+    """A picture with a strip beside it that a legend of its height fits into."""
+    height, width = array.shape[:2]
+    left, _, right, _ = _layer(width, height, attribute).getbbox() or (0, 0, 0, 0)
+    strip = right - left + round(max(height / LETTERS, SMALLEST))
+    out = np.full((height, width + strip, array.shape[2]), 255 if array.dtype == np.uint8 else 1, array.dtype)
+    out[:, :width] = array
+    return out
+
+
 def check_legend(attribute: Any, name: str) -> None:
-    """ValueError if it is no attribute with a range; name : of the parameter"""
-    if check_kind(attribute, name, Attribute, "an Attribute").range is None:
+    """ValueError if it is no attribute with a range or categories; name : of the parameter"""
+    checked = check_kind(attribute, name, Attribute, "an Attribute")
+    if checked.range is None and not checked.values:
         raise ValueError(f"{name}: a legend needs one with a range: Scene.shown_attributes has those that are shown")
 
 
@@ -108,6 +123,12 @@ class _Entry:
 
 def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_Entry], float]:
     """What is written beside the bar or the fields, and their height; size : of letters, pixels"""
+    if attribute.values:
+        kinds, colors = attribute.values[::-1], category_colors(attribute)[::-1]
+        step = min(1.5 * size, 0.8 * height / len(kinds))
+        names = [category_name(attribute, value) for value in kinds]
+        rows = [_Entry(name, (row + 0.5) * step, tuple(colors[row])) for row, name in enumerate(names)]
+        return rows, step * len(rows)
     assert attribute.range is not None
     low, high = attribute.range
     table = colormap(attribute.colormap)
@@ -127,7 +148,7 @@ def _layer(width: int, height: int, attribute: Attribute) -> Image.Image:
     """The legend alone, in a transparent picture of a size."""
     size = max(height / LETTERS, SMALLEST)
     entries, length = _entries(attribute, size, height)
-    fields = shows_classes(attribute.colormap)
+    fields = bool(attribute.values) or shows_classes(attribute.colormap)
     rows = length / len(entries) if fields else 1.5 * size
     font, title = _font(min(size, 0.85 * rows)), _fitting(attribute.name, size, 0.8 * width)
     over = Image.new("RGBA", (width, height))

@@ -52,7 +52,8 @@ def write_image(
     curve : {"srgb", "filmic"}
         Brightness above 1 is cut off, or rolled off as by film.
     legend : Attribute, optional
-        With a range: drawn onto what is shown, see `draw_legend`. Not for EXR.
+        With a range or categories: in a strip beside what is shown, by which the file is wider, see `draw_legend`. Not
+        for EXR.
     backdrop : ((3,), (3,)) float, optional
         sRGB, 0 to 1: a gradient from the first above to the second below, behind what is transparent; the exposure does
         not change it. Not for EXR.
@@ -89,7 +90,7 @@ def write_image(
     check_memory(SHOWN_BYTES * array.shape[0] * array.shape[1], f"to write {file.name}")
     picture = _to_bytes(array, (stops, curve), format == "PNG", behind)
     if legend is not None:
-        picture = draw_legend(picture, legend)
+        picture = draw_legend(picture, legend, beside=True)
     with replacing(file) as beside:
         stream = cast(IO[bytes], beside)
         Image.fromarray(picture).save(stream, format, quality=QUALITY, subsampling=0, compress_level=4)

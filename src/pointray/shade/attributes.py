@@ -3,13 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_numbers, check_text, wrong
 from .colormaps import colormap, shows_classes
 
 COORDINATES = ("x", "y", "z")
+USUAL = "viridis"
+MOST_CATEGORIES = 32  # distinct values
+FEWEST_ROWS = 10  # a category, on average: a few points with whole numbers tell nothing
+PROBE = 1000  # rows that are looked at first
+FIRST_MANY = 11  # categories: as many need tab20, not tab10
+# What LAS files mean by them (ASPRS LAS 1.4, table 17), in the colours of QGIS.
+ASPRS = {
+    0: ("never classified", 0xBABABA),
+    1: ("unassigned", 0xAAAAAA),
+    2: ("ground", 0xAA5500),
+    3: ("low vegetation", 0x00AAAA),
+    4: ("medium vegetation", 0x55FF55),
+    5: ("high vegetation", 0x00AA00),
+    6: ("building", 0xFF5555),
+    7: ("low noise", 0xAA0000),
+    8: ("model key point", 0x555555),
+    9: ("water", 0x55FFFF),
+    10: ("rail", 0xAA00AA),
+    11: ("road surface", 0x202020),
+    12: ("overlap", 0x777777),
+    13: ("wire guard", 0xFFFF55),
+    14: ("wire conductor", 0xFFFF00),
+    15: ("transmission tower", 0x5555FF),
+    16: ("wire connector", 0xC8C800),
+    17: ("bridge deck", 0xFF9900),
+    18: ("high noise", 0xFF0000),
+}
 
 
 @dataclass(frozen=True)
@@ -18,7 +47,7 @@ class Attribute:
 
     Between points the value is blended, with the surface's own weights, and then looked up, so that the map is
     followed. A map of classes (under 64 colours: tab10) shows the class of the splat of most weight instead: between
-    classes 2 and 6 there is no 4.
+    classes 2 and 6 there is no 4. So do categories, in any map.
 
     Parameters
     ----------
@@ -26,12 +55,17 @@ class Attribute:
         An attribute of the points; one with several columns shows its length, "name[0]" its first column. "x", "y",
         "z": the coordinate in the world, whatever attributes there are.
     colormap : str
+        Of categories it is taken at as many places as there are, but for the usual "viridis": then they have colours
+        that tell them apart (tab10, tab20), and those of "classification" the ones that LAS files are shown in.
         "viridis", "magma", "inferno", "plasma", "cividis", "turbo", "gray", "coolwarm", "RdBu", "terrain",
         "twilight", "tab10" or "tab20", each also reversed ("viridis_r"); where matplotlib is installed, any of its.
     range : (2,) float, optional
         Which values have the map's first and last colour; those beyond are shown as these. None: the 2nd and the 98th
         percentile of the finite values, over all models of a scene that share this colour the least and the greatest.
         Of a map of classes the first and the last class; None: class k shows colour k, after the last again the first.
+    categories : sequence of int, or False, optional
+        The values that are categories, never blended; others show a neutral grey. None: what is found, where all
+        values are whole numbers, at most 32 different ones, and no range is given. False: none, values are blended.
 
     Notes
     -----
@@ -40,8 +74,9 @@ class Attribute:
     """
 
     name: str
-    colormap: str = "viridis"
+    colormap: str = USUAL
     range: tuple[float, float] | None = None
+    categories: ArrayLike | bool | None = None
 
     def __post_init__(self) -> None:
         for what in ("name", "colormap"):
@@ -51,6 +86,69 @@ class Attribute:
             raise ValueError(f"{self.colormap} is a map of classes, and {self.name} is none")
         if self.range is not None:
             object.__setattr__(self, "range", _checked_range(self.range))
+        if self.categories is not None and self.categories is not False:
+            object.__setattr__(self, "categories", _checked_categories(self.categories))
+            if self.name in COORDINATES or self.range is not None or shows_classes(self.colormap):
+                raise ValueError("categories are for an attribute, without a range and in no map of classes")
+
+    @property
+    def values(self) -> tuple[int, ...]:
+        """The categories, if there are any."""
+        return self.categories if isinstance(self.categories, tuple) else ()
+
+    @property
+    def may_have_categories(self) -> bool:
+        """Whether they are looked for."""
+        plain = self.range is None and self.name not in COORDINATES and not shows_classes(self.colormap)
+        return self.categories is None and plain
+
+
+def category_colors(attribute: Attribute) -> NDArray[np.uint8]:
+    """The colours of an attribute's categories, (n, 3) uint8 sRGB."""
+    values = attribute.values
+    if attribute.colormap != USUAL:
+        table = colormap(attribute.colormap)
+        sampled: NDArray[np.uint8] = table[np.linspace(0, len(table) - 1, len(values)).round().astype(int)]
+        return sampled
+    table = colormap("tab10" if len(values) < FIRST_MANY else "tab20")
+    colors = table[np.arange(len(values)) % len(table)].copy()
+    if is_classification(attribute.name):
+        for row, value in zip(colors, values, strict=True):
+            if value in ASPRS:
+                code = ASPRS[value][1]
+                row[:] = code >> 16, (code >> 8) & 255, code & 255
+    return colors
+
+
+def category_name(attribute: Attribute, value: int) -> str:
+    """A category as legends have it."""
+    known = is_classification(attribute.name) and value in ASPRS
+    return f"{value} {ASPRS[value][0]}" if known else str(value)
+
+
+def is_classification(name: str) -> bool:
+    """Whether an attribute is what LAS files call so, as PLY files of them may."""
+    return name.lower().removeprefix("scalar_") == "classification"
+
+
+def categories_of(values: NDArray[Any]) -> tuple[int, ...] | None:
+    """The categories of a column of values, None where they are none: whole numbers, few different ones."""
+    if values.ndim != 1:
+        return None
+    for rows in (values[:: max(len(values) // PROBE, 1)], values):
+        if not np.isfinite(rows).all() or not (rows == np.rint(rows)).all():
+            return None
+        found = np.unique(rows)
+        if len(found) > MOST_CATEGORIES:
+            return None
+    return tuple(map(int, found)) if len(values) >= FEWEST_ROWS * len(found) else None
+
+
+def _checked_categories(values: Any) -> tuple[int, ...]:
+    numbers = check_numbers(values, "categories", "whole numbers, or False")
+    if values is True or numbers.ndim != 1 or not len(numbers) or not (numbers == np.rint(numbers)).all():
+        raise wrong("categories", "whole numbers, or False", values)
+    return tuple(sorted({int(value) for value in numbers}))
 
 
 def _checked_range(pair: tuple[float, float]) -> tuple[float, float]:
