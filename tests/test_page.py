@@ -5,7 +5,7 @@ import json
 import re
 import shlex
 import threading
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from math import radians, tan
@@ -16,8 +16,11 @@ import pytest
 import pointray as pr
 from browsing import Page, chromium
 from pointray.cli import execute
+from pointray.image.tone import srgb_to_linear
+from pointray.screen import levels_of
 from pointray.viewer.lamps import lamps_of
 from pointray.viewer.loading import Files
+from pointray.viewer.looks import BACKDROP
 from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
 from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of, socket_of
@@ -254,6 +257,10 @@ def test_clicks_show_coordinates_and_measure(page, scene):
     line.wait_for()
     length = np.linalg.norm(surface_at(scene, page.camera, *second)[0] - place)
     assert float(line.text_content()) == pytest.approx(length, abs=2 * pixel)
+    parts = page.tab.locator("#line-parts").text_content()
+    assert re.findall(r"d([xyz]) ", parts) == ["x", "y", "z"]
+    way = [float(part) for part in re.findall(r"d[xyz] (\S+)", parts)]
+    assert way == pytest.approx(surface_at(scene, page.camera, *second)[0] - place, abs=2 * pixel)
     page.tab.keyboard.press("Escape")
     box.wait_for(state="hidden")
     line.wait_for(state="hidden")
@@ -355,6 +362,67 @@ def test_the_panel_folds_away_on_a_narrow_window(page):
     assert free_area(page) == free  # an open panel stands over it for a moment only
     page.tab.set_viewport_size({"width": SIZE[0], "height": SIZE[1]})
     button.wait_for(state="visible")
+
+
+def test_orthographic_views_have_a_scale_bar(page, scene):
+    bar = page.tab.locator("#scale")
+    assert bar.is_hidden()
+    for notches in (0, 3, -7):  # round lengths at any scale
+        with page.another(SAMPLES):
+            if not notches:
+                page.tab.keyboard.press("o")
+            else:
+                page.tab.mouse.move(*MODEL)
+                page.tab.mouse.wheel(0, 120 * notches)
+        camera = page.camera
+        assert camera["orthographic"]
+        view = pr.Camera.look_at(*(camera[name] for name in (*NAMES, "fov")), SIZE, projection="orthographic")
+        origins, _ = view.rays()
+        pixel = np.linalg.norm(origins[0, 1] - origins[0, 0])
+        length = float(bar.text_content())
+        assert float(f"{length:e}"[0]) in (1, 2, 5) and length == float(f"{length:.0e}")
+        assert bar.bounding_box()["width"] == pytest.approx(length / pixel, abs=1.5)
+        assert 60 < bar.bounding_box()["width"] <= 162
+        assert np.abs(page.picture() - expected_of(scene, view)).mean() < CLOSE
+    with page.another(SAMPLES):
+        page.tab.keyboard.press("o")
+    assert not page.camera["orthographic"] and bar.is_hidden() and shows(page, scene)
+
+
+def expected_of(scene, view):
+    """The page's picture of any camera."""
+    copy = scene.copy()
+    copy.background = srgb_to_linear(np.array(BACKDROP))
+    return levels_of(pr.render(copy, view, pr.Settings(spp=SAMPLES))).astype(int)
+
+
+def north_of(page):
+    """Which way the arrow points: degrees to the right of upwards, None while there is none."""
+    if page.tab.locator("#north").is_hidden():
+        return None
+    return float(re.fullmatch(r"rotate\((\S+)\)", page.tab.locator("#needle").get_attribute("transform"))[1])
+
+
+def test_a_georeferenced_scan_has_a_north_arrow(browser, page, model):
+    assert north_of(page) is None  # of coordinates about zero nobody knows
+    points = model.points
+    far = scene_of(pr.Model(pr.Points(points.positions + (4.5e5, 5.4e6, 300.0), points.normals)))
+    with closing(Viewer(Subject("far.ply", far))) as viewer, shown(browser, viewer) as other:
+        for key in ("5", "2"):
+            with other.another(SAMPLES):
+                other.tab.keyboard.press(key)
+            camera = other.camera
+            forward = np.subtract(camera["target"], camera["eye"])
+            right = np.cross(forward / np.linalg.norm(forward), camera["up"])
+            right /= np.linalg.norm(right)
+            top = np.cross(right, forward / np.linalg.norm(forward))
+            if np.hypot(right[1], top[1]) < 0.09:
+                assert key == "2" and north_of(other) is None  # the view is along north
+            else:
+                assert north_of(other) == pytest.approx(np.degrees(np.arctan2(right[1], top[1])), abs=0.1)
+        with other.another(SAMPLES):
+            other.drag((200, 100), (60, 40))
+        assert 1 < abs(north_of(other)) < 179
 
 
 def test_control_drag_moves_the_sun(page, scene):

@@ -141,6 +141,7 @@ def _command(wish: Wish, output: Output, source: str) -> str:
     words = ["pointray", "render", source, "-o", f"picture.{output.format}"]
     words += [f"--{name}={_commas(getattr(camera, name))}" for name in ("eye", "target", "up")]
     words += ["--fov", f"{camera.fov:.6g}", "--size", f"{output.width}x{output.height}"]
+    words += [] if camera.projection == "perspective" else ["--projection", camera.projection]
     words += ["--integrator", looks.integrator, "--spp", str(output.samples)]
     words += ["--exposure", "auto" if looks.exposes else f"{looks.exposure:g}"]
     words += [] if looks.levels else ["--no-levels"]
@@ -175,8 +176,9 @@ def _python(wish: Wish, output: Output) -> str:
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height
     more = "" if looks.levels else ", levels=False"
+    projection = "" if camera.projection == "perspective" else f', projection="{camera.projection}"'
     return (
-        f"camera = pr.Camera.look_at({eye}, {target}, {up}, fov={camera.fov:.6g}, size={size})\n"
+        f"camera = pr.Camera.look_at({eye}, {target}, {up}, fov={camera.fov:.6g}, size={size}{projection})\n"
         f'settings = pr.Settings("{looks.integrator}", spp={output.samples}, shadows={looks.shadows}{more})\n'
         f"image = pr.render(scene, camera, settings)\n"
         f'pr.write_image("picture.{output.format}", image, exposure={looks.exposure}, curve="{looks.curve}")'

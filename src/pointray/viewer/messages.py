@@ -73,12 +73,15 @@ def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
     for name, place in places.items():
         if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, int | float) for x in place):
             raise ValueError(f"{name} must be three numbers")
-    return Camera.look_at(**places, fov=number(message, "fov", 0.01, 179), size=size)  # type: ignore[arg-type]
+    projection = "orthographic" if message.get("orthographic") is True else "perspective"
+    fov = number(message, "fov", 0.01, 179)
+    return Camera.look_at(**places, fov=fov, size=size, projection=projection)  # type: ignore[arg-type]
 
 
 def describe(camera: Camera) -> dict[str, Any]:
     """A camera as pages have it."""
-    return {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
+    place = {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
+    return {**place, "orthographic": camera.projection == "orthographic"}
 
 
 def packed(header: dict[str, Any], payload: bytes = b"") -> bytes:

@@ -30,7 +30,10 @@ def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
     if hits.instance < 0:
         return None
     position = hits.position
-    pixel = float(hits.t) * 2 * math.tan(math.radians(camera.fov) / 2) / camera.size[1]
+    apart = float(hits.t)
+    if camera.projection == "orthographic":
+        apart = float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
+    pixel = apart * 2 * math.tan(math.radians(camera.fov) / 2) / camera.size[1]
     lines = [f"{name} {_rounded(value, pixel)}" for name, value in zip("xyz", position, strict=True)]
     lines.append("normal " + " ".join(f"{c:.3f}" for c in hits.normal))
     return Found(position, [*lines, *_of_point(scene, int(hits.instance), int(hits.point))])

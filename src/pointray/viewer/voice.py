@@ -57,7 +57,7 @@ class Voice:
 
     def place(self, scene: Scene, up: Sequence[float]) -> None:
         """Where the scene is."""
-        self.say(type="place", bounds=scene.bounds.tolist(), up=list(up))
+        self.say(type="place", bounds=scene.bounds.tolist(), up=list(up), north=north_of(scene, up))
 
     def go(self, camera: Camera, animate: bool) -> None:
         """The page's camera goes there."""
@@ -87,8 +87,10 @@ class Voice:
         position = found.position.tolist()
         self.say(type="picked", lines=found.lines, position=position, second=first is not None)
         if first is not None:
-            length = float(np.linalg.norm(found.position - first))
-            self.say(**{"type": "measured", "from": first.tolist(), "to": position, "text": f"{length:.6g}"})
+            way = found.position - first
+            parts = [f"d{axis} {part:.6g}" for axis, part in zip("xyz", way.tolist(), strict=True)]
+            said = {"from": first.tolist(), "to": position, "text": f"{np.linalg.norm(way):.6g}", "parts": parts}
+            self.say(**{"type": "measured", **said})
 
     def legend(self, image: str | None) -> None:
         """What the colours mean, see `legend_of`; None: nothing."""
@@ -108,6 +110,12 @@ class Voice:
         if now - self._status_at > STATUS or frame.samples == frame.wish.looks.samples:
             self._status_at = now
             self.say(type="status", lines=_statistics(frame, rate))
+
+
+def north_of(scene: Scene, up: Sequence[float]) -> list[float] | None:
+    """Where north is, if the scan is georeferenced: its coordinates are far from zero, x is east and z is up."""
+    far = any(model.points.origin.any() for model in scene.models)
+    return [0.0, 1.0, 0.0] if far and up[2] > 0.99 * float(np.linalg.norm(up)) else None
 
 
 def legend_of(attribute: Attribute) -> str:

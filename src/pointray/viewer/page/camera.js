@@ -6,12 +6,19 @@
 
 import { add, cross, dot, isVector, length, mix, scale, subtract, unit } from "./vector.js";
 
-/** @typedef {{eye: number[], target: number[], up: number[], fov: number}} Camera  fov: vertical, degrees. */
+/**
+ * @typedef {{eye: number[], target: number[], up: number[], fov: number, orthographic?: boolean}} Camera
+ *   fov: vertical, degrees; an orthographic one shows as much as this angle does at the target's distance
+ */
 
 const STEEPEST = ((90 - 0.5) * Math.PI) / 180; // elevation at which an orbit stops, short of the pole
 const PARALLEL = 1e-6; // sine of the angle between view and up below which up says nothing
 
+const NARROWEST = 0.02; // degrees, and
+const WIDEST = 170; // of an orthographic camera's angle
+
 const radians = (degrees) => (degrees * Math.PI) / 180;
+const angleOf = (half) => Math.max(NARROWEST, Math.min(WIDEST, (2 * Math.atan(half) * 180) / Math.PI));
 
 /** Whether a message's value is a camera that sees something. */
 export function isCamera(value) {
@@ -27,12 +34,18 @@ export function isCamera(value) {
 }
 
 /** A camera of its own, without what else a message carries. */
-export const copyCamera = ({ eye, target, up, fov }) => ({ eye: [...eye], target: [...target], up: [...up], fov });
+export const copyCamera = ({ eye, target, up, fov, orthographic = false }) => ({
+  eye: [...eye],
+  target: [...target],
+  up: [...up],
+  fov,
+  orthographic,
+});
 
 /** Whether two cameras take the same picture. */
 export function sameCamera(a, b) {
   const same = (name) => a[name].every((value, axis) => value === b[name][axis]);
-  return a.fov === b.fov && same("eye") && same("target") && same("up");
+  return a.fov === b.fov && a.orthographic === b.orthographic && same("eye") && same("target") && same("up");
 }
 
 /** The unit vectors of the view; where up is parallel to it, the axes that the renderer takes (camera.py, _axes). */
@@ -48,7 +61,7 @@ export function viewAxes(camera) {
 export const targetDistance = (camera) => length(subtract(camera.eye, camera.target));
 
 /** World units at the target's distance that the window's height shows. */
-const heightAtTarget = (camera) => 2 * targetDistance(camera) * Math.tan(radians(camera.fov) / 2);
+export const heightAtTarget = (camera) => 2 * targetDistance(camera) * Math.tan(radians(camera.fov) / 2);
 
 /** The eye as seen from the target: distance, elevation above the plane across `pole`, unit direction in that plane. */
 function turntable(camera, pole) {
@@ -88,6 +101,14 @@ export function shift(camera, by) {
   return { ...camera, eye: add(camera.eye, by), target: add(camera.target, by) };
 }
 
+/** The other projection: at the target's distance it shows the same. fov: of a perspective one, degrees. */
+export function reproject(camera, fov) {
+  if (!camera.orthographic) return { ...camera, orthographic: true };
+  const distance = heightAtTarget(camera) / (2 * Math.tan(radians(fov) / 2));
+  const eye = add(camera.target, scale(viewAxes(camera).forward, -distance));
+  return { ...camera, eye, fov, orthographic: false };
+}
+
 /** The plane through the target follows the pointer, which moved by dx, dy (down is positive). */
 export function pan(camera, dx, dy) {
   const { right, top } = viewAxes(camera);
@@ -97,6 +118,10 @@ export function pan(camera, dx, dy) {
 
 /** The eye's distance to its target times a factor, no less than `least`. */
 export function dolly(camera, factor, least = 0) {
+  if (camera.orthographic) {
+    // The eye stays where it is: closer, it would pass what is before the target.
+    return { ...camera, fov: angleOf(Math.tan(radians(camera.fov) / 2) * factor) };
+  }
   const distance = targetDistance(camera);
   const wanted = Math.max(distance * factor, Math.min(distance, least));
   if (!Number.isFinite(wanted) || wanted <= 0) return camera;
@@ -137,6 +162,7 @@ export function between(a, b, share) {
     target,
     up: length(up) > PARALLEL ? up : pole,
     fov: a.fov * (1 - share) + b.fov * share,
+    orthographic: b.orthographic,
   };
 }
 
@@ -144,11 +170,13 @@ export function between(a, b, share) {
 export function projector(camera, aspect) {
   const { forward, right, top } = viewAxes(camera);
   const half = Math.tan(radians(camera.fov) / 2);
+  const distance = camera.orthographic ? targetDistance(camera) : 0;
   return (point) => {
     const offset = subtract(point, camera.eye);
     const depth = dot(offset, forward);
-    const x = 0.5 + dot(offset, right) / (2 * depth * half * aspect);
-    const y = 0.5 - dot(offset, top) / (2 * depth * half);
+    const height = 2 * (distance || depth) * half;
+    const x = 0.5 + dot(offset, right) / (height * aspect);
+    const y = 0.5 - dot(offset, top) / height;
     return { x, y, depth };
   };
 }

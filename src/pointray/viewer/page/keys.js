@@ -41,7 +41,7 @@ export class Keys {
 
   /**
    * @param {{hold: (keys: {flight: number[], turn: number[], fast: boolean}) => void, view: (name: string) => void,
-   *   clear: () => void, help: () => void, plain: () => void}} actions
+   *   clear: () => void, help: () => void, plain: () => void, project: () => void}} actions
    */
   constructor(actions) {
     this.#actions = actions;
@@ -67,9 +67,9 @@ export class Keys {
 
   #act(event) {
     const { key, code } = event;
-    const { view, clear, help, plain } = this.#actions;
+    const { view, clear, help, plain, project } = this.#actions;
     const isHelp = key === "?" || key === "F1";
-    const act = isHelp ? help : { Escape: clear, KeyP: plain }[code] ?? (VIEWS[code] && (() => view(VIEWS[code])));
+    const act = isHelp ? help : { Escape: clear, KeyP: plain, KeyO: project }[code] ?? (VIEWS[code] && (() => view(VIEWS[code])));
     if (act && !event.repeat) act();
     return Boolean(act);
   }

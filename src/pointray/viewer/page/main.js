@@ -5,6 +5,7 @@
  */
 
 import { copyCamera, isCamera, sameCamera } from "./camera.js";
+import { Compass } from "./compass.js";
 import { Connection } from "./connection.js";
 import { closeHelp, prepareDialogs, saveFile, showCopy, toggleHelp } from "./dialogs.js";
 import { Keys } from "./keys.js";
@@ -23,6 +24,7 @@ const LATENCIES = 1000; // as many are kept
 const view = document.getElementById("view");
 const motion = new Motion();
 const markers = new Markers(() => send({ type: "clear" }));
+const compass = new Compass();
 const picture = new Picture(view, drawn);
 const panel = new Panel(document.getElementById("panel"), send);
 
@@ -38,7 +40,10 @@ const messages = {
     document.title = `${title} - pointray`;
     panel.setTitle(String(title));
   },
-  place: ({ bounds }) => motion.setBounds(bounds),
+  place({ bounds, north }) {
+    motion.setBounds(bounds);
+    compass.setNorth(north);
+  },
   camera: takeCamera,
   panel({ folders }) {
     panel.build(folders);
@@ -65,8 +70,9 @@ function received(message, payload) {
 /** The server's camera. */
 function takeCamera(message) {
   if (!isCamera(message)) return;
-  if (message.animate && motion.camera) motion.glide(copyCamera(message));
-  else {
+  if (message.animate && motion.camera) {
+    motion.glide({ ...copyCamera(message), orthographic: motion.camera.orthographic });
+  } else {
     motion.jump(message);
     sent.camera = motion.camera;
   }
@@ -88,7 +94,10 @@ function drawn(header, shown) {
   send({ type: "seen", number: header.number });
   if (!shown) return;
   report.frames += 1;
-  if (isCamera(header.camera)) markers.follow(header.camera, picture.aspect);
+  if (isCamera(header.camera)) {
+    markers.follow(header.camera, picture.aspect);
+    compass.follow(header.camera);
+  }
   if (header.time > report.timed) measureLatency(header.time);
 }
 
@@ -171,11 +180,15 @@ new Keys({
   clear: () => closeHelp() || markers.clear(),
   help: toggleHelp,
   plain: overlay.togglePlain,
+  project: () => act(() => motion.reproject()),
 });
 
 window.addEventListener("resize", () => {
   panel.resized();
-  act(() => markers.redraw());
+  act(() => {
+    markers.redraw();
+    compass.redraw();
+  });
 });
 view.addEventListener("pointerdown", () => panel.yield());
 

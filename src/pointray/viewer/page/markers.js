@@ -4,6 +4,7 @@ import { projector } from "./camera.js";
 import { closeButton } from "./overlay.js";
 import { isVector, mix } from "./vector.js";
 
+const LINE = 17; // px from the length to its parts
 const GAP = 14; // px from a marker to its box, and from the box to the window's edge
 const NEAR = 1e-3; // of the line's far depth: what of it is nearer is cut off
 
@@ -40,11 +41,13 @@ export class Markers {
     this.redraw();
   }
 
-  measure({ from, to, text }) {
+  /** parts: of the way from one to the other along x, y and z, as text. */
+  measure({ from, to, text, parts }) {
     if (!isVector(from) || !isVector(to)) return;
     this.#points = [from, to];
     this.#line = { from, to };
     byId("line-text").textContent = text;
+    byId("line-parts").textContent = (parts ?? []).join("  ");
     this.redraw();
   }
 
@@ -90,7 +93,9 @@ export class Markers {
     const [from, to] = ends;
     const places = { x1: from.x, y1: from.y, x2: to.x, y2: to.y };
     for (const stroke of byId("line").querySelectorAll("line")) set(stroke, places);
-    set(byId("line-text"), { x: (from.x + to.x) / 2, y: (from.y + to.y) / 2 });
+    const middle = { x: (from.x + to.x) / 2, y: (from.y + to.y) / 2 };
+    set(byId("line-text"), middle);
+    set(byId("line-parts"), { ...middle, y: middle.y + LINE });
   }
 
   /** Beside its marker, within the window; hidden behind the eye. */

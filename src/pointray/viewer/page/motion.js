@@ -4,6 +4,7 @@ import * as moves from "./camera.js";
 import { isVector, length, scale, subtract } from "./vector.js";
 
 const GLIDE = 300; // ms an animation takes
+const FOV = 40; // degrees, of a perspective view that was orthographic from the start
 const FLIGHT = 1 / 4; // diagonals of the model a second
 const HURRY = 4; // times as fast, with Shift
 const TURN = Math.PI / 3; // radians a second, arrow keys
@@ -21,6 +22,7 @@ export class Motion {
   #glide = null;
   #keys = { flight: [0, 0, 0], turn: [0, 0], fast: false };
   #before = 0;
+  #fov = FOV; // of the last perspective view
 
   /** The model's box, for speeds and distances. */
   setBounds(bounds) {
@@ -57,6 +59,12 @@ export class Motion {
   glide(camera) {
     if (!this.camera) return this.jump(camera);
     this.#glide = { from: this.camera, to: camera, began: null };
+  }
+
+  /** Perspective becomes orthographic, and back. */
+  reproject() {
+    if (this.camera && !this.camera.orthographic) this.#fov = this.camera.fov;
+    this.move((camera) => moves.reproject(camera, this.#fov));
   }
 
   /** The orbit's target glides to a point; distance and direction of the view stay. */
