@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -208,6 +209,17 @@ def test_click_tells_coordinates_and_attributes(browser, scene, model):
     assert float(measured["text"]) == pytest.approx(length, rel=1e-4)
     browser.say(type="pick", purpose="target", extend=False, **place)
     assert browser.listen(lambda: browser.last("target"))["position"] == picked["position"]
+
+
+def test_what_a_click_needs_is_loaded_after_the_first_picture(viewer, monkeypatch):
+    """No click waits seconds for its kernel while pictures refine."""
+    prepared = []
+    monkeypatch.setattr(session, "prepare", prepared.append)
+    with closing(Browser(viewer.url, SIZE)) as browser:
+        browser.arrive()
+        browser.listen(lambda: browser.frames)
+        browser.refined(2)
+    assert len(prepared) == 1
 
 
 def test_of_clicks_while_one_is_looked_at_the_last_counts(browser, monkeypatch):

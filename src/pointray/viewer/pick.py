@@ -24,6 +24,11 @@ class Found:
     lines: list[str]
 
 
+def prepare(scene: Scene) -> None:
+    """Load or compile what a click needs, so that the first one need not wait for it: a ray that meets nothing."""
+    scene.intersect(np.zeros(3), np.full(3, np.nan))
+
+
 def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
     """What is at a place of the view, 0 to 1 from the left and from the top; None: nothing."""
     hits = scene.intersect(*camera.rays_through(2 * x - 1, 1 - 2 * y))

@@ -22,9 +22,9 @@ from .lamps import MOST_LAMPS, SUN, lamps_of
 from .link import Link
 from .looks import CONSTANT, OWN, Looks
 from .messages import camera_of, free_of, number, parse, size_of, word
-from .painter import Painter, Wish
+from .painter import Frame, Painter, Wish
 from .panel import Output, folders
-from .pick import pick
+from .pick import pick, prepare
 from .share import Allowance
 from .subject import Subject
 from .voice import Voice, legend_of
@@ -66,13 +66,14 @@ class Session:
         self._unexplained: Wish | None = None  # whose legend is to be drawn next
         self._allowance = Allowance(MOST_COSTLY, 2 * MOST_COSTLY)
         self._nonsense = 0
+        self._prepared = False  # whether what clicks need is being loaded
         self._gone, self._told = False, threading.Lock()  # the lock: of `_news`, and of the going for it
         self._news = False  # whether a change of the subject is still to be looked at
         self._follower = ThreadPoolExecutor(1, "pointray-follower")
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
         self._exports = Exports(self._voice)
         self._painter = Painter(
-            lambda frame: self._voice.frame(frame, self._painter.frames_a_second),
+            self._deliver,
             lambda text: self._voice.toast("error", text),
         )
         self._voice.hello(subject.title)
@@ -337,6 +338,20 @@ class Session:
                 self._looks = replace(self._looks, low=shown.range[0], high=shown.range[1])
                 self._panel()
                 self._want()
+
+    def _deliver(self, frame: Frame) -> None:
+        """Send a picture. After the first one there is time to load what a click needs, which takes seconds."""
+        self._voice.frame(frame, self._painter.frames_a_second)
+        with self._told:
+            if not self._prepared and not self._gone:
+                self._prepared = True
+                self._jobs.submit(self._prepare, frame.wish.scene)
+
+    def _prepare(self, scene: Scene) -> None:
+        try:
+            prepare(scene)
+        except Exception:
+            log.exception("while preparing for clicks")
 
     def _pick_newest(self) -> None:
         """Of clicks that have come while another one was looked at the last one counts."""
