@@ -67,6 +67,17 @@ def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projecti
     np.testing.assert_allclose(away / np.linalg.norm(away), direction / np.linalg.norm(direction), atol=1e-9)
 
 
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("free", [(0, 0, 0.7, 1), (0.5, 0.25, 1, 0.75), (0, 0, 1, 0.6)])
+def test_points_fill_what_is_free_of_the_picture(free, projection):
+    points = pr.procedural("statue", 20_000)
+    camera = frame_points(sample_of(points), (0.4, -1, 0.3), (0, 0, 1), 35, (400, 300), projection, free)
+    middle, half = filled(camera, points.positions)
+    left, top, right, bottom = free
+    np.testing.assert_allclose(middle, [left + right - 1, 1 - top - bottom], atol=0.01)
+    np.testing.assert_allclose((half / (right - left, bottom - top)).max(), 1 - 2 * MARGIN, atol=0.01)
+
+
 def test_strays_do_not_count():
     clean = pr.procedural("torus", 20_000)
     strays = np.random.default_rng(0).normal(size=(8, 3)) * 50

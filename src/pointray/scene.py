@@ -245,8 +245,8 @@ class Scene:
         t_min, t_max : (...) array_like
             The part of the ray that counts, in lengths of the direction.
         attributes : str or sequence of str
-            Which of the points' attributes to blend at the hits; a string is one name. Categories (at most 32 different whole numbers) are
-            not blended: a hit has the value of the splat of most weight.
+            Which of the points' attributes to blend at the hits; a string is one name. Categories (at most 32 different
+            whole numbers) are not blended: a hit has the value of the splat of most weight.
 
         Raises
         ------

@@ -14,7 +14,7 @@ from ..data import Points
 from ..model import Model
 from ..scene import Scene
 from .direction import VIEWS, Outlook, direction_of, find_outlook
-from .framing import frame_points, frame_turning
+from .framing import WHOLE, Part, frame_points, frame_turning
 from .sample import Sample, sample_of
 from .upright import find_up
 
@@ -92,12 +92,14 @@ class Scan:
         x, y, z = (self._sample.origin + np.median(self._sample.positions, axis=0)).tolist()
         return x, y, z
 
-    def camera(self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective") -> Camera:
-        """The camera that frames all of it."""
+    def camera(
+        self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective", free: Part = WHOLE
+    ) -> Camera:
+        """The camera that frames all of it, in a part of its picture: left, top, right, bottom, shares."""
         towards = direction_of(self.outlook.azimuth, self.outlook.elevation, self.up)
         if self.outlook.within and projection == "perspective":
             return _within(self._sample, towards, self.up, max(fov, WIDE), size)
-        return self._near(frame_points(self._sample, towards, self.up, fov, size, projection))
+        return self._near(frame_points(self._sample, towards, self.up, fov, size, projection, free))
 
     def turning(self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective") -> Camera:
         """The same for a turntable: it stays in the picture all the way."""

@@ -19,6 +19,8 @@ MARGIN = 0.05  # of the picture, on either side of what fills it
 ROUNDS = 60
 ENOUGH = 1e-4  # of the picture: how well it is centred
 NEAREST = 0.05  # of the points' size: how close to the nearest of them the eye comes
+Part = tuple[float, float, float, float]
+WHOLE = (0.0, 0.0, 1.0, 1.0)
 CIRCLE = 64  # places on the way of a point that turns
 PROFILE = 256  # heights at which the profile of what turns is kept
 
@@ -30,6 +32,7 @@ def frame_points(
     fov: float = 40,
     size: tuple[int, int] = SIZE,
     projection: str = "perspective",
+    free: Part = WHOLE,
 ) -> Camera:
     """The camera in whose picture the points are as large as fits with a margin of 5%, in the middle.
 
@@ -39,13 +42,15 @@ def frame_points(
         From the points towards the camera.
     fov, size, up, projection
         As for `Camera.look_at`; a panorama is taken from the middle of the points.
+    free : (4,) float
+        The part of the picture that they fill, left, top, right, bottom, shares from 0 to 1.
 
     Returns
     -------
     Camera
         Its target lies as deep as the middle of the points.
     """
-    return _frame(sample, direction, up, (fov, size, projection), STRAY)
+    return _frame(sample, direction, up, (fov, size, projection), STRAY, free)
 
 
 def frame_turning(
@@ -81,7 +86,12 @@ def frame_turning(
 
 
 def _frame(
-    sample: Sample, direction: ArrayLike, up: ArrayLike, lens: tuple[float, tuple[int, int], str], stray: float
+    sample: Sample,
+    direction: ArrayLike,
+    up: ArrayLike,
+    lens: tuple[float, tuple[int, int], str],
+    stray: float,
+    free: Part = WHOLE,
 ) -> Camera:
     fov, (width, height), projection = lens
     Camera.look_at((0, 0, 0), (1, 0, 0), up, fov, (width, height), projection)  # raises what is wrong
@@ -89,7 +99,10 @@ def _frame(
     middle = np.median(sample.positions, axis=0)
     across, high, depth = ((sample.positions - middle) @ way for way in (right, top, forward))
     half = np.tan(np.radians(fov) / 2)
-    room = np.array([half * width / height, half]) * (1.0 - 2.0 * MARGIN)
+    sides = np.array([half * width / height, half])
+    left, above, right_end, below = free
+    room = sides * (right_end - left, below - above) * (1.0 - 2.0 * MARGIN)
+    aim = sides * (left + right_end - 1.0, 1.0 - above - below)  # the middle of what is free
     center = sample.origin + middle
     if projection == "panorama":
         level = np.cross(np.asarray(up, np.float64), right)  # a panorama is level
@@ -98,28 +111,30 @@ def _frame(
     extent = max(float(np.ptp(np.quantile(a, [stray, 1.0 - stray]))) for a in (across, high, depth))
     nearest = before + NEAREST * extent
     if projection == "orthographic":
-        sides = [np.quantile(a, [stray, 1.0 - stray]) for a in (across, high)]
-        aside, above = (float(side.mean()) for side in sides)
-        distance = max(float(np.ptp(side)) / 2 / part for side, part in zip(sides, room, strict=True)) or 1.0
-        eye = center + aside * right + above * top - max(distance, nearest) * forward
+        ends = [np.quantile(a, [stray, 1.0 - stray]) for a in (across, high)]
+        distance = max(float(np.ptp(end)) / 2 / part for end, part in zip(ends, room, strict=True)) or 1.0
+        aside, upwards = (float(end.mean() - part * distance) for end, part in zip(ends, aim, strict=True))
+        eye = center + aside * right + upwards * top - max(distance, nearest) * forward
         return Camera.look_at(eye, eye + distance * forward, up, fov, (width, height), projection)
-    aside, above, distance = _fit(np.stack([across, high]), depth, room, (nearest or 1.0, stray))
-    aim = center + aside * right + above * top
-    return Camera.look_at(aim - distance * forward, aim, up, fov, (width, height), projection)
+    aside, upwards, distance = _fit(np.stack([across, high]), depth, (room, aim), (nearest or 1.0, stray))
+    target = center + aside * right + upwards * top
+    return Camera.look_at(target - distance * forward, target, up, fov, (width, height), projection)
 
 
-def _fit(places: Floats, depth: Floats, room: Floats, how: tuple[float, float]) -> tuple[float, float, float]:
-    """Where a camera stands, to the right, upwards and backwards, so that points fill the room that there is.
+def _fit(
+    places: Floats, depth: Floats, part: tuple[Floats, Floats], how: tuple[float, float]
+) -> tuple[float, float, float]:
+    """Where a camera stands, to the right, upwards and backwards, so that points fill a part of its picture.
 
-    places : (2, n), to the right and upwards; room : tangents, half the width and the height; how : the least distance,
-    and the share of strays
+    places : (2, n), to the right and upwards; part : half its width and height, and its middle, tangents; how : the
+    least distance, and the share of strays
     """
-    least, stray = how
+    (room, aim), (least, stray) = part, how
     shift, distance = np.zeros(2), 2.0 * max(least, float(np.abs(places).max(initial=0.0)) / float(room.min()))
     for _ in range(ROUNDS):
         seen = (places - shift[:, None]) / np.maximum(depth + distance, 1e-3 * distance)
         low, high = np.quantile(seen, [stray, 1.0 - stray], axis=1)
-        off, filled = (low + high) / 2, float(((high - low) / 2 / room).max())
+        off, filled = (low + high) / 2 - aim, float(((high - low) / 2 / room).max())
         shift = shift + off * distance
         # A root: points before the middle come nearer faster than the camera does.
         nearer = max(np.sqrt(filled) * distance, least) if filled > 0 else least

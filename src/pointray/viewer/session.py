@@ -273,10 +273,16 @@ class Session:
             camera = replace(self._subject.home, size=size)
         else:
             fov = FOV if self._camera is None else self._camera.fov
-            camera = self._subject.scan(AUTO if name == "home" else name).camera(fov, size)
+            camera = self._subject.scan(AUTO if name == "home" else name).camera(fov, size, free=self._part_free())
         if not animate:
             self._camera, self._at_home = camera, True
         self._voice.go(camera, animate)
+
+    def _part_free(self) -> tuple[float, float, float, float]:
+        """What the panel leaves free of the view: left, top, right, bottom, shares."""
+        width, height = self._size or (1, 1)
+        left, top, right, bottom = self._free
+        return left / width, top / height, right / width, bottom / height
 
     def _changed(self, rebuild: bool) -> None:
         """The looks are others."""
