@@ -38,6 +38,35 @@ def test_pictures_without_noise_stay(stage):
     assert np.array_equal(*phong)
 
 
+@pytest.mark.parametrize("integrator", ["path", "ao"])
+def test_what_is_not_noisy_stays(integrator):
+    """Background and sky to the last bit, and a surface that gives the same light in all samples."""
+    pytest.importorskip("pyoidn")
+    scene = pr.Scene()
+    ball = pr.Model(pr.procedural("sphere", 3_000))
+    scene.add(ball)
+    scene.add(ball, pr.transform((3, 0, 0)), pr.Emissive((0.3, 0.6, 0.9)))
+    scene.background = (0.3, 0.31, 0.33)
+    camera = pr.Camera.frame(scene.bounds, size=(160, 90))
+    for sky in (False, True):
+        if sky:
+            rows = np.linspace(0.2, 1.0, 64)[:, None, None]
+            scene.background = None
+            scene.add_light(pr.EnvironmentLight(image=np.broadcast_to(rows, (64, 128, 3)).astype(np.float32)))
+        options = {"integrator": integrator, "spp": 16, "seed": 3}
+        noisy, clean = (pr.render(scene, camera, pr.Settings(denoise=on, **options)) for on in (False, True))
+        alone = pr.Scene()
+        for instance, shift in ((ball, (0, 0, 0)), (ball, (3, 0, 0))):
+            alone.add(instance, pr.transform(shift))
+        surfaces = pr.render(alone, camera, pr.Settings(integrator="color", spp=16, seed=3))[..., 3]
+        beside = surfaces == 0
+        assert beside.mean() > 0.3 and np.array_equal(clean[beside], noisy[beside])
+        if integrator == "path":
+            same = np.abs(noisy[..., :3] - (0.3, 0.6, 0.9)).max(axis=-1) < 1e-6
+            assert same.mean() > 0.05 and np.array_equal(clean[same], noisy[same])
+        assert (clean[surfaces == 1] != noisy[surfaces == 1]).any()
+
+
 def test_without_its_package(stage, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     with pytest.raises(ValueError, match=r"pip install 'pointray\[denoise\]'"):

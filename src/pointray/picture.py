@@ -42,7 +42,8 @@ from .window import EVERYWHERE, Window, window_of
 AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
 MOST_ONWARD = 32  # mirrors and panes one behind the other
 IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes a pixel, and of each of its numbers in a film
-DENOISE_BYTES = 48  # a pixel: colours and normals, and what Open Image Denoise takes
+DENOISE_BYTES = 68  # a pixel: its light, how much of that is noisy, colours and normals, what Open Image Denoise takes
+ROUNDING = 4e-6  # of a squared mean: as much variance may sums of samples have that do not differ
 BAND = 1 << 17  # pixels that are looked at together where noise is measured
 SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # paths see them
 SURFACE_SAMPLES = 16  # of the colours and normals that denoising is told
@@ -86,18 +87,25 @@ def render_snapshot(
             progress(share)
     if not settings.denoised:
         return picture.image
-    image = picture.image
+    image, (light, noisy) = picture.image, picture.light()
     del picture  # what it holds beside the image makes room
     albedo, normal = (_surfaces(scene, camera, settings, name) for name in ("color", "normal"))
     for row in normal:  # shown as 0 to 1, times alpha
         row[:, :3] = 2.0 * row[:, :3] - row[:, 3:]
-    denoise(image, albedo, normal)
+    if scene.shows_sky:  # its samples differ, but not by chance; each has its share of a pixel
+        noisy *= albedo[..., 3]
+    # Of the light alone: a background has no noise, and is put behind by alpha, as it was.
+    without = light[..., :3].copy()
+    denoise(light, albedo, normal)
+    for row, clean, old, share in zip(image, light, without, noisy, strict=True):
+        some = share > 0
+        row[some, :3] += share[some, None] * (clean[some, :3] - old[some])
     return image
 
 
 def picture_bytes(settings: Settings, catchers: bool = True, written: int = 0) -> int:
     """Bytes a pixel while a picture is made, or afterwards, when it is written with so many beside it."""
-    one_pass = settings.time_limit is None and settings.noise is None
+    one_pass = settings.time_limit is None and settings.noise is None and not settings.denoised
     film = 0 if one_pass else FILM_NUMBER * _sums(settings, catchers)
     return IMAGE_BYTES + max(film, DENOISE_BYTES if settings.denoised else 0, written)
 
@@ -109,7 +117,7 @@ def check_picture(size: tuple[int, int], bytes_a_pixel: int) -> None:
 
 def _sums(settings: Settings, catchers: bool) -> int:
     """Numbers of a pixel in the film of a picture that is made in passes."""
-    return ALL_SUMS if catchers else LIGHT_SUMS if settings.noise is None else NOISE_SUMS
+    return ALL_SUMS if catchers else NOISE_SUMS if settings.noise is not None or settings.denoised else LIGHT_SUMS
 
 
 def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Settings:
@@ -122,7 +130,8 @@ def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Setting
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:
     """Colours or normals of what is seen, without a background: at the picture's own samples, at most 16 of them."""
-    few = replace(settings, integrator=integrator, spp=min(settings.most, SURFACE_SAMPLES), time_limit=None, noise=None)
+    spp = min(settings.most, SURFACE_SAMPLES)
+    few = replace(settings, integrator=integrator, spp=spp, time_limit=None, noise=None, denoise=False)
     picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0))
     for _ in picture.passes(None):
         pass
@@ -163,7 +172,9 @@ class Picture:
         check_picture(camera.size, picture_bytes(settings, catchers))
         sums = _sums(settings, catchers)
         self.image = np.empty((height, width, 4), np.float32)
-        self._film = np.zeros((0, 0, sums) if self._one_pass else (height, width, sums), np.float32)
+        without_film = self._one_pass and not settings.denoised
+        self._film = np.zeros((0, 0, sums) if without_film else (height, width, sums), np.float32)
+        self._done = 0  # samples
         self._window = _window(camera, self._world, how[0])
         self._how = how[0], how[1] if background is None else background
 
@@ -198,6 +209,21 @@ class Picture:
         how = (*self._how[0], samples, (first, end), self._window, self._how[1])
         args = (self._world, self._camera, how, self._film, self.image)
         run(self._kernel, self._blocks, *args, threads=settings.threads, progress=progress, cancel=cancel)
+        self._done = end
+
+    def light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """What has come along the rays without the background, (h, w, 4); and 1 where samples differ, else 0, (h, w).
+
+        One sample a pixel tells nothing of that, nor do samples that are all dark: what they met counts as noisy.
+        """
+        light, noisy = np.zeros_like(self.image), np.empty(self.image.shape[:2], np.float32)
+        for row, differs, film in zip(light, noisy, self._film, strict=True):
+            row[:, :3] = film[:, :3] / self._done
+            mean = film[:, :3].astype(np.float64) @ np.array(LUMINANCE) / self._done
+            variance = film[:, 4] / self._done - mean * mean
+            same = (variance <= ROUNDING * mean * mean) & (mean > 0) & (self._done > 1)
+            differs[:] = (film[:, 3] > 0) & ~same
+        return light, noisy
 
     def _noise(self, done: int) -> float:
         """Standard error of the pixels, root mean square, as a share of the picture's mean."""
