@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import queue
+import signal
 import sys
 import threading
 import time
@@ -97,6 +98,8 @@ def main() -> int:
     if unknown:
         parser.error(f"unknown part {unknown[0]}: one of {', '.join(PARTS)}")
     parts = told.part or list(PARTS)
+    # A shell's job in the background ignores Ctrl-C, and all that it starts does too: no interrupt would arrive.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if told.input is not None:
         if len(parts) != 1:
             parser.error("--input is for one part")

@@ -1,0 +1,119 @@
+"""First pictures: what `pointray render SCAN -o x.png` gives with nothing else said, measured and on one sheet.
+
+python bench/first_pictures.py SCAN... -o sheet.jpg
+
+Of each: how far the scan is from the middle of its picture, and its margin; the mean of its pixels (sRGB, 0
+to 1), the shares of burnt (250 and above) and of black ones (5 and below), and how much it stands out from what
+is behind it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from pointray.cli import execute
+from pointray.image.tone import GRADIENT, backdrop_rows, linear_to_srgb
+
+BURNT, BLACK = 250, 5
+CENTRAL = 0.001  # of the scan's pixels: what may lie outside, as strays
+ACROSS = 4  # pictures in a row of the sheet
+TILE, LINE = (400, 300), 16  # pixels of each, and of its name
+
+
+class Measured(NamedTuple):
+    """What a picture shows.
+
+    Attributes
+    ----------
+    off : float
+        How far the middle of the scan is from the picture's, as a share of the width or height, the larger one.
+    margin : float
+        Beside the scan on the tight side, as a share of the picture, either side's mean.
+    mean : float
+        Of the scan's pixels, sRGB, 0 to 1.
+    burnt, black : float
+        Shares of its pixels.
+    contrast : float
+        Mean difference to the backdrop, sRGB.
+    """
+
+    off: float
+    margin: float
+    mean: float
+    burnt: float
+    black: float
+    contrast: float
+
+
+def measure(levels: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> Measured:
+    """levels : (h, w, 3), as shown; alpha : (h, w), how much of each pixel the scan covers"""
+    covered = alpha > 127
+    rows, columns = np.nonzero(covered)
+    height, width = alpha.shape
+    ends = [
+        np.quantile((at + 0.5) / side, [CENTRAL / 2, 1 - CENTRAL / 2])
+        for at, side in ((columns, width), (rows, height))
+    ]
+    off = max(abs(float(end.mean()) - 0.5) for end in ends)
+    margin = min((1.0 - float(np.ptp(end))) / 2 for end in ends)
+    pixels = levels[covered].astype(float)
+    behind = 255 * linear_to_srgb(np.broadcast_to(backdrop_rows(GRADIENT, height), levels.shape))[covered]
+    brightest = pixels.max(axis=1)
+    return Measured(
+        off,
+        margin,
+        float(pixels.mean()) / 255,
+        float((brightest >= BURNT).mean()),
+        float((brightest <= BLACK).mean()),
+        float(np.abs(pixels - behind).mean()) / 255,
+    )
+
+
+def picture(scan: Path, folder: Path, size: str = "800x600") -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The first picture, (h, w, 3), and what the scan covers of it, (h, w)."""
+    shown, alone = folder / "shown.png", folder / "alone.png"
+    for path, more in ((shown, []), (alone, ["--background", "none", "--integrator", "color"])):
+        if execute(["render", str(scan), "-o", str(path), "--size", size, *more]) != 0:
+            raise RuntimeError(f"{scan}: there is no picture")
+    return np.asarray(Image.open(shown)), np.asarray(Image.open(alone))[..., 3]
+
+
+def sheet(pictures: dict[str, NDArray[np.uint8]]) -> Image.Image:
+    """All of them, with their names."""
+    rows = -(-len(pictures) // ACROSS)
+    out = Image.new("RGB", (ACROSS * TILE[0], rows * (TILE[1] + LINE)), "white")
+    draw = ImageDraw.Draw(out)
+    for k, (name, levels) in enumerate(pictures.items()):
+        x, y = k % ACROSS * TILE[0], k // ACROSS * (TILE[1] + LINE)
+        draw.text((x + 4, y + 2), name, fill="black")
+        out.paste(Image.fromarray(levels).resize(TILE, Image.Resampling.LANCZOS), (x, y + LINE))
+    return out
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scans", nargs="+", type=Path)
+    parser.add_argument("--output", "-o", type=Path, help="the sheet")
+    told = parser.parse_args()
+    pictures = {}
+    print(f"{'':36}" + "".join(f"{name:>10}" for name in Measured._fields))
+    with tempfile.TemporaryDirectory() as folder:
+        for scan in told.scans:
+            levels, alpha = picture(scan, Path(folder))
+            pictures[scan.stem] = levels
+            print(f"{scan.stem:36}" + "".join(f"{value:10.3f}" for value in measure(levels, alpha)))
+    if told.output is not None:
+        sheet(pictures).save(told.output, quality=90)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,38 @@
+"""The first picture of a scan, with nothing said, is one to look at: twelve real ones, measured."""
+
+import numpy as np
+import pytest
+
+from conftest import shared_model
+from first_pictures import measure, picture
+
+SCANS = [
+    *("stanford_bunny", "stanford_dragon", "stanford_bunny_rangescans", "stanford_dragon_stand_rangescans"),
+    *("stanford_lucy_50k", "nefertiti_50k", "potree_lion_takanawa_rgb", "outcrop_qcompass_rgb"),
+    *("autzen_stadium_crop_rgb", "rgbd_kinect_chair_rgb", "tls_pumpA_rgb", "sfm_garden_rgb_nonormals"),
+]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SCANS)
+def test_first_pictures(name, tmp_path):
+    levels, alpha = picture(shared_model(f"points/{name}.ply"), tmp_path)
+    found = measure(levels, alpha)
+    print(name, found)
+    assert found.off <= 0.02
+    assert 0.03 <= found.margin <= 0.08
+    assert 0.3 <= found.mean <= 0.65
+    assert found.burnt <= 0.01
+    assert found.black <= 0.05
+    assert found.contrast >= 0.06
+
+
+def test_what_is_measured():
+    levels, alpha = np.full((60, 80, 3), 100, np.uint8), np.zeros((60, 80), np.uint8)
+    alpha[6:54, 30:40] = 255
+    levels[6:30, 30:40] = 255
+    levels[30:33, 30:40] = 0
+    found = measure(levels, alpha)
+    assert found.off == pytest.approx(5 / 80, abs=0.01) and found.margin == pytest.approx(0.1, abs=0.02)
+    assert found.burnt == pytest.approx(0.5) and found.black == pytest.approx(1 / 16)
+    assert found.mean == pytest.approx((24 * 255 + 21 * 100) / 48 / 255)
