@@ -1,6 +1,7 @@
 """The first picture of a scan: which way is up, where the camera stands, what lights it, how it is exposed."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,6 +33,11 @@ STANDING = {
 }
 
 
+@cache
+def statue(count):
+    return pr.procedural("statue", count)
+
+
 def scan(name):
     return pr.read(shared_model(f"points/{name}.ply"))
 
@@ -58,7 +64,7 @@ def filled(camera, points, stray=STRAY):
 @pytest.mark.parametrize("size", [(400, 300), (100, 400)])
 @pytest.mark.parametrize("direction", [(0.4, -1, 0.3), (1, 0, 0), (0, 0.001, -1)])
 def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projection):
-    points = pr.procedural("statue", 20_000)
+    points = statue(20_000)
     camera = frame_points(sample_of(points), direction, (0, 0, 1), 35, size, projection)
     middle, half = filled(camera, points.positions)
     assert np.abs(middle).max() < 0.01
@@ -70,7 +76,7 @@ def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projecti
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("free", [(0, 0, 0.7, 1), (0.5, 0.25, 1, 0.75), (0, 0, 1, 0.6)])
 def test_points_fill_what_is_free_of_the_picture(free, projection):
-    points = pr.procedural("statue", 20_000)
+    points = statue(20_000)
     camera = frame_points(sample_of(points), (0.4, -1, 0.3), (0, 0, 1), 35, (400, 300), projection, free)
     middle, half = filled(camera, points.positions)
     left, top, right, bottom = free
@@ -87,7 +93,7 @@ def test_strays_do_not_count():
 
 
 def test_points_far_from_zero_are_framed_as_near_ones():
-    points = pr.procedural("statue", 5_000)
+    points = statue(5_000)
     far = np.array([596_700.0, 5_243_700.0, 100.0])
     near = frame_points(sample_of(points), (0.4, -1, 0.3))
     moved = frame_points(sample_of(pr.Points(points.positions + far, points.normals)), (0.4, -1, 0.3))
@@ -108,7 +114,7 @@ def test_what_stands_in_a_scene_is_framed_where_it_stands():
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 2, 3)])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_what_turns_stays_in_the_picture(up, projection):
-    points = pr.procedural("statue", 20_000)
+    points = statue(20_000)
     first = frame_turning(sample_of(points), direction_of(25, 18, up), up, 35, (400, 300), projection)
     sides = np.array([np.abs(seen(camera, points.positions)[0]) for camera in pr.turntable(first, 24)])
     assert np.quantile(sides, 1 - 2 * STRAY) < 0.92
@@ -212,9 +218,9 @@ def test_what_is_no_view_is_told(wrong):
 
 
 def test_what_is_found_is_told_in_words():
-    found = Scan(pr.procedural("statue", 5_000), ViewChoice()).found
+    found = Scan(statue(5_000), ViewChoice()).found
     assert len(found) == 2 and "--up" in found[0] and "--view" in found[1]
-    assert Scan(pr.procedural("statue", 5_000), ViewChoice((0, 0, 1), "front")).found == []
+    assert Scan(statue(5_000), ViewChoice((0, 0, 1), "front")).found == []
 
 
 # ------------------------------------------------------------------------------------------------------- light
@@ -280,7 +286,7 @@ def test_sky_rays_find_what_a_corner_sees():
 
 def test_the_studio_leaves_nothing_black_and_burns_nothing():
     scene = pr.Scene()
-    scene.add(pr.Model(pr.procedural("statue", 20_000)), material=pr.Diffuse(0.65))
+    scene.add(pr.Model(statue(20_000)), material=pr.Diffuse(0.65))
     scene.lights = pr.studio()
     image = pr.render(scene, pr.frame(scene, size=(160, 120)), pr.Settings(spp=4, sky_rays=4))
     shown = image[image[..., 3] > 0.99, :3] * 2 ** auto_exposure(image)
