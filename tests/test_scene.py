@@ -311,35 +311,6 @@ def test_one_point_with_a_radius_is_a_disc():
     assert hits.t == pytest.approx([3, np.inf]) and hits.point.tolist() == [0, -1]
 
 
-def test_overlapping_discs_cast_no_shadow_on_each_other():
-    """On the lit half of a sphere; on the other half, and under a disc that hovers above, there is shadow."""
-    points, radius = pr.procedural("sphere", 5_000), 0.12
-    scene, sun = pr.Scene(), np.array([0.6, -0.48, 0.64])
-    ball = pr.Model(points, surface="disc")
-    scene.add(ball)
-    scene.add(pr.Model(pr.Points([1.1 * sun], [sun]), [radius], surface="disc"))
-    d = np.random.default_rng(1).normal(size=(20_000, 3))
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    alone = pr.Scene()
-    alone.add(ball)
-    hits = alone.intersect(3 * d, -d)
-    shadow = scene.occluded(hits.position, np.broadcast_to(sun, d.shape))
-    height, aside = d @ sun, np.linalg.norm(d - (d @ sun)[:, None] * sun, axis=1)
-    lit = (height > 0.05) & (aside > 1.1 * radius)
-    assert shadow[lit].mean() < 0.002 and shadow[height < -0.1].all()
-    assert shadow[(height > 0) & (aside < 0.9 * radius)].all()
-    both = pr.Scene()  # another sheet of the same model, as close as half a radius
-    grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
-    floor, above = np.insert(grid, 2, 0.0, axis=1), np.insert(grid[grid[:, 0] < 8], 2, 0.7, axis=1)
-    positions = np.concatenate([floor, above])
-    model = pr.Model(
-        pr.Points(positions, np.tile([0.0, 0, 1], (len(positions), 1))), np.full(len(positions), 1.4), surface="disc"
-    )
-    both.add(model)
-    places = np.array([[3.3, 9.6, 0.0], [15.2, 9.6, 0.0], [3.3, 9.6, 0.7]])
-    assert both.occluded(places, [0.1, 0.2, 1.0]).tolist() == [True, False, False]
-
-
 def test_nbytes_counts_what_is_held(model):
     assert 50 < model.nbytes / 20_000 < 300
 

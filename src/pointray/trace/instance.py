@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, tree_at
+from ..records import INSTANCE, LONGEST, SHAPE_ROW, tree_at
 from ..scratch import (
     BEGIN,
     CUT,
@@ -56,10 +56,9 @@ LONELY = 24
 def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
     """Ray i in a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
 
-    box : the model's bounds, the longest step of the samples in it, see `into_model`, and whether it is of discs: a ray
-        that comes from outside of the bounds, which may be flat, starts on none
+    box : the model's bounds, and the longest step of the samples in it, see `into_model`
     """
-    wide, rows, (bounds, step, discs) = scratch.world, scratch.model, box
+    wide, rows, (bounds, step) = scratch.world, scratch.model, box
     ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
     start, d, low, high, speed, begin = into_model(matrix, bounds, ray, step)
     put(wide, START + i, start)
@@ -67,8 +66,7 @@ def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
     wide[LOW + i], wide[SPEED + i] = low, speed
     rows[LENGTH + i] = np.float32(high - low + step[0]) if low <= high else -ONE
     begin = np.float32(begin)
-    elsewhere = (rows[CUT + i] > ZERO) | (discs & (low > 0.0) & (begin == ZERO))
-    rows[BEGIN + i] = -max(begin, BEHIND) if elsewhere else begin
+    rows[BEGIN + i] = -max(begin, BEHIND) if rows[CUT + i] > ZERO else begin
 
 
 @inline
@@ -157,8 +155,7 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
     model = np.int64(world.instances[at + SHAPE_ROW])
     tree = tree_at(world.table, model)
     step = np.float64(tree.head[LONGEST])
-    box = model_bounds(tree.head), (step, 1.0 / step), int(tree.head[SURFACE]) == DISC
-    matrix = matrix_at(world, at)
+    matrix, box = matrix_at(world, at), (model_bounds(tree.head), (step, 1.0 / step))
     rows, numbers = scratch.model, scratch.numbers
     few = count_bits(some) <= LONELY
     alone = _some_enter(matrix, box, some, scratch) if few else _all_enter(matrix, box, some, scratch)
