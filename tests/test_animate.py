@@ -120,7 +120,7 @@ def frames_of(film: Path, folder: Path) -> np.ndarray:
 
 
 def test_numbered_pictures_of_a_turn(scan, capsys):
-    view = ["--eye", "0,-4,0", "--target", "0,0,0", "--background", "0,0,0"]
+    view = ["--eye", "0,-4,0", "--target", "0,0,0", "--background", "0,0,0", "--integrator", "color"]
     assert animate(scan, "frames/f%03d.png", *FOUR, *view) == 0
     assert capsys.readouterr().out == f"{scan.with_name('frames')}/f%03d.png: 24x18, 4 frames, 2 seconds\n"
     folder = scan.with_name("frames")

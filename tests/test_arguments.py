@@ -77,7 +77,7 @@ SENSE: dict[str, set[str]] = {
     "Progress": {"lambda"},
     "os.PathLike": TEXTS,
     **dict.fromkeys(("Attribute", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()),
-    **dict.fromkeys(("Plane", "Points", "Scene", "Settings", "slice"), set()),
+    **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "slice"), set()),
 }
 PATHS = {"path", "image", "host"}  # what may end in an OSError
 
@@ -159,12 +159,14 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "estimate_normals": (pr.estimate_normals, {"points": t.points}),
         "find_flaws": (pr.find_flaws, {"points": t.points}),
         "fly": (pr.fly, {"keys": [(0, t.camera), (0.1, t.camera)]}),
+        "frame": (pr.frame, {"subject": t.points}),
         "load_scene": (pr.load_scene, {"path": t.folder / "a.toml"}),
         "procedural": (pr.procedural, {"name": "sphere", "n": 10}),
         "procedural_distance": (pr.procedural_distance, {"name": "sphere", "x": (0, 0, 1)}),
         "read": (pr.read, {"path": t.folder / "a.ply"}),
         "render": (pr.render, {"scene": t.scene, "camera": t.camera}),
         "render_layers": (pr.render_layers, {"scene": t.scene, "camera": t.camera}),
+        "studio": (pr.studio, {}),
         "subsample": (pr.subsample, {"points": t.points, "count": 300}),
         "transform": (pr.transform, {}),
         "turntable": (pr.turntable, {"camera": t.camera, "frames": 3}),

@@ -108,7 +108,7 @@ def test_the_map_is_followed(model, name):
 def test_values_are_blended_not_colors():
     """Between red and blue points the map's white shows, and nothing that is not on the map."""
     points = pr.procedural("sphere", 1500)
-    side = (points.positions[:, 0] > 0).astype(float)
+    side = (points.positions[:, 0] > 0) + 0.5  # whole numbers would be categories
     shown = seen(
         pr.Model(pr.Points(points.positions, points.normals, None, {"side": side})), pr.Attribute("side", "RdBu")
     )[2]
@@ -230,9 +230,9 @@ def test_a_range_is_found(model):
 @pytest.mark.parametrize(
     ("values", "name", "want"),
     [
-        (np.full(1500, 3.0), "viridis", (2.5, 3.5)),
+        (np.full(1500, 3.25), "viridis", (2.75, 3.75)),
         (np.full(1500, np.nan), "viridis", (0, 1)),
-        (np.append(np.zeros(1499), 4.0), "viridis", (0, 4)),
+        (np.append(np.zeros(1499), 4.5), "viridis", (0, 4.5)),
         (np.append(np.full(1499, np.inf), 4.0), "viridis", (3.5, 4.5)),
         (np.arange(1500) % 7, "tab10", (0, 6)),
         (np.full(1500, np.nan), "tab10", (0, 1)),

@@ -245,6 +245,7 @@ ROOMS += [
     "instances",
     "assembly",
     "scene",
+    "staging",
     "pixels",
     "frames",
     "levels",

@@ -16,14 +16,11 @@ import pytest
 import pointray as pr
 from browsing import Page, chromium
 from pointray.cli import execute
-from pointray.image.tone import srgb_to_linear
-from pointray.screen import levels_of
 from pointray.viewer.lamps import lamps_of
 from pointray.viewer.loading import Files
-from pointray.viewer.looks import BACKDROP
 from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
-from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of, socket_of
+from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of, shown_levels, socket_of
 
 SIZE = (640, 360)
 SAMPLES = 4  # of finished pictures: the page is told so, as a user would
@@ -391,9 +388,7 @@ def test_orthographic_views_have_a_scale_bar(page, scene):
 
 def expected_of(scene, view):
     """The page's picture of any camera."""
-    copy = scene.copy()
-    copy.background = srgb_to_linear(np.array(BACKDROP))
-    return levels_of(pr.render(copy, view, pr.Settings(spp=SAMPLES))).astype(int)
+    return shown_levels(pr.render(scene, view, pr.Settings(spp=SAMPLES)))
 
 
 def north_of(page):

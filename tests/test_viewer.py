@@ -11,9 +11,10 @@ from websockets.exceptions import InvalidStatus
 
 import pointray as pr
 from pointray.records import ACROSS, FORWARD, UPWARD
+from pointray.staging.direction import axes_of
 from pointray.viewer import session
 from pointray.viewer.controls import Control
-from pointray.viewer.lamps import SUN, Lamp, axes_of, lamps_of
+from pointray.viewer.lamps import SUN, Lamp, lamps_of
 from pointray.viewer.messages import camera_of, free_of, parse, size_of
 from pointray.viewer.pace import ROOM, SCALES, Pace, next_pass
 from pointray.viewer.pick import pick
@@ -70,14 +71,14 @@ def test_a_still_picture_is_drawn_whole_before_it_is_refined(browser):
 
 
 def test_the_model_fits_into_the_view_whatever_its_shape(viewer, scene):
-    corners = np.stack(np.meshgrid(*scene.bounds.T), -1).reshape(-1, 3)
+    points = scene.models[0].points.positions
     for size in ((300, 60), (60, 300)):
         browser = Browser(viewer.url, size)
         browser.rest(0.5)
         camera = browser.last("camera")
         view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], size).record()
         forward, across, upward = (view[k : k + 3] for k in (FORWARD, ACROSS, UPWARD))
-        away = corners - camera["eye"]
+        away = points - camera["eye"]
         places = np.stack([away @ axis / (axis @ axis) / (away @ forward) for axis in (across, upward)])
         assert 0.8 < np.abs(places).max() < 1.0
         browser.close()

@@ -14,9 +14,8 @@ from PIL import Image
 from websockets.sync.client import connect
 
 import pointray as pr
-from pointray.image.tone import srgb_to_linear
+from pointray.image.tone import GRADIENT, backdrop_rows
 from pointray.screen import levels_of
-from pointray.viewer.looks import BACKDROP
 from pointray.viewer.messages import describe
 
 SIZE = (160, 120)
@@ -30,11 +29,13 @@ def levels_in(file):
 
 def expected(scene, camera, samples, size=SIZE, exposure=0.0, **settings):
     """What `render` makes of it, over the viewer's backdrop."""
-    copy = scene.copy()
-    copy.background = srgb_to_linear(np.array(BACKDROP))
     view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], size)
-    image = pr.render(copy, view, pr.Settings(spp=samples, **settings))
-    return levels_of(image, exposure=exposure).astype(int)
+    return shown_levels(pr.render(scene, view, pr.Settings(spp=samples, **settings)), exposure)
+
+
+def shown_levels(image, exposure=0.0):
+    """A picture over the viewer's backdrop."""
+    return levels_of(image, backdrop_rows(GRADIENT, len(image))[:, 0], exposure).astype(int)
 
 
 def scene_of(model):

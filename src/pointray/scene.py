@@ -302,7 +302,9 @@ def _blend(scene: Snapshot, name: str, found: dict[str, Any], shape: tuple[int, 
     models = scene.models
     known = {a for m in models for a in m.points.attributes}
     if name not in known:
-        raise ValueError(f"no model has an attribute {name!r}; there are: {', '.join(sorted(known)) or 'none'}")
+        raise ValueError(
+            f"attributes: no model has an attribute {name!r}; there are: {', '.join(sorted(known)) or 'none'}"
+        )
     widths = {m.points.attributes[name].shape[1:] for m in models if name in m.points.attributes}
     if len(widths) > 1:
         raise ValueError(f"attribute {name!r} has not the same number of columns in all models")

@@ -135,8 +135,6 @@ def scan_subject(stage: Stage, view: View, picture: Any, exposure: float | str) 
 
     def build(progress: Progress) -> tuple[Any, Any]:
         scene, _, scan = stage.build(progress)
-        for found in scan.found if view.framed else ():
-            progress.note(found)
         return scene, view.turning(scan)
 
     leveled = picture.levels and stage.is_plain
@@ -214,8 +212,9 @@ def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progres
 def _exposure(scene: Any, cameras: list[Any], picture: Any) -> float:
     """One exposure for a film: the least of those that some small frames would have, so that none burns out."""
     from ..image.exposure import auto_exposure
-    from ..picture import render
+    from ..picture import render_snapshot
 
+    snapshot = scene.snapshot()
     few = replace(picture, spp=1, time_limit=None, noise=None, denoise=False)
     if picture.integrator != "phong":
         few = replace(few, spp=min(picture.most, PREVIEW_SAMPLES))
@@ -224,7 +223,7 @@ def _exposure(scene: Any, cameras: list[Any], picture: Any) -> float:
         width, height = camera.size
         share = min(PREVIEW / max(width, height), 1.0)
         small = replace(camera, size=(max(1, round(width * share)), max(1, round(height * share))))
-        stops.append(auto_exposure(render(scene, small, few)))
+        stops.append(auto_exposure(render_snapshot(snapshot, small, few, None)))
     return min(stops)
 
 

@@ -135,12 +135,12 @@ def render(
     stage = Stage(file, shape, place)
     with Progress() as progress:
         scene, model, scan = stage.build(progress)
-        for found in scan.found if seen.framed else ():
-            progress.note(found)
         camera = seen.camera(scan)
         look = Shown(stops, "srgb", stage.legend if legend else None, stage.backdrop)
         what = write_picture(output, (scene, camera, settings), look, progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
+    if seen.framed and scan.found:
+        print(scan.found)
 
 
 @app.command()

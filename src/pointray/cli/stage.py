@@ -7,6 +7,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..saved import SAVED
 from ..splats.radii import radii_in
 from .options import AUTO, FILL, background_of, color_of, light_of, numbers, positive
@@ -44,7 +46,9 @@ class Stage:
         self._fill = fill_of(place["fill"], place["light"])
         self._coat = Coat(place["material"], place.get("color"), place.get("color_by"))
         self._scene = pr.Scene()
-        self._scene.background = background_of(place["background"])
+        self._background = background_of(place["background"])
+        # A colour stands behind the picture, where it is not exposed with the light.
+        self._scene.background = self._background if isinstance(self._background, str) else None
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -62,9 +66,14 @@ class Stage:
     @property
     def backdrop(self) -> Any:
         """What stands behind the picture, as `write_image` takes it."""
-        from ..image.tone import GRADIENT
+        from ..image.tone import GRADIENT, linear_to_srgb
 
-        return GRADIENT if self._place["background"] == AUTO else None
+        if self._place["background"] == AUTO:
+            return GRADIENT
+        if not isinstance(self._background, tuple):
+            return None
+        color = tuple(linear_to_srgb(np.array(self._background)).tolist())
+        return color, color
 
     @property
     def legend(self) -> Any:

@@ -46,8 +46,8 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
         bounds = scene.bounds
         if not known:
             scan = Scan(scene, wish)
-            for found in scan.found[:1]:
-                _tell(found)
+            if scan.found:
+                _tell(scan.found)
             known.extend((scan.up, lights_for(lights, fill, bounds.mean(axis=0), scan.up)))
         up, scene.lights = known
         if place["ground"]:

@@ -38,10 +38,6 @@ class Progress:
         on_first_compilation(None)
         self._bars.stop()
 
-    def note(self, text: str) -> None:
-        """A line that stays."""
-        self._bars.console.print(text, style="dim", highlight=False, markup=False)
-
     def show(self, stage: str, share: float) -> None:
         """Where it is."""
         self._bars.update(self._task, description=stage, completed=share)

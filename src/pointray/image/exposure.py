@@ -36,7 +36,8 @@ def auto_exposure(image: NDArray[np.floating]) -> float:
     flat = flat[:: max(len(flat) // STEP, 1)].astype(np.float64)
     if flat.shape[1] == 4:
         flat = flat[flat[:, 3] >= COVERED]
-        flat = flat[:, :3] / flat[:, 3:]
+        with np.errstate(invalid="ignore"):
+            flat = flat[:, :3] / flat[:, 3:]
     flat = flat[np.isfinite(flat).all(axis=1)]
     light = flat @ np.array(LUMINANCE)
     brightest = float(np.quantile(flat.max(axis=1), BURNT)) if len(flat) else 0.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from ..arguments import check_kind
+from ..arguments import check_flag, check_kind
 from ..shade.attributes import Attribute, category_colors, category_name
 from ..shade.colormaps import colormap, shows_classes
 from .tone import srgb_to_linear
@@ -47,6 +47,7 @@ def draw_legend(image: NDArray[Any], attribute: Attribute, beside: bool = False)
         If the attribute has no range, or the array is no picture.
     """
     check_legend(attribute, "attribute")
+    beside = check_flag(beside, "beside")
     try:
         array = np.asarray(image)
     except (TypeError, ValueError):

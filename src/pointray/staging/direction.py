@@ -61,10 +61,15 @@ def axes_of(up: ArrayLike) -> Floats:
 
 
 def direction_of(azimuth: float, elevation: float, up: ArrayLike) -> Floats:
-    """The unit vector to where azimuth and elevation point, degrees; elevations are held off straight up and down."""
+    """The unit vector to where azimuth and elevation point, degrees."""
     right, front, top = axes_of(up)
-    a, e = math.radians(azimuth), math.radians(max(-STEEPEST, min(STEEPEST, elevation)))
+    a, e = math.radians(azimuth), math.radians(elevation)
     return np.asarray(math.cos(e) * (math.cos(a) * front + math.sin(a) * right) + math.sin(e) * top)
+
+
+def towards(outlook: Outlook, up: ArrayLike) -> Floats:
+    """The unit vector to where a scan is looked at from; never straight up or down, where nobody knows the front."""
+    return direction_of(outlook.azimuth, max(-STEEPEST, min(STEEPEST, outlook.elevation)), up)
 
 
 def angles_of(direction: ArrayLike, up: ArrayLike) -> tuple[float, float]:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_kind, check_number, check_positive
+from ..arguments import check_choice, check_kind, check_number
 from ..camera import SIZE, Camera, check_direction
 from ..data import Points
 from ..model import Model
 from ..scene import Scene
-from .direction import VIEWS, Outlook, direction_of, find_outlook
+from .direction import VIEWS, Outlook, find_outlook, towards
 from .framing import WHOLE, Part, frame_points, frame_turning
 from .sample import Sample, sample_of
 from .upright import find_up
@@ -23,6 +23,7 @@ Vector = tuple[float, float, float]
 
 AUTO = "auto"
 AXES = ("x", "y", "z", "-x", "-y", "-z")
+MOST_ZOOM = 1000.0
 WIDE = 75.0  # degrees that a camera within a room sees
 BACK = (0.4, 0.3, 0.2, 0.1, 0.0)  # of a room's width: how far from its middle a camera stands, if there is room
 CLEAR = 0.05  # of a room's width: what it keeps away from surfaces
@@ -50,11 +51,10 @@ class ViewChoice:
     zoom: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.view != AUTO and self.view not in VIEWS:
-            raise ValueError(f"view must be one of {', '.join((AUTO, *VIEWS))}, not {self.view!r:.40}")
+        check_choice(self.view, "view", (AUTO, *VIEWS))
         for name, most in (("azimuth", 36000.0), ("elevation", 90.0)):
             _check_angle(getattr(self, name), name, most)
-        check_positive(self.zoom, "zoom")
+        check_number(self.zoom, "zoom", f"between {1 / MOST_ZOOM:g} and {MOST_ZOOM:g}", _is_zoom)
 
 
 class Scan:
@@ -69,22 +69,24 @@ class Scan:
     ----------
     up : (3,) tuple
     outlook : Outlook
-    found : list of str
-        What was found out, in words, and how to say something else on the command line.
+    found : str
+        What was found out, in a line, and how to say something else on the command line; empty: nothing was.
     """
 
     def __init__(self, subject: Scene | Model | Points, wish: ViewChoice) -> None:
         self._sample = sample_of(subject)
         self._wish = wish
-        self.found: list[str] = []
+        self.found = ""
         if wish.up is None:
             up = find_up(self._sample)
             self.up = up.direction
-            others = "x" if up.axis[-1] != "x" else "y"
-            self.found.append(f"up is {up.axis} ({up.why}; --up {others} changes it)")
+            self.found = f"up is {up.axis} ({up.why})"
         else:
             self.up = wish.up
         self.outlook = self._look()
+        ways = [way for way, found in (("--up", wish.up is None), ("--view", self._is_found)) if found]
+        if ways:
+            self.found += f"; {' and '.join(ways)} change{'s' * (len(ways) == 1)} that"
 
     @property
     def middle(self) -> Vector:
@@ -96,15 +98,21 @@ class Scan:
         self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective", free: Part = WHOLE
     ) -> Camera:
         """The camera that frames all of it, in a part of its picture: left, top, right, bottom, shares."""
-        towards = direction_of(self.outlook.azimuth, self.outlook.elevation, self.up)
+        direction = towards(self.outlook, self.up)
         if self.outlook.within and projection == "perspective":
-            return _within(self._sample, towards, self.up, max(fov, WIDE), size)
-        return self._near(frame_points(self._sample, towards, self.up, fov, size, projection, free))
+            return _within(self._sample, direction, self.up, max(fov, WIDE), size)
+        return self._near(frame_points(self._sample, direction, self.up, fov, size, projection, free))
 
     def turning(self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective") -> Camera:
         """The same for a turntable: it stays in the picture all the way."""
-        towards = direction_of(self.outlook.azimuth, self.outlook.elevation, self.up)
-        return self._near(frame_turning(self._sample, towards, self.up, fov, size, projection))
+        direction = towards(self.outlook, self.up)
+        return self._near(frame_turning(self._sample, direction, self.up, fov, size, projection))
+
+    @property
+    def _is_found(self) -> bool:
+        """Whether nothing was said of where to look from."""
+        wish = self._wish
+        return wish.view == AUTO and wish.azimuth is None and wish.elevation is None
 
     def _look(self) -> Outlook:
         wish = self._wish
@@ -112,8 +120,8 @@ class Scan:
             outlook = Outlook(*VIEWS[wish.view], wish.view)
         else:
             outlook = find_outlook(self._sample, self.up)
-            if wish.azimuth is None and wish.elevation is None:
-                self.found.append(f"{outlook.kind} (--view, --azimuth, --elevation)")
+            if self._is_found:
+                self.found += ", " * bool(self.found) + outlook.kind
         if wish.azimuth is not None:
             outlook = outlook._replace(azimuth=wish.azimuth, within=False)
         if wish.elevation is not None:
@@ -164,8 +172,9 @@ def frame(
     >>> camera = pr.frame(scene, view="front", size=(800, 600))
     """
     check_kind(subject, "subject", (Scene, Model, Points), "a Scene, a Model or Points")
+    lens = Camera.look_at((0, 0, 0), (1, 0, 0), fov=fov, size=size, projection=projection)
     scan = Scan(subject, ViewChoice(up_of(up), view, azimuth, elevation, zoom))
-    return scan.camera(fov, size, projection)
+    return scan.camera(lens.fov, lens.size, lens.projection)
 
 
 def up_of(up: Any) -> Vector | None:
@@ -181,15 +190,19 @@ def up_of(up: Any) -> Vector | None:
     return check_direction(up, "up")
 
 
-def _within(sample: Sample, towards: Floats, up: Vector, fov: float, size: tuple[int, int]) -> Camera:
+def _within(sample: Sample, direction: Floats, up: Vector, fov: float, size: tuple[int, int]) -> Camera:
     """A camera in a room that looks across its middle."""
     middle = np.median(sample.positions, axis=0)
-    width = float(np.ptp(np.quantile(sample.positions @ towards, [0.01, 0.99])))
+    width = float(np.ptp(np.quantile(sample.positions @ direction, [0.01, 0.99])))
     for share in BACK:
-        eye = middle + share * width * towards
+        eye = middle + share * width * direction
         if np.linalg.norm(sample.positions - eye, axis=1).min() > CLEAR * width:
             break
-    return Camera.look_at(sample.origin + eye, sample.origin + eye - towards * width / 2, up, fov, size)
+    return Camera.look_at(sample.origin + eye, sample.origin + eye - direction * width / 2, up, fov, size)
+
+
+def _is_zoom(value: float) -> bool:
+    return 1 / MOST_ZOOM <= value <= MOST_ZOOM
 
 
 def _check_angle(value: float | None, name: str, most: float) -> None:

@@ -28,7 +28,7 @@ OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
 
 # Values of the picture, not of the scene: `dress` does not depend on them.
-PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposes", "exposure", "curve")
+PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposure", "curve")
 
 
 @dataclass(frozen=True)
@@ -158,8 +158,8 @@ class Looks:
         dressed = scene.copy()
         dressed.lights = self.lights(up)
         dressed.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
-        if self.around == "gradient":
-            dressed.background = None
+        if self.around == "gradient" or (self.around == "color" and self.exposes):
+            dressed.background = None  # what stands behind is not exposed
         if self.around == "scene":
             dressed.background = "environment" if scene.shows_sky else scene.background
         low, high = scene.bounds
