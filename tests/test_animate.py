@@ -316,7 +316,7 @@ def test_frames_of_another_color_by_are_rendered_anew(scan, rendered, capsys):
     capsys.readouterr()
     rendered.stop = 1000
     assert animate(scan, "out", *FOUR, "--color-by", "z") == 0
-    assert capsys.readouterr().err.endswith("rendered anew: not as before: color\n") and len(rendered) == 6
+    assert capsys.readouterr().err.endswith("rendered anew: not as before: color by\n") and len(rendered) == 6
 
 
 def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered):

@@ -24,7 +24,7 @@ from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of, shown
 
 SIZE = (640, 360)
 SAMPLES = 4  # of finished pictures: the page is told so, as a user would
-MODEL = (310, 165)  # where it is in the view at first, beside the panel
+MODEL = (182, 180)  # where it is in the view at first, beside the panel
 NAMES = ("eye", "target", "up")
 
 

@@ -47,6 +47,7 @@ class Stage:
         self._coat = Coat(place["material"], place.get("color"), place.get("color_by"))
         self._scene = pr.Scene()
         self._background = background_of(place["background"])
+        self._scene.background = self._background  # raises what is wrong
         # A colour stands behind the picture, where it is not exposed with the light.
         self._scene.background = self._background if isinstance(self._background, str) else None
 
