@@ -90,7 +90,6 @@ LegendOption = Annotated[bool, typer.Option("--legend/--no-legend", help="Draw w
 
 AUTO = "auto"
 FILL = 0.3  # see `staging.studio.fill`
-LIT = ("phong", "ao", "path")  # integrators whose pictures are light, which is exposed
 
 
 def numbers(text: str, name: str) -> tuple[float, float, float]:
@@ -123,8 +122,10 @@ def positive(value: float, name: str) -> float:
 
 def exposure_of(text: str, integrator: str = "phong") -> float | str:
     """Stops that float32 can hold, or "auto"; pictures that show no light are shown as they are."""
+    from ..image.exposure import EXPOSED
+
     if text == AUTO:
-        return AUTO if integrator in LIT else 0.0
+        return AUTO if integrator in EXPOSED else 0.0
     try:
         value = float(text)
     except ValueError:

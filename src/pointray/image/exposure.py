@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..vec import LUMINANCE
 
+EXPOSED = ("phong", "ao", "path")  # integrators whose pictures are light; others are shown as they are
 MIDDLE = 0.24  # what the log average becomes, linear: sRGB 0.53
 BURNT, WHITE = 0.995, 0.92  # so many of the pixels stay below this, linear: level 246
 COVERED = 0.5  # alpha from which a pixel counts

@@ -98,7 +98,7 @@ class Exports:
         image = render(scene, camera, settings, lambda share: self._tell("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         backdrop = None if output.format == "exr" else wish.looks.behind
-        stops = wish.looks.exposure + (auto_exposure(image) if wish.looks.exposes else 0.0)
+        stops = wish.looks.exposure + (auto_exposure(image) if wish.looks.chooses else 0.0)
         write_image(path, image, stops, wish.looks.curve, legend, backdrop)
         del image  # what is sent needs the room
         self._give(path)
@@ -121,7 +121,7 @@ class Exports:
             image = render(scene, camera, settings, tell)
             self._tell("film", (k + 1) / count)
             if k == 0:  # one exposure for the film
-                stops = wish.looks.exposure + (auto_exposure(image) if wish.looks.exposes else 0.0)
+                stops = wish.looks.exposure + (auto_exposure(image) if wish.looks.chooses else 0.0)
             frames.keep(k, image, stops, wish.looks.curve, wish.looks.behind)
         write_mp4(path, frames.pattern, count, output.fps, size)
         self._give(path)
@@ -143,7 +143,7 @@ def _command(wish: Wish, output: Output, source: str) -> str:
     words += ["--fov", f"{camera.fov:.6g}", "--size", f"{output.width}x{output.height}"]
     words += [] if camera.projection == "perspective" else ["--projection", camera.projection]
     words += ["--integrator", looks.integrator, "--spp", str(output.samples)]
-    words += ["--exposure", "auto" if looks.exposes else f"{looks.exposure:g}"]
+    words += ["--exposure", "auto" if looks.chooses else f"{looks.exposure:g}"]
     words += [] if looks.levels else ["--no-levels"]
     if not source.endswith(".toml"):
         for light in looks.lights(wish.up):

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..image.exposure import EXPOSED
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..instances import Plane
 from ..model import Model
@@ -143,6 +144,11 @@ class Looks:
         """For a picture of so many samples a pixel."""
         shown: dict[str, Any] = {"integrator": self.integrator, "max_depth": self.max_depth, "shadows": self.shadows}
         return replace(self.base, spp=spp, levels=self.levels, **shown)
+
+    @property
+    def chooses(self) -> bool:
+        """Whether its pictures' exposure is chosen."""
+        return self.exposes and self.integrator in EXPOSED
 
     @property
     def behind(self) -> Backdrop:

@@ -224,7 +224,7 @@ class Painter:
     def _exposure(self, wish: Wish, image: NDArray[np.float32], stage: Stage) -> float:
         """The exposure that is chosen, stops: anew where looks have changed, and where still pictures ask for much more
         or less, so that nothing flickers while the camera moves."""
-        if not wish.looks.exposes:
+        if not wish.looks.chooses:
             return 0.0
         known = self._exposed
         if known is None or known[0] is not wish.looks or known[1] != wish.version or stage is STILL:
