@@ -207,3 +207,13 @@ def test_without_openexr_it_says_what_to_install(scan, tmp_path, monkeypatch, ca
 def test_exposure_is_no_part_of_layers(scan, capsys):
     assert execute(["render", str(scan), "-o", str(scan.with_name("a.npz")), "--exposure", "1"]) == 2
     assert "--exposure" in capsys.readouterr().err
+
+
+def test_layers_keep_the_background_that_is_asked_for(scan):
+    """In a picture it stands behind; in layers it is light as everything else."""
+    for name, more in (("a.npz", ["--background", "0.5,0.25,1"]), ("b.npz", [])):
+        assert execute(["render", str(scan), "-o", str(scan.with_name(name)), "--size", "16x12", *more]) == 0
+    with np.load(scan.with_name("a.npz")) as layers:
+        np.testing.assert_allclose(layers["radiance"][0, 0], [0.5, 0.25, 1, 1])
+    with np.load(scan.with_name("b.npz")) as layers:
+        np.testing.assert_array_equal(layers["radiance"][0, 0], 0)

@@ -11,7 +11,7 @@ from conftest import shared_model
 from pointray.image.exposure import auto_exposure
 from pointray.staging.direction import VIEWS, angles_of, direction_of, find_outlook
 from pointray.staging.first_view import Scan, ViewChoice
-from pointray.staging.framing import MARGIN, STRAY, frame_points, frame_turning
+from pointray.staging.framing import MARGIN, STRAY, Lens, frame_points, frame_turning
 from pointray.staging.sample import sample_of
 from pointray.staging.upright import axis_direction, find_up
 
@@ -65,7 +65,7 @@ def filled(camera, points, stray=STRAY):
 @pytest.mark.parametrize("direction", [(0.4, -1, 0.3), (1, 0, 0), (0, 0.001, -1)])
 def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projection):
     points = statue(20_000)
-    camera = frame_points(sample_of(points), direction, (0, 0, 1), 35, size, projection)
+    camera = frame_points(sample_of(points), direction, (0, 0, 1), Lens(35, size, projection))
     middle, half = filled(camera, points.positions)
     assert np.abs(middle).max() < 0.01
     np.testing.assert_allclose(half.max(), 1 - 2 * MARGIN, atol=0.005)
@@ -77,7 +77,7 @@ def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projecti
 @pytest.mark.parametrize("free", [(0, 0, 0.7, 1), (0.5, 0.25, 1, 0.75), (0, 0, 1, 0.6)])
 def test_points_fill_what_is_free_of_the_picture(free, projection):
     points = statue(20_000)
-    camera = frame_points(sample_of(points), (0.4, -1, 0.3), (0, 0, 1), 35, (400, 300), projection, free)
+    camera = frame_points(sample_of(points), (0.4, -1, 0.3), (0, 0, 1), Lens(35, (400, 300), projection), free)
     middle, half = filled(camera, points.positions)
     left, top, right, bottom = free
     np.testing.assert_allclose(middle, [left + right - 1, 1 - top - bottom], atol=0.01)
@@ -115,11 +115,34 @@ def test_what_stands_in_a_scene_is_framed_where_it_stands():
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_what_turns_stays_in_the_picture(up, projection):
     points = statue(20_000)
-    first = frame_turning(sample_of(points), direction_of(25, 18, up), up, 35, (400, 300), projection)
+    first = frame_turning(sample_of(points), direction_of(25, 18, up), up, Lens(35, (400, 300), projection))
     sides = np.array([np.abs(seen(camera, points.positions)[0]) for camera in pr.turntable(first, 24)])
     assert np.quantile(sides, 1 - 2 * STRAY) < 0.92
     assert np.quantile(sides, 1 - 2 * STRAY) > 0.8
     assert all(seen(camera, points.positions)[1].min() > 0 for camera in pr.turntable(first, 24))
+
+
+@pytest.mark.parametrize("fov", [35, 100])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_what_turns_turns_about_its_own_axis(projection, fov):
+    """Of a cone seen from above, whose middle in the picture is not that of its axis; also from among its points."""
+    rng = np.random.default_rng(4)
+    height, angle = 3 * np.sqrt(rng.random(20_000)), 2 * np.pi * rng.random(20_000)
+    cone = np.stack([height * np.cos(angle) + 5, height * np.sin(angle), 3 - height], axis=1)
+    first = frame_turning(
+        sample_of(pr.Points(cone)), direction_of(25, 50, (0, 0, 1)), lens=Lens(fov, (400, 300), projection)
+    )
+    assert first.target[:2] == pytest.approx((5, 0), abs=0.02)
+    sides = [filled(camera, cone) for camera in pr.turntable(first, 12)]
+    np.testing.assert_allclose([half.max() for _, half in sides], 0.9, atol=0.02)
+    assert np.abs([middle for middle, _ in sides]).max() < 0.03
+
+
+def test_a_zoomed_parallel_view_leaves_nothing_behind_the_eye():
+    points = statue(20_000)
+    wide, near = (pr.frame(points, projection="orthographic", zoom=zoom) for zoom in (1, 4))
+    np.testing.assert_allclose(filled(near, points.positions)[1], 4 * filled(wide, points.positions)[1])
+    assert seen(near, points.positions)[1].min() > 0
 
 
 def test_zoom_comes_nearer():

@@ -54,7 +54,6 @@ from .options import (
     given,
     numbers,
     positive,
-    settings_of,
     use_threads,
 )
 from .waiting import Progress, in_background, writing
@@ -110,10 +109,9 @@ def render(
     legend: LegendOption = False,
 ) -> None:
     """Render a scan to a picture, camera and light place themselves; or what a scene file describes."""
-    from ..staging.studio import with_contact
-    from .outputs import Shown, check_fits, check_output, write_picture
+    from .outputs import Shown, check_fits, check_output, is_layered, write_picture
     from .scenes import is_scene, render_scene
-    from .stage import Stage, check_scan
+    from .stage import staged
 
     stops = exposure_of(exposure, integrator.value)
     check_output(output, exposure != AUTO and stops != 0, legend)
@@ -122,17 +120,8 @@ def render(
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
-    check_scan(file)
-    lens = {"fov": fov, "projection": projection.value, "aperture": aperture, "focus": focus}
-    way = {"eye": eye, "target": target, "view": view.value, "azimuth": azimuth, "elevation": elevation, "zoom": zoom}
-    seen = View(size, up, lens, **way)
-    effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
-    settings = with_contact(settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort))
+    seen, settings, stage = staged(file, context.params, is_layered(output))
     check_fits(output, seen.size, settings, legend)
-    shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    place = {"light": light, "fill": fill, "background": background, "ground": ground, "wish": seen.wish}
-    place |= {"material": material.value, "color": color, "color_by": color_by}
-    stage = Stage(file, shape, place)
     with Progress() as progress:
         scene, model, scan = stage.build(progress)
         camera = seen.camera(scan)
@@ -192,27 +181,17 @@ def animate(
     color_by: ColorByOption = None,
 ) -> None:
     """A film of a scan or a scene file, on a turntable or along keys; an interrupted one goes on when started again."""
-    from ..staging.studio import with_contact
     from .animate import Way, scan_subject, target_of
     from .animate import animate as work
     from .scenes import animate_scene, is_scene
-    from .stage import Stage, check_scan
+    from .stage import staged
 
     goal = target_of(output, background)
     if is_scene(file):
         print(animate_scene(file, goal, given(context), fps))
         return
-    check_scan(file)
-    lens = {"fov": fov, "projection": projection.value, "aperture": aperture, "focus": focus}
-    way = {"eye": eye, "target": target, "view": view.value, "azimuth": azimuth, "elevation": elevation, "zoom": zoom}
-    seen = View(size, up, lens, **way)
-    film = Way(seen, fps, {"seconds": seconds, "turns": turns, "keys": keys, "eye": eye, "target": target})
-    effort = {"spp": spp, "max_depth": max_depth, "time_limit": time_limit, "noise": noise, "denoise": denoise}
-    settings = with_contact(settings_of(integrator, filter, seed=seed, threads=threads, levels=levels, **effort))
-    shape = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    place = {"light": light, "fill": fill, "background": background, "ground": ground, "wish": seen.wish}
-    place |= {"material": material.value, "color": color, "color_by": color_by}
-    stage = Stage(file, shape, place)
+    seen, settings, stage = staged(file, context.params)
+    film = Way(seen, fps, context.params)
     print(work(goal, film, scan_subject(stage, seen, settings, exposure_of(exposure, integrator.value))))
 
 

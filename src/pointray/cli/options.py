@@ -229,8 +229,8 @@ class View:
         self.eye = None if eye is None else numbers(eye, "--eye")
         self.target = None if target is None else numbers(target, "--target")
         given_up = up_axis(up)
-        self.wish = ViewChoice(given_up, **{name: value for name, value in place.items() if value is not None})
-        if not self.framed and self.wish != ViewChoice(given_up):
+        self.choice = ViewChoice(given_up, **{name: value for name, value in place.items() if value is not None})
+        if not self.framed and self.choice != ViewChoice(given_up):
             raise ValueError(
                 "--view, --azimuth, --elevation and --zoom are for a camera that frames the scan, without --eye"
             )
@@ -243,12 +243,12 @@ class View:
     @property
     def settings(self) -> dict[str, Any]:
         """What a turntable's frames depend on, as JSON takes it; the size apart."""
-        return {"eye": self.eye, "target": self.target, **asdict(self.wish), **self.lens}
+        return {"eye": self.eye, "target": self.target, **asdict(self.choice), **self.lens}
 
     @property
     def up(self) -> Any:
         """Which way is up, for who asks before the scan is read."""
-        return self.wish.up or (0.0, 0.0, 1.0)
+        return self.choice.up or (0.0, 0.0, 1.0)
 
     @property
     def framed(self) -> bool:
@@ -257,7 +257,7 @@ class View:
 
     def camera(self, scan: Any) -> Any:
         """The camera for a `Scan`."""
-        framed = scan.camera(self.lens["fov"], self.size, self.lens["projection"])
+        framed = scan.camera(self._frame)
         if self.framed:
             return replace(framed, aperture=self.lens["aperture"], focus=self.lens["focus"])
         target = self.target or scan.middle
@@ -271,9 +271,16 @@ class View:
         Not for a panorama, which is all around the camera: `Way` has refused its turntable, keys do without this one.
         """
         if self.framed and self.lens["projection"] != "panorama":
-            framed = scan.turning(self.lens["fov"], self.size, self.lens["projection"])
+            framed = scan.turning(self._frame)
             return replace(framed, aperture=self.lens["aperture"], focus=self.lens["focus"])
         return self.camera(scan)
+
+    @property
+    def _frame(self) -> Any:
+        """What framing takes of the lens."""
+        from ..staging.framing import Lens
+
+        return Lens(self.lens["fov"], self.size, self.lens["projection"])
 
     def _looking(self, eye: Any, target: Any, up: Any) -> Any:
         from ..camera import Camera

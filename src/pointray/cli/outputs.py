@@ -10,7 +10,8 @@ from .waiting import Progress, in_background, writing
 LEGEND_BYTES = 8  # a pixel, for the legend, which is drawn into a picture of its own
 
 
-def _layered(output: Path) -> bool:
+def is_layered(output: Path) -> bool:
+    """Whether it is all layers, not a picture to look at."""
     from ..image.write import LAYERED
 
     return output.suffix.lower() in LAYERED
@@ -21,7 +22,7 @@ def check_output(output: Path, exposed: bool, legend: bool) -> None:
     from ..image.write import LAYERED, SHOWN, check_layers_path
     from ..points.files import check_writable
 
-    if _layered(output):
+    if is_layered(output):
         check_layers_path(output)
         for option, given in (("--exposure", exposed), ("--legend", legend)):
             if given:
@@ -39,7 +40,7 @@ def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool 
     from ..layers import LAYER_BYTES
     from ..picture import check_picture, picture_bytes
 
-    if _layered(output):
+    if is_layered(output):
         more = EXR_BYTES if LAYERED[output.suffix.lower()] == "EXR" else 0
         check_picture(size, max(picture_bytes(settings), LAYER_BYTES + more))
         return
@@ -74,7 +75,7 @@ def write_picture(output: Path, subject: tuple[Any, Any, Any], shown: Shown, pro
     def show(share: float) -> None:
         progress.show("rendering", share)
 
-    if not _layered(output):
+    if not is_layered(output):
         image = in_background(lambda: render(*subject, show))
         with writing(output):
             exposure = auto_exposure(image) if shown.exposure == "auto" else shown.exposure

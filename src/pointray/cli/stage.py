@@ -11,7 +11,8 @@ import numpy as np
 
 from ..saved import SAVED
 from ..splats.radii import radii_in
-from .options import AUTO, FILL, background_of, color_of, light_of, numbers, positive
+from ..staging.first_view import ViewChoice
+from .options import AUTO, FILL, View, background_of, color_of, light_of, numbers, positive, settings_of
 from .waiting import Progress, in_background
 
 PLAIN = {"surface": None, "samples": 4, "radius_scale": 1.0}  # of a surface: what the options say by default
@@ -25,6 +26,28 @@ def check_scan(file: Path) -> None:
     (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
 
 
+SHAPE = ("samples", "radius_scale")
+LENS = ("fov", "projection", "aperture", "focus")
+WAY = ("eye", "target", "view", "azimuth", "elevation", "zoom")
+EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels")
+PLACE = ("light", "fill", "background", "ground", "material", "color", "color_by")
+
+
+def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[View, Any, Stage]:
+    """How a scan is seen, rendered and lit, by all options of `render` or `animate`. Raises what is wrong at once.
+
+    layers : whether the result is numbers for other programs, not a picture to look at
+    """
+    from ..staging.studio import with_contact
+
+    check_scan(file)
+    plain = {name: getattr(value, "value", value) for name, value in options.items()}
+    lens, way, effort, shape, place = ({k: plain[k] for k in names} for names in (LENS, WAY, EFFORT, SHAPE, PLACE))
+    seen = View(plain["size"], plain["up"], lens, **way)
+    settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
+    return seen, settings, Stage(file, {"surface": plain["surface"], **shape}, place, seen.choice, layers)
+
+
 class Stage:
     """The scan under its lights. Raises what is wrong with an option at once, before the file is read.
 
@@ -34,14 +57,20 @@ class Stage:
         surface, samples and radius_scale, as `Model` takes them.
     place : dict
         The texts of the options light, background, material and perhaps color and color_by; fill, a number or None;
-        whether there is a ground; and how the scan is seen, a `ViewChoice`.
+        whether there is a ground.
+    choice : ViewChoice
+        How the scan is seen.
+    layers : bool
+        Whether a background is part of the light, as in layers; in a picture it stands behind.
     """
 
-    def __init__(self, file: Path, surface: dict[str, Any], place: dict[str, Any]) -> None:
+    def __init__(
+        self, file: Path, surface: dict[str, Any], place: dict[str, Any], choice: ViewChoice, layers: bool = False
+    ) -> None:
         import pointray as pr
 
         positive(surface["radius_scale"], "--radius-scale")
-        self.file, self._surface, self._place, self._wish = file, surface, place, place["wish"]
+        self.file, self._surface, self._place, self._choice = file, surface, place, choice
         self._lights = [light_of(text) for text in place["light"] or []]
         self._fill = fill_of(place["fill"], place["light"])
         self._coat = Coat(place["material"], place.get("color"), place.get("color_by"))
@@ -49,15 +78,15 @@ class Stage:
         self._background = background_of(place["background"])
         self._scene.background = self._background  # raises what is wrong
         # A colour stands behind the picture, where it is not exposed with the light.
-        self._scene.background = self._background if isinstance(self._background, str) else None
+        if not layers and not isinstance(self._background, str):
+            self._scene.background = None
 
     @property
     def settings(self) -> dict[str, Any]:
         """What the scene depends on, as JSON takes it."""
         facts = self.file.stat()
         scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
-        place = {name: value for name, value in self._place.items() if name != "wish"}
-        return {**scan, **self._surface, **place, **asdict(self._wish)}
+        return {**scan, **self._surface, **self._place, **asdict(self._choice)}
 
     @property
     def is_plain(self) -> bool:
@@ -87,7 +116,7 @@ class Stage:
         from ..staging.first_view import Scan
 
         model = self._load(progress)
-        scan = in_background(lambda: Scan(model, self._wish))
+        scan = in_background(lambda: Scan(model, self._choice))
         self._scene.add(model, material=self._coat.material(model.points, scan.up))
         if self._place["ground"]:
             self._scene.add(ground_under(model.bounds, scan.up))
@@ -105,7 +134,7 @@ class Stage:
                 raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
             return in_background(lambda: pr.Model.load(file))
         points = in_background(lambda: pr.read(file))
-        self._coat.material(points, self._wish.up)  # raises what is wrong
+        self._coat.material(points, self._choice.up)  # raises what is wrong
         radii = radii_in(points)
         try:
             return in_background(lambda: pr.Model(points, radii, **self._surface, progress=progress.show))

@@ -37,7 +37,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
         plan = SceneStage(files[0], typed, SERVING).plan
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
         return Subject(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
-    wish = View("1x1", place["up"]).wish
+    choice = View("1x1", place["up"]).choice
     lights, fill = [light_of(text) for text in place["light"] or []], fill_of(place["fill"], place["light"])
     background = background_of(place["background"])
     known: list[Any] = []  # which way is up, and the lights: once, for the coarse version as for the whole
@@ -45,7 +45,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
     def furnish(scene: Any) -> Any:
         bounds = scene.bounds
         if not known:
-            scan = Scan(scene, wish)
+            scan = Scan(scene, choice)
             if scan.found:
                 _tell(scan.found)
             known.extend((scan.up, lights_for(lights, fill, bounds.mean(axis=0), scan.up)))
@@ -62,7 +62,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
         title, source = f"{title} and {len(files) - 1} more", ""
     settings = place["settings"]
     loader = Files(files, surface, furnish, settings.levels and surface == PLAIN)
-    subject = Subject(title, None, wish.up or (0.0, 0.0, 1.0), settings, source)
+    subject = Subject(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     subject.exposes = True
     return subject, loader
 

@@ -14,7 +14,7 @@ from ..data import Points
 from ..model import Model
 from ..scene import Scene
 from .direction import VIEWS, Outlook, find_outlook, towards
-from .framing import WHOLE, Part, frame_points, frame_turning
+from .framing import STANDARD, WHOLE, Lens, Part, frame_points, frame_turning, magnified
 from .sample import Sample, sample_of
 from .upright import find_up
 
@@ -63,7 +63,7 @@ class Scan:
     Parameters
     ----------
     subject : Scene, Model or Points
-    wish : ViewChoice
+    choice : ViewChoice
 
     Attributes
     ----------
@@ -73,18 +73,18 @@ class Scan:
         What was found out, in a line, and how to say something else on the command line; empty: nothing was.
     """
 
-    def __init__(self, subject: Scene | Model | Points, wish: ViewChoice) -> None:
+    def __init__(self, subject: Scene | Model | Points, choice: ViewChoice) -> None:
         self._sample = sample_of(subject)
-        self._wish = wish
+        self._choice = choice
         self.found = ""
-        if wish.up is None:
+        if choice.up is None:
             up = find_up(self._sample)
             self.up = up.direction
             self.found = f"up is {up.axis} ({up.why})"
         else:
-            self.up = wish.up
+            self.up = choice.up
         self.outlook = self._look()
-        ways = [way for way, found in (("--up", wish.up is None), ("--view", self._is_found)) if found]
+        ways = [way for way, found in (("--up", choice.up is None), ("--view", self._is_found)) if found]
         if ways:
             self.found += f"; {' and '.join(ways)} change{'s' * (len(ways) == 1)} that"
 
@@ -94,43 +94,44 @@ class Scan:
         x, y, z = (self._sample.origin + np.median(self._sample.positions, axis=0)).tolist()
         return x, y, z
 
-    def camera(
-        self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective", free: Part = WHOLE
-    ) -> Camera:
+    def camera(self, lens: Lens = STANDARD, free: Part = WHOLE) -> Camera:
         """The camera that frames all of it, in a part of its picture: left, top, right, bottom, shares."""
         direction = towards(self.outlook, self.up)
-        if self.outlook.within and projection == "perspective":
-            return _within(self._sample, direction, self.up, max(fov, WIDE), size)
-        return self._near(frame_points(self._sample, direction, self.up, fov, size, projection, free))
+        if self.outlook.within and lens.projection == "perspective":
+            return _within(self._sample, direction, self.up, lens._replace(fov=max(lens.fov, WIDE)))
+        return self._near(frame_points(self._sample, direction, self.up, lens, free))
 
-    def turning(self, fov: float = 40.0, size: tuple[int, int] = SIZE, projection: str = "perspective") -> Camera:
+    def turning(self, lens: Lens = STANDARD) -> Camera:
         """The same for a turntable: it stays in the picture all the way."""
         direction = towards(self.outlook, self.up)
-        return self._near(frame_turning(self._sample, direction, self.up, fov, size, projection))
+        return self._near(frame_turning(self._sample, direction, self.up, lens))
 
     @property
     def _is_found(self) -> bool:
         """Whether nothing was said of where to look from."""
-        wish = self._wish
-        return wish.view == AUTO and wish.azimuth is None and wish.elevation is None
+        choice = self._choice
+        return choice.view == AUTO and choice.azimuth is None and choice.elevation is None
 
     def _look(self) -> Outlook:
-        wish = self._wish
-        if wish.view != AUTO:
-            outlook = Outlook(*VIEWS[wish.view], wish.view)
+        choice = self._choice
+        if choice.view != AUTO:
+            outlook = Outlook(*VIEWS[choice.view], choice.view)
         else:
             outlook = find_outlook(self._sample, self.up)
             if self._is_found:
                 self.found += ", " * bool(self.found) + outlook.kind
-        if wish.azimuth is not None:
-            outlook = outlook._replace(azimuth=wish.azimuth, within=False)
-        if wish.elevation is not None:
-            outlook = outlook._replace(elevation=wish.elevation, within=False)
+        if choice.azimuth is not None:
+            outlook = outlook._replace(azimuth=choice.azimuth, within=False)
+        if choice.elevation is not None:
+            outlook = outlook._replace(elevation=choice.elevation, within=False)
         return outlook
 
     def _near(self, camera: Camera) -> Camera:
+        """Zoomed; rays that are parallel begin at the eye, which has to stay before the scan."""
+        if camera.projection == "orthographic":
+            return magnified(camera, self._choice.zoom)
         eye, target = np.asarray(camera.eye), np.asarray(camera.target)
-        return replace(camera, eye=tuple(target + (eye - target) / self._wish.zoom))
+        return replace(camera, eye=tuple(target + (eye - target) / self._choice.zoom))
 
 
 def frame(
@@ -174,7 +175,7 @@ def frame(
     check_kind(subject, "subject", (Scene, Model, Points), "a Scene, a Model or Points")
     lens = Camera.look_at((0, 0, 0), (1, 0, 0), fov=fov, size=size, projection=projection)
     scan = Scan(subject, ViewChoice(up_of(up), view, azimuth, elevation, zoom))
-    return scan.camera(lens.fov, lens.size, lens.projection)
+    return scan.camera(Lens(lens.fov, lens.size, lens.projection))
 
 
 def up_of(up: Any) -> Vector | None:
@@ -190,7 +191,7 @@ def up_of(up: Any) -> Vector | None:
     return check_direction(up, "up")
 
 
-def _within(sample: Sample, direction: Floats, up: Vector, fov: float, size: tuple[int, int]) -> Camera:
+def _within(sample: Sample, direction: Floats, up: Vector, lens: Lens) -> Camera:
     """A camera in a room that looks across its middle."""
     middle = np.median(sample.positions, axis=0)
     width = float(np.ptp(np.quantile(sample.positions @ direction, [0.01, 0.99])))
@@ -198,7 +199,7 @@ def _within(sample: Sample, direction: Floats, up: Vector, fov: float, size: tup
         eye = middle + share * width * direction
         if np.linalg.norm(sample.positions - eye, axis=1).min() > CLEAR * width:
             break
-    return Camera.look_at(sample.origin + eye, sample.origin + eye - direction * width / 2, up, fov, size)
+    return Camera.look_at(sample.origin + eye, sample.origin + eye - direction * width / 2, up, *lens)
 
 
 def _is_zoom(value: float) -> bool:

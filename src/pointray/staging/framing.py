@@ -6,6 +6,9 @@ around them would not do: its corners are empty, and the points sit too high in 
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -25,14 +28,19 @@ CIRCLE = 64  # places on the way of a point that turns
 PROFILE = 256  # heights at which the profile of what turns is kept
 
 
+class Lens(NamedTuple):
+    """What `Camera.look_at` takes beside places: fov in degrees, size in pixels, projection."""
+
+    fov: float = 40.0
+    size: tuple[int, int] = SIZE
+    projection: str = "perspective"
+
+
+STANDARD = Lens()
+
+
 def frame_points(
-    sample: Sample,
-    direction: ArrayLike,
-    up: ArrayLike = (0, 0, 1),
-    fov: float = 40,
-    size: tuple[int, int] = SIZE,
-    projection: str = "perspective",
-    free: Part = WHOLE,
+    sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1), lens: Lens = STANDARD, free: Part = WHOLE
 ) -> Camera:
     """The camera in whose picture the points are as large as fits with a margin of 5%, in the middle.
 
@@ -40,8 +48,9 @@ def frame_points(
     ----------
     direction : (3,) array_like
         From the points towards the camera.
-    fov, size, up, projection
-        As for `Camera.look_at`; a panorama is taken from the middle of the points.
+    up : (3,) array_like
+    lens : Lens
+        A panorama is taken from the middle of the points.
     free : (4,) float
         The part of the picture that they fill, left, top, right, bottom, shares from 0 to 1.
 
@@ -50,17 +59,10 @@ def frame_points(
     Camera
         Its target lies as deep as the middle of the points.
     """
-    return _frame(sample, direction, up, (fov, size, projection), STRAY, free)
+    return _frame(sample, direction, up, lens, STRAY, free)
 
 
-def frame_turning(
-    sample: Sample,
-    direction: ArrayLike,
-    up: ArrayLike = (0, 0, 1),
-    fov: float = 40,
-    size: tuple[int, int] = SIZE,
-    projection: str = "perspective",
-) -> Camera:
+def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1), lens: Lens = STANDARD) -> Camera:
     """The same for points that turn about an axis along `up` through their middle: they stay in the picture.
 
     Its target lies on the axis.
@@ -70,26 +72,32 @@ def frame_turning(
     ValueError
         If it is a panorama, which nothing turns before.
     """
-    if projection == "panorama":
+    if lens.projection == "panorama":
         raise ValueError("a panorama is all around the camera: there is no turntable before it")
     axis = _unit(check_direction(up, "up"))
     low, high = np.quantile(sample.positions, [STRAY, 1.0 - STRAY], axis=0)
     middle = (low + high) / 2
     about = sample.seen_from(middle - axis * (middle @ axis))
-    framed = _frame(about._replace(positions=_ways(about.positions, axis)), direction, up, (fov, size, projection), 0.0)
+    framed = _frame(about._replace(positions=_ways(about.positions, axis)), direction, up, lens, 0.0)
     eye, view = np.asarray(framed.eye) - about.origin, np.asarray(framed.target) - np.asarray(framed.eye)
     flat = view - axis * (view @ axis)
-    if projection == "orthographic" or flat @ flat < 1e-12 * (view @ view):
+    if flat @ flat < 1e-12 * (view @ view):  # along the axis: it is on it already
         return framed
-    reach = -(eye @ flat) / (flat @ flat)  # along the view, to where it meets the axis
-    return Camera.look_at(framed.eye, framed.eye + reach * view, up, fov, size, projection)
+    reach = float(-(eye @ flat) / (flat @ flat))  # along the view, to where it meets the axis
+    turning = replace(framed, target=tuple(framed.eye + reach * view))
+    return magnified(turning, reach) if lens.projection == "orthographic" else turning
+
+
+def magnified(camera: Camera, times: float) -> Camera:
+    """The camera with a picture in which all is so many times as large at the target's distance; it stays there."""
+    return replace(camera, fov=float(np.degrees(2.0 * np.arctan(np.tan(np.radians(camera.fov) / 2.0) / times))))
 
 
 def _frame(
     sample: Sample,
     direction: ArrayLike,
     up: ArrayLike,
-    lens: tuple[float, tuple[int, int], str],
+    lens: Lens,
     stray: float,
     free: Part = WHOLE,
 ) -> Camera:

@@ -16,6 +16,7 @@ from ..camera import Camera
 from ..scene import Scene
 from ..staging.direction import VIEWS
 from ..staging.first_view import AUTO
+from ..staging.framing import Lens
 from .controls import Control, Folder
 from .exports import Exports
 from .lamps import MOST_LAMPS, SUN, lamps_of
@@ -273,7 +274,7 @@ class Session:
             camera = replace(self._subject.home, size=size)
         else:
             fov = FOV if self._camera is None else self._camera.fov
-            camera = self._subject.scan(AUTO if name == "home" else name).camera(fov, size, free=self._part_free())
+            camera = self._subject.scan(AUTO if name == "home" else name).camera(Lens(fov, size), self._part_free())
         if not animate:
             self._camera, self._at_home = camera, True
         self._voice.go(camera, animate)
