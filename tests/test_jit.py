@@ -252,6 +252,7 @@ ROOMS += [
     "window",
     "picture",
     "layers",
+    "warmup",
     "screen",
     "scenefile",
     "viewer",

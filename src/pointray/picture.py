@@ -167,7 +167,8 @@ class Picture:
         self._settings, self._camera = settings, camera.record()
         self._blocks = -(-width // BLOCK) * -(-height // BLOCK)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
-        self._world, self._kernel, how = _plan(scene, camera, settings)
+        self._kernel = kernel_for(settings)
+        self._world, how = _plan(scene, camera, settings)
         catchers = self._world.catchers > 0
         check_picture(camera.size, picture_bytes(settings, catchers))
         sums = _sums(settings, catchers)
@@ -238,10 +239,15 @@ class Picture:
         return float(np.sqrt(variance / pixels)) * pixels / light if light > 0 else 0.0
 
 
+def kernel_for(settings: Settings) -> Any:
+    """The kernel that makes pictures with an integrator."""
+    return sampled_frame if settings.integrator in (INTEGRATORS[AO], INTEGRATORS[PATH]) else quick_frame
+
+
 def _plan(
     scene: Snapshot, camera: Camera, settings: Settings
-) -> tuple[World, Any, tuple[tuple[Any, ...], tuple[float, ...]]]:
-    """The world, the kernel, and what it is told: first its own, then the background."""
+) -> tuple[World, tuple[tuple[Any, ...], tuple[float, ...]]]:
+    """The world, and what the kernel is told: first its own, then the background."""
     world = at_distance(scene, camera, settings.most) if settings.levels else scene.world
     color = scene.background
     background = (0.0, 0.0, 0.0, 0.0) if color is None else (*map(float, color), 1.0)
@@ -249,14 +255,14 @@ def _plan(
     if integrator == AO:
         reach = _reach(scene, settings)
         world = _lit(world) if scene.shows_sky else world
-        return world, sampled_frame, ((integrator, reach, 1, int(scene.shows_sky)), background)
+        return world, ((integrator, reach, 1, int(scene.shows_sky)), background)
     if integrator == PATH:
-        return _lit(world), sampled_frame, ((integrator, 0.0, settings.depth, int(scene.shows_sky)), background)
+        return _lit(world), ((integrator, 0.0, settings.depth, int(scene.shows_sky)), background)
     onward = min(settings.depth, MOST_ONWARD)
     shown = int(scene.shows_sky and integrator == PHONG)
     looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
     sky_rays, reach = (settings.sky_rays, _reach(scene, settings)) if looks_up else (0, 0.0)
-    return world, quick_frame, ((integrator, int(settings.shadows), onward, shown, sky_rays, reach), background)
+    return world, ((integrator, int(settings.shadows), onward, shown, sky_rays, reach), background)
 
 
 def _reach(scene: Snapshot, settings: Settings) -> float:

@@ -155,7 +155,7 @@ def animate(target: Target, way: Way, subject: Subject) -> str:
     if other:
         differ = ", ".join(name.replace("_", " ") for name in other)
         warnings.warn(f"{frames.pattern}: all frames are rendered anew: not as before: {differ}", stacklevel=2)
-    with Progress() as progress:
+    with Progress(subject.picture if missing else None) as progress:
         try:
             if missing:
                 _render(frames, missing, way, subject, progress)

@@ -122,7 +122,7 @@ def render(
         raise ValueError("--legend is for --color-by, which is not given")
     seen, settings, stage = staged(file, context.params, is_layered(output))
     check_fits(output, seen.size, settings, legend)
-    with Progress() as progress:
+    with Progress(settings) as progress:
         scene, model, scan = stage.build(progress)
         camera = seen.camera(scan)
         look = Shown(stops, "srgb", stage.legend if legend else None, stage.backdrop)
@@ -312,8 +312,9 @@ def demo(
     wanted, count = View(size).size, use_threads(threads)
     from ..demonstration import run_demo
     from ..report import show_table
+    from ..settings import Settings
 
-    with Progress() as progress:
+    with Progress(Settings()) as progress:
         facts = in_background(lambda: run_demo(output, points, wanted, frames, count, progress.show))
     show_table(facts, json)
 
@@ -335,7 +336,9 @@ def bench(
     if plot is not None:
         benchmark.check_plot(plot)
     count, counts = use_threads(threads), points or [32_000, 1_000_000]
-    with Progress() as progress:
+    from ..settings import Settings
+
+    with Progress(Settings()) as progress:
         rows = in_background(lambda: benchmark.measure(counts, runs, count, progress.show))
     benchmark.show_rows(rows, count, json)
     if plot is not None:

@@ -106,7 +106,7 @@ def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     """Render what a scene file describes; returns a line that says what was done."""
     plan = SceneStage(file, options).plan
     check_fits(output, SceneView(plan.camera).size, plan.settings)
-    with Progress() as progress:
+    with Progress(plan.settings) as progress:
         made = in_background(lambda: plan.build(progress.show))
         what = write_picture(output, made[:3], Shown(made.exposure, made.curve), progress)
     width, height = made.camera.size

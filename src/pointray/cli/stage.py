@@ -127,6 +127,8 @@ class Stage:
         """The model of the file: a scan's, or a saved one."""
         import pointray as pr
 
+        from ..warmup import NORMALS, expect
+
         file = self.file
         progress.show("reading", 0.0)
         if file.suffix.lower() == SAVED:
@@ -134,6 +136,8 @@ class Stage:
                 raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
             return in_background(lambda: pr.Model.load(file))
         points = in_background(lambda: pr.read(file))
+        if points.normals is None:
+            expect(NORMALS)
         self._coat.material(points, self._choice.up)  # raises what is wrong
         radii = radii_in(points)
         try:

@@ -61,7 +61,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
     if len(files) > 1:
         title, source = f"{title} and {len(files) - 1} more", ""
     settings = place["settings"]
-    loader = Files(files, surface, furnish, settings.levels and surface == PLAIN)
+    loader = Files(files, surface, furnish, settings.levels and surface == PLAIN, choice)
     subject = Subject(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     subject.exposes = True
     return subject, loader

@@ -6,41 +6,84 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
+LOOK = 0.2  # seconds between two looks at what is being compiled
 
 
 class Progress:
-    """A bar on the terminal, for what takes a moment, and a word when kernels are compiled."""
+    """Bars on the terminal, with the time left, for what takes a moment; and while kernels are compiled.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+        Of pictures that will be made: what they need is compiled in the meantime.
+    """
+
+    def __init__(self, settings: Any = None) -> None:
+        self._settings = settings
 
     def __enter__(self) -> Progress:
         from rich.console import Console
-        from rich.progress import BarColumn, TextColumn
+        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bars
 
-        from ..jit import cache_folder, on_first_compilation
-
         console = Console(stderr=True)
-        columns = TextColumn("{task.description}"), BarColumn()
+        columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
         self._bars = Bars(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._bars.add_task("", total=1.0)
+        self._task, self._stage = self._bars.add_task("", total=1.0), ""
         self._bars.start()
-        word = "compiling kernels for this processor: once, some 30 seconds"
-        if cache_folder() is None:
-            word = "compiling kernels, some 30 seconds: each time, the cache folder (POINTRAY_CACHE) cannot be written"
-        on_first_compilation(lambda: console.print(word, style="dim"))
+        self._watch = CompilationWatch(self._bars)
+        if self._settings is not None:
+            from ..warmup import warm_up
+
+            warm_up(self._settings)
         return self
 
     def __exit__(self, *error: object) -> None:
-        from ..jit import on_first_compilation
-
-        on_first_compilation(None)
+        self._watch.end()
         self._bars.stop()
 
     def show(self, stage: str, share: float) -> None:
         """Where it is."""
-        self._bars.update(self._task, description=stage, completed=share)
+        if stage != self._stage:  # the time left is that of this stage
+            self._stage = stage
+            self._bars.reset(self._task, total=1.0, description=stage)
+        self._bars.update(self._task, completed=share)
+
+
+class CompilationWatch:
+    """A bar that is there while kernels are compiled; a line when that begins where there are no bars."""
+
+    def __init__(self, bars: Any) -> None:
+        self._bars, self._task, self._ended = bars, bars.add_task("", total=1.0, visible=False), threading.Event()
+        self._told = not bars.disable
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Look no longer."""
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        from ..jit import BACKLOG, cache_folder
+
+        often = "once for this processor"
+        if cache_folder() is None:
+            often = "each time, as the cache folder (POINTRAY_CACHE) cannot be written"
+        while not self._ended.wait(LOOK):
+            state = BACKLOG.state
+            if state is None:
+                self._bars.update(self._task, visible=False)
+                continue
+            if not self._told:
+                self._told = True
+                word = f"compiling kernels, {often}: {state.total}, some {state.seconds:.0f} seconds"
+                self._bars.console.print(word, style="dim")
+            word = f"compiling, {often}: kernel {state.number} of {state.total}"
+            self._bars.update(self._task, description=word, completed=state.share, visible=True)
 
 
 def in_background(work: Callable[[], T]) -> T:

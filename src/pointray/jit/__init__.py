@@ -7,29 +7,35 @@ an *inline* is a piece of a kernel and is compiled into it.
 from __future__ import annotations
 
 from .arrays import array_at, borrow, intrinsic, keep
+from .backlog import Compiling
+from .beside import compile_beside, wait_for
 from .disk import CHECK, cache_folder, cpu_features, cpu_name
-from .kernels import KERNELS, compilations, compile_seconds, inline, kernel, on_first_compilation, routine
+from .kernels import BACKLOG, KERNELS, compilations, compile_seconds, inline, is_compiled, kernel, routine
 from .threads import Cancel, cancelled, run, take, thread_count
 
 __all__ = [
+    "BACKLOG",
     "CHECK",
     "Cancel",
+    "Compiling",
     "KERNELS",
     "array_at",
     "borrow",
     "cache_folder",
     "cancelled",
     "compilations",
+    "compile_beside",
     "compile_seconds",
     "cpu_features",
     "cpu_name",
     "inline",
     "intrinsic",
     "keep",
+    "is_compiled",
     "kernel",
-    "on_first_compilation",
     "routine",
     "run",
     "take",
     "thread_count",
+    "wait_for",
 ]

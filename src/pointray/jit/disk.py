@@ -26,7 +26,7 @@ CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 NO_KERNELS = (
     *("assembly.py", "camera.py", "clips.py", "demonstration.py", "extras.py", "film.py", "instances.py", "layers.py"),
     *("model.py", "paints.py", "picture.py", "rays.py", "report.py", "saved.py", "scene.py", "transforms.py"),
-    *("memory.py", "window.py", "__main__.py", "benchmark/", "cli/", "scenefile/", "staging/", "viewer/"),
+    *("memory.py", "window.py", "warmup.py", "__main__.py", "benchmark/", "cli/", "scenefile/", "staging/", "viewer/"),
     *("image/denoise.py", "image/exr.py", "image/exposure.py", "image/frames.py", "image/legend.py", "image/mp4.py"),
     "image/write.py",
     *("points/cleaning.py", "points/files.py", "points/normals.py", "points/ply.py", "shade/materials.py"),

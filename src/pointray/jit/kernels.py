@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import event, types
 from numba.core.codegen import JITCodeLibrary
 
+from .backlog import Backlog
 from .disk import CHECK, KernelCache, cache_folder
 
 njit: Any = numba.njit
@@ -20,6 +22,7 @@ FASTMATH = {"nsz", "arcp", "contract", "afn"}
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH, "boundscheck": CHECK}
 
 KERNELS: dict[str, Any] = {}
+BACKLOG = Backlog()
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -86,42 +89,55 @@ def _piece(function: Callable[..., Any], inlined: bool) -> Any:
 
 
 def compilations() -> int:
-    """Number of kernels that this process has compiled, not loaded from the cache."""
-    return sum(sum(k.stats.cache_misses.values()) for k in KERNELS.values()) if cache_folder() else _Listener.count
+    """Number of kernels that this process has compiled, or had compiled beside, not loaded from the cache."""
+    here = sum(sum(k.stats.cache_misses.values()) for k in KERNELS.values()) if cache_folder() else _Listener.count
+    return here + _Listener.beside
 
 
 def compile_seconds() -> float:
-    """How long this process has compiled kernels."""
+    """How long this process has compiled kernels, or waited for those that are compiled beside."""
     return _Listener.seconds
 
 
-class _Listener(event.Listener):  # type: ignore[misc]
-    """Counts and times compilations, and says once that the first one takes a moment."""
+def count_beside(kernels: int, waited: float) -> None:
+    """So many kernels were compiled beside, or waited for so many seconds."""
+    _Listener.beside += kernels
+    _Listener.seconds += waited
 
-    count = 0
+
+def is_compiled(dispatcher: Any) -> bool:
+    """Whether a kernel's code is there, in this process or on disk."""
+    cached = cache_folder() is not None and Path(dispatcher._cache._cache_file._index_path).exists()
+    return bool(dispatcher.overloads) or cached
+
+
+class _Listener(event.Listener):  # type: ignore[misc]
+    """Counts and times compilations."""
+
+    count, beside = 0, 0
     seconds = 0.0
-    notice: Callable[[], None] | None = None
     since: dict[Any, float] = {}  # noqa: RUF012
 
     def on_start(self, event: Any) -> None:
         kernel = event.data["dispatcher"]
-        if kernel not in KERNELS.values():
+        name = _name_of(kernel)
+        if name is None:
             return
         _Listener.count += 1
         _Listener.since[kernel] = time.perf_counter()
-        if _Listener.notice is not None:
-            notice, _Listener.notice = _Listener.notice, None
-            notice()
+        BACKLOG.begin(name)
 
     def on_end(self, event: Any) -> None:
-        start = _Listener.since.pop(event.data["dispatcher"], None)
-        if start is not None:
+        kernel = event.data["dispatcher"]
+        start, name = _Listener.since.pop(kernel, None), _name_of(kernel)
+        if start is not None and name is not None:
             _Listener.seconds += time.perf_counter() - start
+            BACKLOG.end(name)
+
+
+def _name_of(dispatcher: Any) -> str | None:
+    """A kernel's name; None: it is a piece of one."""
+    return next((name for name, known in KERNELS.items() if known is dispatcher), None)
 
 
 event.register("numba:compile", _Listener())
-
-
-def on_first_compilation(notice: Callable[[], None] | None) -> None:
-    """Call `notice` when the next kernel has to be compiled."""
-    _Listener.notice = notice

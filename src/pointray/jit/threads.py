@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import fetch_add, peek
+from .beside import wait_for
 from .kernels import inline
 
 # What a kernel and its caller share: int64 slots, a cache line apart.
@@ -79,6 +80,8 @@ def run(
     The caller only waits, so that Ctrl-C gets through: it cancels the kernels between two tiles, as `cancel` does.
     `progress` is called with the share done, some ten times a second. Returns what each worker returned.
     """
+    if not wait_for(kernel, lambda: cancel is not None and cancel.wanted):
+        return []
     work = np.zeros(SLOTS, np.int64)
     work[TOTAL] = tiles
     if cancel is not None:

@@ -17,7 +17,10 @@ from ..scene import Scene
 from ..scenefile import Plan
 from ..shade.materials import Diffuse
 from ..splats.radii import radii_in
+from ..staging.first_view import Scan, ViewChoice
 from ..staging.studio import ALBEDO
+from ..warmup import NORMALS, expect, is_warm, wait_until_warm
+from .sketch import Sketch
 from .subject import Subject
 
 COARSE = 60_000  # points of the coarse version: built in some 0.3 s
@@ -32,6 +35,8 @@ class Files:
     ----------
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
+    choice : ViewChoice
+        How the scans are seen.
     furnish : callable
         Puts lights and the like into a scene that has its models; returns which way is up in it.
     leveled : bool
@@ -42,26 +47,37 @@ class Files:
     surface: dict[str, Any]
     furnish: Callable[[Scene], tuple[float, float, float]]
     leveled: bool = True
+    choice: ViewChoice = ViewChoice()
 
     def __call__(self, subject: Subject) -> None:
         clouds: list[Points | Model] = []
         for path in self.paths:
             subject.say(f"reading {path.name}", None)
             clouds.append(Model.load(path) if path.suffix.lower() == SAVED else read(path))
+        if any(isinstance(cloud, Points) and cloud.normals is None for cloud in clouds):
+            expect(NORMALS)
+        if not is_warm(subject.settings):
+            sketch = Sketch([cloud.points if isinstance(cloud, Model) else cloud for cloud in clouds])
+            subject.outline(sketch, Scan(sketch.points, self.choice).up)
         if any(_is_large(cloud) for cloud in clouds):
             subject.say("building a coarse version", None)
             # Small ones are models from here on, and not built again.
             clouds = [cloud if _is_large(cloud) else self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
-            subject.show(self._scene([self._coarse(cloud) for cloud in clouds], subject))
+            self._show([self._coarse(cloud) for cloud in clouds], subject)
         models = [self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
-        subject.show(self._scene(models, subject))
+        self._show(models, subject)
         large = [model for cloud, model in zip(clouds, models, strict=True) if _is_large(cloud)]
         if self.leveled and large:
             for model in large:
                 model.make_levels(lambda stage, share: subject.say(f"building: {stage}", share))
-            subject.show(
-                self._scene(models, subject)
-            )  # anew: what colours the points by an attribute counts the levels too
+            self._show(models, subject)  # anew: what colours the points by an attribute counts the levels too
+
+    def _show(self, models: Sequence[Model], subject: Subject) -> None:
+        """Put models into the place of what was shown, as soon as their pictures can be drawn."""
+        if not is_warm(subject.settings):
+            subject.say("", None)
+            wait_until_warm(subject.settings)
+        subject.show(self._scene(models, subject))
 
     def _coarse(self, cloud: Points | Model) -> Model:
         """Of some of the points."""

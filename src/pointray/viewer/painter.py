@@ -24,6 +24,7 @@ from ..scene import Scene
 from ..screen import levels_of
 from .looks import Looks
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
+from .sketch import Sketch
 
 log = logging.getLogger("pointray.view")
 
@@ -43,6 +44,8 @@ class Wish(NamedTuple):
     refine : bool
         Not while models are built: the processors are needed for that.
     time : of the page's message
+    sketch : Sketch or None
+        What is drawn, instead of the scene.
     """
 
     camera: Camera
@@ -52,6 +55,7 @@ class Wish(NamedTuple):
     up: tuple[float, float, float]
     refine: bool
     time: float
+    sketch: Sketch | None = None
 
     def same_picture(self, other: Wish | None) -> bool:
         """Whether nothing that is seen differs."""
@@ -153,6 +157,10 @@ class Painter:
 
     def _draw(self, wish: Wish) -> None:
         """All stages, until the picture is refined or something else is wished for."""
+        if wish.sketch is not None:
+            begun = time.perf_counter()
+            self._send(wish, wish.sketch.draw(wish.camera), STILL, (1, 1), time.perf_counter() - begun)
+            return
         scene, scale = self.dress(wish), self._pace.scale()
         begun = time.perf_counter()
         # The first one is shown whatever is wished for in the meantime: else nothing would be seen while things move.

@@ -33,6 +33,7 @@ from .voice import Voice, legend_of
 log = logging.getLogger("pointray.view")
 
 FOV = 40.0
+SKETCHED = Looks(exposes=True)  # of what is seen before there is a scene
 MOST_SAID = 10  # messages of one page that are ignored and told in the log
 COSTLY = frozenset({"press", "pick", "view"})  # messages of which no hand makes MOST_COSTLY a second
 MOST_COSTLY = 50.0  # a second; twice as many at once
@@ -56,6 +57,7 @@ class Session:
         self._time = 0.0
         self._camera: Camera | None = None
         self._at_home = False  # where it was taken at first, and has not moved
+        self._sketched = False  # whether what was seen last is a sketch
         self._looks: Looks | None = None
         self._output = Output()
         self._version: tuple[int, int] | None = None
@@ -115,7 +117,8 @@ class Session:
 
     def _on_size(self, message: dict[str, Any]) -> None:
         self._size, self._free = size_of(message), free_of(message)
-        if (self._camera is None or self._at_home) and self._looks is not None:
+        seen = self._subject.scene or self._subject.sketch
+        if (self._camera is None or self._at_home) and seen is not None:
             self._go("home", animate=False)  # as large as fits into this view
         elif self._camera is not None:
             self._camera = replace(self._camera, size=self._size)
@@ -243,10 +246,17 @@ class Session:
                 self._problem = problem
                 if problem[1]:
                     self._voice.toast("error", problem[1], stay=True)
-            scene, version = self._subject.scene, self._subject.version
-            if scene is not None and scene.models and version != self._version:
+            scene, version, sketch = self._subject.scene, self._subject.version, self._subject.sketch
+            if version != self._version and ((scene is not None and scene.models) or sketch is not None):
                 self._version = version
-                self._meet(scene)
+                begins = self._camera is None or (self._sketched and self._at_home)
+                self._sketched = scene is None
+                if scene is not None:
+                    self._meet(scene)
+                elif sketch is not None:
+                    self._voice.place(sketch, self._subject.up)
+                if begins and self._size is not None:
+                    self._go("home", animate=False)
             self._want()
 
     def _meet(self, scene: Scene) -> None:
@@ -262,13 +272,11 @@ class Session:
         self._voice.place(scene, self._subject.up)
         self._panel()
         self._legend()
-        if self._camera is None and self._size is not None:
-            self._go("home", animate=False)
 
     def _go(self, name: str, animate: bool) -> None:
         """Take the page to one of the standard views."""
-        scene, size = self._subject.scene, self._size
-        if scene is None or size is None or (name not in VIEWS and name != "home"):
+        seen, size = self._subject.scene or self._subject.sketch, self._size
+        if seen is None or size is None or (name not in VIEWS and name != "home"):
             raise ValueError(f"there is no view {name!r:.40}")
         if name == "home" and self._subject.home is not None:
             camera = replace(self._subject.home, size=size)
@@ -293,13 +301,18 @@ class Session:
         self._legend()
 
     def _want(self) -> None:
-        known = self._camera is not None and self._size is not None and self._looks is not None
-        if known and self._subject.scene is not None:
+        if self._camera is None or self._size is None:
+            return
+        subject, sketch = self._subject, self._subject.sketch
+        if self._looks is not None and subject.scene is not None:
             self._painter.want(self._wish())
+        elif sketch is not None:
+            nothing, version = Scene(), subject.version
+            self._painter.want(Wish(self._camera, SKETCHED, nothing, version, subject.up, False, self._time, sketch))
 
     def _wish(self) -> Wish:
         assert self._camera is not None and self._looks is not None and self._subject.scene is not None
-        subject, refine = self._subject, not self._subject.progress.stage
+        subject, refine = self._subject, not self._subject.is_building
         return Wish(self._camera, self._looks, self._subject.scene, subject.version, subject.up, refine, self._time)
 
     def _panel(self) -> None:
@@ -350,7 +363,7 @@ class Session:
         """Send a picture. After the first one there is time to load what a click needs, which takes seconds."""
         self._voice.frame(frame, self._painter.frames_a_second)
         with self._told:
-            if not self._prepared and not self._gone:
+            if not self._prepared and not self._gone and frame.wish.sketch is None:
                 self._prepared = True
                 self._jobs.submit(self._prepare, frame.wish.scene)
 

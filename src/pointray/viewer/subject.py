@@ -9,10 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from ..camera import Camera, check_direction
+from ..jit import BACKLOG
 from ..model import Model
 from ..scene import Scene
 from ..settings import Settings
 from ..staging.first_view import Scan, ViewChoice
+from .sketch import Sketch
+from .time_left import TimeLeft
 
 log = logging.getLogger("pointray.view")
 
@@ -28,14 +31,18 @@ class Build:
 
 @dataclass(frozen=True)
 class Progress:
-    """What is going on. share : None where it is not known; an empty stage: nothing is."""
+    """What is going on. share, seconds (that are left) : None where not known; an empty stage: nothing is going on."""
 
     stage: str = ""
     share: float | None = None
+    seconds: float | None = None
 
 
 class Loader(Protocol):
-    """Brings a scene: `Subject.show` as often as there is more of it to see, `Subject.say` what it is at."""
+    """Brings a scene: `Subject.show` as often as there is more of it to see, `Subject.say` what it is at.
+
+    Before, `Subject.outline` if there are points and no kernels yet to trace them.
+    """
 
     def __call__(self, subject: Subject) -> None: ...
 
@@ -53,6 +60,8 @@ class Subject:
         Where a browser begins; None: where it sees all.
     settings, exposes, exposure, curve
         What it begins with.
+    sketch : Sketch or None
+        What is seen as long as there is no scene.
     problem : str
         Why there is nothing to see, or not all.
     failures : int
@@ -73,13 +82,14 @@ class Subject:
         self.exposes, self.exposure, self.curve = False, 0.0, "srgb"
         self._scan: tuple[Any, Scan] | None = None  # how the scene was seen last, and what for
         self.problem, self.failures = "", 0
-        self.progress = Progress()
+        self.sketch: Sketch | None = None
+        self._building, self._compiling, self._time_left = Progress(), Progress(), TimeLeft()
         self._scene, self._shown = scene, 0
         self._wanted: Build | None = None  # how the user wants models to be built; None: as they came
         self._built: tuple[Build, dict[Model, Model]] | None = None  # how they were, and what in the place of what
         self._exchanged: tuple[Any, Scene] | None = None  # what that was made for, and the scene with them
         self._listeners: list[Callable[[], None]] = []
-        self._lock, self._building = threading.Lock(), threading.Lock()
+        self._lock, self._builds = threading.Lock(), threading.Lock()
         self._next: threading.Thread | None = None  # waits to build what will be wished for by then
 
     @property
@@ -92,6 +102,16 @@ class Subject:
         if exchanged is None or exchanged[0] != key:
             exchanged = self._exchanged = key, scene.exchange(built[1])
         return exchanged[1]
+
+    @property
+    def progress(self) -> Progress:
+        """What is going on; of two things what takes longer."""
+        return self._compiling if self._compiling.stage else self._building
+
+    @property
+    def is_building(self) -> bool:
+        """Whether models are built."""
+        return bool(self._building.stage)
 
     @property
     def version(self) -> tuple[int, int]:
@@ -121,16 +141,22 @@ class Subject:
 
     def scan(self, view: str) -> Scan:
         """What is known of the scene for a view of it, see `ViewChoice`; ValueError if there is none."""
-        scene, key = self.scene, (self.version, self.up, view)
-        if scene is None:
+        seen, key = self.scene or (None if self.sketch is None else self.sketch.points), (self.version, self.up, view)
+        if seen is None:
             raise ValueError("there is nothing to see yet")
         if self._scan is None or self._scan[0] != key:
-            self._scan = key, Scan(scene, ViewChoice(self.up, view))
+            self._scan = key, Scan(seen, ViewChoice(self.up, view))
         return self._scan[1]
+
+    def outline(self, sketch: Sketch, up: tuple[float, float, float]) -> None:
+        """This is seen until there is a scene."""
+        self.sketch, self.up = sketch, up
+        self._shown += 1
+        self.tell()
 
     def show(self, scene: Scene, home: Camera | None = None) -> None:
         """This is what is shown from now on, and where a browser begins."""
-        self._scene, self._built = scene, None
+        self._scene, self._built, self.sketch = scene, None, None
         if home is not None:  # the page knows this projection only
             self.home = replace(home, projection="perspective", aperture=0.0, focus=None)
         self._shown += 1
@@ -156,7 +182,7 @@ class Subject:
             return self._next
 
     def _rebuild(self) -> None:
-        with self._building:
+        with self._builds:
             with self._lock:
                 self._next = None
             while True:
@@ -206,8 +232,18 @@ class Subject:
 
     def say(self, stage: str, share: float | None) -> None:
         """What is being done, and how much of it is."""
-        self.progress = replace(self.progress, stage=stage, share=share)
+        self._building = Progress(stage, share, self._time_left(stage, share))
         self.tell()
+
+    def look_at_compiling(self) -> None:
+        """Say how far the compiling of kernels is; several times a second."""
+        state, before = BACKLOG.state, self._compiling
+        self._compiling = Progress()
+        if state is not None:
+            stage = f"compiling for this processor: kernel {state.number} of {state.total}"
+            self._compiling = Progress(stage, state.share, state.seconds)
+        if self._compiling != before:
+            self.tell()
 
     def tell(self) -> None:
         """Say to all who listen that something has changed."""

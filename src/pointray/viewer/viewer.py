@@ -9,6 +9,7 @@ import webbrowser
 from collections.abc import Callable
 from typing import Any
 
+from ..warmup import warm_up
 from .link import Link
 from .server import Server
 from .session import Session
@@ -29,6 +30,7 @@ class Viewer:
 
     def __init__(self, subject: Subject, host: str = "127.0.0.1", port: int = 0, token: str = "") -> None:
         self._subject = subject
+        warm_up(subject.settings, clicks=True)
         self._ended = threading.Event()
         self._sessions: set[Session] = set()
         self._lock = threading.Lock()
@@ -75,6 +77,7 @@ class Viewer:
         """Tell when the scene was changed by who made it."""
         version: Any = self._subject.version
         while not self._ended.wait(0.1):
+            self._subject.look_at_compiling()
             if self._subject.version != version:
                 version = self._subject.version
                 self._subject.tell()

@@ -17,6 +17,7 @@ from PIL import Image
 
 from .. import __version__
 from ..camera import Camera
+from ..data import Points
 from ..image.legend import draw_legend
 from ..scene import Scene
 from ..shade.attributes import Attribute
@@ -25,6 +26,7 @@ from .link import Link
 from .messages import describe, packed
 from .painter import Frame
 from .pick import Found
+from .sketch import Sketch
 from .subject import Progress
 
 STATUS = 0.25  # seconds between two statistics
@@ -55,9 +57,14 @@ class Voice:
     def hello(self, title: str) -> None:
         self.say(type="hello", title=title, version=__version__)
 
-    def place(self, scene: Scene, up: Sequence[float]) -> None:
-        """Where the scene is."""
-        self.say(type="place", bounds=scene.bounds.tolist(), up=list(up), north=north_of(scene, up))
+    def place(self, seen: Scene | Sketch, up: Sequence[float]) -> None:
+        """Where the scene is, or what stands for it."""
+        bounds, clouds = (
+            (seen.points.bounds, [seen.points])
+            if isinstance(seen, Sketch)
+            else (seen.bounds, [model.points for model in seen.models])
+        )
+        self.say(type="place", bounds=bounds.tolist(), up=list(up), north=north_of(clouds, up))
 
     def go(self, camera: Camera, animate: bool) -> None:
         """The page's camera goes there."""
@@ -71,7 +78,7 @@ class Voice:
             self.say(type="panel", folders=described)
 
     def progress(self, progress: Progress) -> None:
-        self.say(type="progress", stage=progress.stage, share=progress.share)
+        self.say(type="progress", stage=progress.stage, share=progress.share, seconds=progress.seconds)
 
     def toast(self, level: str, text: str, stay: bool = False) -> None:
         """A word that goes away, and is not repeated at once; or one that stays. level : "info", "warning", "error"."""
@@ -112,9 +119,9 @@ class Voice:
             self.say(type="status", lines=_statistics(frame, rate))
 
 
-def north_of(scene: Scene, up: Sequence[float]) -> list[float] | None:
+def north_of(clouds: Sequence[Points], up: Sequence[float]) -> list[float] | None:
     """Where north is, if the scan is georeferenced: its coordinates are far from zero, x is east and z is up."""
-    far = any(model.points.origin.any() for model in scene.models)
+    far = any(points.origin.any() for points in clouds)
     return [0.0, 1.0, 0.0] if far and up[2] > 0.99 * float(np.linalg.norm(up)) else None
 
 
@@ -126,6 +133,9 @@ def legend_of(attribute: Attribute) -> str:
 
 
 def _statistics(frame: Frame, rate: float) -> list[str]:
+    sketch = frame.wish.sketch
+    if sketch is not None:
+        return [f"a sketch: {len(sketch.points):,} of {sketch.count:,} points"]
     models = frame.wish.scene.models
     points, held = sum(len(model.points) for model in models), sum(model.nbytes for model in models) / 2**20
     what = f"{rate:.0f} fps"

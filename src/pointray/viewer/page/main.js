@@ -51,7 +51,7 @@ const messages = {
   },
   values: ({ values }) => panel.setValues(values),
   status: ({ lines }) => overlay.showStatus(lines),
-  progress: ({ stage, share }) => overlay.showProgress(stage, share),
+  progress: ({ stage, share, seconds }) => overlay.showProgress(stage, share, seconds),
   toast: overlay.showToast,
   copy: showCopy,
   picked: (message) => markers.pick(message),

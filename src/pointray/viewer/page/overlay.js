@@ -10,15 +10,21 @@ export function showStatus(lines) {
   byId("status").textContent = Array.isArray(lines) ? lines.join("\n") : "";
 }
 
-/** What the server is busy with; share 0..1, or null where none is known; no stage: nothing. */
-export function showProgress(stage, share) {
+/** What the server is busy with; share 0..1 and seconds left, null where they are not known; no stage: nothing. */
+export function showProgress(stage, share, seconds) {
   const known = Number.isFinite(share);
   const percent = Math.round(100 * Math.min(1, Math.max(0, known ? share : 1)));
   const [bar, text] = byId("progress").children;
   byId("progress").hidden = !stage;
   bar.classList.toggle("unknown", !known);
   bar.style.width = `${percent}%`;
-  text.textContent = known ? `${stage}, ${percent} %` : `${stage} …`;
+  const left = Number.isFinite(seconds) ? `, ${timeLeft(seconds)} left` : "";
+  text.textContent = known ? `${stage}, ${percent} %${left}` : `${stage} …`;
+}
+
+/** Seconds as people say them. */
+function timeLeft(seconds) {
+  return seconds < 90 ? `${Math.max(1, Math.round(seconds))} s` : `${Math.round(seconds / 60)} min`;
 }
 
 /** A message that goes after a while unless it is to stay; a second time the same one takes the first one's place. */

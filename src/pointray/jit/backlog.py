@@ -1,0 +1,88 @@
+"""What is still to be compiled, in this process and in one beside it, and how long that will take."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from typing import NamedTuple
+
+UNKNOWN = 1.0  # seconds that a kernel is taken to need of which nothing is known
+ENOUGH = 2.0  # seconds of compiling after which it is known how fast this machine is
+
+
+class Compiling(NamedTuple):
+    """How far compiling is.
+
+    Attributes
+    ----------
+    number, total : int
+        The kernel that is being compiled, from 1, and how many there will be.
+    share : float
+        Of the time.
+    seconds : float
+        That are left, about.
+    """
+
+    number: int
+    total: int
+    share: float
+    seconds: float
+
+
+class Backlog:
+    """Kernels by name, in two rows: of this process, and of the one beside it. Each row is compiled one by one."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._rows: dict[bool, dict[str, float]] = {False: {}, True: {}}  # beside? -> kernel -> seconds it should take
+        self._begun: dict[str, float] = {}  # when
+        self._done, self._should, self._took = 0, 0.0, 0.0  # kernels, and seconds: as expected, and in truth
+        self._since: float | None = None
+
+    def expect(self, kernels: dict[str, float], beside: bool = False) -> None:
+        """These will be compiled, and should take so many seconds each on a usual machine."""
+        with self._lock:
+            self._rows[beside].update(kernels)
+
+    def begin(self, name: str, beside: bool = False) -> None:
+        """One is being compiled."""
+        with self._lock:
+            self._rows[beside].setdefault(name, UNKNOWN)
+            self._begun[name] = time.perf_counter()
+            if self._since is None:
+                self._since = self._begun[name]
+
+    def end(self, name: str, beside: bool = False) -> None:
+        """It is compiled."""
+        with self._lock:
+            should, begun = self._rows[beside].pop(name, None), self._begun.pop(name, None)
+            if should is not None and begun is not None:
+                self._done, self._should = self._done + 1, self._should + should
+                self._took += time.perf_counter() - begun
+
+    def drop(self, kernels: Iterable[str], beside: bool = False) -> None:
+        """These will not be compiled there after all."""
+        with self._lock:
+            for name in kernels:
+                self._rows[beside].pop(name, None)
+                self._begun.pop(name, None)
+
+    @property
+    def state(self) -> Compiling | None:
+        """How far it is; None: nothing is being compiled at this moment."""
+        now = time.perf_counter()
+        with self._lock:
+            if not self._begun or self._since is None:
+                return None
+            pace = self._took / self._should if self._should > ENOUGH else 1.0
+            rows = [{k: self._left(k, pace * cost, now) for k, cost in row.items()} for row in self._rows.values()]
+            left = max(sum(row.values()) for row in rows)
+            spent = now - self._since
+            total = self._done + sum(map(len, self._rows.values()))
+            return Compiling(self._done + 1, total, spent / (spent + left), left)
+
+    def _left(self, name: str, cost: float, now: float) -> float:
+        """Seconds that one still takes."""
+        begun = self._begun.get(name)
+        return cost if begun is None else max(cost - (now - begun), 0.1 * cost)

@@ -1,0 +1,82 @@
+"""Kernels compiled in a process beside this one, which goes on with other kernels and other work in the meantime."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from typing import Any
+
+from .disk import cache_folder
+from .kernels import BACKLOG, KERNELS, count_beside, is_compiled
+
+STEP = 0.1  # seconds between two looks whether the caller still wants to wait
+
+_lock = threading.Lock()
+_coming: dict[str, threading.Event] = {}  # kernels that a process is compiling, or will: set when it is there
+
+
+def compile_beside(module: str, kernels: dict[str, float]) -> None:
+    """Have kernels compiled by `python -m module NAME...`, where that is not done yet; returns at once.
+
+    The process says the name of each kernel in a line when it is on disk, and ends when its input does. `run` waits for
+    a kernel that is on its way; if the process fails, kernels are compiled where they are used.
+
+    Parameters
+    ----------
+    kernels : dict
+        Names in `KERNELS`, in the order in which they are needed, and the seconds that each should take.
+    """
+    if cache_folder() is None:
+        return
+    with _lock:
+        wanted = {k: cost for k, cost in kernels.items() if k not in _coming and not is_compiled(KERNELS[k])}
+        if not wanted:
+            return
+        command, pipe = [sys.executable, "-m", module, *wanted], subprocess.PIPE
+        try:
+            process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
+        except OSError:
+            return
+        _coming.update({name: threading.Event() for name in wanted})
+    BACKLOG.expect(wanted, beside=True)
+    threading.Thread(target=_follow, args=(process, list(wanted)), name="pointray-compiling", daemon=True).start()
+
+
+def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
+    """Wait until a kernel that is being compiled beside is there; False if that became unwanted before."""
+    event = next((event for name, event in list(_coming.items()) if KERNELS[name] is kernel), None)
+    if event is None:
+        return True
+    begun = time.perf_counter()
+    while not (there := event.wait(STEP)) and not unwanted():
+        pass
+    count_beside(0, time.perf_counter() - begun)
+    return there
+
+
+def _follow(process: subprocess.Popen[str], names: list[str]) -> None:
+    """Tell those who wait what is there; at the end of the process all of it."""
+    left = list(names)
+    BACKLOG.begin(left[0], beside=True)
+    with process, suppress(OSError, ValueError):
+        for line in process.stdout or ():
+            if line.strip() not in left:
+                continue
+            left.remove(line.strip())
+            BACKLOG.end(line.strip(), beside=True)
+            count_beside(1, 0.0)
+            if left:
+                BACKLOG.begin(left[0], beside=True)
+            _arrive([line.strip()])
+    BACKLOG.drop(left, beside=True)
+    _arrive(left)
+
+
+def _arrive(names: Iterable[str]) -> None:
+    with _lock:
+        for name in names:
+            _coming.pop(name).set()

@@ -1,0 +1,151 @@
+"""Points drawn as lit dots by NumPy alone: what is seen of a scan while kernels are still being compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..camera import Camera, view_axes
+from ..data import Points
+from ..image.tone import srgb_to_linear
+from ..staging.studio import ALBEDO, HORIZON, KEY, KEY_DIRECTION
+
+MOST = 60_000  # points that are drawn: a picture takes some 30 ms
+NEIGHBORS = 12  # by which normals are fitted that the file lacks
+COVER = 0.9  # radius of a dot, in distances to the CLOSE-th neighbour: few gaps are left
+CLOSE = 6
+WIDEST = 2.5  # pixels, of a dot's radius: where it would be larger there are fewer pixels
+DEPTHS = 2.0**31  # steps in which depth is told apart
+
+
+class Sketch:
+    """Some of the points of a scan, as they can be drawn at once.
+
+    Parameters
+    ----------
+    clouds : sequence of Points
+        Together.
+
+    Attributes
+    ----------
+    points : Points
+        Those that are drawn.
+    count : int
+        How many there are in all.
+    """
+
+    def __init__(self, clouds: Sequence[Points]) -> None:
+        self.count = sum(len(cloud) for cloud in clouds)
+        share, rng = min(MOST / self.count, 1.0), np.random.default_rng(0)
+        some = [cloud.select(np.flatnonzero(cloud.finite & (rng.random(len(cloud)) < share))) for cloud in clouds]
+        world = np.concatenate([cloud.origin + cloud.positions for cloud in some])
+        self.points = Points(world, _together([cloud.normals for cloud in some]))
+        ranks = np.arange(1, min(NEIGHBORS, len(world)) + 1)
+        distances, near = cKDTree(self.points.positions).query(self.points.positions, ranks)
+        self._spacing = float(np.median(distances[:, min(CLOSE, len(ranks) - 1)]))
+        self._normals: NDArray[Any] | None = self.points.normals
+        if self._normals is None:
+            self._normals = _plane_normals(self.points.positions, near)
+        self._colors = np.concatenate([_linear_colors(cloud) for cloud in some])
+
+    def draw(self, camera: Camera) -> NDArray[np.float32]:
+        """A picture as `render` returns it, perhaps of fewer pixels: (h, w, 4) float32."""
+        radius = self._radius(camera, np.median(self._seen(camera)[2]))
+        camera = _smaller(camera, radius / WIDEST)
+        across, upwards, depth = self._seen(camera)
+        shown = depth > 0
+        (width, height), scale = camera.size, _pixels(camera, np.where(shown, depth, 1.0))
+        column, row = (width / 2 + across * scale).astype(int), (height / 2 - upwards * scale).astype(int)
+        shown &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        which = np.flatnonzero(shown)
+        nearest = self._nearest(column[which], row[which], depth[which], min(radius, WIDEST), (height, width))
+        image = np.zeros((height, width, 4), np.float32)
+        hit = nearest >= 0
+        image[hit, :3] = self._lit(camera, which[nearest[hit]])
+        image[hit, 3] = 1.0
+        return image
+
+    def _seen(self, camera: Camera) -> tuple[NDArray[np.float64], ...]:
+        """Places to the right, upwards and along the view, from the eye."""
+        eye = np.asarray(camera.eye) - self.points.origin
+        forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
+        places = self.points.positions.astype(np.float64) - eye
+        return places @ right, places @ top, places @ forward
+
+    def _radius(self, camera: Camera, depth: float) -> float:
+        """Pixels that a dot's radius has at some depth."""
+        return max(COVER * self._spacing * float(_pixels(camera, np.array(max(depth, 1e-300)))), 0.5)
+
+    def _nearest(
+        self,
+        column: NDArray[np.int64],
+        row: NDArray[np.int64],
+        depth: NDArray[np.float64],
+        radius: float,
+        shape: tuple[int, int],
+    ) -> NDArray[np.int64]:
+        """Of each pixel the number of the dot that is nearest to the eye, -1: there is none."""
+        height, width = shape
+        none = np.iinfo(np.int64).max
+        buffer = np.full(height * width, none)
+        steps = (depth / max(float(depth.max(initial=0.0)), 1e-300) * (DEPTHS - 1)).astype(np.int64)
+        keys = (steps << 32) | np.arange(len(depth))
+        reach, square = int(np.ceil(radius)), radius * radius + 0.5
+        for down in range(-reach, reach + 1):
+            for aside in range(-reach, reach + 1):
+                if down * down + aside * aside > square:
+                    continue
+                x, y = column + aside, row + down
+                inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+                np.minimum.at(buffer, (y * width + x)[inside], keys[inside])
+        return np.where(buffer == none, -1, buffer & 0xFFFFFFFF).reshape(shape)
+
+    def _lit(self, camera: Camera, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Linear colours of points in the studio's light, both sides alike."""
+        assert self._normals is not None
+        forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
+        sideways, upwards, backwards = KEY_DIRECTION
+        light = sideways * right + upwards * top - backwards * forward
+        normals = self._normals[rows].astype(np.float64)
+        toward = np.where(normals @ forward > 0, 1.0, -1.0)  # the eye looks along `forward`
+        facing = toward * (normals @ light) / np.linalg.norm(light)
+        bright = HORIZON + KEY / np.pi * np.maximum(facing, 0.0)
+        return np.asarray(self._colors[rows] * bright[:, None], np.float32)
+
+
+def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pixels that a length of one has at some depth."""
+    half = np.tan(np.radians(camera.fov) / 2)
+    if camera.projection == "orthographic":
+        depth = np.full_like(depth, np.linalg.norm(np.subtract(camera.target, camera.eye)))
+    return np.asarray(camera.size[1] / 2 / (half * depth))
+
+
+def _smaller(camera: Camera, times: float) -> Camera:
+    """The camera for a picture so many times smaller, if that is more than one."""
+    width, height = camera.size
+    return replace(camera, size=(max(1, round(width / times)), max(1, round(height / times)))) if times > 1 else camera
+
+
+def _together(parts: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
+    """Normals of several clouds; None where one has none."""
+    known = [part for part in parts if part is not None]
+    return np.nan_to_num(np.concatenate(known)) if len(known) == len(parts) else None
+
+
+def _linear_colors(cloud: Points) -> NDArray[np.float32]:
+    if cloud.colors is None:
+        return np.full((len(cloud), 3), ALBEDO, np.float32)
+    return np.asarray(srgb_to_linear(cloud.colors / 255.0), np.float32)
+
+
+def _plane_normals(positions: NDArray[np.float32], near: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Normals of planes through neighbours; which side they look to does not matter here."""
+    around = positions[near].astype(np.float64)
+    around -= around.mean(axis=1, keepdims=True)
+    return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0])

@@ -1,0 +1,104 @@
+"""Kernels compiled before they are needed, in a process beside: `python -m pointray.warmup NAME...` is that process.
+
+The kernel of pictures takes three times as long to compile as all those together that build a model, so both are
+compiled at once; what a click in the viewer needs comes after that.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Callable, Sequence
+
+from .camera import Camera
+from .frames import quick_frame
+from .instances import Plane
+from .jit import BACKLOG, KERNELS, compile_beside, is_compiled, wait_for
+from .picture import kernel_for, render
+from .scene import Scene
+from .settings import Settings
+
+# Seconds that kernels take on one core of 2024; what compiles faster or slower is noticed, see `jit.Backlog`.
+BUILD = {
+    "splats.voronoi._measure": 1.4,
+    "splats.borders._find_gaps": 1.3,
+    "splats.voronoi._medians": 0.2,
+    "splats.sheets._find": 0.3,
+    "tree.blocks._sort_rows": 0.3,
+    "tree.blocks._fill_blocks": 0.3,
+    "tree.cells.cut_roots": 3.2,
+    "tree.leaves.fill_leaves": 3.7,
+    "tree.leaves.fill_groups": 0.2,
+    "tree.wide.enclose": 0.2,
+    "tree.wide.collapse": 0.4,
+}
+NORMALS = {
+    "points.jets._fit": 1.4,
+    "points.orientation._join_parts": 0.7,
+    "points.orientation._count_votes": 0.1,
+    "points.orientation._cast_votes": 0.3,
+    "points.orientation._join_clearest": 0.3,
+    "points.orientation._flatten": 0.1,
+    "points.sheets._spacings": 0.2,
+    "points.sheets._build": 0.5,
+    "points.sheets._wind": 0.5,
+}
+QUICK, SAMPLED, CLICK = "frames.quick_frame", "frames.sampled_frame", "trace.cast._closest"
+PICTURES = {QUICK: 31.0, SAMPLED: 28.0, CLICK: 5.0}
+
+
+def warm_up(settings: Settings, clicks: bool = False) -> None:
+    """Begin to compile what pictures of a scan need, and perhaps what clicks do; nothing where all is compiled."""
+    wanted = [QUICK if kernel_for(settings) is quick_frame else SAMPLED, *[CLICK] * clicks]
+    compile_beside(__name__, {_full(name): PICTURES[name] for name in wanted})
+    expect(BUILD)
+
+
+def expect(kernels: dict[str, float]) -> None:
+    """These are compiled by this process, soon: so many seconds of waiting are told."""
+    BACKLOG.expect({_full(k): cost for k, cost in kernels.items() if not is_compiled(KERNELS[_full(k)])})
+
+
+def is_warm(settings: Settings) -> bool:
+    """Whether pictures can be drawn at once."""
+    return is_compiled(kernel_for(settings))
+
+
+def wait_until_warm(settings: Settings) -> None:
+    """Wait while that is being compiled beside."""
+    wait_for(kernel_for(settings), lambda: False)
+
+
+def _full(name: str) -> str:
+    return f"{__package__}.{name}"
+
+
+def _compile(names: Sequence[str]) -> None:
+    """Compile kernels by using them; says each that is done."""
+    scene = Scene()
+    scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures are the same whatever is in a scene
+    camera = Camera.look_at((1, 1, 1), (0, 0, 0), size=(8, 8))
+    recipes: dict[str, Callable[[], object]] = {
+        QUICK: lambda: render(scene, camera, Settings(threads=1)),
+        SAMPLED: lambda: render(scene, camera, Settings("path", threads=1)),
+        CLICK: lambda: scene.intersect((0, 0, 1), (0, 0, -1)),
+    }
+    for name in names:
+        recipes[name.removeprefix(f"{__package__}.")]()
+        print(name, flush=True)
+
+
+def _end_with_input() -> None:
+    """End when the process does that has started this one, whatever it dies of."""
+
+    def watch() -> None:
+        sys.stdin.buffer.read()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+if __name__ == "__main__":
+    _end_with_input()
+    _compile(sys.argv[1:])

@@ -1,0 +1,218 @@
+"""Kernels compiled beside and before they are needed, and what is told of it."""
+
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from pointray import jit, warmup
+from pointray.jit import backlog, beside
+from pointray.jit.backlog import Backlog
+from pointray.viewer.time_left import TimeLeft
+
+
+class Clock:
+    """Time that passes when it is told to."""
+
+    def __init__(self, monkeypatch):
+        self.now = 100.0
+        monkeypatch.setattr(time, "perf_counter", lambda: self.now)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    return Clock(monkeypatch)
+
+
+def test_the_backlog_tells_which_kernel_and_how_long(clock):
+    """Two rows at once: what is left is what the longer one still takes, at the pace that was seen."""
+    work = Backlog()
+    assert work.state is None
+    work.expect({"a": 4.0, "b": 6.0})
+    work.expect({"c": 20.0}, beside=True)
+    assert work.state is None
+    work.begin("a")
+    work.begin("c", beside=True)
+    assert work.state == (1, 3, 0.0, 20.0)
+    clock.now += 8.0
+    assert work.state == (1, 3, pytest.approx(8 / (8 + 12)), 12.0)
+    work.end("a")  # twice as slow as expected
+    number, total, _, seconds = work.state
+    assert (number, total) == (2, 3) and seconds == pytest.approx(2 * 20 - 8)
+    work.end("c", beside=True)
+    assert work.state is None  # nothing at this moment
+    work.begin("b")
+    work.begin("unknown")
+    assert work.state.total == 4
+    clock.now += 1000.0
+    assert 0 < work.state.seconds < 10 and work.state.share < 1
+    work.drop(["b", "unknown"])
+    assert work.state is None
+
+
+def test_a_kernel_that_nobody_expected_is_counted(clock):
+    work = Backlog()
+    work.begin("a")
+    assert work.state == (1, 1, 0.0, backlog.UNKNOWN)
+    work.end("a")
+    work.begin("b")
+    assert (work.state.number, work.state.total) == (2, 2)
+
+
+def test_time_left_is_that_of_a_stage(clock):
+    left = TimeLeft()
+    assert left("radii", 0.0) is None
+    clock.now += 0.5
+    assert left("radii", 0.1) is None  # too early to tell
+    clock.now += 1.5
+    assert left("radii", 0.2) == pytest.approx(8.0)
+    assert left("tree", 0.5) is None
+    clock.now += 10.0
+    assert left("tree", 0.75) == pytest.approx(10.0)
+    assert left("tree", None) is None and left("tree", 0.1) is None  # begun anew
+
+
+COLD = """
+import sys, threading, time
+import pointray as pr
+from pointray import warmup
+from pointray.jit import BACKLOG, KERNELS, compilations, is_compiled
+
+def watch():
+    while True:
+        seen.append(BACKLOG.state)
+        time.sleep(0.01)
+
+if __name__ == "__main__":
+    seen = []
+    settings = pr.Settings(%r)
+    cold = not warmup.is_warm(settings)
+    warmup.warm_up(settings, clicks=True)
+    warmup.expect(warmup.NORMALS)
+    threading.Thread(target=watch, daemon=True).start()
+    points = pr.procedural("torus", 2000)
+    before = compilations()
+    model = pr.Model(pr.Points(points.positions))
+    scene = pr.Scene()
+    scene.add(model)
+    image = pr.render(scene, pr.frame(scene, size=(32, 24)), settings)
+    scene.intersect([0, 0, 5], [0, 0, -1])
+    known = {*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES}
+    done = {name.removeprefix("pointray.") for name, kernel in KERNELS.items() if is_compiled(kernel)}
+    here = {name for name in done if not name.startswith("points.procedural")}
+    states = [state for state in seen if state]
+    print(cold, compilations() - before, int(image[..., 3].sum()))
+    print(sorted(here - known), sorted(set(warmup.BUILD) - here))
+    print(len(states) > 0 and (states[0].number, max(state.total for state in states)), BACKLOG.state)
+    print(all(a.number <= b.number for a, b in zip(states, states[1:])))
+"""
+
+
+def run(program, cache, *words):
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words],
+        env={**os.environ, "POINTRAY_CACHE": str(cache), "POINTRAY_CHECK": ""},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.splitlines()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["phong", "path"])
+def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path, integrator):
+    """And on the next one nothing is: neither compiled nor told."""
+    first = run(COLD % integrator, tmp_path)
+    count = len(warmup.BUILD) + len(warmup.NORMALS) + 2
+    cold, compiled, covered = first[0].split()
+    assert cold == "True" and int(covered) > 100
+    assert first[1] == "[] []"
+    assert count - 4 <= int(compiled) <= count  # how many orienting takes depends on the points
+    assert first[2] == f"(1, {count}) None" and first[3] == "True"
+    again = run(COLD % integrator, tmp_path)
+    assert again[0] == f"False 0 {covered}" and again[2] == "False None"
+
+
+BROKEN = """
+import sys, time
+mode = sys.argv[1]
+if mode == "die":
+    sys.exit(3)
+print("pointray.no.such", flush=True)
+time.sleep(0.2)
+"""
+
+
+@pytest.fixture
+def uncompiled(monkeypatch):
+    """A kernel that is taken for not compiled."""
+    monkeypatch.setattr(beside, "is_compiled", lambda dispatcher: False)
+    return "pointray.trace.cast._closest"
+
+
+@pytest.mark.parametrize("program", ["raise SystemExit(3)", "print('pointray.no.such')", "print('\\xff' * 9)"])
+def test_where_the_process_beside_fails_nobody_waits(tmp_path, monkeypatch, uncompiled, program):
+    (tmp_path / "sad_module.py").write_text(program)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    scene = pr.Scene()
+    scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
+    jit.compile_beside("sad_module", {uncompiled: 1.0})
+    assert scene.intersect((0, 0, 2), (0, 0, -1)).t == 2.0
+    assert uncompiled not in beside._coming and jit.BACKLOG.state is None
+
+
+def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatch, uncompiled):
+    (tmp_path / "slow_module.py").write_text(f"import time; time.sleep(1); print({uncompiled!r}, flush=True); input()")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    jit.compile_beside("slow_module", {uncompiled: 1.0})
+    kernel = jit.KERNELS[uncompiled]
+    assert not jit.wait_for(kernel, lambda: True)
+    assert jit.BACKLOG.state is not None
+    before = jit.compile_seconds()
+    assert jit.wait_for(kernel, lambda: False)
+    assert jit.compile_seconds() > before
+    assert jit.wait_for(jit.KERNELS["pointray.frames.quick_frame"], lambda: True)  # nobody compiles it
+
+
+def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):
+    """Killed, not ended: nothing is left behind that goes on compiling."""
+    script = (
+        "import os, time; from pointray.jit import beside; beside.is_compiled = lambda d: False; "
+        "from pointray import warmup; import subprocess; real = subprocess.Popen\n"
+        "def start(*words, **how):\n"
+        "    process = real(*words, **how)\n"
+        "    print(process.pid, flush=True)\n"
+        "    return process\n"
+        "subprocess.Popen = start\n"
+        "warmup.warm_up(__import__('pointray').Settings())\n"
+        "time.sleep(1)\n"
+        "os.kill(os.getpid(), 9)\n"
+    )
+    environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == -9
+    pid = int(done.stdout)
+    end = time.monotonic() + 20
+    while is_alive(pid):
+        assert time.monotonic() < end, "it goes on"
+        time.sleep(0.1)
+
+
+def is_alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_names_of_kernels_are_right():
+    """Those that are told to come, and those that the process beside knows how to compile."""
+    for name in (*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES):
+        assert f"pointray.{name}" in jit.KERNELS
+    assert np.all([cost > 0 for cost in (*warmup.BUILD.values(), *warmup.NORMALS.values())])
