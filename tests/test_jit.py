@@ -223,6 +223,7 @@ ROOMS = [
     "vec",
     "extras",
     "arguments",
+    "progress",
     "memory",
     "sampling",
     "records",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .arguments import check_callback, check_choice, check_number, check_path, check_positive, check_whole
 from .data import FARTHEST, Points
 from .points import normals as point_normals
+from .progress import Progress
 from .records import NODE, SURFACES, WIDTH, Tree
 from .saved import Part, read_model, write_model
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, THIN, coarsen
@@ -104,7 +105,7 @@ class Model:
         cloud = self.points.select(used) if lost else self.points
         say("normals", 0.0)
         # Means are right as they are: neighbours of a thin body may look to opposite sides.
-        normals = _unit_normals(cloud) if within is None else np.asarray(cloud.normals)
+        normals = _unit_normals(cloud, partial(say, "normals")) if within is None else np.asarray(cloud.normals)
         say("radii", 0.0)
         automatic = self.settings.overhang < np.inf
         support = find_support(
@@ -115,6 +116,7 @@ class Model:
             borders=automatic,
             sheets=automatic and (self.surface != "paper" or within is not None),
             within=within,
+            progress=partial(say, "radii"),
         )
         if within is not None and support.sheets is not None and support.sheets.mean() < THIN:
             support = support._replace(sheets=None)
@@ -263,13 +265,13 @@ def _points_of(positions: ArrayLike) -> Points:
         raise ValueError(f"points: {error}") from None
 
 
-def _unit_normals(points: Points) -> NDArray[np.float32]:
+def _unit_normals(points: Points, progress: Progress | None = None) -> NDArray[np.float32]:
     """Unit normals: the points' own where they have them, mended or estimated where not."""
     if points.normals is None:
-        normals = point_normals.estimate_normals(points).normals
+        normals = point_normals.estimate_normals(points, progress=progress).normals
         assert normals is not None
         return normals
-    mended, message = point_normals.mend_normals(points)
+    mended, message = point_normals.mend_normals(points, progress)
     if message:
         warnings.warn(message, stacklevel=4)
     assert mended.normals is not None

@@ -16,11 +16,15 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .jit import thread_count
+from .progress import Progress, part_of, tell
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-_CHUNK = 1 << 17  # queries at a time: SciPy answers in float64 and int64, four times what is kept
+TREE = 0.1  # share of the time for 20 neighbours that the tree takes
+
+_CHUNK = 1 << 17  # rows of a table at a time
+_ASKED = 1 << 15  # queries at a time: SciPy answers in float64 and int64, four times what is kept
 
 
 class NeighborTree:
@@ -38,7 +42,9 @@ class NeighborTree:
         # Half the time to build, no slower to ask.
         self._tree: Any = cKDTree(positions[self._order], balanced_tree=False, compact_nodes=False)
 
-    def query(self, k: int, queries: Floats | None = None) -> tuple[Floats, NDArray[np.int32]]:
+    def query(
+        self, k: int, queries: Floats | None = None, progress: Progress | None = None
+    ) -> tuple[Floats, NDArray[np.int32]]:
         """The k nearest positions of each query, nearest first.
 
         Parameters
@@ -47,6 +53,7 @@ class NeighborTree:
             If there are fewer positions, all are given.
         queries : (m, 3) float32, optional
             None: the positions themselves; each is then among its own neighbours (first, but for duplicates).
+        progress : callable, optional
 
         Returns
         -------
@@ -66,19 +73,26 @@ class NeighborTree:
 
         # Not SciPy's own threads: what is raised in them (std::bad_alloc) is printed, and the neighbours are wrong;
         # and they go on after an interrupt. The pool hands errors on, and is left when its last thread is done.
-        step = min(_CHUNK, max(1, -(-len(path) // thread_count())))
+        step = min(_ASKED, max(1, -(-len(path) // thread_count())))
         with ThreadPoolExecutor(thread_count()) as pool:
-            for _ in pool.map(ask, [slice(start, start + step) for start in range(0, len(path), step)]):
-                pass
+            parts = [slice(start, start + step) for start in range(0, len(path), step)]
+            for part, _ in zip(parts, pool.map(ask, parts), strict=True):
+                tell(progress, min(part.stop / len(path), 1.0))
         return distances, indices
 
 
-def neighbors(positions: Floats, k: int, queries: Floats | None = None) -> tuple[Floats, NDArray[np.int32]]:
+def neighbors(
+    positions: Floats, k: int, queries: Floats | None = None, progress: Progress | None = None
+) -> tuple[Floats, NDArray[np.int32]]:
     """The k nearest positions of each query, see `NeighborTree.query`."""
-    return NeighborTree(positions).query(k, queries)
+    tree = NeighborTree(positions)
+    tell(progress, TREE)
+    return tree.query(k, queries, part_of(progress, TREE, 1.0))
 
 
-def neighbor_chunks(positions: Floats, k: int) -> Iterator[tuple[slice, NDArray[np.int32]]]:
+def neighbor_chunks(
+    positions: Floats, k: int, progress: Progress | None = None
+) -> Iterator[tuple[slice, NDArray[np.int32]]]:
     """The k nearest of each position, a part of the rows at a time: (rows, (m, min(k, n)) int32), nearest first.
 
     For tables too large to be held at once. Along a Morton curve only (see `morton_order`) is this fast.
@@ -87,6 +101,7 @@ def neighbor_chunks(positions: Floats, k: int) -> Iterator[tuple[slice, NDArray[
     for start in range(0, len(positions), _CHUNK):
         part = slice(start, start + _CHUNK)
         yield part, tree.query(k, positions[part])[1]
+        tell(progress, min(part.stop / len(positions), 1.0))
 
 
 def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:

@@ -288,7 +288,7 @@ def info(
     check_scan(file)
     with Progress() as progress:
         progress.show("reading", 0.0)
-        points, model = in_background(lambda: read_scan(file))
+        points, model = in_background(lambda: read_scan(file, progress))
         progress.show("looking", 0.0)
         facts = in_background(lambda: describe(points, deep))
     if model is not None:

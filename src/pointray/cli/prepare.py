@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +41,12 @@ def check_output(file: Path, output: Path, force: bool) -> None:
         raise ValueError(f"{output}: is the input itself; --force overwrites it")
 
 
-def read_scan(file: Path) -> tuple[Any, Any]:
+def read_scan(file: Path, progress: Progress) -> tuple[Any, Any]:
     """The points of a file, and the model if it is a saved one, else None."""
     import pointray as pr
 
     if file.suffix.lower() != SAVED:
-        return pr.read(file), None
+        return pr.read(file, partial(progress.show, "reading")), None
     model = pr.Model.load(file)
     return model.points, model
 
@@ -69,7 +70,7 @@ def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
 
     with Progress() as progress:
         progress.show("reading", 0.0)
-        read, model = in_background(lambda: read_scan(file))
+        read, model = in_background(lambda: read_scan(file, progress))
         try:
             points, done = in_background(lambda: _prepared(read, tolerance, wishes, progress.show))
         except ValueError as error:
@@ -111,7 +112,7 @@ def _prepared(points: Any, tolerance: tuple[float, bool] | None, wishes: dict[st
         points = points.select(~drop)
     if wishes["estimate_normals"]:
         show("normals", 0.0)
-        points = pr.estimate_normals(points, viewpoint=wishes["viewpoint"])
+        points = pr.estimate_normals(points, viewpoint=wishes["viewpoint"], progress=partial(show, "normals"))
         done.append("normals estimated")
     if tolerance is not None or wishes["count"] is not None:
         before = len(points)

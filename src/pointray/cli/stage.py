@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -135,7 +136,7 @@ class Stage:
             if not self.is_plain:
                 raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
             return in_background(lambda: pr.Model.load(file))
-        points = in_background(lambda: pr.read(file))
+        points = in_background(lambda: pr.read(file, partial(progress.show, "reading")))
         if points.normals is None:
             expect(NORMALS)
         self._coat.material(points, self._choice.up)  # raises what is wrong

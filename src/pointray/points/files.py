@@ -14,8 +14,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..arguments import check_kind, check_path
+from ..arguments import check_callback, check_kind, check_path
 from ..data import Points
+from ..progress import Progress
 from . import ply
 
 if sys.platform != "win32":
@@ -28,16 +29,18 @@ BUFFER = 1 << 20  # bytes
 _swept: set[Path] = set()
 
 # Extension -> reader. A format to come adds its file's READERS here.
-READERS: dict[str, Callable[[Path], Points]] = {**ply.READERS}
+READERS: dict[str, Callable[[Path, Progress | None], Points]] = {**ply.READERS}
 
 
-def read(path: str | os.PathLike[str]) -> Points:
+def read(path: str | os.PathLike[str], progress: Progress | None = None) -> Points:
     """Read a point cloud.
 
     Parameters
     ----------
     path : str or path
         A file that ends in .ply: ascii or binary, with or without normals, colours and other properties.
+    progress : callable, optional
+        Called with the share done.
 
     Returns
     -------
@@ -52,9 +55,10 @@ def read(path: str | os.PathLike[str]) -> Points:
         If there is no reader for the extension, or the contents are damaged or hold no points.
     """
     file = check_path(path)
+    check_callback(progress)
     reader = check_readable(file)
     try:
-        return reader(file)
+        return reader(file, progress)
     except ValueError as error:
         raise ValueError(f"{file}: {' '.join(str(error).split())}") from error
 
@@ -68,7 +72,7 @@ def check_regular(path: str | os.PathLike[str]) -> Path:
     return file
 
 
-def check_readable(path: str | os.PathLike[str]) -> Callable[[Path], Points]:
+def check_readable(path: str | os.PathLike[str]) -> Callable[[Path, Progress | None], Points]:
     """The reader of a file; OSError or ValueError if it cannot be opened, or no reader knows its extension."""
     file = check_regular(path)
     reader = READERS.get(file.suffix.lower())

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..jit import borrow, inline, kernel, routine, run, take
 from ..neighbors import neighbor_chunks, neighbors
+from ..progress import Progress, part_of, tell
 from ..vec import tangents
 from .planes import least_axis, plane
 
@@ -25,6 +26,7 @@ SIZES = (10, 16, 32, 64)  # neighbourhoods to choose from; the point itself is o
 CLEAN = 0.01  # noise in spacings below which 16 are enough
 DETAIL = 0.15  # weight of squared residuals beyond the noise: 1 takes noise for detail
 WIDTH = 1.0  # weights fall to 1/e at the rim
+SURVEY = 0.15  # share of the time after which the noise is known
 NOISE_SAMPLE, NOISE_SIZES = 5000, (12, 32, 64)
 LINED = 0.1  # share of fits that may be to points on a line; else more points are taken
 QUANTILE, AT_QUANTILE = 0.25, 0.75  # of residuals of pure noise, a quarter is below 0.75 of the mean
@@ -221,7 +223,11 @@ def _survey(positions: Floats) -> tuple[float, int]:
 
 
 def fit_normals(
-    positions: Floats, neighbors: int | None, kept: int, eye: Floats | None = None
+    positions: Floats,
+    neighbors: int | None,
+    kept: int,
+    eye: Floats | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Floats, NDArray[np.int32], Floats]:
     """Unit normals, the nearest neighbours that signs may pass to, and the residuals of the fits.
 
@@ -237,6 +243,7 @@ def fit_normals(
         Where a plane through the neighbours is turned to, and the normal with it; None: normals of either sign. The
         plane tilts less: of exact pipes scanned with noise, 0.08% of the quadrics' normals turned to the eye were
         flipped, 0.009% of those that go with the plane.
+    progress : callable, optional
 
     Returns
     -------
@@ -251,7 +258,8 @@ def fit_normals(
     sizes = sorted({min(k, n) for k in sizes})
     normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)
     residuals = np.empty(n, np.float32)
-    for part, found in neighbor_chunks(positions, max(sizes[-1], kept)):
+    tell(progress, SURVEY)
+    for part, found in neighbor_chunks(positions, max(sizes[-1], kept), part_of(progress, SURVEY, 1.0)):
         rows = np.arange(part.start, part.start + len(found))
         table = np.ascontiguousarray(found[:, : sizes[-1]])
         fits, residuals[part] = _fit_rows(positions, rows, table, sizes, noise)

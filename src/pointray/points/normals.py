@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_kind, check_whole, vector
+from ..arguments import check_callback, check_kind, check_whole, vector
 from ..data import Points
 from ..neighbors import distinct, morton_order, neighbor_chunks, neighbors
+from ..progress import Progress, part_of, tell
 from .checks import agreement_share, looks_inward
 from .jets import fit_normals
 from .orientation import NEAR, orient
@@ -19,10 +20,17 @@ MENDING = 8  # good normals that stand in for a missing one
 UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before it is mentioned
 DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are set anew: real scans have up to 0.006
 
+FITTED, ORIENTED = 0.7, 0.8  # shares of the time after which normals are fitted, and turned
+
 Floats = NDArray[np.float32]
 
 
-def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: ArrayLike | None = None) -> Points:
+def estimate_normals(
+    points: Points,
+    neighbors: int | None = None,
+    viewpoint: ArrayLike | None = None,
+    progress: Progress | None = None,
+) -> Points:
     """Normals of quadrics fitted to the nearest neighbours, turned to agree with each other.
 
     Parameters
@@ -35,6 +43,8 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
         World position of the scanner: every normal goes with a plane through its neighbours that is turned towards
         it. None: the signs pass from point to point
         and from part to part; what is connected is turned outward, or up where that says nothing.
+    progress : callable, optional
+        Called with the share done.
 
     Returns
     -------
@@ -54,6 +64,7 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
     Barill, Dickson, Schmidt, Levin, Jacobson: Fast winding numbers for soups and clouds (2018).
     """
     check_kind(points, "points", Points, "Points")
+    check_callback(progress)
     if neighbors is not None:
         neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))
     eye = None if viewpoint is None else vector(viewpoint, "viewpoint") - points.origin
@@ -61,11 +72,12 @@ def estimate_normals(points: Points, neighbors: int | None = None, viewpoint: Ar
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
     if eye is None:
-        unit, near, residuals = fit_normals(path, neighbors, NEAR)
+        unit, near, residuals = fit_normals(path, neighbors, NEAR, progress=part_of(progress, 0.0, FITTED))
         unit *= orient(path, unit, near)[:, None]
+        tell(progress, ORIENTED)
         part_sheets(path, unit, near, residuals)
     else:
-        unit, _, _ = fit_normals(path, neighbors, 1, eye.astype(np.float32))
+        unit, _, _ = fit_normals(path, neighbors, 1, eye.astype(np.float32), progress)
     normals = np.zeros_like(points.positions)
     normals[points.finite] = unit[places]
     return points.with_normals(normals)
@@ -81,7 +93,7 @@ def _path(points: Points) -> tuple[Floats, NDArray[np.int64]]:
     return positions[rows[order]], rank[places]
 
 
-def mend_normals(points: Points) -> tuple[Points, str | None]:
+def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Points, str | None]:
     """The points with unit normals wherever the position is finite, and what had to be done for it.
 
     Parameters
@@ -99,12 +111,14 @@ def mend_normals(points: Points) -> tuple[Points, str | None]:
     """
     finite = points.finite
     if points.normals is None:
-        return estimate_normals(points), "the points have no normals: estimated from their neighbours"
+        why = "the points have no normals: estimated from their neighbours"
+        return estimate_normals(points, progress=progress), why
     unit, length = _normalise(points.normals)
     good = length > 0
     sound = finite & good
     if not sound.any():
-        return estimate_normals(points), "all normals are zero or not finite: estimated from the points' neighbours"
+        why = "all normals are zero or not finite: estimated from the points' neighbours"
+        return estimate_normals(points, progress=progress), why
     unit[~sound] = 0
     said = []
     lost = finite & ~good

@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 
 from ..data import Points, check_count
+from ..progress import Progress, part_of, tell
 
 LONGEST_HEADER = 1 << 20
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 BLOCK = 1 << 20  # bytes of ascii looked at together
+STACKED = 1 << 18  # rows that are copied together
 SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or LF, so that CR LF ends a blank line too
 LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
 
@@ -38,9 +40,21 @@ class _Header(NamedTuple):
     size: int  # bytes
 
 
-def read_ply(path: Path) -> Points:
+class _Watched(io.FileIO):
+    """A file that tells how much of it has been read."""
+
+    def __init__(self, path: Path, progress: Progress | None) -> None:
+        super().__init__(path, "rb")
+        self._progress, self._size = progress, max(path.stat().st_size, 1)
+
+    def readinto(self, buffer: Any) -> int | None:
+        tell(self._progress, min(self.tell() / self._size, 1.0))
+        return super().readinto(buffer)
+
+
+def read_ply(path: Path, progress: Progress | None = None) -> Points:
     """Read the vertices of a PLY file; ValueError says what is wrong with its contents."""
-    with path.open("rb") as file, warnings.catch_warnings():
+    with io.BufferedReader(_Watched(path, progress), BLOCK) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
         header = _read_header(file)
         places = [i for i, element in enumerate(header.elements) if element.name == "vertex"]
@@ -52,7 +66,8 @@ def read_ply(path: Path) -> Points:
         file.seek(header.size)
         rows = _read_ascii if header.format == "ascii" else _read_binary
         columns = rows(file, header, places[0])
-    return _to_points(columns, {p.name: np.dtype(p.dtype()) for p in vertex.properties})
+    copied = progress if header.format != "ascii" else None
+    return _to_points(columns, {p.name: np.dtype(p.dtype()) for p in vertex.properties}, copied)
 
 
 def _read_header(file: BinaryIO) -> _Header:
@@ -244,23 +259,27 @@ def _length_of(text: str) -> int:
 # ------------------------------------------------------------------------------------------------ to Points and back
 
 
-def _to_points(columns: Columns, types: dict[str, np.dtype[Any]]) -> Points:
-    positions = _stack([columns.pop(name) for name in "xyz"])
+def _to_points(columns: Columns, types: dict[str, np.dtype[Any]], progress: Progress | None) -> Points:
+    first = part_of(progress, 0.0, 0.6)  # what comes from the disk comes with the first column
+    positions = _stack([columns.pop(name) for name in "xyz"], first)
     normals = next((names for names in NORMALS if columns.keys() >= set(names)), ())
     colors = next((names for names in COLORS if columns.keys() >= set(names)), ())
     return Points(
         positions,
-        _stack([columns.pop(name) for name in normals]) if normals else None,
+        _stack([columns.pop(name) for name in normals], part_of(progress, 0.6, 0.8)) if normals else None,
         _to_uint8(_stack([columns.pop(name) for name in colors]), types[colors[0]]) if colors else None,
         columns,
     )
 
 
-def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def _stack(columns: Sequence[NDArray[Any]], progress: Progress | None = None) -> NDArray[Any]:
     dtype = np.result_type(*(column.dtype.newbyteorder("=") for column in columns))
     rows = np.empty((len(columns[0]), len(columns)), dtype)
-    for i, column in enumerate(columns):
-        rows[:, i] = column
+    for start in range(0, len(rows), STACKED):
+        part = slice(start, start + STACKED)
+        for i, column in enumerate(columns):
+            rows[part, i] = column[part]
+        tell(progress, min(part.stop / len(rows), 1.0))
     return rows
 
 

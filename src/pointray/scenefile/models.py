@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -109,6 +110,6 @@ def _load(source: Source, recipe: Recipe, say: Say) -> Model:
     with source.telling((*recipe.key, "file")):
         if file.suffix.lower() == SAVED:
             return Model.load(file)
-        points = read(file)
+        points = read(file, partial(say, "reading"))
     with source.telling(recipe.key):
         return Model(points, radii_in(points), **recipe.how, progress=say)

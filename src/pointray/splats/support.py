@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import distinct, neighbors
+from ..progress import Progress, part_of
 from .radii import NEIGHBORS, choose_radii
 from .sheets import find_sheets
 
 # Where over a thousandth of the radii are smaller than TIGHT times those that cover, surface lies in gaps.
 TIGHT, TIGHT_SHARE = 0.9, 1e-3
 CROWD = 16  # splats at one place
+PLACED, FOUND, CHOSEN = 0.05, 0.75, 0.98  # shares of the time after which places, neighbours, radii are known
 
 
 class Support(NamedTuple):
@@ -53,6 +55,7 @@ def find_support(
     borders: bool,
     sheets: bool,
     within: tuple[float, NDArray[np.float32]] | None = None,
+    progress: Progress | None = None,
 ) -> Support:
     """The support of every splat, all of it from one search for neighbours.
 
@@ -69,6 +72,7 @@ def find_support(
         What to look for besides radii; sheets only with borders. A handful of places has neither.
     within : (float, (n,) float32), optional
         None is chosen smaller or larger than these.
+    progress : callable, optional
 
     Raises
     ------
@@ -82,8 +86,8 @@ def find_support(
         return Support(given, None, None, False, places)
     # Nearly always all are distinct: then no copies, at 24 million points half a GiB at the peak.
     sites = (positions, normals) if len(rows) == len(positions) else (positions[rows], normals[rows])
-    hood = neighbors(sites[0], NEIGHBORS + 1)
-    covering, ends = choose_radii(*sites, *hood)
+    hood = neighbors(sites[0], NEIGHBORS + 1, progress=part_of(progress, PLACED, FOUND))
+    covering, ends = choose_radii(*sites, *hood, part_of(progress, FOUND, CHOSEN))
     if within is not None:
         covering = np.clip(covering, np.float32(within[0]), within[1][rows])
     chosen = covering[places] * np.float32(scale) if given is None else given

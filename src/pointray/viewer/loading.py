@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +53,9 @@ class Files:
     def __call__(self, subject: Subject) -> None:
         clouds: list[Points | Model] = []
         for path in self.paths:
-            subject.say(f"reading {path.name}", None)
-            clouds.append(Model.load(path) if path.suffix.lower() == SAVED else read(path))
+            stage = f"reading {path.name}"
+            subject.say(stage, None)
+            clouds.append(Model.load(path) if path.suffix.lower() == SAVED else read(path, partial(subject.say, stage)))
         if any(isinstance(cloud, Points) and cloud.normals is None for cloud in clouds):
             expect(NORMALS)
         if not is_warm(subject.settings):

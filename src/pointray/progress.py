@@ -1,0 +1,21 @@
+"""How much of some work is done, as those are told who wait for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[float], None]  # takes the share that is done, 0 to 1, from any thread
+
+
+def part_of(progress: Progress | None, begin: float, end: float) -> Progress | None:
+    """The progress of a part that lies between two shares of the whole."""
+    if progress is None:
+        return None
+    tell = progress
+    return lambda share: tell(begin + share * (end - begin))
+
+
+def tell(progress: Progress | None, share: float) -> None:
+    """So much is done."""
+    if progress is not None:
+        progress(share)
