@@ -2,7 +2,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import pointray as pr
 from pointray.image import filmic, linear_to_srgb, srgb_to_linear, tone, write_image
+from pointray.image.exposure import auto_exposure, auto_tone, tone_of
+from pointray.image.tone import soft
 
 BYTES = np.arange(256, dtype=np.uint8)
 GRAY = np.full((4, 6, 3), 0.25, np.float32)
@@ -116,3 +119,40 @@ def test_what_is_no_image(tmp_path, name, image, others, words):
 def test_a_missing_folder_is_an_oserror(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such folder"):
         write_image(tmp_path / "none" / "a.png", GRAY)
+
+
+def spotted(dark, share=0.02):
+    """A dark picture with some bright spots."""
+    image = np.full((100, 100, 4), dark, np.float32)
+    image[..., 3] = 1
+    image.reshape(-1, 4)[:: round(1 / share), :3] = 1
+    return image
+
+
+def test_a_few_bright_spots_do_not_leave_the_rest_dark():
+    """The soft curve is chosen where they would; then they are no whiter than by the plain one."""
+    stops, curve = auto_tone(spotted(0.01))
+    assert curve == "soft" and stops > auto_exposure(spotted(0.01)) + 2
+    shown = linear_to_srgb(tone(spotted(0.01)[..., :3], stops, curve)) * 255
+    assert 240 < shown.max() < 250 and shown.min() > 60
+    assert auto_tone(spotted(0.2)) == (auto_exposure(spotted(0.2)), "srgb")
+    assert tone_of(spotted(0.01), "auto", "srgb") == (auto_exposure(spotted(0.01)), "srgb")
+    assert tone_of(spotted(0.01), 1.5, "auto") == (1.5, "srgb")
+
+
+def test_the_soft_curve_rises_from_black_to_white():
+    x = np.linspace(0, 20, 1000, dtype=np.float32)
+    y = soft(x)
+    assert (
+        y[0] == 0 and (np.diff(y) >= 0).all() and y[-1] == 1 and soft(np.float32(1)) == pytest.approx(0.502, abs=1e-3)
+    )
+    assert soft(np.float32(1e-3)) == pytest.approx(1e-3, rel=2e-3)
+
+
+def test_a_curve_may_be_chosen_with_the_exposure(tmp_path):
+    for image, curve in ((spotted(0.01), "soft"), (spotted(0.2), "srgb")):
+        pr.write_image(tmp_path / "auto.png", image, "auto", "auto")
+        pr.write_image(tmp_path / "said.png", image, auto_exposure(image, curve), curve)
+        assert (tmp_path / "auto.png").read_bytes() == (tmp_path / "said.png").read_bytes()
+    with pytest.raises(ValueError, match="curve"):
+        pr.write_image(tmp_path / "a.png", spotted(0.2), "auto", "softer")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .keys import read_keys
-from .options import View, positive
+from .options import AUTO, View, positive
 from .scenes import SceneView
 from .stage import Stage
 from .waiting import Progress, in_background, writing
@@ -114,6 +114,7 @@ class Subject(NamedTuple):
     exposure : float or "auto"
         Auto: one for all frames.
     curve : str
+        "auto": chosen with the exposure.
     backdrop : two sRGB colours, or None
     settings : dict
         What the scene depends on, as JSON takes it.
@@ -138,7 +139,7 @@ def scan_subject(stage: Stage, view: View, picture: Any, exposure: float | str) 
         return scene, view.turning(scan)
 
     leveled = picture.levels and stage.is_plain
-    return Subject(build, picture, exposure, "srgb", stage.settings, leveled, stage.backdrop)
+    return Subject(build, picture, exposure, AUTO, stage.settings, leveled, stage.backdrop)
 
 
 def animate(target: Target, way: Way, subject: Subject) -> str:
@@ -197,34 +198,35 @@ def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progres
         show(0.0)
         return render(scene, camera, subject.picture, show)
 
-    exposure = subject.exposure
+    exposure, curve = subject.exposure, "srgb" if subject.curve == AUTO else subject.curve
     if isinstance(exposure, str):
         progress.show("choosing the exposure", 0.0)
-        exposure = in_background(lambda: _exposure(scene, cameras, subject.picture))
+        exposure, curve = in_background(lambda: _exposure(scene, cameras, subject.picture))
     with writing(frames.pattern):
         frames.begin()
     for done, k in enumerate(missing):
         image = in_background(partial(picture, cameras[k], done))
         with writing(frames.path(k)):
-            frames.keep(k, image, exposure, subject.curve, subject.backdrop)
+            frames.keep(k, image, exposure, curve, subject.backdrop)
 
 
-def _exposure(scene: Any, cameras: list[Any], picture: Any) -> float:
-    """One exposure for a film: the least of those that some small frames would have, so that none burns out."""
-    from ..image.exposure import auto_exposure
+def _exposure(scene: Any, cameras: list[Any], picture: Any) -> tuple[float, str]:
+    """Exposure and curve for a film: the least of those that some small frames would have, so that none burns out."""
+    from ..image.exposure import auto_exposure, auto_tone
     from ..picture import render_snapshot
 
     snapshot = scene.snapshot()
     few = replace(picture, spp=1, time_limit=None, noise=None, denoise=False)
     if picture.integrator != "phong":
         few = replace(few, spp=min(picture.most, PREVIEW_SAMPLES))
-    stops = []
+    images = []
     for camera in cameras[:: max(len(cameras) // PREVIEWS, 1)]:
         width, height = camera.size
         share = min(PREVIEW / max(width, height), 1.0)
         small = replace(camera, size=(max(1, round(width * share)), max(1, round(height * share))))
-        stops.append(auto_exposure(render_snapshot(snapshot, small, few, None)))
-    return min(stops)
+        images.append(render_snapshot(snapshot, small, few, None))
+    curve = "soft" if any(auto_tone(image)[1] == "soft" for image in images) else "srgb"
+    return min(auto_exposure(image, curve) for image in images), curve
 
 
 def _settings(way: Way, subject: Subject) -> dict[str, Any]:

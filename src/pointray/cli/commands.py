@@ -125,7 +125,7 @@ def render(
     with Progress(settings) as progress:
         scene, model, scan = stage.build(progress)
         camera = seen.camera(scan)
-        look = Shown(stops, "srgb", stage.legend if legend else None, stage.backdrop)
+        look = Shown(stops, AUTO, stage.legend if legend else None, stage.backdrop)
         what = write_picture(output, (scene, camera, settings), look, progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
     if seen.framed and scan.found:

@@ -68,7 +68,7 @@ def write_picture(output: Path, subject: tuple[Any, Any, Any], shown: Shown, pro
     """Render and write; returns what the message says of it. subject : scene, camera, settings"""
     import pointray as pr
 
-    from ..image.exposure import auto_exposure
+    from ..image.exposure import tone_of
     from ..layers import render_layers
     from ..picture import render  # pr.render may be the module, by now
 
@@ -78,9 +78,10 @@ def write_picture(output: Path, subject: tuple[Any, Any, Any], shown: Shown, pro
     if not is_layered(output):
         image = in_background(lambda: render(*subject, show))
         with writing(output):
-            exposure = auto_exposure(image) if shown.exposure == "auto" else shown.exposure
-            pr.write_image(output, image, exposure, shown.curve, shown.legend, shown.backdrop)
-        return f", exposure {exposure:g}" if shown.exposure == "auto" else ""
+            exposure, curve = tone_of(image, shown.exposure, shown.curve)
+            pr.write_image(output, image, exposure, curve, shown.legend, shown.backdrop)
+        soft = ", highlights softened" if shown.curve != curve == "soft" else ""
+        return f", exposure {exposure:g}{soft}" if shown.exposure == "auto" else ""
     layers = in_background(lambda: render_layers(*subject, show))
     with writing(output):
         pr.write_layers(output, layers)

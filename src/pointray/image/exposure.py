@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..vec import LUMINANCE
+from .tone import tone
 
 EXPOSED = ("phong", "ao", "path")  # integrators whose pictures are light; others are shown as they are
 MIDDLE = 0.24  # what the log average becomes, linear: sRGB 0.53
@@ -13,16 +16,20 @@ BURNT, WHITE = 0.995, 0.92  # so many of the pixels stay below this, linear: lev
 COVERED = 0.5  # alpha from which a pixel counts
 DARKEST = 1e-4  # of the brightest: what is darker counts as this
 LEAST, MOST = -20.0, 20.0  # stops
+DARKENED = 1.0  # stops that highlights may cost before they are shown by the soft curve
+AUTO = "auto"
 STEP = 1 << 18  # pixels that are looked at
 
 
-def auto_exposure(image: NDArray[np.floating]) -> float:
+def auto_exposure(image: NDArray[np.floating], curve: str = "srgb") -> float:
     """The exposure, in stops, that shows a picture well.
 
     Parameters
     ----------
     image : (h, w, 3) or (h, w, 4) float
         Linear; with alpha premultiplied: where it is below a half nothing counts.
+    curve : {"srgb", "filmic", "soft"}
+        By which it will be shown, see `tone`.
 
     Returns
     -------
@@ -45,5 +52,29 @@ def auto_exposure(image: NDArray[np.floating]) -> float:
     if brightest <= 0.0:
         return 0.0
     average = float(np.exp(np.log(np.maximum(light, DARKEST * brightest)).mean()))
-    stops = min(np.log2(MIDDLE / average), np.log2(WHITE / brightest))
+    stops = min(np.log2(MIDDLE / average), np.log2(_brightest(curve) / brightest))
     return float(np.clip(np.floor(16.0 * stops) / 16.0, LEAST, MOST))
+
+
+def auto_tone(image: NDArray[np.floating]) -> tuple[float, str]:
+    """Exposure and curve that show a picture well: the soft one where a few bright spots would leave the rest dark."""
+    plain, soft = auto_exposure(image), auto_exposure(image, "soft")
+    return (soft, "soft") if soft - plain > DARKENED else (plain, "srgb")
+
+
+def tone_of(image: NDArray[np.floating], exposure: float | str, curve: str) -> tuple[float, str]:
+    """Exposure and curve, of which either may be "auto"; a curve alone that is auto is "srgb"."""
+    if exposure != AUTO:
+        return float(exposure), "srgb" if curve == AUTO else curve
+    return auto_tone(image) if curve == AUTO else (auto_exposure(image, curve), curve)
+
+
+@cache
+def _brightest(curve: str) -> float:
+    """What a curve shows as WHITE."""
+    low, high = 0.0, 100.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        below = float(tone(np.array([middle], np.float32), 0.0, curve)[0]) < WHITE
+        low, high = (middle, high) if below else (low, middle)
+    return low

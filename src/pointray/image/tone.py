@@ -11,7 +11,8 @@ from ..arguments import check_choice, check_number, check_numbers, wrong
 
 Floats = NDArray[np.float32]
 
-CURVES = ("srgb", "filmic")
+CURVES = ("srgb", "filmic", "soft")
+SOFT_WHITE = 16.0  # what the soft curve makes white: four stops more than 1
 MOST_STOPS = 100  # that float32 can hold
 # sRGB, above and below, behind a scan: darker than its lit side, lighter than its shadows.
 GRADIENT = ((0.22, 0.25, 0.29), (0.46, 0.48, 0.51))
@@ -66,6 +67,17 @@ def filmic(linear: Floats) -> Floats:
     return curve
 
 
+def soft(linear: Floats) -> Floats:
+    """A curve that leaves shadows, and gives what is brighter the less room the brighter it is: 1 to 0.5, 16 to 1.
+
+    References
+    ----------
+    Reinhard, Stark, Shirley and Ferwerda: Photographic Tone Reproduction for Digital Images (2002), equation 4.
+    """
+    x = np.clip(linear, 0, SOFT_WHITE).astype(np.float32)
+    return np.asarray(x * (1 + x * np.float32(SOFT_WHITE**-2)) / (1 + x), np.float32)
+
+
 def check_tone(exposure: float, curve: str) -> None:
     """Raise ValueError for what `tone` does not know."""
     check_choice(curve, "curve", CURVES)
@@ -81,8 +93,8 @@ def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
     linear : (..., 3) float32
     exposure : float
         In stops: each doubles the light.
-    curve : {"srgb", "filmic"}
-        How brightness above 1 is treated: cut off, or rolled off.
+    curve : {"srgb", "filmic", "soft"}
+        How brightness above 1 is treated: cut off, or rolled off; "soft" rolls off from the middle on.
 
     Returns
     -------
@@ -92,4 +104,6 @@ def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
     check_tone(exposure, curve)
     with np.errstate(over="ignore"):  # infinite is as bright as 1
         exposed = np.nan_to_num(linear) * np.float32(2.0 ** np.clip(exposure, -100, 100))
-    return filmic(exposed) if curve == "filmic" else np.clip(exposed, 0, 1)
+    if curve == "srgb":
+        return np.asarray(np.clip(exposed, 0, 1))
+    return filmic(exposed) if curve == "filmic" else soft(exposed)

@@ -15,7 +15,7 @@ from ..arguments import check_mapping, check_path
 from ..memory import check_memory
 from ..points.files import check_writable, replacing
 from ..shade.attributes import Attribute
-from .exposure import auto_exposure
+from .exposure import AUTO, tone_of
 from .exr import channels_of, check_exr, write_exr
 from .legend import check_legend, draw_legend
 from .tone import Backdrop, backdrop_rows, check_backdrop, check_tone, linear_to_srgb, tone
@@ -49,8 +49,9 @@ def write_image(
         Linear; with alpha premultiplied. NaN becomes 0.
     exposure : float or "auto"
         In stops: each doubles the light. Auto: of medium brightness, with highlights kept, see `auto_exposure`.
-    curve : {"srgb", "filmic"}
-        Brightness above 1 is cut off, or rolled off as by film.
+    curve : {"srgb", "filmic", "soft", "auto"}
+        Brightness above 1 is cut off, or rolled off: as by film, or from the middle on. Auto: where the exposure is
+        chosen and a few bright spots would leave the rest dark, "soft"; else "srgb".
     legend : Attribute, optional
         With a range or categories: in a strip beside what is shown, by which the file is wider, see `draw_legend`. Not
         for EXR.
@@ -76,8 +77,9 @@ def write_image(
     file = check_path(path)
     format = _format_of(file, FORMATS)
     array = _check_image(image)
-    stops: Any = auto_exposure(array) if isinstance(exposure, str) and exposure == "auto" else exposure
-    check_tone(stops, curve)
+    known = isinstance(exposure, str) and exposure == AUTO
+    check_tone(0.0 if known else exposure, "srgb" if isinstance(curve, str) and curve == AUTO else curve)  # type: ignore[arg-type]
+    stops, curve = tone_of(array, exposure, curve)
     behind = None if backdrop is None else backdrop_rows(check_backdrop(backdrop), len(array))
     if legend is not None:
         check_legend(legend, "legend")

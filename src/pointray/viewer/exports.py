@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from ..film import turntable
-from ..image.exposure import auto_exposure
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
@@ -98,8 +97,7 @@ class Exports:
         image = render(scene, camera, settings, lambda share: self._tell("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         backdrop = None if output.format == "exr" else wish.looks.behind
-        stops = wish.looks.exposure + (auto_exposure(image) if wish.looks.chooses else 0.0)
-        write_image(path, image, stops, wish.looks.curve, legend, backdrop)
+        write_image(path, image, *wish.looks.tone(image), legend, backdrop)
         del image  # what is sent needs the room
         self._give(path)
 
@@ -120,9 +118,9 @@ class Exports:
 
             image = render(scene, camera, settings, tell)
             self._tell("film", (k + 1) / count)
-            if k == 0:  # one exposure for the film
-                stops = wish.looks.exposure + (auto_exposure(image) if wish.looks.chooses else 0.0)
-            frames.keep(k, image, stops, wish.looks.curve, wish.looks.behind)
+            if k == 0:  # one for the film
+                stops, curve = wish.looks.tone(image)
+            frames.keep(k, image, stops, curve, wish.looks.behind)
         write_mp4(path, frames.pattern, count, output.fps, size)
         self._give(path)
 
@@ -176,12 +174,13 @@ def _python(wish: Wish, output: Output) -> str:
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height
     more = "" if looks.levels else ", levels=False"
+    exposure = '"auto"' if looks.chooses else f"{looks.exposure}"
     projection = "" if camera.projection == "perspective" else f', projection="{camera.projection}"'
     return (
         f"camera = pr.Camera.look_at({eye}, {target}, {up}, fov={camera.fov:.6g}, size={size}{projection})\n"
         f'settings = pr.Settings("{looks.integrator}", spp={output.samples}, shadows={looks.shadows}{more})\n'
         f"image = pr.render(scene, camera, settings)\n"
-        f'pr.write_image("picture.{output.format}", image, exposure={looks.exposure}, curve="{looks.curve}")'
+        f'pr.write_image("picture.{output.format}", image, exposure={exposure}, curve="{looks.curve}")'
     )
 
 

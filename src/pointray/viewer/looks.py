@@ -8,8 +8,9 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..image.exposure import EXPOSED
+from ..image.exposure import AUTO, EXPOSED, tone_of
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..instances import Plane
 from ..model import Model
@@ -53,6 +54,8 @@ class Looks:
         Of a pixel, when it is refined.
     exposes : bool
         Whether the exposure is chosen; `exposure` is then added to it.
+    curve : str
+        AUTO: chosen with the exposure.
     backdrop : (3,) sRGB
     around : str
         "gradient": that of `image.tone`; "color": the backdrop's; "sky": the lights'; "scene": what it says itself.
@@ -72,7 +75,7 @@ class Looks:
     levels: bool = True
     exposes: bool = False
     exposure: float = 0.0
-    curve: str = "srgb"
+    curve: str = AUTO
     around: str = "gradient"
     backdrop: Color = BACKDROP
     lamps: tuple[Lamp, ...] = ()
@@ -103,7 +106,7 @@ class Looks:
             levels=settings.levels,
             exposes=subject.exposes,
             exposure=subject.exposure,
-            curve=subject.curve,
+            curve=AUTO if subject.exposes else subject.curve,
         )
         return replace(looks, lamps=lamps_of(scene, subject.up)).before(scene)
 
@@ -149,6 +152,13 @@ class Looks:
     def chooses(self) -> bool:
         """Whether its pictures' exposure is chosen."""
         return self.exposes and self.integrator in EXPOSED
+
+    def tone(self, image: NDArray[np.float32]) -> tuple[float, str]:
+        """Exposure, stops, and curve by which a picture is shown."""
+        if not self.chooses:
+            return tone_of(image, self.exposure, self.curve)
+        stops, curve = tone_of(image, AUTO, self.curve)
+        return stops + self.exposure, curve
 
     @property
     def behind(self) -> Backdrop:

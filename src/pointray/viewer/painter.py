@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..camera import Camera
-from ..image.exposure import auto_exposure
 from ..image.tone import backdrop_rows
 from ..jit import Cancel
 from ..picture import Picture
@@ -96,7 +95,7 @@ class Painter:
         self._drawn, self._seen = 0, 0
         self._pace = Pace()
         self._dressed: tuple[Wish, Scene] | None = None
-        self._exposed: tuple[Looks, tuple[int, int], float] | None = None  # what was chosen, and for which looks
+        self._toned: tuple[Looks, tuple[int, int], tuple[float, str]] | None = None  # what was chosen, for which looks
         self._times: deque[float] = deque(maxlen=60)
         threading.Thread(target=self._run, name="pointray-painter", daemon=True).start()
 
@@ -221,7 +220,7 @@ class Painter:
         """Send a picture. samples : a pixel's in all, and those that were added in these seconds."""
         looks = wish.looks
         behind = backdrop_rows(looks.behind, len(image))[:, 0]
-        levels = levels_of(image, behind, looks.exposure + self._exposure(wish, image, stage), looks.curve)
+        levels = levels_of(image, behind, *self._tone(wish, image, stage))
         jpeg = encode(levels, stage)
         height, width = levels.shape[:2]
         with self._changed:
@@ -229,19 +228,19 @@ class Painter:
         rays = width * height * samples[1]
         self._deliver(Frame(self._drawn, wish, (width, height), stage, samples[0], jpeg, seconds, rays))
 
-    def _exposure(self, wish: Wish, image: NDArray[np.float32], stage: Stage) -> float:
-        """The exposure that is chosen, stops: anew where looks have changed, and where still pictures ask for much more
-        or less, so that nothing flickers while the camera moves."""
-        if not wish.looks.chooses:
-            return 0.0
-        known = self._exposed
-        if known is None or known[0] is not wish.looks or known[1] != wish.version or stage is STILL:
-            stops = auto_exposure(image)
-            if known is None or abs(stops - known[2]) > STEADY or stage is not STILL:
-                known = wish.looks, wish.version, stops
-            self._exposed = wish.looks, wish.version, known[2]
-        assert self._exposed is not None
-        return self._exposed[2]
+    def _tone(self, wish: Wish, image: NDArray[np.float32], stage: Stage) -> tuple[float, str]:
+        """Exposure, stops, and curve. What is chosen is chosen anew where looks have changed; the exposure where still
+        pictures ask for much more or less, so that nothing flickers while the camera moves."""
+        looks, known = wish.looks, self._toned
+        if not looks.chooses:
+            return looks.tone(image)
+        if known is None or known[0] is not looks or known[1] != wish.version:
+            known = looks, wish.version, looks.tone(image)
+        elif stage is STILL:
+            found = replace(looks, curve=known[2][1]).tone(image)
+            known = (*known[:2], found if abs(found[0] - known[2][0]) > STEADY else known[2])
+        self._toned = known
+        return known[2]
 
 
 def encode(levels: NDArray[np.uint8], stage: Stage) -> bytes:

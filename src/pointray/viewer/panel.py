@@ -14,6 +14,7 @@ from .lamps import OWN as OWN_LIGHT
 from .looks import CONSTANT, OWN, Looks, colorings
 from .subject import Build, Subject
 
+CURVES = [("auto", "chosen"), ("srgb", "sRGB"), ("filmic", "filmic"), ("soft", "soft")]
 SAID = {
     "phong": "Phong: direct light, shadows",
     "ao": "Ambient occlusion",
@@ -91,7 +92,7 @@ def _view(looks: Looks, has_levels: bool) -> Folder:
                 "exposes", "Choose exposure", "switch", looks.exposes, hint="Of medium brightness, highlights kept"
             ),
             _range(looks, "exposure", "Exposure", -6, 6, 0.1, "Stops, from what was chosen: each doubles the light"),
-            _choice(looks, "curve", "Curve", [("srgb", "sRGB"), ("filmic", "filmic")]),
+            _choice(looks, "curve", "Curve", CURVES),
             _choice(looks, "around", "Background", around),
             *([Control("backdrop", "Colour", "color", looks.backdrop)] if looks.around == "color" else []),
             Control("help", "", "note", KEYS),
