@@ -1,15 +1,17 @@
 """First pictures: what `pointray render SCAN -o x.png` gives with nothing else said, measured and on one sheet.
 
-python bench/first_pictures.py SCAN... -o sheet.jpg
+python bench/first_pictures.py SCAN... -o sheet.jpg [--page]
 
 Of each: how far the scan is from the middle of its picture, and its margin; the mean of its pixels (sRGB, 0
 to 1), the shares of burnt (250 and above) and of black ones (5 and below), and how much it stands out from what
-is behind it.
+is behind it. With --page the sheet shows Debian's chromium with `pointray view SCAN`, as it is when nothing is done.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -26,6 +28,7 @@ BURNT, BLACK = 250, 5
 CENTRAL = 0.001  # of the scan's pixels: what may lie outside, as strays
 ACROSS = 4  # pictures in a row of the sheet
 TILE, LINE = (400, 300), 16  # pixels of each, and of its name
+PAGE, REFINED = (1200, 900), 16  # pixels of the browser's window, and samples after which it is looked at
 
 
 class Measured(NamedTuple):
@@ -86,6 +89,26 @@ def picture(scan: Path, folder: Path, size: str = "800x600") -> tuple[NDArray[np
     return np.asarray(Image.open(shown)), np.asarray(Image.open(alone))[..., 3]
 
 
+def pages(scans: list[Path]) -> dict[str, NDArray[np.uint8]]:
+    """What the viewer's page shows of each scan at first."""
+    from playwright.sync_api import sync_playwright
+
+    from viewer import FLAGS, serving
+
+    shown = {}
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+        for scan in scans:
+            with serving(scan, light=None) as (_, url):
+                page = browser.new_page(bypass_csp=True, viewport={"width": PAGE[0], "height": PAGE[1]})
+                page.goto(url)
+                page.wait_for_function(f"pointray.last?.samples >= {REFINED}", timeout=600e3)
+                shown[scan.stem] = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+                page.close()
+        browser.close()
+    return shown
+
+
 def sheet(pictures: dict[str, NDArray[np.uint8]]) -> Image.Image:
     """All of them, with their names."""
     rows = -(-len(pictures) // ACROSS)
@@ -102,7 +125,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scans", nargs="+", type=Path)
     parser.add_argument("--output", "-o", type=Path, help="the sheet")
+    parser.add_argument("--page", action="store_true", help="of the viewer's page; nothing is measured")
     told = parser.parse_args()
+    if told.page:
+        sheet(pages(told.scans)).save(told.output, quality=90)
+        return 0
     pictures = {}
     print(f"{'':36}" + "".join(f"{name:>10}" for name in Measured._fields))
     with tempfile.TemporaryDirectory() as folder:

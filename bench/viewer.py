@@ -63,10 +63,21 @@ Figures = dict[str, Any]
 
 
 @contextmanager
-def serving(file: Path, *options: str, cache: str | None = None) -> Iterator[tuple[psutil.Process, str]]:
+def serving(
+    file: Path, *options: str, cache: str | None = None, light: str | None = SUN
+) -> Iterator[tuple[psutil.Process, str]]:
     """`pointray view` of a file: the process and its address. cache : of kernels, None: the usual one"""
     environment = {**os.environ, **({"POINTRAY_CACHE": cache} if cache else {})}
-    words = [sys.executable, "-c", PROGRAM, "view", str(file), "--no-open", "--light", SUN, *options]
+    words = [
+        sys.executable,
+        "-c",
+        PROGRAM,
+        "view",
+        str(file),
+        "--no-open",
+        *(["--light", light] if light else []),
+        *options,
+    ]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stderr is not None
         lines = iter(process.stderr.readline, "")

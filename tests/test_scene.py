@@ -311,6 +311,48 @@ def test_one_point_with_a_radius_is_a_disc():
     assert hits.t == pytest.approx([3, np.inf]) and hits.point.tolist() == [0, -1]
 
 
+def in_shadow(scene, sun, camera):
+    """Where the camera's rays hit, (m, 3), and whether each place that faces the sun is dark."""
+    scene.lights = [pr.SunLight(-np.asarray(sun))]
+    hits = scene.intersect(*camera.rays())
+    lit, dark = (pr.render(scene, camera, pr.Settings(shadows=shadows))[..., 0] for shadows in (False, True))
+    seen = (hits.instance >= 0) & (lit > 0)
+    return hits.position[seen], dark[seen] == 0
+
+
+def test_overlapping_discs_cast_no_shadow_on_each_other():
+    """On the lit half of a sphere; under a disc that hovers above there is shadow."""
+    points, radius = pr.procedural("sphere", 5_000), 0.12
+    scene, sun = pr.Scene(), np.array([0.6, -0.48, 0.64])
+    scene.add(pr.Model(points, surface="disc"))
+    scene.add(pr.Model(pr.Points([1.1 * sun], [sun]), [radius], surface="disc"))
+    camera = pr.Camera.look_at((0, -4, 0), (0, 0, 0), size=(300, 300))
+    places, shadow = in_shadow(scene, sun, camera)
+    on_ball = np.abs(np.linalg.norm(places, axis=1) - 1) < 0.02
+    height, aside = places @ sun, np.linalg.norm(places - (places @ sun)[:, None] * sun, axis=1)
+    lit = on_ball & (height > 0.05) & (aside > 1.1 * radius)
+    assert lit.sum() > 10_000 and shadow[lit].mean() < 0.002
+    assert shadow[on_ball & (height > 0) & (aside < 0.9 * radius)].mean() > 0.99
+
+
+def test_discs_of_another_sheet_cast_shadows():
+    """Of the same model, as close as half a radius."""
+    grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
+    floor, above = np.insert(grid, 2, 0.0, axis=1), np.insert(grid[grid[:, 0] < 8], 2, 0.7, axis=1)
+    positions = np.concatenate([floor, above])
+    points = pr.Points(positions, np.tile([0.0, 0, 1], (len(positions), 1)))
+    scene = pr.Scene()
+    scene.add(pr.Model(points, np.full(len(positions), 1.4), surface="disc"))
+    sun = (0.1, 0.2, 1.0)
+    between = pr.Camera.look_at((-6, 9.6, 0.35), (4, 9.6, 0), fov=10, size=(200, 200))
+    places, shadow = in_shadow(scene, sun, between)
+    inner = (np.abs(places[:, 2]) < 0.01) & (places[:, 0] > 1) & (places[:, 0] < 6)
+    assert inner.sum() > 500 and shadow[inner].all()
+    places, shadow = in_shadow(scene, sun, pr.Camera.look_at((26, 9.6, 4), (8, 9.6, 0), fov=20, size=(200, 200)))
+    lit = (places[:, 0] > 10) | (places[:, 2] > 0.69)
+    assert lit.sum() > 500 and not shadow[lit].any()
+
+
 def test_nbytes_counts_what_is_held(model):
     assert 50 < model.nbytes / 20_000 < 300
 

@@ -17,7 +17,8 @@ NORMAL, COLOR, LOCAL = 8 * TILE, 11 * TILE, 14 * TILE  # of that hit, 3 rows eac
 # The ray in the current model: where it begins and its unit direction, 3 rows each; the length that the direction had
 # before; where it enters the bounds.
 START, HEADING, SPEED, LOW = 17 * TILE, 20 * TILE, 23 * TILE, 24 * TILE
-SIDE_OF = 25 * TILE  # +1 where a ray that starts on a surface is outside of it, -1 where it is inside
+ANYWHERE = 1.0 + 2.0**-40  # a side: +1 as float32, of a ray that a camera or a caller sends, from wherever it is
+SIDE_OF = 25 * TILE  # +1 where a ray that starts on a surface is outside of it, -1 where it is inside; or ANYWHERE
 TOP_LOW, TOP_SPEED = 26 * TILE, 27 * TILE  # the ray in the tree over the instances, as LOW and SPEED
 WORLD_ROWS = 28
 INSTANCE_OF, LEAF_OF, SLOT_OF = 0, TILE, 2 * TILE  # int64: of the nearest hit, -1 for none

@@ -1,4 +1,11 @@
-"""Flat splats (the paper's figure 1a): each point a disc of its radius, at right angles to its normal. The baseline."""
+"""Flat splats (the paper's figure 1a): each point a disc of its radius, at right angles to its normal. The baseline.
+
+Start rule: discs of one sheet overlap and cut each other, so a shadow ray that starts on one would be blocked by the
+others around it. A ray from a surface that starts NEAR radii or less from a disc's middle, and within FLAT radii of its
+plane, starts on the sheet that this disc is of: the disc does not block it, unless the ray goes steeply to the side
+that it does not start on, see `Frame.side`. A disc of another sheet is farther from its origin, or is met steeply.
+Rays of a camera or a caller start on none: which part of them is looked at changes nothing in what they hit.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +16,10 @@ from ..records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit
 from ..scratch import COUNT_NEAR
 from ..simd import bits, lane, lowest, repeat4
 
-ONE, INF = np.float32(1.0), np.float32(np.inf)
+ONE, INF, ZERO = np.float32(1.0), np.float32(np.inf), np.float32(0.0)
+NEAR2 = np.float32(2.0**2)  # squared radii: beside a disc's rim a ray would meet its underside
+FLAT2 = np.float32(0.25**2)  # squared radii: two discs on a sphere of R are r / R apart, half of which is each one's
+STEEP = np.float32(-0.35)  # cosine: as much may neighbours' normals differ where a ray leaves almost along the sheet
 
 
 @inline
@@ -19,6 +29,8 @@ def search_discs(tree, leaf, scratch, frame, enter, leave):  # type: ignore[no-u
     frame : where the first sample is, t there, and the ray
     """
     place, start, ray = frame
+    on_surface, ahead = ray.t_min >= ZERO, ray.t_min - start
+    ox, oy, oz = ahead * ray.dx, ahead * ray.dy, ahead * ray.dz
     nearest = INF
     nx = ny = nz = np.float32(0.0)
     for k in range(scratch.counts[COUNT_NEAR]):
@@ -29,11 +41,18 @@ def search_discs(tree, leaf, scratch, frame, enter, leave):  # type: ignore[no-u
             repeat4(tree.blocks, slot + PZ) - place[2],
         )
         mx, my, mz = repeat4(tree.blocks, slot + NX), repeat4(tree.blocks, slot + NY), repeat4(tree.blocks, slot + NZ)
-        s = (qx * mx + qy * my + qz * mz) / (mx * ray.dx + my * ray.dy + mz * ray.dz)
+        slope = mx * ray.dx + my * ray.dy + mz * ray.dz
+        s = (qx * mx + qy * my + qz * mz) / slope
         vx, vy, vz = s * ray.dx - qx, s * ray.dy - qy, s * ray.dz - qz
-        inside = (vx * vx + vy * vy + vz * vz) * repeat4(tree.blocks, slot + INV_R2) <= ONE
+        inv_r2 = repeat4(tree.blocks, slot + INV_R2)
+        inside = (vx * vx + vy * vy + vz * vz) * inv_r2 <= ONE
         t = s + start
         left = bits(inside & (t >= enter) & (t <= leave) & (t < nearest)) & 15
+        if left != 0 and on_surface:
+            wx, wy, wz = ox - qx, oy - qy, oz - qz
+            height = wx * mx + wy * my + wz * mz
+            around = ((wx * wx + wy * wy + wz * wz) * inv_r2 <= NEAR2) & (height * height * inv_r2 <= FLAT2)
+            left &= ~bits(around & (slope * ray.side > STEEP))
         while left != 0:
             j = lowest(left)
             left &= left - 1

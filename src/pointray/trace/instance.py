@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import INSTANCE, LONGEST, SHAPE_ROW, tree_at
+from ..records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, tree_at
 from ..scratch import (
+    ANYWHERE,
     BEGIN,
     CUT,
     DIRECTION,
@@ -56,9 +57,10 @@ LONELY = 24
 def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
     """Ray i in a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
 
-    box : the model's bounds, and the longest step of the samples in it, see `into_model`
+    box : the model's bounds, the longest step of the samples in it, see `into_model`, and whether it is of discs: a ray
+        starts on none if it starts on no surface, or comes from outside of the bounds, which may be flat
     """
-    wide, rows, (bounds, step) = scratch.world, scratch.model, box
+    wide, rows, (bounds, step, discs) = scratch.world, scratch.model, box
     ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
     start, d, low, high, speed, begin = into_model(matrix, bounds, ray, step)
     put(wide, START + i, start)
@@ -66,7 +68,9 @@ def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
     wide[LOW + i], wide[SPEED + i] = low, speed
     rows[LENGTH + i] = np.float32(high - low + step[0]) if low <= high else -ONE
     begin = np.float32(begin)
-    rows[BEGIN + i] = -max(begin, BEHIND) if rows[CUT + i] > ZERO else begin
+    outside = ((low > 0.0) & (begin == ZERO)) | (wide[SIDE_OF + i] == ANYWHERE)
+    elsewhere = (rows[CUT + i] > ZERO) | (discs & outside)
+    rows[BEGIN + i] = -max(begin, BEHIND) if elsewhere else begin
 
 
 @inline
@@ -155,7 +159,8 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
     model = np.int64(world.instances[at + SHAPE_ROW])
     tree = tree_at(world.table, model)
     step = np.float64(tree.head[LONGEST])
-    matrix, box = matrix_at(world, at), (model_bounds(tree.head), (step, 1.0 / step))
+    box = model_bounds(tree.head), (step, 1.0 / step), int(tree.head[SURFACE]) == DISC
+    matrix = matrix_at(world, at)
     rows, numbers = scratch.model, scratch.numbers
     few = count_bits(some) <= LONELY
     alone = _some_enter(matrix, box, some, scratch) if few else _all_enter(matrix, box, some, scratch)

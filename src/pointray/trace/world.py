@@ -11,6 +11,7 @@ from ..jit import inline, routine
 from ..records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, lend_world
 from ..scratch import (
     ANY_HIT,
+    ANYWHERE,
     CUT,
     DIRECTION,
     INSTANCE_OF,
@@ -41,8 +42,8 @@ def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
 
 @inline
 def aim(scratch, i, ray):  # type: ignore[no-untyped-def]
-    """Ray i of the tile becomes (o, d, t_min, t_max), outside of what it may start on."""
-    aim_from(scratch, i, ray, 1.0)
+    """Ray i of the tile becomes (o, d, t_min, t_max), outside of what it may start on: a camera's, or a caller's."""
+    aim_from(scratch, i, ray, ANYWHERE)
 
 
 @inline
