@@ -229,6 +229,7 @@ ROOMS = [
     "scratch",
     "data",
     "neighbors",
+    "nearby",
     "camera",
     "lens",
     "settings",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .data import Points
 from .model import Model
+from .nearby import rows_around
 from .neighbors import distinct, neighbors
 from .points.cleaning import Flaws, find_flaws
 
@@ -20,8 +21,6 @@ SAMPLE = 200_000  # places whose spacing is measured where all neighbours are lo
 SAMPLED = 4_000  # points whose spacing is measured where they are not
 GUESS = 20_000  # points that tell how large the cells are in which neighbours are looked for
 CELL = 3.0  # the size of a cell, in spacings
-TABLE = 1 << 24  # cells are known by so many numbers
-CHUNK = 1 << 18  # points that are looked at together
 
 
 def describe(points: Points, deep: bool = False) -> dict[str, Any]:
@@ -112,31 +111,12 @@ def _sampled_spacing(positions: Positions) -> tuple[float, int]:
     guess = _spacing(some)[0] * np.sqrt(len(some) / len(positions))  # of a surface
     cell = CELL * (guess or diagonal / np.sqrt(len(positions)))
     while cell < diagonal:
-        near = _in_cells_around(positions, queries, cell)
+        near = positions[rows_around(positions, queries, cell)]
         spacing = _median_distance(near[distinct(near)[0]], queries)
         if 0 < spacing <= cell:
             return spacing, len(queries)
         cell *= 2
     return _spacing(positions)
-
-
-def _in_cells_around(positions: Positions, queries: Positions, cell: float) -> Positions:
-    """The positions in the cells of the queries and in the cells beside these; and a few others."""
-    beside = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    wanted = np.zeros(TABLE, np.bool_)
-    for step in beside:
-        wanted[_numbers_of(queries, cell, step)] = True
-    chunks = (positions[start : start + CHUNK] for start in range(0, len(positions), CHUNK))
-    return np.concatenate([rows[wanted[_numbers_of(rows, cell)]] for rows in chunks])
-
-
-def _numbers_of(rows: Positions, cell: float, step: Any = (0, 0, 0)) -> NDArray[np.int64]:
-    """A number below TABLE for the cell that is so many cells beside each row's."""
-    number = np.zeros(len(rows), np.int64)
-    for axis, factor in enumerate((73856093, 19349663, 83492791)):
-        index = np.floor(np.clip(rows[:, axis] / np.float64(cell), -(2.0**62), 2.0**62)).astype(np.int64)
-        number ^= (index + step[axis]) * factor
-    return number & (TABLE - 1)
 
 
 def show_table(facts: dict[str, Any], as_json: bool) -> None:

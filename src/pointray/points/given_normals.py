@@ -1,0 +1,174 @@
+"""Are a file's normals those of its surface? They are compared with planes through the points' neighbours.
+
+Not normal by normal: the mean of the normals of a neighbourhood is compared with the plane through its points. Both are
+smoothed alike, so that detail finer than the points, which right normals show and planes do not, speaks against no
+file. A plane also knows how far it may be tilted itself, from how far its points lie off it; where that is much, it
+says nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import check_choice, check_kind
+from ..data import Points
+from ..nearby import Neighborhoods, find_neighborhoods
+from .normals import estimate_normals
+
+WISHES = ("auto", "file", "fit")  # whose normals are used
+WRONG = 15.0  # degrees: the median of fifteen scans and meshes with right normals is at most 5.4
+SURE = 5.0  # degrees: how far a plane that says something may be tilted
+TOLD = 0.1, 12  # share of the planes, and number, that must say something
+SAMPLE = 2_000  # points that are compared
+SIZES = (12, 16, 32, 64)  # neighbourhoods to choose from
+SLIM = 0.05  # ratio of the plane's variances below which points are on a line
+CLEAR = 0.5  # cosine from which a file's normal tells a sign
+AGREED = 0.5  # how much more of them must say the opposite than agree, for the signs to be turned
+
+Floats = NDArray[np.float64]
+
+
+class NormalsCheck(NamedTuple):
+    """What was found out about the normals of points.
+
+    Attributes
+    ----------
+    angle : float or None
+        Degrees between the normals and the surface's, the median; signs do not count. None: there are none, or the
+        points do not tell.
+    wrong : bool
+        Whether that is more than 15 degrees.
+    """
+
+    angle: float | None
+    wrong: bool
+
+
+def check_normals(points: Points) -> NormalsCheck:
+    """Compare the normals of points with planes fitted to their neighbours.
+
+    Neighbourhoods of 12 to 64 points around a sample of 2,000 are looked at, which takes a fraction of a second
+    whatever the number of points. `Model` takes the normals that points have;
+    ``pr.Model(pr.estimate_normals(points) if pr.check_normals(points).wrong else points)`` does what the command line
+    does.
+
+    Parameters
+    ----------
+    points : Points
+
+    Returns
+    -------
+    NormalsCheck
+        `angle` and `wrong`.
+    """
+    check_kind(points, "points", Points, "Points")
+    if points.normals is None:
+        return NormalsCheck(None, False)
+    squares = np.einsum("ij,ij->i", points.normals, points.normals, dtype=np.float64)
+    used = points.finite & (squares > 0) & np.isfinite(squares)
+    if used.sum() < SIZES[0]:
+        return NormalsCheck(None, False)
+    whole = bool(used.all())
+    positions, normals = (array if whole else array[used] for array in (points.positions, points.normals))
+    angle = _median_angle(positions, normals, find_neighborhoods(positions, SAMPLE, SIZES[-1]))
+    return NormalsCheck(angle, angle is not None and angle > WRONG)
+
+
+def choose_normals(points: Points, wish: str = "auto", keep: str = "--normals file") -> tuple[Points, str | None]:
+    """The points with the normals that are wished for.
+
+    Parameters
+    ----------
+    points : Points
+    wish : {"auto", "file", "fit"}
+        "auto": those they have, unless these are wrong; "file": those they have; "fit": none, so that `Model`
+        estimates them.
+    keep : str
+        What a user says to keep those there are.
+
+    Returns
+    -------
+    points : Points
+        Where wrong normals were replaced, most of the new ones look to the side that they looked to.
+    message : str or None
+        What was found and done.
+
+    Raises
+    ------
+    ValueError
+        If the file's are wished for and there are none.
+    """
+    check_choice(wish, "normals", WISHES)
+    if wish == "file" and points.normals is None:
+        raise ValueError(f"there are no normals to be used ({keep})")
+    if wish == "fit":
+        return points.with_normals(None), None
+    found = check_normals(points) if wish == "auto" else NormalsCheck(None, False)
+    if not found.wrong:
+        return points, None
+    return _replaced(points), f"{told(found)}: fitted ones are used ({keep} keeps them)"
+
+
+def told(found: NormalsCheck) -> str:
+    """What is said of wrong normals."""
+    return f"normals in the file are a median of {found.angle:.0f} degrees off the surface"
+
+
+def _replaced(points: Points) -> Points:
+    """With fitted normals; where the old ones clearly look to the other side, they are all turned."""
+    fitted = estimate_normals(points).normals
+    assert fitted is not None and points.normals is not None
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.linalg.norm(points.normals, axis=1)
+        side = np.einsum("ij,ij->i", fitted, points.normals)
+        clear = np.abs(side) > CLEAR * length
+    turned = bool(clear.any()) and float(np.sign(side[clear]).mean()) < -AGREED
+    return points.with_normals(-fitted if turned else fitted)
+
+
+def _median_angle(positions: NDArray[np.float32], normals: NDArray[np.float32], near: Neighborhoods) -> float | None:
+    """Degrees between means of normals and planes, where these say something; None if they hardly do."""
+    rows = near.rows
+    offsets = positions[rows].astype(np.float64) - positions[rows[:, :1]]
+    wide = normals[rows].astype(np.float64)
+    unit = wide / np.linalg.norm(wide, axis=2, keepdims=True)
+    sizes = [k for k in SIZES if k <= rows.shape[1]]
+    if not sizes:
+        return None
+    angles, tilts = map(np.array, zip(*(_compare(offsets[:, :k], unit[:, :k]) for k in sizes), strict=True))
+    best, columns = tilts.argmin(axis=0), np.arange(len(rows))
+    angle, sure = angles[best, columns], tilts[best, columns] < SURE
+    return float(np.median(angle[sure])) if sure.mean() >= TOLD[0] and sure.sum() >= TOLD[1] else None
+
+
+def _compare(offsets: Floats, unit: Floats) -> tuple[Floats, Floats]:
+    """Degrees between the mean normal and the plane of each neighbourhood, and how far the plane may be tilted.
+
+    Parameters
+    ----------
+    offsets, unit : (m, k, 3) float64
+        Of the neighbours from the point, which is the first, and their normals.
+
+    Returns
+    -------
+    angles : (m,) float64
+    tilts : (m,) float64
+        One standard deviation; infinite where the points are on a line.
+    """
+    squares = (offsets**2).sum(axis=2)
+    weights = np.exp(-squares / squares[:, -1:])
+    weights /= weights.sum(axis=1, keepdims=True)
+    about = offsets - np.einsum("mk,mki->mi", weights, offsets)[:, None]
+    variances, axes = np.linalg.eigh(np.einsum("mk,mki,mkj->mij", weights, about, about))
+    thick, narrow, long = np.maximum(variances, 1e-300).T
+    effective = 1 / (weights**2).sum(axis=1)  # points of full weight
+    tilts = np.degrees(np.arctan(np.sqrt(thick * (1 / narrow + 1 / long) / np.maximum(effective - 3, 1))))
+    tilts[narrow < SLIM * long] = np.inf
+    # As lines: on both sides of a thin plate, and in files without signs, normals are turned to the point's own.
+    signs = np.where(np.einsum("mki,mi->mk", unit, unit[:, 0]) < 0, -1, 1)
+    mean = np.einsum("mk,mki->mi", weights * signs, unit)
+    cosines = np.abs(np.einsum("mi,mi->m", mean, axes[:, :, 0])) / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)
+    return np.degrees(np.arccos(np.minimum(cosines, 1))), tilts
