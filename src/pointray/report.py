@@ -13,6 +13,9 @@ from .model import Model
 from .nearby import rows_around
 from .neighbors import distinct, neighbors
 from .points.cleaning import Flaws, find_flaws
+from .points.given_normals import check_normals
+from .points.rounding import find_rounding
+from .points.trust import told
 
 Positions = NDArray[np.float32]
 
@@ -36,7 +39,9 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     Returns
     -------
     dict
-        As JSON can hold it. `spacing` is the median distance from a point to the nearest in another place, and
+        As JSON can hold it. `normals_off` is the median angle between normals and surface in degrees, None where
+        there are none or the points do not tell; `steps` what each coordinate was rounded to, 0 where that is not
+        coarse for the spacing; `notes` say what is wrong with both. `spacing` is the median distance from a point to the nearest in another place, and
         `spacing_sample` of how many points.
     """
     low, high = points.bounds
@@ -45,6 +50,7 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     deep = deep or len(points) <= FEW
     spacing, sample = _spacing(finite) if deep else _sampled_spacing(finite)
     flaws: Flaws | None = find_flaws(points) if deep else None
+    compared, (steps, rounded) = check_normals(points), find_rounding(points)
     facts: dict[str, Any] = {
         "points": len(points),
         "low": [float(x) for x in low],
@@ -52,8 +58,11 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
         "size": [float(x) for x in high - low],
         "spacing": spacing,
         "spacing_sample": sample,
+        "steps": list(steps),
         "origin": [float(x) for x in points.origin],
         "normals": points.normals is not None,
+        "normals_off": compared.angle,
+        "normals_wrong": compared.wrong,
         "colors": points.colors is not None,
         "attributes": sorted(points.attributes),
         "not_finite": len(points) - len(finite),
@@ -74,6 +83,8 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     if facts["not_finite"]:
         missing.append("some positions: those points will be left out")
     facts["missing"] = missing
+    wrong = f"{told(compared)}: fitted ones will be used (--normals file keeps them)" if compared.wrong else None
+    facts["notes"] = [note for note in (wrong, rounded) if note]
     return facts
 
 

@@ -30,7 +30,7 @@ NO_KERNELS = (
     *("image/denoise.py", "image/exr.py", "image/exposure.py", "image/frames.py", "image/legend.py", "image/mp4.py"),
     "image/write.py",
     *("nearby.py", "points/cleaning.py", "points/files.py", "points/given_normals.py", "points/normals.py"),
-    *("points/ply.py", "points/rounding.py", "shade/materials.py"),
+    *("points/ply.py", "points/rounding.py", "points/trust.py", "shade/materials.py"),
     *("shade/attributes.py", "shade/colormaps.py", "shade/environment.py", "shade/lights.py", "shade/pictures.py"),
     *("shade/tables.py", "splats/levels.py", "splats/subsample.py", "splats/subset.py", "splats/support.py"),
     *("tree/build.py", "tree/check.py", "tree/indices.py"),

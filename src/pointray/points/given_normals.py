@@ -13,20 +13,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_choice, check_kind
+from ..arguments import check_kind
 from ..data import Points
 from ..nearby import Neighborhoods, find_neighborhoods
-from .normals import estimate_normals
 
-WISHES = ("auto", "file", "fit")  # whose normals are used
-WRONG = 15.0  # degrees: the median of fifteen scans and meshes with right normals is at most 5.4
+WRONG = 15.0  # degrees: of eleven scans and meshes with right normals it is 0.4 to 3.8
 SURE = 5.0  # degrees: how far a plane that says something may be tilted
 TOLD = 0.1, 12  # share of the planes, and number, that must say something
 SAMPLE = 2_000  # points that are compared
 SIZES = (12, 16, 32, 64)  # neighbourhoods to choose from
+LOCAL = 16  # how many times as many points there must be: planes through all of a torus say 24 degrees
 SLIM = 0.05  # ratio of the plane's variances below which points are on a line
-CLEAR = 0.5  # cosine from which a file's normal tells a sign
-AGREED = 0.5  # how much more of them must say the opposite than agree, for the signs to be turned
 
 Floats = NDArray[np.float64]
 
@@ -73,60 +70,9 @@ def check_normals(points: Points) -> NormalsCheck:
         return NormalsCheck(None, False)
     whole = bool(used.all())
     positions, normals = (array if whole else array[used] for array in (points.positions, points.normals))
-    angle = _median_angle(positions, normals, find_neighborhoods(positions, SAMPLE, SIZES[-1]))
+    most = max(k for k in SIZES if k in (SIZES[0], min(k, len(positions) // LOCAL)))
+    angle = _median_angle(positions, normals, find_neighborhoods(positions, SAMPLE, most))
     return NormalsCheck(angle, angle is not None and angle > WRONG)
-
-
-def choose_normals(points: Points, wish: str = "auto", keep: str = "--normals file") -> tuple[Points, str | None]:
-    """The points with the normals that are wished for.
-
-    Parameters
-    ----------
-    points : Points
-    wish : {"auto", "file", "fit"}
-        "auto": those they have, unless these are wrong; "file": those they have; "fit": none, so that `Model`
-        estimates them.
-    keep : str
-        What a user says to keep those there are.
-
-    Returns
-    -------
-    points : Points
-        Where wrong normals were replaced, most of the new ones look to the side that they looked to.
-    message : str or None
-        What was found and done.
-
-    Raises
-    ------
-    ValueError
-        If the file's are wished for and there are none.
-    """
-    check_choice(wish, "normals", WISHES)
-    if wish == "file" and points.normals is None:
-        raise ValueError(f"there are no normals to be used ({keep})")
-    if wish == "fit":
-        return points.with_normals(None), None
-    found = check_normals(points) if wish == "auto" else NormalsCheck(None, False)
-    if not found.wrong:
-        return points, None
-    return _replaced(points), f"{told(found)}: fitted ones are used ({keep} keeps them)"
-
-
-def told(found: NormalsCheck) -> str:
-    """What is said of wrong normals."""
-    return f"normals in the file are a median of {found.angle:.0f} degrees off the surface"
-
-
-def _replaced(points: Points) -> Points:
-    """With fitted normals; where the old ones clearly look to the other side, they are all turned."""
-    fitted = estimate_normals(points).normals
-    assert fitted is not None and points.normals is not None
-    with np.errstate(invalid="ignore", over="ignore"):
-        length = np.linalg.norm(points.normals, axis=1)
-        side = np.einsum("ij,ij->i", fitted, points.normals)
-        clear = np.abs(side) > CLEAR * length
-    turned = bool(clear.any()) and float(np.sign(side[clear]).mean()) < -AGREED
-    return points.with_normals(-fitted if turned else fitted)
 
 
 def _median_angle(positions: NDArray[np.float32], normals: NDArray[np.float32], near: Neighborhoods) -> float | None:

@@ -3,7 +3,7 @@
 Steps are looked for per axis, of numbers that people and floats round to: decimal ones and powers of two. That alone
 says little: rasters and voxels lie on steps too, as far apart as their points. Rounded is what has
 
-- the very step that float32 has at these coordinates, or
+- one axis, or all, on the very step that float32 has at these coordinates, or
 - two or three axes on coarse steps, and there either several points at the same place or points that are farther
   apart than a step: in a raster each place has one point, and the next one is one step away.
 """
@@ -58,7 +58,9 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
     coarse = [axis for axis in range(3) if steps[axis] > COARSE * spacing > 0]
     largest = np.abs(world).max(axis=0)
     single = [axis for axis in coarse if steps[axis] == float(np.spacing(np.float32(largest[axis])))]
-    rounded = coarse if len(coarse) > 1 and _is_no_raster(positions, near, coarse, steps) else single
+    if len(coarse) > 1 and len(single) < 3 and not _is_no_raster(positions, near, coarse, steps):
+        return none, None
+    rounded = coarse if len(coarse) > 1 else single
     if not rounded:
         return none, None
     x, y, z = (steps[axis] if axis in rounded else 0.0 for axis in range(3))
@@ -68,13 +70,13 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
 def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: float) -> str:
     """Which steps, why, and what helps; the coarsest first."""
     axis = int(np.argmax(steps))
-    alike = [name for name, step in zip("xyz", steps, strict=True) if step]
-    where = "" if len(alike) == 3 else f" in {' and '.join(alike)}"
+    named = [name for name, step in zip("xyz", steps, strict=True) if step]
+    where = "" if len(named) == 3 else f" in {' and '.join(named)}"
     cause = f" (float32 at {largest[axis]:.2g})".replace("e+0", "e") if single else ""
-    times = f"{steps[axis] / spacing:.2g} times the mean distance of points"
+    cure = "export it with double precision or a local origin" if single else "export it with more decimals"
     return (
-        f"coordinates were rounded to steps of {steps[axis]:g}{where}{cause}, {times}: the file holds no finer "
-        "positions; export it with double precision or a local origin"
+        f"coordinates were rounded to steps of {steps[axis]:g}{where}{cause}, {steps[axis] / spacing:.2g} times the mean "
+        f"distance of points: the file holds no finer positions; {cure}"
     )
 
 
@@ -82,14 +84,14 @@ def _step(values: Floats, exact: float) -> float:
     """The largest step that nearly all coordinates lie on, counted from one of them; 0: none."""
     values = values - np.median(values)
     values -= values[np.abs(values).argmin()]
-    extent = float(np.quantile(np.abs(values), 0.9))
-    if not extent > 0:
-        return 0.0
-    lowest, highest = exact / EXACT, 2 * extent / LEVELS
-    for step in _candidates(lowest, highest):
+    extent = float(np.abs(values).max())
+    for step in _candidates(exact / EXACT, extent):
         levels = np.rint(values / step)
-        if (np.abs(values - levels * step) <= EXACT * step).mean() >= ON_STEPS:
-            return step if len(np.unique(levels)) >= LEVELS else 0.0
+        fits = np.abs(values - levels * step) <= EXACT * step
+        if fits.mean() >= ON_STEPS:
+            whole = levels[fits].astype(np.int64)
+            times = int(np.gcd.reduce(whole))
+            return step * times if len(np.unique(whole)) >= LEVELS else 0.0
     return 0.0
 
 

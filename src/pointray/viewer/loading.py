@@ -12,6 +12,7 @@ import numpy as np
 from ..data import Points
 from ..model import Model
 from ..points.files import read
+from ..points.trust import judged, replaced
 from ..saved import SAVED
 from ..scene import Scene
 from ..scenefile import Plan
@@ -36,24 +37,31 @@ class Files:
         Puts lights and the like into a scene that has its models; returns which way is up in it.
     leveled : bool
         Whether large scans get levels of detail.
+    normals : {"auto", "file", "fit"}
+        Whose normals scans have.
     """
 
     paths: Sequence[Path]
     surface: dict[str, Any]
     furnish: Callable[[Scene], tuple[float, float, float]]
     leveled: bool = True
+    normals: str = "auto"
 
     def __call__(self, subject: Subject) -> None:
         clouds: list[Points | Model] = []
+        wrong: list[bool] = []  # whether there are normals, to be replaced
         for path in self.paths:
             subject.say(f"reading {path.name}", None)
-            clouds.append(Model.load(path) if path.suffix.lower() == SAVED else read(path))
+            cloud, replace = self._read(path)
+            clouds.append(cloud)
+            wrong.append(replace)
         if any(_is_large(cloud) for cloud in clouds):
             subject.say("building a coarse version", None)
             # Small ones are models from here on, and not built again.
-            clouds = [cloud if _is_large(cloud) else self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
-            subject.show(self._scene([self._coarse(cloud) for cloud in clouds], subject))
-        models = [self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
+            clouds = [c if _is_large(c) else self._whole(c, k, wrong[k], subject) for k, c in enumerate(clouds)]
+            coarse = [self._coarse(c, replace) for c, replace in zip(clouds, wrong, strict=True)]
+            subject.show(self._scene(coarse, subject))
+        models = [self._whole(cloud, k, wrong[k], subject) for k, cloud in enumerate(clouds)]
         subject.show(self._scene(models, subject))
         large = [model for cloud, model in zip(clouds, models, strict=True) if _is_large(cloud)]
         if self.leveled and large:
@@ -63,14 +71,25 @@ class Files:
                 self._scene(models, subject)
             )  # anew: what colours the points by an attribute counts the levels too
 
-    def _coarse(self, cloud: Points | Model) -> Model:
+    def _read(self, path: Path) -> tuple[Points | Model, bool]:
+        """What is in a file, and whether its normals are to be replaced."""
+        if path.suffix.lower() == SAVED:
+            return Model.load(path), False
+        points = read(path)
+        try:
+            return judged(points, self.normals, name=path.name if len(self.paths) > 1 else "")
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+
+    def _coarse(self, cloud: Points | Model, wrong: bool) -> Model:
         """Of some of the points."""
         if isinstance(cloud, Model):
             return cloud
         rows = np.random.default_rng(0).choice(np.flatnonzero(cloud.finite), COARSE)
-        return Model(cloud.select(np.unique(rows)), **self.surface)
+        some = cloud.select(np.unique(rows))
+        return Model(some.with_normals(None) if wrong else some, **self.surface)
 
-    def _whole(self, cloud: Points | Model, number: int, subject: Subject) -> Model:
+    def _whole(self, cloud: Points | Model, number: int, wrong: bool, subject: Subject) -> Model:
         if isinstance(cloud, Model):
             return cloud
 
@@ -78,7 +97,9 @@ class Files:
             subject.say(f"building: {stage}", share)
 
         try:
-            return Model(cloud, radii_in(cloud), **self.surface, progress=say)
+            say("normals", 0.0)
+            points = replaced(cloud) if wrong else cloud
+            return Model(points, radii_in(points), **self.surface, progress=say)
         except ValueError as error:
             raise ValueError(f"{self.paths[number]}: {error}") from error
 
