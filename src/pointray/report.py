@@ -39,10 +39,10 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     Returns
     -------
     dict
-        As JSON can hold it. `normals_off` is the median angle between normals and surface in degrees, None where
-        there are none or the points do not tell; `steps` what each coordinate was rounded to, 0 where that is not
-        coarse for the spacing; `notes` say what is wrong with both. `spacing` is the median distance from a point to the nearest in another place, and
-        `spacing_sample` of how many points.
+        As JSON can hold it. `spacing` is the median distance from a point to the nearest in another place, and
+        `spacing_sample` of how many points. `steps` is what each coordinate was rounded to, 0 where that is not coarse
+        for the spacing; `normals_off` the median angle between normals and surface in degrees, None where there are
+        none or the points do not tell. `notes` says what is wrong with either.
     """
     low, high = points.bounds
     is_finite = points.finite
@@ -139,9 +139,25 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
     from rich.table import Table
 
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in facts.items():
+    for name, value in _shown(facts).items():
         table.add_row(name.replace("_", " "), _text(value))
     Console().print(table)
+
+
+def _shown(facts: dict[str, Any]) -> dict[str, Any]:
+    """Facts for people: what is said of normals in one line, and nothing where there is nothing to be said."""
+    shown = {name: value for name, value in facts.items() if name not in ("normals_off", "normals_wrong")}
+    if shown.get("normals"):
+        off = facts["normals_off"]
+        verdict = "wrong" if facts["normals_wrong"] else "right"
+        told = (
+            "the points do not tell whether right" if off is None else f"a median of {off:.1f} degrees off: {verdict}"
+        )
+        shown["normals"] = f"yes, {told}"
+    for name in ("steps", "notes"):
+        if name in shown and not any(shown[name]):
+            del shown[name]
+    return shown
 
 
 def _text(value: Any) -> str:

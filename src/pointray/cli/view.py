@@ -23,8 +23,8 @@ SERVING = ("host", "port", "open_browser")  # options that are about neither the
 def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, Any], surface: dict[str, Any]) -> Any:
     """What is viewed, and what brings it. Raises what is wrong with files and options at once.
 
-    options : those that the user has typed; place : settings, up, light, background, ground and normals; surface : as `Model`
-    takes it; another than the default one is shown with all points always
+    options : those that the user has typed; place : settings, up, light, background, ground and normals;
+    surface : as `Model` takes it; another than the default one is shown with all points always
     """
     from ..staging.first_view import Scan
     from ..viewer.loading import Described, Files

@@ -75,8 +75,8 @@ def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: flo
     cause = f" (float32 at {largest[axis]:.2g})".replace("e+0", "e") if single else ""
     cure = "export it with double precision or a local origin" if single else "export it with more decimals"
     return (
-        f"coordinates were rounded to steps of {steps[axis]:g}{where}{cause}, {steps[axis] / spacing:.2g} times the mean "
-        f"distance of points: the file holds no finer positions; {cure}"
+        f"coordinates were rounded to steps of {steps[axis]:g}{where}{cause}, {steps[axis] / spacing:.2g} times "
+        f"the mean distance of points: the file holds no finer positions; {cure}"
     )
 
 
