@@ -148,12 +148,9 @@ def _shown(facts: dict[str, Any]) -> dict[str, Any]:
     """Facts for people: what is said of normals in one line, and nothing where there is nothing to be said."""
     shown = {name: value for name, value in facts.items() if name not in ("normals_off", "normals_wrong")}
     if shown.get("normals"):
-        off = facts["normals_off"]
-        verdict = "wrong" if facts["normals_wrong"] else "right"
-        told = (
-            "the points do not tell whether right" if off is None else f"a median of {off:.1f} degrees off: {verdict}"
-        )
-        shown["normals"] = f"yes, {told}"
+        off, verdict = facts["normals_off"], "wrong" if facts["normals_wrong"] else "right"
+        known = "nothing tells whether right" if off is None else f"a median of {off:.1f} degrees off: {verdict}"
+        shown["normals"] = f"yes, {known}"
     for name in ("steps", "notes"):
         if name in shown and not any(shown[name]):
             del shown[name]
