@@ -103,9 +103,8 @@ def test_signs_lengths_and_missing_ones_do_not_count():
     random, usual = np.random.default_rng(2), pr.check_normals(points)
     assert usual.angle < 1
     for factors in (-1, random.choice([-1, 1], (20_000, 1)), random.uniform(0.1, 9, (20_000, 1)), 1e-30, 1e30):
-        assert pr.check_normals(points.with_normals(points.normals * factors)).angle == pytest.approx(
-            usual.angle, abs=0.1
-        )
+        found = pr.check_normals(points.with_normals(points.normals * factors))
+        assert found.angle == pytest.approx(usual.angle, abs=0.1)
     lost = points.normals * (np.arange(20_000) % 3 > 0)[:, None]
     lost[1] = np.nan
     assert pr.check_normals(points.with_normals(lost)).angle < 1
@@ -262,7 +261,7 @@ def test_a_scene_file_says_whose(wish, file, tmp_path, recwarn):
     made = pr.load_scene(scene).scene
     said = [str(w.message) for w in recwarn if "degrees off" in str(w.message)]
     assert len(said) == (wish == "auto") and all('(normals = "file" keeps them)' in text for text in said)
-    assert (off_at_a_slope(made) > 4) == (wish == "file")
+    assert (off_at_a_slope(made) > 8) == (wish == "file")
 
 
 def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
@@ -292,6 +291,6 @@ def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
     for wish in ("auto", "file"):
         Files([file], plain, lambda scene: (0.0, 0.0, 1.0), False, wish)(subject)
         assert len(shown) == 1 + coarse
-        assert all((off_at_a_slope(scene) > 4) == (wish == "file") for scene in shown)
+        assert all((off_at_a_slope(scene) > 8) == (wish == "file") for scene in shown)
         shown.clear()
     assert sum("degrees off" in str(w.message) for w in recwarn) == 1
