@@ -122,6 +122,17 @@ def test_where_there_are_no_normals_nothing_is_wrong(normals):
     assert pr.check_normals(pr.Points(sphere_points(5_000), normals)) == (None, False)
 
 
+@pytest.mark.parametrize("step", [0.5, 1, 2, 3, 5])
+def test_rounded_coordinates_speak_against_no_normals(step):
+    """Where all neighbours lie on one step, the plane through them is that step, and is not asked."""
+    points = ripple(n=40_000)
+    positions = points.positions.astype(np.float64)
+    size = step * 14 / 200
+    positions[:, 1] = np.round(positions[:, 1] / size) * size
+    moved = (positions + [0, 2.0**23 * size, 0]).astype(np.float32)
+    assert not pr.check_normals(pr.Points(moved, points.normals)).wrong
+
+
 def test_the_median_decides():
     points = ripple()
     found = [pr.check_normals(points.with_normals(tilted(points.normals, d, np.float64([1, 0, 0])))) for d in (13, 17)]
@@ -137,10 +148,10 @@ def test_of_many_points_only_those_around_a_sample_are_looked_through(monkeypatc
     monkeypatch.setattr(nearby, "FEW", 10_000)
     monkeypatch.setattr(nearby, "GUESS", 2_000)
     monkeypatch.setattr(nearby, "neighbors", lambda rows, *rest: asked.append(len(rows)) or ask(rows, *rest))
-    some = nearby.find_neighborhoods(points.positions, 50, 64)
+    some = nearby.find_neighborhoods(points.positions, 20, 64)
     assert 0 < sum(asked) < 30_000
     monkeypatch.setattr(nearby, "FEW", 1_000_000)
-    all_of_them = nearby.find_neighborhoods(points.positions, 50, 64)
+    all_of_them = nearby.find_neighborhoods(points.positions, 20, 64)
     known = np.isin(all_of_them.rows[:, 0], some.rows[:, 0])
     assert known.mean() >= nearby.SOUND
     np.testing.assert_array_equal(all_of_them.reach[known], some.reach)

@@ -13,7 +13,7 @@ from .model import Model
 from .nearby import rows_around
 from .neighbors import distinct, neighbors
 from .points.cleaning import Flaws, find_flaws
-from .points.given_normals import check_normals
+from .points.given_normals import compare_normals
 from .points.rounding import find_rounding
 from .points.trust import told
 
@@ -50,7 +50,8 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     deep = deep or len(points) <= FEW
     spacing, sample = _spacing(finite) if deep else _sampled_spacing(finite)
     flaws: Flaws | None = find_flaws(points) if deep else None
-    compared, (steps, rounded) = check_normals(points), find_rounding(points)
+    steps, rounded = find_rounding(points)
+    compared = compare_normals(points, max(steps))
     facts: dict[str, Any] = {
         "points": len(points),
         "low": [float(x) for x in low],

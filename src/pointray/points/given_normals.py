@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..arguments import check_kind
 from ..data import Points
 from ..nearby import Neighborhoods, find_neighborhoods
+from .rounding import find_rounding
 
 WRONG = 15.0  # degrees: of eleven scans and meshes with right normals it is 0.4 to 3.8
 SURE = 5.0  # degrees: how far a plane that says something may be tilted
@@ -23,6 +24,7 @@ TOLD = 0.1, 12  # share of the planes, and number, that must say something
 SAMPLE = 2_000  # points that are compared
 SIZES = (12, 16, 32, 64)  # neighbourhoods to choose from
 LOCAL = 16  # how many times as many points there must be: planes through all of a torus say 24 degrees
+STEPS = 2.0  # how many steps of rounded coordinates a plane must reach: else all of its points lie on one step
 SLIM = 0.05  # ratio of the plane's variances below which points are on a line
 
 Floats = NDArray[np.float64]
@@ -62,6 +64,11 @@ def check_normals(points: Points) -> NormalsCheck:
         `angle` and `wrong`.
     """
     check_kind(points, "points", Points, "Points")
+    return compare_normals(points, 0.0 if points.normals is None else max(find_rounding(points)[0]))
+
+
+def compare_normals(points: Points, step: float) -> NormalsCheck:
+    """The same, for who knows the coarsest step that coordinates were rounded to, see `find_rounding`; 0: none."""
     if points.normals is None:
         return NormalsCheck(None, False)
     squares = np.einsum("ij,ij->i", points.normals, points.normals, dtype=np.float64)
@@ -71,12 +78,17 @@ def check_normals(points: Points) -> NormalsCheck:
     whole = bool(used.all())
     positions, normals = (array if whole else array[used] for array in (points.positions, points.normals))
     most = max(k for k in SIZES if k in (SIZES[0], min(k, len(positions) // LOCAL)))
-    angle = _median_angle(positions, normals, find_neighborhoods(positions, SAMPLE, most))
+    angle = _median_angle(positions, normals, find_neighborhoods(positions, SAMPLE, most), STEPS * step)
     return NormalsCheck(angle, angle is not None and angle > WRONG)
 
 
-def _median_angle(positions: NDArray[np.float32], normals: NDArray[np.float32], near: Neighborhoods) -> float | None:
-    """Degrees between means of normals and planes, where these say something; None if they hardly do."""
+def _median_angle(
+    positions: NDArray[np.float32], normals: NDArray[np.float32], near: Neighborhoods, least: float
+) -> float | None:
+    """Degrees between means of normals and planes, where these say something; None if they hardly do.
+
+    least : how far the neighbours of a plane must reach
+    """
     rows = near.rows
     offsets = positions[rows].astype(np.float64) - positions[rows[:, :1]]
     wide = normals[rows].astype(np.float64)
@@ -84,25 +96,26 @@ def _median_angle(positions: NDArray[np.float32], normals: NDArray[np.float32], 
     sizes = [k for k in SIZES if k <= rows.shape[1]]
     if not sizes:
         return None
-    angles, tilts = map(np.array, zip(*(_compare(offsets[:, :k], unit[:, :k]) for k in sizes), strict=True))
+    angles, tilts = map(np.array, zip(*(_compare(offsets[:, :k], unit[:, :k], least) for k in sizes), strict=True))
     best, columns = tilts.argmin(axis=0), np.arange(len(rows))
     angle, sure = angles[best, columns], tilts[best, columns] < SURE
     return float(np.median(angle[sure])) if sure.mean() >= TOLD[0] and sure.sum() >= TOLD[1] else None
 
 
-def _compare(offsets: Floats, unit: Floats) -> tuple[Floats, Floats]:
+def _compare(offsets: Floats, unit: Floats, least: float) -> tuple[Floats, Floats]:
     """Degrees between the mean normal and the plane of each neighbourhood, and how far the plane may be tilted.
 
     Parameters
     ----------
     offsets, unit : (m, k, 3) float64
         Of the neighbours from the point, which is the first, and their normals.
+    least : float
 
     Returns
     -------
     angles : (m,) float64
     tilts : (m,) float64
-        One standard deviation; infinite where the points are on a line.
+        One standard deviation; infinite where the points are on a line or too near.
     """
     squares = (offsets**2).sum(axis=2)
     weights = np.exp(-squares / squares[:, -1:])
@@ -112,7 +125,7 @@ def _compare(offsets: Floats, unit: Floats) -> tuple[Floats, Floats]:
     thick, narrow, long = np.maximum(variances, 1e-300).T
     effective = 1 / (weights**2).sum(axis=1)  # points of full weight
     tilts = np.degrees(np.arctan(np.sqrt(thick * (1 / narrow + 1 / long) / np.maximum(effective - 3, 1))))
-    tilts[narrow < SLIM * long] = np.inf
+    tilts[(narrow < SLIM * long) | (squares[:, -1] < least * least)] = np.inf
     # As lines: on both sides of a thin plate, and in files without signs, normals are turned to the point's own.
     signs = np.where(np.einsum("mki,mi->mk", unit, unit[:, 0]) < 0, -1, 1)
     mean = np.einsum("mk,mki->mi", weights * signs, unit)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arguments import check_choice
 from ..data import Points
-from .given_normals import NormalsCheck, check_normals
+from .given_normals import NormalsCheck, compare_normals
 from .normals import estimate_normals
 from .rounding import find_rounding
 
@@ -48,14 +48,14 @@ def judged(points: Points, wish: str = "auto", keep: str = KEEP, name: str = "")
     if wish == "file" and points.normals is None:
         raise ValueError(f"{keep}: there are no normals in the file")
     prefix = f"{name}: " if name else ""
-    rounded = find_rounding(points)[1]
+    steps, rounded = find_rounding(points)
     if rounded:
         warnings.warn(prefix + rounded, stacklevel=3)
     if wish == "fit":
         return points.with_normals(None), False
     if wish == "file":
         return points, False
-    found = check_normals(points)
+    found = compare_normals(points, max(steps))
     if found.wrong:
         warnings.warn(f"{prefix}{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
     return points, found.wrong
