@@ -74,6 +74,7 @@ NOT_ROUNDED = {
     "cube": CUBE,
     "cube in sixteenths": np.round(CUBE * 10) / 16,
     "slices": SLICES,
+    "wires on three levels": np.column_stack([SLICES[:, 0], SLICES[:, 1] // 4, SLICES[:, 2] // 4]),
     "sphere": sphere_points(20_000),
     "depth in whole millimetres": np.column_stack([SLICES[:, 0], SLICES[:, 2], np.round(SLICES[:, 0], 3)]),
     "one place": np.ones((500, 3)),
