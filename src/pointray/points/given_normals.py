@@ -51,8 +51,8 @@ def check_normals(points: Points) -> NormalsCheck:
 
     Neighbourhoods of 12 to 64 points around a sample of 2,000 are looked at, which takes a fraction of a second
     whatever the number of points. `Model` takes the normals that points have;
-    ``pr.Model(pr.estimate_normals(points) if pr.check_normals(points).wrong else points)`` does, but for signs, what the
-    command line does.
+    ``pr.Model(pr.estimate_normals(points) if pr.check_normals(points).wrong else points)`` does, but for signs,
+    what the command line does.
 
     Parameters
     ----------
