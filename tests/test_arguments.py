@@ -156,6 +156,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
             pr.draw_legend,
             {"image": np.zeros((64, 64, 3), np.float32), "attribute": pr.Attribute("height", range=(0, 1))},
         ),
+        "check_normals": (pr.check_normals, {"points": t.points}),
         "estimate_normals": (pr.estimate_normals, {"points": t.points}),
         "find_flaws": (pr.find_flaws, {"points": t.points}),
         "fly": (pr.fly, {"keys": [(0, t.camera), (0.1, t.camera)]}),

@@ -230,6 +230,7 @@ ROOMS = [
     "scratch",
     "data",
     "neighbors",
+    "nearby",
     "camera",
     "lens",
     "settings",

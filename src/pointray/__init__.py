@@ -37,6 +37,7 @@ _HOME = {
     "SceneFile": "scenefile",
     "Settings": "settings",
     "SunLight": "shade.lights",
+    "check_normals": "points",
     "clean": "points.cleaning",
     "draw_legend": "image",
     "estimate_normals": "points",
@@ -73,6 +74,7 @@ if TYPE_CHECKING:
     from .layers import render_layers as render_layers
     from .model import Model as Model
     from .picture import render as render
+    from .points import check_normals as check_normals
     from .points import estimate_normals as estimate_normals
     from .points import procedural as procedural
     from .points import procedural_distance as procedural_distance

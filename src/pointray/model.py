@@ -39,7 +39,8 @@ class Model:
     Parameters
     ----------
     points : Points or (n, 3) array_like
-        Rows without a finite position are left out (with a warning); missing normals are estimated.
+        Rows without a finite position are left out (with a warning); missing normals are estimated, those there are
+        are used, whether or not they are the surface's (`check_normals`).
     radii : (n,) array_like, optional
         Support radius of each point, in the unit of the positions. None: chosen (paper, part II).
     surface : {"paper", "imls", "apss", "disc"}, optional

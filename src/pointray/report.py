@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from .data import Points
 from .model import Model
+from .nearby import rows_around
 from .neighbors import distinct, neighbors
 from .points.cleaning import Flaws, find_flaws
+from .points.given_normals import compare_normals
+from .points.rounding import find_rounding
+from .points.trust import told
 
 Positions = NDArray[np.float32]
 
@@ -20,8 +24,6 @@ SAMPLE = 200_000  # places whose spacing is measured where all neighbours are lo
 SAMPLED = 4_000  # points whose spacing is measured where they are not
 GUESS = 20_000  # points that tell how large the cells are in which neighbours are looked for
 CELL = 3.0  # the size of a cell, in spacings
-TABLE = 1 << 24  # cells are known by so many numbers
-CHUNK = 1 << 18  # points that are looked at together
 
 
 def describe(points: Points, deep: bool = False) -> dict[str, Any]:
@@ -38,7 +40,9 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     -------
     dict
         As JSON can hold it. `spacing` is the median distance from a point to the nearest in another place, and
-        `spacing_sample` of how many points.
+        `spacing_sample` of how many points. `steps` is what each coordinate was rounded to, 0 where that is not coarse
+        for the spacing; `normals_off` the median angle between normals and surface in degrees, None where there are
+        none or the points do not tell. `notes` says what is wrong with either.
     """
     low, high = points.bounds
     is_finite = points.finite
@@ -46,6 +50,8 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     deep = deep or len(points) <= FEW
     spacing, sample = _spacing(finite) if deep else _sampled_spacing(finite)
     flaws: Flaws | None = find_flaws(points) if deep else None
+    steps, rounded = find_rounding(points)
+    compared = compare_normals(points, max(steps))
     facts: dict[str, Any] = {
         "points": len(points),
         "low": [float(x) for x in low],
@@ -53,8 +59,11 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
         "size": [float(x) for x in high - low],
         "spacing": spacing,
         "spacing_sample": sample,
+        "steps": list(steps),
         "origin": [float(x) for x in points.origin],
         "normals": points.normals is not None,
+        "normals_off": compared.angle,
+        "normals_wrong": compared.wrong,
         "colors": points.colors is not None,
         "attributes": sorted(points.attributes),
         "not_finite": len(points) - len(finite),
@@ -75,6 +84,8 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     if facts["not_finite"]:
         missing.append("some positions: those points will be left out")
     facts["missing"] = missing
+    wrong = f"{told(compared)}: fitted ones will be used (--normals file keeps them)" if compared.wrong else None
+    facts["notes"] = [note for note in (wrong, rounded) if note]
     return facts
 
 
@@ -112,31 +123,12 @@ def _sampled_spacing(positions: Positions) -> tuple[float, int]:
     guess = _spacing(some)[0] * np.sqrt(len(some) / len(positions))  # of a surface
     cell = CELL * (guess or diagonal / np.sqrt(len(positions)))
     while cell < diagonal:
-        near = _in_cells_around(positions, queries, cell)
+        near = positions[rows_around(positions, queries, cell)]
         spacing = _median_distance(near[distinct(near)[0]], queries)
         if 0 < spacing <= cell:
             return spacing, len(queries)
         cell *= 2
     return _spacing(positions)
-
-
-def _in_cells_around(positions: Positions, queries: Positions, cell: float) -> Positions:
-    """The positions in the cells of the queries and in the cells beside these; and a few others."""
-    beside = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    wanted = np.zeros(TABLE, np.bool_)
-    for step in beside:
-        wanted[_numbers_of(queries, cell, step)] = True
-    chunks = (positions[start : start + CHUNK] for start in range(0, len(positions), CHUNK))
-    return np.concatenate([rows[wanted[_numbers_of(rows, cell)]] for rows in chunks])
-
-
-def _numbers_of(rows: Positions, cell: float, step: Any = (0, 0, 0)) -> NDArray[np.int64]:
-    """A number below TABLE for the cell that is so many cells beside each row's."""
-    number = np.zeros(len(rows), np.int64)
-    for axis, factor in enumerate((73856093, 19349663, 83492791)):
-        index = np.floor(np.clip(rows[:, axis] / np.float64(cell), -(2.0**62), 2.0**62)).astype(np.int64)
-        number ^= (index + step[axis]) * factor
-    return number & (TABLE - 1)
 
 
 def show_table(facts: dict[str, Any], as_json: bool) -> None:
@@ -148,9 +140,22 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
     from rich.table import Table
 
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in facts.items():
+    for name, value in _shown(facts).items():
         table.add_row(name.replace("_", " "), _text(value))
     Console().print(table)
+
+
+def _shown(facts: dict[str, Any]) -> dict[str, Any]:
+    """Facts for people: what is said of normals in one line, and nothing where there is nothing to be said."""
+    shown = {name: value for name, value in facts.items() if name not in ("normals_off", "normals_wrong")}
+    if shown.get("normals"):
+        off, verdict = facts["normals_off"], "wrong" if facts["normals_wrong"] else "right"
+        known = "nothing tells whether right" if off is None else f"a median of {off:.1f} degrees off: {verdict}"
+        shown["normals"] = f"yes, {known}"
+    for name in ("steps", "notes"):
+        if name in shown and not any(shown[name]):
+            del shown[name]
+    return shown
 
 
 def _text(value: Any) -> str:

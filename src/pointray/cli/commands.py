@@ -33,6 +33,8 @@ from .options import (
     MaterialOption,
     MaxDepthOption,
     NoiseOption,
+    Normals,
+    NormalsOption,
     Projection,
     ProjectionOption,
     RadiusScaleOption,
@@ -98,6 +100,7 @@ def render(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
+    normals: NormalsOption = Normals.auto,
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -171,6 +174,7 @@ def animate(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
+    normals: NormalsOption = Normals.auto,
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -212,6 +216,7 @@ def view(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
+    normals: NormalsOption = Normals.auto,
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -228,6 +233,7 @@ def view(
     place = {"settings": settings, "up": up, "light": light, "fill": fill, "background": background, "ground": ground}
     look = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     positive(radius_scale, "--radius-scale")
+    place["normals"] = normals.value
     subject, loader = subject_of(files, given(context), place, look)
     serve(subject, loader, host, port, open_browser)
 
@@ -243,7 +249,8 @@ def prepare(
     count: Annotated[int | None, typer.Option(help="Leave so many points.")] = None,
     drop_duplicates: Annotated[bool, typer.Option("--drop-duplicates", help="Of equal positions keep one.")] = False,
     drop_outliers: Annotated[bool, typer.Option("--drop-outliers", help="Drop what lies far from the rest.")] = False,
-    estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="Replaces those there are.")] = False,
+    normals: NormalsOption = Normals.auto,
+    estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="The same as --normals fit.")] = False,
     viewpoint: Annotated[str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it.")] = None,
     levels: Annotated[
         bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
@@ -254,14 +261,18 @@ def prepare(
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
     from .prepare import prepare as work
 
+    if estimate_normals and normals is Normals.file:
+        raise ValueError("--estimate-normals and --normals file exclude each other")
+    estimate_normals = estimate_normals or normals is Normals.fit
     if viewpoint is not None and not estimate_normals:
-        raise ValueError("--viewpoint is for --estimate-normals, which is not given")
+        raise ValueError("--viewpoint is for --estimate-normals or --normals fit, which is not given")
     use_threads(threads)
     wishes = {
         "tolerance": tolerance,
         "count": count,
         "drop_duplicates": drop_duplicates,
         "drop_outliers": drop_outliers,
+        "normals": normals.value,
         "estimate_normals": estimate_normals,
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
         "levels": levels,

@@ -19,6 +19,7 @@ Integrator = StrEnum("Integrator", ["phong", "ao", "path", "normal", "depth", "c
 Projection = StrEnum("Projection", ["perspective", "orthographic", "panorama"])
 Side = StrEnum("Side", ["auto", "iso", "front", "back", "left", "right", "top", "bottom"])
 Look = StrEnum("Look", ["own", "clay", "phong", "metal", "glass"])
+Normals = StrEnum("Normals", ["auto", "file", "fit"])
 Filter = StrEnum("Filter", ["box", "tent", "gaussian", "blackman-harris"])
 
 SubjectArgument = Annotated[
@@ -54,6 +55,13 @@ LevelsOption = Annotated[
 ]
 SurfaceOption = Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")]
 SamplesOption = Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")]
+NormalsOption = Annotated[
+    Normals,
+    typer.Option(
+        help="Whose normals: the file's, fitted ones, or auto: the file's unless they are a median of more than 15 "
+        "degrees off the surface."
+    ),
+]
 RadiusScaleOption = Annotated[float, typer.Option(help="All radii times this.")]
 BackgroundOption = Annotated[
     str,

@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from ..points.trust import trusted
 from ..saved import SAVED
 from ..splats.radii import radii_in
-from .stage import check_scan
+from .options import AUTO
+from .stage import check_saved, check_scan
 from .waiting import Progress, in_background, writing
 
 
@@ -66,13 +68,14 @@ def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
         raise ValueError(f"--count must be 1 or more, not {wishes['count']}")
     check_output(file, output, wishes["force"])
     check_scan(file)
+    check_saved(file, wishes["normals"] == AUTO)
     import pointray as pr
 
     with Progress() as progress:
         progress.show("reading", 0.0)
         read, model = in_background(lambda: read_scan(file, progress))
         try:
-            points, done = in_background(lambda: _prepared(read, tolerance, wishes, progress.show))
+            points, done = in_background(lambda: _prepared(read, tolerance, wishes, progress.show, model is None))
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
         if output.suffix.lower() == SAVED:
@@ -94,7 +97,9 @@ def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
     return f"{output}: {len(points):,} points; {', '.join(done) or 'nothing was to be done'}"
 
 
-def _prepared(points: Any, tolerance: tuple[float, bool] | None, wishes: dict[str, Any], show: Any) -> tuple[Any, Any]:
+def _prepared(
+    points: Any, tolerance: tuple[float, bool] | None, wishes: dict[str, Any], show: Any, is_scan: bool
+) -> tuple[Any, Any]:
     import pointray as pr
 
     from ..points.cleaning import find_flaws
@@ -114,6 +119,9 @@ def _prepared(points: Any, tolerance: tuple[float, bool] | None, wishes: dict[st
         show("normals", 0.0)
         points = pr.estimate_normals(points, viewpoint=wishes["viewpoint"], progress=partial(show, "normals"))
         done.append("normals estimated")
+    elif is_scan:
+        show("normals", 0.0)
+        points = trusted(points, wishes["normals"], progress=partial(show, "normals"))
     if tolerance is not None or wishes["count"] is not None:
         before = len(points)
         limit = None

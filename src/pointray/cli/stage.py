@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..points.trust import trusted
 from ..saved import SAVED
 from ..splats.radii import radii_in
 from ..staging.first_view import ViewChoice
@@ -25,6 +26,12 @@ def check_scan(file: Path) -> None:
     from ..points.files import check_readable, check_regular
 
     (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
+
+
+def check_saved(file: Path, is_plain: bool) -> None:
+    """Raise if a saved model is asked for another surface or other normals than it has."""
+    if file.suffix.lower() == SAVED and not is_plain:
+        raise ValueError(f"{file}: --surface, --samples, --radius-scale and --normals are part of a saved model")
 
 
 SHAPE = ("samples", "radius_scale")
@@ -46,7 +53,8 @@ def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[V
     lens, way, effort, shape, place = ({k: plain[k] for k in names} for names in (LENS, WAY, EFFORT, SHAPE, PLACE))
     seen = View(plain["size"], plain["up"], lens, **way)
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
-    return seen, settings, Stage(file, {"surface": plain["surface"], **shape}, place, seen.choice, layers)
+    surface = {"surface": plain["surface"], **shape}
+    return seen, settings, Stage(file, surface, place, seen.choice, layers, plain["normals"])
 
 
 class Stage:
@@ -63,15 +71,25 @@ class Stage:
         How the scan is seen.
     layers : bool
         Whether a background is part of the light, as in layers; in a picture it stands behind.
+    normals : str
+        Whose: "auto", "file" or "fit".
     """
 
     def __init__(
-        self, file: Path, surface: dict[str, Any], place: dict[str, Any], choice: ViewChoice, layers: bool = False
+        self,
+        file: Path,
+        surface: dict[str, Any],
+        place: dict[str, Any],
+        choice: ViewChoice,
+        layers: bool = False,
+        normals: str = AUTO,
     ) -> None:
         import pointray as pr
 
         positive(surface["radius_scale"], "--radius-scale")
         self.file, self._surface, self._place, self._choice = file, surface, place, choice
+        self._normals = normals
+        check_saved(file, surface == PLAIN and normals == AUTO)
         self._lights = [light_of(text) for text in place["light"] or []]
         self._fill = fill_of(place["fill"], place["light"])
         self._coat = Coat(place["material"], place.get("color"), place.get("color_by"))
@@ -87,7 +105,7 @@ class Stage:
         """What the scene depends on, as JSON takes it."""
         facts = self.file.stat()
         scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
-        return {**scan, **self._surface, **self._place, **asdict(self._choice)}
+        return {**scan, **self._surface, "normals": self._normals, **self._place, **asdict(self._choice)}
 
     @property
     def is_plain(self) -> bool:
@@ -133,16 +151,16 @@ class Stage:
         file = self.file
         progress.show("reading", 0.0)
         if file.suffix.lower() == SAVED:
-            if not self.is_plain:
-                raise ValueError(f"{file}: --surface, --samples and --radius-scale are part of a saved model")
             return in_background(lambda: pr.Model.load(file))
         points = in_background(lambda: pr.read(file, partial(progress.show, "reading")))
-        if points.normals is None:
+        if points.normals is None or self._normals == "fit":
             expect(NORMALS)
         self._coat.material(points, self._choice.up)  # raises what is wrong
         radii = radii_in(points)
+        progress.show("normals", 0.0)
         try:
-            return in_background(lambda: pr.Model(points, radii, **self._surface, progress=progress.show))
+            trusty = in_background(lambda: trusted(points, self._normals, progress=partial(progress.show, "normals")))
+            return in_background(lambda: pr.Model(trusty, radii, **self._surface, progress=progress.show))
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
 

@@ -12,9 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from .options import View, background_of, light_of
+from .options import AUTO, View, background_of, light_of
 from .scenes import SceneStage, is_scene
-from .stage import PLAIN, check_scan, fill_of, ground_under, lights_for
+from .stage import PLAIN, check_saved, check_scan, fill_of, ground_under, lights_for
 
 M_ARENA_MAX = -8  # of glibc's mallopt
 SERVING = ("host", "port", "open_browser")  # options that are about neither the scene nor the picture
@@ -23,8 +23,8 @@ SERVING = ("host", "port", "open_browser")  # options that are about neither the
 def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, Any], surface: dict[str, Any]) -> Any:
     """What is viewed, and what brings it. Raises what is wrong with files and options at once.
 
-    options : those that the user has typed; place : settings, up, light, background and ground; surface : as `Model`
-    takes it; another than the default one is shown with all points always
+    options : those that the user has typed; place : settings, up, light, background, ground and normals;
+    surface : as `Model` takes it; another than the default one is shown with all points always
     """
     from ..staging.first_view import Scan
     from ..viewer.loading import Described, Files
@@ -57,11 +57,13 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
 
     for file in files:
         check_scan(file)
+        check_saved(file, place["normals"] == AUTO)
     title, source = files[0].name, str(files[0])
     if len(files) > 1:
         title, source = f"{title} and {len(files) - 1} more", ""
     settings = place["settings"]
-    loader = Files(files, surface, furnish, settings.levels and surface == PLAIN, choice)
+    large = settings.levels and surface == PLAIN
+    loader = Files(files, surface, furnish, large, place["normals"], choice)
     subject = Subject(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     subject.exposes = True
     return subject, loader

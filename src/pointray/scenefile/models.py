@@ -13,6 +13,7 @@ from ..model import SURFACE, Model, _check_settings
 from ..points import procedural, read
 from ..points.files import check_readable, check_regular
 from ..points.procedural import MOST, NAMES
+from ..points.trust import WISHES, trusted
 from ..saved import SAVED
 from ..splats.radii import radii_in
 from .lines import Key
@@ -21,6 +22,7 @@ from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, 
 
 WORDS = words_of(Model, "points", "radii")
 LEVELS = {"levels": Word(("bool",), False)}
+NORMALS = {"normals": Word(("str",), False)}  # of a scan: whose
 
 Say = Callable[[str, float], None]
 
@@ -37,6 +39,8 @@ class Recipe(NamedTuple):
         What `Model` is told.
     levels : bool
         Whether it gets levels of detail.
+    normals : str
+        Whose normals a scan has: "auto", "file" or "fit".
     """
 
     key: Key
@@ -44,6 +48,7 @@ class Recipe(NamedTuple):
     procedural: tuple[str, int, int]
     how: dict[str, Any]
     levels: bool
+    normals: str = "auto"
 
 
 def check_model(source: Source, key: Key) -> Recipe:
@@ -52,10 +57,10 @@ def check_model(source: Source, key: Key) -> Recipe:
     if isinstance(table, dict) and "file" not in table and "procedural" not in table:
         raise source.error(key, "file or procedural is missing")
     if isinstance(table, dict) and "file" in table:
-        values = check_table(source, key, {"file": TEXT, **WORDS, **LEVELS})
-        levels = values.pop("levels", False)
-        recipe = Recipe(key, source.path(values.pop("file")), ("", 0, 0), values, levels)
-        _check_file(source, recipe)
+        values = check_table(source, key, {"file": TEXT, **WORDS, **LEVELS, **NORMALS})
+        levels, file = values.pop("levels", False), source.path(values.pop("file"))
+        _check_file(source, key, file, values)
+        recipe = Recipe(key, file, ("", 0, 0), values, levels, values.pop("normals", "auto"))
     else:
         words = {"procedural": TEXT, "points": WHOLE, "seed": optional(WHOLE), **WORDS, **LEVELS}
         values = check_table(source, key, words)
@@ -72,13 +77,12 @@ def check_model(source: Source, key: Key) -> Recipe:
     return recipe
 
 
-def _check_file(source: Source, recipe: Recipe) -> None:
-    file = recipe.file
-    assert file is not None
-    if file.suffix.lower() == SAVED and recipe.how:
-        word = next(iter(recipe.how))
-        raise source.error((*recipe.key, word), f"is part of a saved model ({file.name})")
-    with source.telling((*recipe.key, "file")):
+def _check_file(source: Source, key: Key, file: Path, how: dict[str, Any]) -> None:
+    if file.suffix.lower() == SAVED and how:
+        raise source.error((*key, next(iter(how))), f"is part of a saved model ({file.name})")
+    if how.get("normals", "auto") not in WISHES:
+        raise source.error((*key, "normals"), unknown("kind of normals", how["normals"], WISHES))
+    with source.telling((*key, "file")):
         (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
 
 
@@ -111,5 +115,8 @@ def _load(source: Source, recipe: Recipe, say: Say) -> Model:
         if file.suffix.lower() == SAVED:
             return Model.load(file)
         points = read(file, partial(say, "reading"))
+    say("normals", 0.0)
+    with source.telling((*recipe.key, "normals") if recipe.normals == "file" else recipe.key):
+        points = trusted(points, recipe.normals, 'normals = "file"', partial(say, "normals"))
     with source.telling(recipe.key):
         return Model(points, radii_in(points), **recipe.how, progress=say)

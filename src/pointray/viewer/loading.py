@@ -13,6 +13,7 @@ import numpy as np
 from ..data import Points
 from ..model import Model
 from ..points.files import read
+from ..points.trust import judged, replaced
 from ..saved import SAVED
 from ..scene import Scene
 from ..scenefile import Plan
@@ -42,31 +43,31 @@ class Files:
         Puts lights and the like into a scene that has its models; returns which way is up in it.
     leveled : bool
         Whether large scans get levels of detail.
+    normals : {"auto", "file", "fit"}
+        Whose normals scans have.
     """
 
     paths: Sequence[Path]
     surface: dict[str, Any]
     furnish: Callable[[Scene], tuple[float, float, float]]
     leveled: bool = True
+    normals: str = "auto"
     choice: ViewChoice = ViewChoice()
 
     def __call__(self, subject: Subject) -> None:
         clouds: list[Points | Model] = []
+        wrong: list[bool] = []  # whether there are normals, to be replaced
         for path in self.paths:
-            stage = f"reading {path.name}"
-            subject.say(stage, None)
-            clouds.append(Model.load(path) if path.suffix.lower() == SAVED else read(path, partial(subject.say, stage)))
-        if any(isinstance(cloud, Points) and cloud.normals is None for cloud in clouds):
-            expect(NORMALS)
-        if not is_warm(subject.settings):
-            sketch = Sketch([cloud.points if isinstance(cloud, Model) else cloud for cloud in clouds])
-            subject.outline(sketch, Scan(sketch.points, self.choice).up)
+            cloud, replace = self._read(path, subject)
+            clouds.append(cloud)
+            wrong.append(replace)
+        self._prepare(clouds, wrong, subject)
         if any(_is_large(cloud) for cloud in clouds):
             subject.say("building a coarse version", None)
             # Small ones are models from here on, and not built again.
-            clouds = [cloud if _is_large(cloud) else self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
-            self._show([self._coarse(cloud) for cloud in clouds], subject)
-        models = [self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
+            clouds = [c if _is_large(c) else self._whole(c, k, wrong[k], subject) for k, c in enumerate(clouds)]
+            self._show([self._coarse(c, replace) for c, replace in zip(clouds, wrong, strict=True)], subject)
+        models = [self._whole(cloud, k, wrong[k], subject) for k, cloud in enumerate(clouds)]
         self._show(models, subject)
         large = [model for cloud, model in zip(clouds, models, strict=True) if _is_large(cloud)]
         if self.leveled and large:
@@ -81,14 +82,37 @@ class Files:
             wait_until_warm(subject.settings)
         subject.show(self._scene(models, subject))
 
-    def _coarse(self, cloud: Points | Model) -> Model:
+    def _prepare(self, clouds: Sequence[Points | Model], wrong: Sequence[bool], subject: Subject) -> None:
+        """Say which kernels will be needed; where pictures cannot be drawn yet a sketch is seen."""
+        known = [cloud.points if isinstance(cloud, Model) else cloud for cloud in clouds]
+        known = [cloud.with_normals(None) if bad else cloud for cloud, bad in zip(known, wrong, strict=True)]
+        if any(cloud.normals is None for cloud in known):
+            expect(NORMALS)
+        if not is_warm(subject.settings):
+            sketch = Sketch(known)
+            subject.outline(sketch, Scan(sketch.points, self.choice).up)
+
+    def _read(self, path: Path, subject: Subject) -> tuple[Points | Model, bool]:
+        """What is in a file, and whether its normals are to be replaced."""
+        stage = f"reading {path.name}"
+        subject.say(stage, None)
+        if path.suffix.lower() == SAVED:
+            return Model.load(path), False
+        points = read(path, partial(subject.say, stage))
+        try:
+            return judged(points, self.normals, name=path.name if len(self.paths) > 1 else "")
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+
+    def _coarse(self, cloud: Points | Model, wrong: bool) -> Model:
         """Of some of the points."""
         if isinstance(cloud, Model):
             return cloud
         rows = np.random.default_rng(0).choice(np.flatnonzero(cloud.finite), COARSE)
-        return Model(cloud.select(np.unique(rows)), **self.surface)
+        some = cloud.select(np.unique(rows))
+        return Model(some.with_normals(None) if wrong else some, **self.surface)
 
-    def _whole(self, cloud: Points | Model, number: int, subject: Subject) -> Model:
+    def _whole(self, cloud: Points | Model, number: int, wrong: bool, subject: Subject) -> Model:
         if isinstance(cloud, Model):
             return cloud
 
@@ -96,7 +120,8 @@ class Files:
             subject.say(f"building: {stage}", share)
 
         try:
-            return Model(cloud, radii_in(cloud), **self.surface, progress=say)
+            points = replaced(cloud, partial(say, "normals")) if wrong else cloud
+            return Model(points, radii_in(points), **self.surface, progress=say)
         except ValueError as error:
             raise ValueError(f"{self.paths[number]}: {error}") from error
 
