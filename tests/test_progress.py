@@ -5,6 +5,7 @@ import pytest
 
 import pointray as pr
 from pointray.progress import part_of, tell
+from pointray.report import describe
 
 
 class Told:
@@ -72,3 +73,12 @@ def test_a_part_lies_between_its_ends():
     assert shares == [0.5, 0.625, 0.75]
     assert part_of(None, 0.0, 1.0) is None
     tell(None, 0.5)
+
+
+def test_looking_for_flaws_tells_how_much_is_done():
+    points = pr.procedural("sphere", 100_000)
+    shares, facts = [], []
+    pr.find_flaws(points, progress=shares.append)
+    assert moves(shares, 3, 0.6)
+    describe(points, deep=True, progress=facts.append)
+    assert moves(facts, 4, 0.5)

@@ -15,8 +15,10 @@ from pointray.staging.direction import axes_of
 from pointray.viewer import session
 from pointray.viewer.controls import Control
 from pointray.viewer.lamps import SUN, Lamp, lamps_of
+from pointray.viewer.looks import Looks
 from pointray.viewer.messages import camera_of, free_of, parse, size_of
-from pointray.viewer.pace import ROOM, SCALES, Pace, next_pass
+from pointray.viewer.pace import MOVING, REFINED, ROOM, SCALES, STILL, Pace, next_pass
+from pointray.viewer.painter import Painter, Wish
 from pointray.viewer.pick import pick
 from pointray.viewer.session import MOST_SAID
 from pointray.viewer.subject import Build, Subject
@@ -614,3 +616,24 @@ def test_a_browser_that_leaves_while_it_is_told_of_a_change(scene, caplog):
     subject.show(scene)
     assert len(sessions) == 2  # it has left
     assert not [record.message for record in caplog.records if record.name == "pointray.view"]
+
+
+def test_the_exposure_does_not_flicker_while_the_camera_moves():
+    """It is chosen anew where looks change, and where a still picture asks for much more or less."""
+    painter = Painter(lambda frame: None, lambda text: None)
+    camera = pr.Camera.look_at((0, -3, 0), (0, 0, 0), size=(8, 8))
+
+    def shown(level, stage, looks):
+        image = np.full((8, 8, 4), level, np.float32)
+        image[..., 3] = 1
+        return painter._tone(Wish(camera, looks, pr.Scene(), (1, 0), (0.0, 0.0, 1.0), True, 0.0), image, stage)
+
+    looks = Looks(exposes=True)
+    first = shown(0.24, MOVING, looks)
+    assert first == (0.0, "srgb")
+    assert shown(0.06, MOVING, looks) == first and shown(0.23, STILL, looks) == first
+    assert shown(0.06, REFINED, looks) == first
+    assert shown(0.06, STILL, looks) == (2.0, "srgb") == shown(0.24, MOVING, looks)
+    assert shown(0.24, MOVING, looks.with_value("exposure", 1.0)) == (1.0, "srgb")
+    assert shown(0.06, STILL, Looks(exposes=False, exposure=0.5)) == (0.5, "srgb")
+    painter.close()

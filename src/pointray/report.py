@@ -16,6 +16,7 @@ from .points.cleaning import Flaws, find_flaws
 from .points.given_normals import compare_normals
 from .points.rounding import find_rounding
 from .points.trust import told
+from .progress import Progress, part_of, tell
 
 Positions = NDArray[np.float32]
 
@@ -23,10 +24,11 @@ FEW = 500_000  # points of which everything is looked for: a second
 SAMPLE = 200_000  # places whose spacing is measured where all neighbours are looked for
 SAMPLED = 4_000  # points whose spacing is measured where they are not
 GUESS = 20_000  # points that tell how large the cells are in which neighbours are looked for
+MEASURED, FLAWLESS = 0.2, 0.9  # shares of the time after which the spacing and the flaws are known
 CELL = 3.0  # the size of a cell, in spacings
 
 
-def describe(points: Points, deep: bool = False) -> dict[str, Any]:
+def describe(points: Points, deep: bool = False, progress: Progress | None = None) -> dict[str, Any]:
     """What is in a cloud, and what pointray does about what is missing.
 
     Parameters
@@ -35,6 +37,8 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     deep : bool
         Look for what takes long of more than FEW points: `duplicates` and `outliers`, which else are None, and the
         spacing from many points.
+    progress : callable, optional
+        Called with the share done.
 
     Returns
     -------
@@ -49,7 +53,9 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     finite = points.positions if is_finite.all() else points.positions[is_finite]
     deep = deep or len(points) <= FEW
     spacing, sample = _spacing(finite) if deep else _sampled_spacing(finite)
-    flaws: Flaws | None = find_flaws(points) if deep else None
+    tell(progress, MEASURED)
+    flaws: Flaws | None = find_flaws(points, part_of(progress, MEASURED, FLAWLESS)) if deep else None
+    tell(progress, FLAWLESS)
     steps, rounded = find_rounding(points)
     compared = compare_normals(points, max(steps))
     facts: dict[str, Any] = {
@@ -80,7 +86,7 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
             which = "all" if lost == len(points) else f"{lost:,} of {len(points):,}"
             missing.append(f"{which} normals: zero or not finite, they will be estimated")
     if points.colors is None:
-        missing.append("colors: the surface will be white")
+        missing.append("colors: the surface will be grey")
     if facts["not_finite"]:
         missing.append("some positions: those points will be left out")
     facts["missing"] = missing

@@ -301,7 +301,7 @@ def info(
         progress.show("reading", 0.0)
         points, model = in_background(lambda: read_scan(file, progress))
         progress.show("looking", 0.0)
-        facts = in_background(lambda: describe(points, deep))
+        facts = in_background(lambda: describe(points, deep, lambda share: progress.show("looking", share)))
     if model is not None:
         facts |= describe_model(model)
     show_table({"file": str(file), **facts}, json)

@@ -108,7 +108,7 @@ def _prepared(
     done = []
     if wishes["drop_duplicates"] or wishes["drop_outliers"]:
         show("cleaning", 0.0)
-        flaws = find_flaws(points)
+        flaws = find_flaws(points, partial(show, "cleaning"))
         drop = np.zeros(len(points), np.bool_)
         for name, rows in zip(("duplicates", "outliers"), flaws, strict=True):
             if wishes[f"drop_{name}"]:

@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..arguments import check_flag, check_kind
+from ..arguments import check_callback, check_flag, check_kind
 from ..data import Points
 from ..neighbors import distinct, neighbors
+from ..progress import Progress, part_of
 
 AROUND = 8  # neighbours that tell the spacing
 FAR = 12.0  # spacings: how far a group must lie from the rest
 FEW = 1e-3  # share of the places that a group of outliers may have
+PLACED, NEAR = 0.1, 0.6  # shares of the time after which places are told apart, and of the rest neighbours found
 GROUP = 30  # or so many places, where that is less than a tenth of them
 
 
@@ -31,12 +33,14 @@ class Flaws(NamedTuple):
     outliers: NDArray[np.bool_]  # (n,), far from everything else
 
 
-def find_flaws(points: Points) -> Flaws:
+def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
     """Duplicates and far outliers; rows that are not finite are neither.
 
     Parameters
     ----------
     points : Points
+    progress : callable, optional
+        Called with the share done.
 
     Returns
     -------
@@ -44,13 +48,14 @@ def find_flaws(points: Points) -> Flaws:
         `duplicates` and `outliers`, (n,) bool each.
     """
     check_kind(points, "points", Points, "Points")
+    check_callback(progress)
     finite = np.flatnonzero(points.finite)
     rows, places = distinct(points.positions[finite])
     duplicates = np.zeros(len(points), np.bool_)
     duplicates[finite] = True
     duplicates[finite[rows]] = False
     outliers = np.zeros(len(points), np.bool_)
-    outliers[finite] = _far(points.positions[finite][rows])[places]
+    outliers[finite] = _far(points.positions[finite][rows], part_of(progress, PLACED, 1.0))[places]
     return Flaws(duplicates, outliers)
 
 
@@ -74,13 +79,13 @@ def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Poi
     return points.select(~drop) if drop.any() else points
 
 
-def _far(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _far(positions: NDArray[np.float32], progress: Progress | None) -> NDArray[np.bool_]:
     """Which places, all different, are outliers."""
     n = len(positions)
     far = np.zeros(n, np.bool_)
     if n <= 2 * AROUND:  # too few to say what is usual
         return far
-    distances, near = neighbors(positions, AROUND + 1)
+    distances, near = neighbors(positions, AROUND + 1, progress=part_of(progress, 0.0, NEAR))
     usual = float(np.median(distances[:, AROUND]))
     # Who is nearer than FAR spacings, by the greater of the two spacings around and the usual one, belongs together.
     local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), usual)
