@@ -122,7 +122,7 @@ def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(tmp_path, cold
         browser.refined(64)
         assert subject.scene is not None and subject.sketch is None
         assert browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0]  # the hand had moved it
-        assert "million" in browser.last("status")["lines"][1]
+        browser.listen(lambda: "million" in " ".join(browser.last("status")["lines"]))
         browser.close()
     finally:
         cold["release"].set()
