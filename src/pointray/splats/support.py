@@ -24,6 +24,7 @@ class Support(NamedTuple):
     sheets : (n,) int8, 1 for splats of sheets close together, else 0; or None: there are none
     tight : whether many radii are too small to cover the surface
     places : (n,) int64, equal for splats at one place
+    lone : (n,) bool, strays whose chosen radii were made smaller
     """
 
     radii: NDArray[np.float32]
@@ -31,6 +32,7 @@ class Support(NamedTuple):
     sheets: NDArray[np.int8] | None
     tight: bool
     places: NDArray[np.int64]
+    lone: NDArray[np.bool_]
 
     @property
     def crowded(self) -> NDArray[np.bool_]:
@@ -78,17 +80,19 @@ def find_support(
     rows, places = distinct(positions)
     given = None if radii is None else radii * np.float32(scale)
     borders = borders and len(rows) > NEIGHBORS
+    none = np.zeros(len(places), np.bool_)
     if given is not None and not borders:
-        return Support(given, None, None, False, places)
+        return Support(given, None, None, False, places, none)
     # Nearly always all are distinct: then no copies, at 24 million points half a GiB at the peak.
     sites = (positions, normals) if len(rows) == len(positions) else (positions[rows], normals[rows])
     hood = neighbors(sites[0], NEIGHBORS + 1)
-    covering, ends = choose_radii(*sites, *hood)
+    covering, ends, strays = choose_radii(*sites, *hood)
+    lone = strays[places] if given is None else none
     if within is not None:
         covering = np.clip(covering, np.float32(within[0]), within[1][rows])
     chosen = covering[places] * np.float32(scale) if given is None else given
     if not borders:
-        return Support(chosen, None, None, False, places)
+        return Support(chosen, None, None, False, places, lone)
     tight = bool((chosen[rows] < TIGHT * covering).mean() > TIGHT_SHARE)
     sides: NDArray[Any] | None = find_sheets(*sites, chosen[rows], hood[1]) if sheets else None
-    return Support(chosen, ends[places], None if sides is None else sides[places], tight, places)
+    return Support(chosen, ends[places], None if sides is None else sides[places], tight, places, lone)
