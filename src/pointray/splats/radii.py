@@ -14,7 +14,7 @@ from ..arguments import check_numbers
 from ..data import Points
 from ..neighbors import NeighborTree, distinct, neighbors
 from .borders import drop_lone, find_gaps
-from .strays import keep_strays_small
+from .strays import limit_wide
 from .voronoi import Hood, measure_cells, medians_around
 
 Floats = NDArray[np.float32]
@@ -42,7 +42,7 @@ def choose_radii(
     """Radii that cover the surface, each as small as its point's Voronoi cell and its neighbours' radii allow.
 
     And where the surface ends. Points in a clump much smaller than the spacing count as one; a stray point gets a
-    radius like those of its nearest neighbours, see `keep_strays_small`.
+    radius like those of its nearest neighbours, see `limit_wide`.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _survey(
     stray = np.union1d(above, far[borders[far].any(axis=1)])
     reach[stray] = np.minimum(reach[stray], around[stray])
     reach = np.where(reach > 0, reach, distances[:, 1] / 2)
-    lone = keep_strays_small(positions, normals, reach, near)
+    lone = limit_wide(positions, normals, reach, near, around)
     return np.maximum(reach, np.float32(EVEN) * medians_around(reach, normals, near, own=True)), borders, lone
 
 
