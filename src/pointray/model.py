@@ -123,7 +123,8 @@ class Model:
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
         self.radii[used] = support.radii
         _check_size(support.radii)
-        _tell_lone(support.lone if within is None else None)
+        if support.note and within is None:
+            warnings.warn(support.note, stacklevel=3)
         splats = _not_crowded(
             Splats(cloud.positions, normals, support.radii, used, cloud.colors, support.borders, support.sheets),
             support.crowded,
@@ -285,14 +286,6 @@ def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
     warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=4)
     arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[~crowded]) for array in splats]
     return Splats(*arrays)
-
-
-def _tell_lone(lone: NDArray[np.bool_] | None) -> None:
-    """A word if points are drawn smaller than the gaps around them ask for."""
-    count = 0 if lone is None else int(lone.sum())
-    if count:
-        points = "1 lone point is" if count == 1 else f"{count:,} lone points are"
-        warnings.warn(f"{points} drawn no larger than their neighbours' supports", stacklevel=4)
 
 
 def _check_size(radii: NDArray[np.float32]) -> None:

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .data import Points
-from .model import Model
+from .model import Model, _unit_normals
 from .neighbors import distinct, neighbors
 from .points.cleaning import Flaws, find_flaws
+from .splats.radii import radii_in
+from .splats.support import find_support
 
 Positions = NDArray[np.float32]
 
@@ -32,7 +34,7 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     points : Points
     deep : bool
         Look for what takes long of more than FEW points: `duplicates` and `outliers`, which else are None, and the
-        spacing from many points.
+        spacing from many points; and, of any number, for `lone` points, as long as a model takes, else None.
 
     Returns
     -------
@@ -43,6 +45,7 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
     low, high = points.bounds
     is_finite = points.finite
     finite = points.positions if is_finite.all() else points.positions[is_finite]
+    lone = _count_lone(points, finite) if deep else None
     deep = deep or len(points) <= FEW
     spacing, sample = _spacing(finite) if deep else _sampled_spacing(finite)
     flaws: Flaws | None = find_flaws(points) if deep else None
@@ -60,6 +63,7 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
         "not_finite": len(points) - len(finite),
         "duplicates": None if flaws is None else int(flaws.duplicates.sum()),
         "outliers": None if flaws is None else int(flaws.outliers.sum()),
+        "lone": lone,
     }
     missing = []
     if points.normals is None:
@@ -76,6 +80,14 @@ def describe(points: Points, deep: bool = False) -> dict[str, Any]:
         missing.append("some positions: those points will be left out")
     facts["missing"] = missing
     return facts
+
+
+def _count_lone(points: Points, finite: Positions) -> int:
+    """Points that a model would draw no larger than their neighbours' supports."""
+    if radii_in(points) is not None or len(distinct(finite)[0]) < 2:
+        return 0
+    normals = _unit_normals(points if len(finite) == len(points) else points.select(points.finite))
+    return int(find_support(finite, normals, None, 1.0, borders=False, sheets=False).lone.sum())
 
 
 def describe_model(model: Model) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from .sheets import find_sheets
 # Where over a thousandth of the radii are smaller than TIGHT times those that cover, surface lies in gaps.
 TIGHT, TIGHT_SHARE = 0.9, 1e-3
 CROWD = 16  # splats at one place
+HANDFUL = 1e-5  # of the points: so few lone ones are not worth a word, a mesh of 400,000 vertices has one
 
 
 class Support(NamedTuple):
@@ -44,6 +45,15 @@ class Support(NamedTuple):
         crowded = np.empty(len(order), np.bool_)
         crowded[order] = np.arange(len(order)) - start >= CROWD
         return crowded
+
+    @property
+    def note(self) -> str:
+        """A word about lone points, if there are more than a handful."""
+        count = int(self.lone.sum())
+        if count <= HANDFUL * len(self.lone):
+            return ""
+        points = "1 lone point is" if count == 1 else f"{count:,} lone points are"
+        return f"{points} drawn no larger than their neighbours' supports"
 
 
 def find_support(
