@@ -14,7 +14,7 @@ from ..arguments import check_numbers
 from ..data import Points
 from ..neighbors import NeighborTree, distinct, neighbors
 from .borders import drop_lone, find_gaps
-from .strays import limit_wide
+from .strays import NOTICE, limit_wide
 from .voronoi import Hood, measure_cells, medians_around
 
 Floats = NDArray[np.float32]
@@ -152,9 +152,11 @@ def _survey(
     drop_lone(borders, near)
     reach = cells.reach
     stray = np.union1d(above, far[borders[far].any(axis=1)])
+    alone = stray[reach[stray] > NOTICE * around[stray]]
     reach[stray] = np.minimum(reach[stray], around[stray])
     reach = np.where(reach > 0, reach, distances[:, 1] / 2)
     lone = limit_wide(positions, normals, reach, near, around)
+    lone[alone] = True
     return np.maximum(reach, np.float32(EVEN) * medians_around(reach, normals, near, own=True)), borders, lone
 
 
