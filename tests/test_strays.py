@@ -119,8 +119,9 @@ def test_a_noisy_torus_has_no_strays():
 
 
 def test_the_command_says_how_many(tmp_path, capsys):
-    x = np.concatenate([square(5000), groups(4, 1)])
-    pr.write(tmp_path / "scan.ply", pr.Points(x, np.broadcast_to(UP, x.shape)))
+    ball = sphere_points(5000)
+    x = np.concatenate([ball, np.float32([[0, 0, 2], [0, 3, 0], [2, 2, 0], [0, -2, 1]])])
+    pr.write(tmp_path / "scan.ply", pr.Points(x, np.concatenate([ball, sphere_points(4)])))
     assert run(capsys, "render", tmp_path / "scan.ply", "-o", tmp_path / "a.png", "--size", "32x32")[2].count(NOTE) == 1
     assert json.loads(run(capsys, "info", tmp_path / "scan.ply", "--json")[1])["lone"] is None
     assert json.loads(run(capsys, "info", tmp_path / "scan.ply", "--json", "--deep")[1])["lone"] == 4
