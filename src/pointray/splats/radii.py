@@ -152,7 +152,8 @@ def _survey(
     drop_lone(borders, near)
     reach = cells.reach
     stray = np.union1d(above, far[borders[far].any(axis=1)])
-    alone = np.union1d(above, stray[reach[stray] > NOTICE * around[stray]])
+    high = above[fourth[above] > 2 * STRAY * around[above]]
+    alone = np.union1d(high, stray[reach[stray] > NOTICE * around[stray]])
     reach[stray] = np.minimum(reach[stray], around[stray])
     reach = np.where(reach > 0, reach, distances[:, 1] / 2)
     lone = limit_wide(positions, normals, reach, near, around)
