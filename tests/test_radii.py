@@ -22,7 +22,7 @@ def survey(positions, normals=None):
     positions = np.asarray(positions, np.float32)
     normals = positions / np.linalg.norm(positions, axis=1, keepdims=True) if normals is None else normals
     normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # not read-only: another type to Numba
-    return choose_radii(positions, normals, *neighbors(positions, NEIGHBORS + 1))
+    return choose_radii(positions, normals, *neighbors(positions, NEIGHBORS + 1))[:2]
 
 
 def covers(positions, radii, places):

@@ -126,6 +126,8 @@ class Model:
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
         self.radii[used] = support.radii
         _check_size(support.radii)
+        if support.note and within is None:
+            warnings.warn(support.note, stacklevel=3)
         splats = _not_crowded(
             Splats(cloud.positions, normals, support.radii, used, cloud.colors, support.borders, support.sheets),
             support.crowded,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .data import Points
-from .model import Model
+from .model import Model, _unit_normals
 from .nearby import rows_around
 from .neighbors import distinct, neighbors
 from .points.cleaning import Flaws, find_flaws
@@ -17,6 +17,8 @@ from .points.given_normals import compare_normals
 from .points.rounding import find_rounding
 from .points.trust import told
 from .progress import Progress, part_of, tell
+from .splats.radii import radii_in
+from .splats.support import find_support
 
 Positions = NDArray[np.float32]
 
@@ -24,7 +26,7 @@ FEW = 500_000  # points of which everything is looked for: a second
 SAMPLE = 200_000  # places whose spacing is measured where all neighbours are looked for
 SAMPLED = 4_000  # points whose spacing is measured where they are not
 GUESS = 20_000  # points that tell how large the cells are in which neighbours are looked for
-MEASURED, FLAWLESS = 0.2, 0.9  # shares of the time after which the spacing and the flaws are known
+MEASURED, FLAWLESS, COUNTED = 0.1, 0.4, 0.95  # shares of the time after which spacing, flaws, lone points are known
 CELL = 3.0  # the size of a cell, in spacings
 
 
@@ -36,7 +38,7 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     points : Points
     deep : bool
         Look for what takes long of more than FEW points: `duplicates` and `outliers`, which else are None, and the
-        spacing from many points.
+        spacing from many points; and, of any number, for `lone` points, as long as a model takes, else None.
     progress : callable, optional
         Called with the share done.
 
@@ -51,11 +53,12 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     low, high = points.bounds
     is_finite = points.finite
     finite = points.positions if is_finite.all() else points.positions[is_finite]
-    deep = deep or len(points) <= FEW
+    lonely, deep = deep, deep or len(points) <= FEW
     spacing, sample = _spacing(finite) if deep else _sampled_spacing(finite)
     tell(progress, MEASURED)
     flaws: Flaws | None = find_flaws(points, part_of(progress, MEASURED, FLAWLESS)) if deep else None
-    tell(progress, FLAWLESS)
+    lone = _count_lone(points, finite, part_of(progress, FLAWLESS, COUNTED)) if lonely else None
+    tell(progress, COUNTED)
     steps, rounded = find_rounding(points)
     compared = compare_normals(points, max(steps))
     facts: dict[str, Any] = {
@@ -75,6 +78,7 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
         "not_finite": len(points) - len(finite),
         "duplicates": None if flaws is None else int(flaws.duplicates.sum()),
         "outliers": None if flaws is None else int(flaws.outliers.sum()),
+        "lone": lone,
     }
     missing = []
     if points.normals is None:
@@ -93,6 +97,16 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     wrong = f"{told(compared)}: fitted ones will be used (--normals file keeps them)" if compared.wrong else None
     facts["notes"] = [note for note in (wrong, rounded) if note]
     return facts
+
+
+def _count_lone(points: Points, finite: Positions, progress: Progress | None) -> int:
+    """Points that a model would draw no larger than their neighbours' supports."""
+    if radii_in(points) is not None or len(distinct(finite)[0]) < 2:
+        return 0
+    cloud = points if len(finite) == len(points) else points.select(points.finite)
+    normals = _unit_normals(cloud, part_of(progress, 0.0, 0.5))
+    rest = part_of(progress, 0.5, 1.0)
+    return int(find_support(finite, normals, None, 1.0, borders=False, sheets=False, progress=rest).lone.sum())
 
 
 def describe_model(model: Model) -> dict[str, Any]:

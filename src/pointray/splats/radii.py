@@ -15,6 +15,7 @@ from ..data import Points
 from ..neighbors import NeighborTree, distinct, neighbors
 from ..progress import Progress, part_of, tell
 from .borders import drop_lone, find_gaps
+from .strays import NOTICE, limit_wide
 from .voronoi import Hood, measure_cells, medians_around
 
 Floats = NDArray[np.float32]
@@ -27,9 +28,6 @@ MORE = 80  # for the cells still open: beside a gap, a step of density, between 
 WIDE = 0.5  # distances to the 8th neighbour that a cell reaches at a border; even points' 0.46, random ones' 0.6
 BEYOND = 40  # and for those still open then, from farther ahead and behind
 STRAY = 2.5  # a point may be stray if its 4th neighbour is this many times farther than the cells around it reach
-# None reaches farther than LONE times the widest hundredth of all cells, or WIDEST times where at least ALIKE of its
-# neighbours reach a third as far: a part of the surface with a hundredth of the density is not stray.
-LONE, WIDEST, ALIKE = 1.5, 10.0, 0.8
 # A gap that many times as wide as usual is open: 1 + CHANCE (q - 1), q the share by which the widest twentieth of the
 # cells reach farther than usual. Even points: 1.5 (the widest 1.3); a million random ones: 3 (2.7).
 CHANCE, VOIDS = 3.6, (1.5, 3.0)
@@ -46,11 +44,11 @@ def choose_radii(
     distances: Floats,
     near: NDArray[np.int32],
     progress: Progress | None = None,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Radii that cover the surface, each as small as its point's Voronoi cell and its neighbours' radii allow.
 
     And where the surface ends. Points in a clump much smaller than the spacing count as one; a stray point gets a
-    radius like those of its nearest neighbours.
+    radius like those of its nearest neighbours, see `limit_wide`.
 
     Parameters
     ----------
@@ -67,6 +65,8 @@ def choose_radii(
         In the unit of the positions, greater than 0.
     borders : (n, 3) float32
         The direction out of the surface for points on an open border, unit, else zero.
+    lone : (n,) bool
+        Which are stray: their radii were made smaller.
 
     Raises
     ------
@@ -75,15 +75,16 @@ def choose_radii(
     """
     if len(positions) < 2:
         raise ValueError("points at one place say nothing about the spacing: give radii")
-    reach, borders = _survey(positions, normals, distances, near, progress)
+    found = _survey(positions, normals, distances, near, progress)
+    reach = found[0]
     usual = float(np.quantile(reach, 0.25))
     if reach.min() < CLUMP * usual:
         rows, members = distinct(positions, CLUMP * usual)
         if len(rows) > 1:
             merged = positions[rows]
-            found = _survey(merged, normals[rows], *neighbors(merged, NEIGHBORS + 1))
-            reach, borders = found[0][members], found[1][members]
-    return np.float32(OVERLAP) * reach, borders
+            reach, borders, lone = _survey(merged, normals[rows], *neighbors(merged, NEIGHBORS + 1))
+            found = reach[members], borders[members], lone[members]
+    return np.float32(OVERLAP) * found[0], found[1], found[2]
 
 
 class _Cells:
@@ -144,8 +145,8 @@ def _survey(
     distances: Floats,
     near: NDArray[np.int32],
     progress: Progress | None = None,
-) -> tuple[Floats, Floats]:
-    """How far each point's cell reaches, without outliers, and the borders."""
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """How far each point's cell reaches, without outliers, the borders, and which are the outliers."""
     cells = _Cells((positions, normals), Hood(np.arange(len(positions)), distances, near), part_of(progress, 0.0, CUT))
     borders = cells.gaps
     around = medians_around(cells.reach, normals, near, own=False)
@@ -163,19 +164,13 @@ def _survey(
     drop_lone(borders, near)
     reach = cells.reach
     stray = np.union1d(above, far[borders[far].any(axis=1)])
+    high = above[fourth[above] > 2 * STRAY * around[above]]
+    alone = np.union1d(high, stray[reach[stray] > NOTICE * around[stray]])
     reach[stray] = np.minimum(reach[stray], around[stray])
-    bounded = reach > 0
-    reach = np.where(bounded, reach, distances[:, 1] / 2)
-    if bounded.any():
-        _keep_strays_small(reach, near, float(np.quantile(reach[bounded], 0.99)))
-    return np.maximum(reach, np.float32(EVEN) * medians_around(reach, normals, near, own=True)), borders
-
-
-def _keep_strays_small(reach: Floats, near: NDArray[np.int32], wide: float) -> None:
-    """Limit what is wider than the widest hundredth, unless it is as wide all around: in place."""
-    rows = np.flatnonzero(reach > LONE * wide)
-    alike = (reach[near[rows, 1:]] > reach[rows, None] / 3).mean(axis=1)
-    reach[rows] = np.minimum(reach[rows], np.where(alike < ALIKE, LONE, WIDEST) * np.float32(wide))
+    reach = np.where(reach > 0, reach, distances[:, 1] / 2)
+    lone = limit_wide(positions, normals, reach, near, around)
+    lone[alone] = True
+    return np.maximum(reach, np.float32(EVEN) * medians_around(reach, normals, near, own=True)), borders, lone
 
 
 def _height(positions: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> Floats:

@@ -16,6 +16,7 @@ from .sheets import find_sheets
 TIGHT, TIGHT_SHARE = 0.9, 1e-3
 CROWD = 16  # splats at one place
 PLACED, FOUND, CHOSEN = 0.05, 0.75, 0.98  # shares of the time after which places, neighbours, radii are known
+HANDFUL = 1e-5  # of the points: so few lone ones are not worth a word, a mesh of 400,000 vertices has one
 
 
 class Support(NamedTuple):
@@ -26,6 +27,7 @@ class Support(NamedTuple):
     sheets : (n,) int8, 1 for splats of sheets close together, else 0; or None: there are none
     tight : whether many radii are too small to cover the surface
     places : (n,) int64, equal for splats at one place
+    lone : (n,) bool, strays whose chosen radii were made smaller
     """
 
     radii: NDArray[np.float32]
@@ -33,6 +35,7 @@ class Support(NamedTuple):
     sheets: NDArray[np.int8] | None
     tight: bool
     places: NDArray[np.int64]
+    lone: NDArray[np.bool_]
 
     @property
     def crowded(self) -> NDArray[np.bool_]:
@@ -44,6 +47,15 @@ class Support(NamedTuple):
         crowded = np.empty(len(order), np.bool_)
         crowded[order] = np.arange(len(order)) - start >= CROWD
         return crowded
+
+    @property
+    def note(self) -> str:
+        """A word about lone points, if there are more than a handful."""
+        count = int(self.lone.sum())
+        if count <= HANDFUL * len(self.lone):
+            return ""
+        points = "1 lone point is" if count == 1 else f"{count:,} lone points are"
+        return f"{points} drawn no larger than their neighbours' supports"
 
 
 def find_support(
@@ -82,17 +94,19 @@ def find_support(
     rows, places = distinct(positions)
     given = None if radii is None else radii * np.float32(scale)
     borders = borders and len(rows) > NEIGHBORS
+    none = np.zeros(len(places), np.bool_)
     if given is not None and not borders:
-        return Support(given, None, None, False, places)
+        return Support(given, None, None, False, places, none)
     # Nearly always all are distinct: then no copies, at 24 million points half a GiB at the peak.
     sites = (positions, normals) if len(rows) == len(positions) else (positions[rows], normals[rows])
     hood = neighbors(sites[0], NEIGHBORS + 1, progress=part_of(progress, PLACED, FOUND))
-    covering, ends = choose_radii(*sites, *hood, part_of(progress, FOUND, CHOSEN))
+    covering, ends, strays = choose_radii(*sites, *hood, part_of(progress, FOUND, CHOSEN))
+    lone = strays[places] if given is None else none
     if within is not None:
         covering = np.clip(covering, np.float32(within[0]), within[1][rows])
     chosen = covering[places] * np.float32(scale) if given is None else given
     if not borders:
-        return Support(chosen, None, None, False, places)
+        return Support(chosen, None, None, False, places, lone)
     tight = bool((chosen[rows] < TIGHT * covering).mean() > TIGHT_SHARE)
     sides: NDArray[Any] | None = find_sheets(*sites, chosen[rows], hood[1]) if sheets else None
-    return Support(chosen, ends[places], None if sides is None else sides[places], tight, places)
+    return Support(chosen, ends[places], None if sides is None else sides[places], tight, places, lone)

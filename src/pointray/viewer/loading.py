@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -110,7 +111,9 @@ class Files:
             return cloud
         rows = np.random.default_rng(0).choice(np.flatnonzero(cloud.finite), COARSE)
         some = cloud.select(np.unique(rows))
-        return Model(some.with_normals(None) if wrong else some, **self.surface)
+        with warnings.catch_warnings():  # what there is to say is said of all points
+            warnings.simplefilter("ignore")
+            return Model(some.with_normals(None) if wrong else some, **self.surface)
 
     def _whole(self, cloud: Points | Model, number: int, wrong: bool, subject: Subject) -> Model:
         if isinstance(cloud, Model):
