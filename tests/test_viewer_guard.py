@@ -409,6 +409,7 @@ def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
     assert f"there are {MOST_LAMPS} lights: remove one to add another" in said
     assert "too much was asked for at once: some of it was left out" in said and len(said) < 20
     assert sum(m["type"] == "panel" for m in browser.told) <= MOST_LAMPS + 2
+    browser.rest(0.2)  # now it may ask for something again
     browser.set("lamps.0.on", False)
     browser.say(type="press", name="lamps.1.remove")
     browser.listen(lambda: f"lamps.{MOST_LAMPS - 1}.on" not in browser.controls())
@@ -485,7 +486,7 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
 
 def test_many_wishes_for_a_surface_need_two_threads(scene):
     subject = Subject("x", scene)
-    with subject._building:  # as if one were being built
+    with subject._builds:  # as if one were being built
         threads = {subject.rebuild(radius_scale=1.0 + k / 1_000) for k in range(1, 500)}
         assert len(threads) == 1
     for thread in threads:
