@@ -96,56 +96,52 @@ def cold(monkeypatch):
     return ready
 
 
-def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(tmp_path, cold):
+@pytest.fixture
+def opened(tmp_path, cold):
+    """What loads a ball that stands upright along some axis, its subject, and a browser that waits for it."""
     path = tmp_path / "ball.ply"
     pr.write(path, sphere(8_000))
     subject = Subject("ball.ply")
     viewer = Viewer(subject)
-    try:
-        browser = Browser(viewer.url, SIZE)
-        thread = subject.load(loading.Files([path], {}, lambda scene: (0.0, 0.0, 1.0)))
-        camera = browser.arrive()
-        browser.listen(lambda: browser.frames)
-        place, first = browser.last("place"), browser.frames[-1][0]
-        assert np.allclose(place["bounds"], [[-1] * 3, [1] * 3], atol=0.01)
-        assert first["stage"] == "still" and first["camera"]["eye"] == camera["eye"]
-        status = browser.listen(lambda: browser.last("status"))
-        assert status["lines"] == ["a sketch: 8,000 of 8,000 points"]
-        browser.say(type="pick", x=0.5, y=0.5, purpose="query", extend=False)  # nothing to ask yet
-        browser.say(type="press", name="save.picture")
-        camera["eye"] = [0, -6, 0]
-        browser.go(camera)
-        browser.listen(lambda: browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0])
-        assert subject.scene is None
-        cold["release"].set()
-        thread.join(60)
-        browser.refined(64)
-        assert subject.scene is not None and subject.sketch is None
-        assert browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0]  # the hand had moved it
-        browser.listen(lambda: "million" in " ".join(browser.last("status")["lines"]))
-        browser.close()
-    finally:
-        cold["release"].set()
-        viewer.close()
+    browser = Browser(viewer.url, SIZE)
+    yield lambda up: subject.load(loading.Files([path], {}, lambda scene: up)), subject, browser
+    cold["release"].set()
+    browser.close()
+    viewer.close()
 
 
-def test_a_view_that_nobody_moved_is_framed_anew_with_the_scene(tmp_path, cold):
-    path = tmp_path / "ball.ply"
-    pr.write(path, sphere(8_000))
-    subject = Subject("ball.ply")
-    viewer = Viewer(subject)
-    try:
-        browser = Browser(viewer.url, SIZE)
-        subject.load(loading.Files([path], {}, lambda scene: (1.0, 0.0, 0.0)))
-        first = browser.listen(lambda: browser.last("camera"))
-        browser.listen(lambda: browser.frames)
-        cold["release"].set()
-        second = browser.listen(lambda: next((m for m in [browser.last("camera")] if m["up"] != first["up"]), None))
-        assert first["up"] == [0, 0, 1] and second["up"] == [1, 0, 0]
-        browser.close()
-    finally:
-        cold["release"].set()
-        viewer.close()
+def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
+    load, subject, browser = opened
+    thread = load((0.0, 0.0, 1.0))
+    camera = browser.arrive()
+    browser.listen(lambda: browser.frames)
+    place, first = browser.last("place"), browser.frames[-1][0]
+    assert np.allclose(place["bounds"], [[-1] * 3, [1] * 3], atol=0.01)
+    assert first["stage"] == "still" and first["camera"]["eye"] == camera["eye"]
+    status = browser.listen(lambda: browser.last("status"))
+    assert status["lines"] == ["a sketch: 8,000 of 8,000 points"]
+    browser.say(type="pick", x=0.5, y=0.5, purpose="query", extend=False)  # nothing to ask yet
+    browser.say(type="press", name="save.picture")
+    camera["eye"] = [0, -6, 0]
+    browser.go(camera)
+    browser.listen(lambda: browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0])
+    assert subject.scene is None
+    cold["release"].set()
+    thread.join(60)
+    browser.refined(64)
+    assert subject.scene is not None and subject.sketch is None
+    assert browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0]  # the hand had moved it
+    browser.listen(lambda: "million" in " ".join(browser.last("status")["lines"]))
+
+
+def test_a_view_that_nobody_moved_is_framed_anew_with_the_scene(opened, cold):
+    load, _, browser = opened
+    load((1.0, 0.0, 0.0))
+    first = browser.listen(lambda: browser.last("camera"))
+    browser.listen(lambda: browser.frames)
+    cold["release"].set()
+    second = browser.listen(lambda: next((m for m in [browser.last("camera")] if m["up"] != first["up"]), None))
+    assert first["up"] == [0, 0, 1] and second["up"] == [1, 0, 0]
 
 
 def test_where_all_is_compiled_there_is_no_sketch(tmp_path, monkeypatch):

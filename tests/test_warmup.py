@@ -138,16 +138,6 @@ def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path, integrator
     assert again[0] == f"False 0 {covered}" and again[2] == "False None"
 
 
-BROKEN = """
-import sys, time
-mode = sys.argv[1]
-if mode == "die":
-    sys.exit(3)
-print("pointray.no.such", flush=True)
-time.sleep(0.2)
-"""
-
-
 @pytest.fixture
 def uncompiled(monkeypatch):
     """A kernel that is taken for not compiled."""

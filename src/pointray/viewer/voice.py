@@ -59,11 +59,10 @@ class Voice:
 
     def place(self, seen: Scene | Sketch, up: Sequence[float]) -> None:
         """Where the scene is, or what stands for it."""
-        bounds, clouds = (
-            (seen.points.bounds, [seen.points])
-            if isinstance(seen, Sketch)
-            else (seen.bounds, [model.points for model in seen.models])
-        )
+        if isinstance(seen, Sketch):
+            bounds, clouds = seen.points.bounds, [seen.points]
+        else:
+            bounds, clouds = seen.bounds, [model.points for model in seen.models]
         self.say(type="place", bounds=bounds.tolist(), up=list(up), north=north_of(clouds, up))
 
     def go(self, camera: Camera, animate: bool) -> None:
