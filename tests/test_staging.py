@@ -92,6 +92,19 @@ def test_strays_do_not_count():
     np.testing.assert_allclose(cameras[0].eye, cameras[1].eye, atol=0.02)
 
 
+def test_islands_of_strays_do_not_count_and_a_pair_of_bodies_does():
+    torus, rng = pr.procedural("torus", 20_000), np.random.default_rng(0)
+    island = rng.normal(size=(45, 3)) * 0.1 + (9, 3, 2)
+    clean, dirty, pair = (
+        sample_of(pr.Points(np.concatenate([torus.positions, *more])))
+        for more in ([], [island], [torus.positions[:2000] + (9, 3, 2)])
+    )
+    assert clean.without_islands() is clean and pair.without_islands() is pair
+    np.testing.assert_array_equal(dirty.without_islands().positions, clean.positions)
+    sparse = sample_of(pr.Points(rng.random((300, 3)) * 50))
+    assert sparse.without_islands() is sparse
+
+
 def test_points_far_from_zero_are_framed_as_near_ones():
     points = statue(5_000)
     far = np.array([596_700.0, 5_243_700.0, 100.0])

@@ -74,7 +74,7 @@ class Scan:
     """
 
     def __init__(self, subject: Scene | Model | Points, choice: ViewChoice) -> None:
-        self._sample = sample_of(subject)
+        self._sample = sample_of(subject).without_islands()
         self._choice = choice
         self.found = ""
         if choice.up is None:
@@ -150,7 +150,8 @@ def frame(
     Parameters
     ----------
     subject : Scene, Model or Points
-        Framed are its points as they are seen, the central 99.9% of them along each side of the picture.
+        Framed are its points as they are seen, the central 99.9% of them along each side of the picture; small groups
+            far from all others are left out.
     view : {"auto", "iso", "front", "back", "left", "right", "top", "bottom"}
         The front is seen from -y where z is up, from +z where y is. Auto: bodies from the front, a little from the
         right and above; flat scans from 40 degrees above; what was scanned from one side from there; rooms from within.

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from ..data import Points
 from ..model import Model
@@ -15,6 +16,10 @@ from ..scene import Scene
 Floats = NDArray[np.float64]
 
 MOST = 200_000  # points; 0.05% of them are still a hundred
+STRAY = 0.0005  # of the points at either end of an axis count as strays
+CELLS = 32  # along the longest side of the others: what lies in neighbouring cells hangs together
+ISLAND = 0.0025  # of the points: what hangs together with fewer is apart from the scan
+APART = 0.02  # of the points: where more lie in such islands the scan is nothing but islands
 
 
 class Sample(NamedTuple):
@@ -39,6 +44,23 @@ class Sample(NamedTuple):
     def seen_from(self, point: Floats) -> Sample:
         """The same points about another place: (3,), about the origin of this one."""
         return self._replace(positions=self.positions - point, origin=self.origin + point)
+
+    def without_islands(self) -> Sample:
+        """The points that hang together: no small groups far from all others, as cameras matched wrongly give them."""
+        low, high = np.quantile(self.positions, [STRAY, 1.0 - STRAY], axis=0)
+        size = float((high - low).max()) / CELLS
+        if not size > 0:
+            return self
+        cell = np.floor((self.positions - low) / size) + 1.0  # one more on either side: the scan's own ends
+        within = np.flatnonzero(((cell >= 0) & (cell < CELLS + 3)).all(axis=1))
+        cells = tuple(cell[within].astype(int).T)
+        taken = np.zeros((CELLS + 3,) * 3, bool)
+        taken[cells] = True
+        island = ndimage.label(taken, np.ones((3, 3, 3)))[0][cells]
+        large = np.bincount(island)[island] >= ISLAND * len(self.positions)
+        if large.all() or large.mean() < 1.0 - APART:
+            return self
+        return self._replace(positions=self.positions[within[large]], normals=self.normals[within[large]])
 
 
 def sample_of(subject: Scene | Model | Points, most: int = MOST) -> Sample:
