@@ -47,9 +47,7 @@ def judged(points: Points, wish: str = "auto", keep: str = KEEP, name: str = "")
 
     name : of the file, where there are several.
     """
-    check_choice(wish, "normals", WISHES)
-    if wish == "file" and points.normals is None:
-        raise ValueError(f"{keep}: there are no normals in the file")
+    check_wish(points, wish, keep)
     prefix = f"{name}: " if name else ""
     steps, rounded = find_rounding(points)
     if rounded:
@@ -62,6 +60,13 @@ def judged(points: Points, wish: str = "auto", keep: str = KEEP, name: str = "")
     if found.wrong:
         warnings.warn(f"{prefix}{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
     return points, found.wrong
+
+
+def check_wish(points: Points, wish: str, keep: str = KEEP) -> None:
+    """ValueError if normals are wished for that there are none of."""
+    check_choice(wish, "normals", WISHES)
+    if wish == "file" and points.normals is None:
+        raise ValueError(f"{keep}: there are no normals in the file")
 
 
 def told(found: NormalsCheck) -> str:

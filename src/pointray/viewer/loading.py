@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from ..data import Points
 from ..model import Model
 from ..points.files import read
-from ..points.trust import judged, replaced
+from ..points.trust import check_wish, judged, replaced
 from ..saved import SAVED
 from ..scene import Scene
 from ..scenefile import Plan
@@ -56,23 +57,20 @@ class Files:
     choice: ViewChoice = ViewChoice()
 
     def __call__(self, subject: Subject) -> None:
-        clouds: list[Points | Model] = []
-        wrong: list[bool] = []  # whether there are normals, to be replaced
-        for path in self.paths:
-            cloud, replace = self._read(path, subject)
-            clouds.append(cloud)
-            wrong.append(replace)
-        self._prepare(clouds, wrong, subject)
-        if any(_is_large(cloud) for cloud in clouds):
+        clouds = [self._read(path, subject) for path in self.paths]
+        few = [self._some(cloud) for cloud in clouds]
+        self._prepare(clouds, few, subject)
+        large = [_is_large(cloud) for cloud in clouds]
+        if any(large):
             subject.say("building a coarse version", None)
             # Small ones are models from here on, and not built again.
-            clouds = [c if _is_large(c) else self._whole(c, k, wrong[k], subject) for k, c in enumerate(clouds)]
-            self._show([self._coarse(c, replace) for c, replace in zip(clouds, wrong, strict=True)], subject)
-        models = [self._whole(cloud, k, wrong[k], subject) for k, cloud in enumerate(clouds)]
+            clouds = [c if _is_large(c) else self._whole(c, k, subject) for k, c in enumerate(clouds)]
+            pairs = zip(clouds, few, strict=True)
+            self._show([c if isinstance(c, Model) else self._coarse(some) for c, some in pairs], subject)
+        models = [self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
         self._show(models, subject)
-        large = [model for cloud, model in zip(clouds, models, strict=True) if _is_large(cloud)]
-        if self.leveled and large:
-            for model in large:
+        if self.leveled and any(large):
+            for model in (model for model, is_large in zip(models, large, strict=True) if is_large):
                 model.make_levels(lambda stage, share: subject.say(f"building: {stage}", share))
             self._show(models, subject)  # anew: what colours the points by an attribute counts the levels too
 
@@ -83,50 +81,54 @@ class Files:
             wait_until_warm(subject.settings)
         subject.show(self._scene(models, subject))
 
-    def _prepare(self, clouds: Sequence[Points | Model], wrong: Sequence[bool], subject: Subject) -> None:
+    def _prepare(self, clouds: Sequence[Points | Model], few: Sequence[Points], subject: Subject) -> None:
         """Say which kernels will be needed; where pictures cannot be drawn yet a sketch is seen."""
-        known = [cloud.points if isinstance(cloud, Model) else cloud for cloud in clouds]
-        known = [cloud.with_normals(None) if bad else cloud for cloud, bad in zip(known, wrong, strict=True)]
-        if any(cloud.normals is None for cloud in known):
+        if any(some.normals is None for some in few):
             expect(NORMALS)
         if not is_warm(subject.settings):
-            sketch = Sketch(known)
+            sketch = Sketch(few, sum(len(_points(cloud)) for cloud in clouds))
             subject.outline(sketch, Scan(sketch.points, self.choice).up)
 
-    def _read(self, path: Path, subject: Subject) -> tuple[Points | Model, bool]:
-        """What is in a file, and whether its normals are to be replaced."""
+    def _read(self, path: Path, subject: Subject) -> Points | Model:
         stage = f"reading {path.name}"
         subject.say(stage, None)
         if path.suffix.lower() == SAVED:
-            return Model.load(path), False
+            return Model.load(path)
         points = read(path, partial(subject.say, stage))
-        try:
-            return judged(points, self.normals, name=path.name if len(self.paths) > 1 else "")
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
+        with _named(path):
+            check_wish(points, self.normals)
+        return points
 
-    def _coarse(self, cloud: Points | Model, wrong: bool) -> Model:
-        """Of some of the points."""
+    def _some(self, cloud: Points | Model) -> Points:
+        """At most some of the points, without normals if those are wrong or not wished for, as far as some tell."""
+        points = _points(cloud)
+        if len(points) > COARSE:
+            rows = np.random.default_rng(0).choice(np.flatnonzero(points.finite), COARSE)
+            points = points.select(np.unique(rows))
         if isinstance(cloud, Model):
-            return cloud
-        rows = np.random.default_rng(0).choice(np.flatnonzero(cloud.finite), COARSE)
-        some = cloud.select(np.unique(rows))
+            return points
         with warnings.catch_warnings():  # what there is to say is said of all points
             warnings.simplefilter("ignore")
-            return Model(some.with_normals(None) if wrong else some, **self.surface)
+            points, wrong = judged(points, self.normals)
+        return points.with_normals(None) if wrong else points
 
-    def _whole(self, cloud: Points | Model, number: int, wrong: bool, subject: Subject) -> Model:
+    def _coarse(self, some: Points) -> Model:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return Model(some, **self.surface)
+
+    def _whole(self, cloud: Points | Model, number: int, subject: Subject) -> Model:
         if isinstance(cloud, Model):
             return cloud
 
         def say(stage: str, share: float) -> None:
             subject.say(f"building: {stage}", share)
 
-        try:
-            points = replaced(cloud, partial(say, "normals")) if wrong else cloud
+        path = self.paths[number]
+        with _named(path):
+            points, wrong = judged(cloud, self.normals, name=path.name if len(self.paths) > 1 else "")
+            points = replaced(points, partial(say, "normals")) if wrong else points
             return Model(points, radii_in(points), **self.surface, progress=say)
-        except ValueError as error:
-            raise ValueError(f"{self.paths[number]}: {error}") from error
 
     def _scene(self, models: Sequence[Model], subject: Subject) -> Scene:
         scene = Scene()
@@ -136,8 +138,21 @@ class Files:
         return scene
 
 
+def _points(cloud: Points | Model) -> Points:
+    return cloud.points if isinstance(cloud, Model) else cloud
+
+
 def _is_large(cloud: Points | Model) -> bool:
     return isinstance(cloud, Points) and len(cloud) > WORTH
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Errors of a scan tell its file."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 @dataclass(frozen=True)

@@ -30,18 +30,20 @@ class Sketch:
     ----------
     clouds : sequence of Points
         Together.
+    count : int, optional
+        How many points they stand for; as many as there are unless given.
 
     Attributes
     ----------
     points : Points
         Those that are drawn.
     count : int
-        How many there are in all.
     """
 
-    def __init__(self, clouds: Sequence[Points]) -> None:
-        self.count = sum(len(cloud) for cloud in clouds)
-        share, rng = min(MOST / self.count, 1.0), np.random.default_rng(0)
+    def __init__(self, clouds: Sequence[Points], count: int | None = None) -> None:
+        known = sum(len(cloud) for cloud in clouds)
+        self.count = known if count is None else count
+        share, rng = min(MOST / known, 1.0), np.random.default_rng(0)
         some = [cloud.select(np.flatnonzero(cloud.finite & (rng.random(len(cloud)) < share))) for cloud in clouds]
         world = np.concatenate([cloud.origin + cloud.positions for cloud in some])
         self.points = Points(world, _together([cloud.normals for cloud in some]))
