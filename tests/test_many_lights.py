@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from pointray.jit import kernel
-from pointray.records import LIGHT, LIGHT_AREA, LIGHT_KIND, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT, lend_world
+from pointray.kernels.records import LIGHT, LIGHT_AREA, LIGHT_KIND, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT, lend_world
 from pointray.shade.choice import chance_of, choose_light, nearest_lamp, sun_after
 from pointray.shade.emitters import meet_light, sun_in
 

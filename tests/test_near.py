@@ -5,8 +5,8 @@ import pytest
 
 import pointray as pr
 from pointray.jit import keep, kernel
-from pointray.records import CELL, LEAF
-from pointray.scratch import COUNT_SPLATS, lend_scratch, new_scratch, slot_of
+from pointray.kernels.records import CELL, LEAF
+from pointray.kernels.scratch import COUNT_SPLATS, lend_scratch, new_scratch, slot_of
 from pointray.trace.near import gather, list_blocks, list_splats, segment
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pointray.jit import kernel
-from pointray.records import CELL, LEAF, NOWHERE, SLAB
+from pointray.kernels.records import CELL, LEAF, NOWHERE, SLAB
 from pointray.simd import load16, store
 from pointray.trace.patch import axes_of, narrow, narrow_one
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pointray.jit import kernel
-from pointray.sampling import _second, on_disc, pixel_key, sample_pair
+from pointray.kernels.sampling import _second, on_disc, pixel_key, sample_pair
 
 
 @kernel

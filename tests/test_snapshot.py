@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.kernels.records import model_table
 from pointray.neighbors import NeighborTree
 from pointray.picture import Picture
-from pointray.records import model_table
 
 CAMERA = pr.Camera.look_at((0, -6, 1.5), (0, 0, 0), size=(32, 24))
 

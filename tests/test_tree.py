@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from conftest import shared_model
-from pointray.records import NOWHERE
+from pointray.kernels.records import NOWHERE
 from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
 from pointray.tree.check import check_tree
 

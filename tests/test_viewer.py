@@ -10,7 +10,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 import pointray as pr
-from pointray.records import ACROSS, FORWARD, UPWARD
+from pointray.kernels.records import ACROSS, FORWARD, UPWARD
 from pointray.staging.direction import axes_of
 from pointray.viewer import session
 from pointray.viewer.controls import Control

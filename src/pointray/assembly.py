@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Camera
 from .clips import clip_records
 from .image.tone import srgb_to_linear
 from .instances import Instances
-from .model import Model
-from .records import (
+from .kernels.records import (
     ACROSS,
     CATCHER,
     EYE,
@@ -28,6 +26,7 @@ from .records import (
     World,
     model_table,
 )
+from .model import Model
 from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, Lights, no_sky
 from .shade.lights import Light, fixed, goes_along
@@ -81,11 +80,10 @@ class Snapshot(NamedTuple):
         """See `Scene.bounds`."""
         return bounds_of(self.world.instances.reshape(-1, INSTANCE), self.boxes)
 
-    def seen_by(self, camera: Camera) -> Snapshot:
-        """The scene in front of a camera: lights that go with it stand where it takes them."""
+    def seen_by(self, record: NDArray[np.float64]) -> Snapshot:
+        """The scene in front of the camera of a record: lights that go with it stand where it takes them."""
         if not any(goes_along(light) for light in self.lamps):
             return self
-        record = camera.record()
         right, up, ahead = (record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (ACROSS, UPWARD, FORWARD))
         axes = np.stack([right, up, -ahead])
         lamps = tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_choice, check_kind, check_number, check_numbers, wrong
-from .records import (
+from .kernels.records import (
     ACROSS,
     CAMERA,
     EYE,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .arguments import check_kind, check_number, check_positive, check_whole, wrong
 from .camera import Camera
-from .records import UPWARD
+from .kernels.records import UPWARD
 
 Floats = NDArray[np.float64]
 

@@ -18,10 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from .jit import borrow, cancelled, inline, keep, kernel, take
-from .lens import depth_of
-from .pixels import EDGE, add_color, add_sample, aim_pixels, begin_sums, begin_tile, fill_tile, finish_sums, round_sums
-from .records import lend_world
-from .scratch import (
+from .kernels.records import lend_world
+from .kernels.scratch import (
     CAUGHT,
     COUNT_LEAVES,
     COUNT_NODES,
@@ -36,6 +34,9 @@ from .scratch import (
     put,
     row,
 )
+from .kernels.vec import add, scale
+from .lens import depth_of
+from .pixels import EDGE, add_color, add_sample, aim_pixels, begin_sums, begin_tile, fill_tile, finish_sums, round_sums
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 from .shade.ambient import see_sky
 from .shade.bsdf import base_color
@@ -47,7 +48,6 @@ from .shade.sky import has_sky, sky_radiance
 from .shade.spots import add_radiance, begin_radiance, is_spot, keep_spots
 from .trace.hits import describe_tile, material_at, tile_hit
 from .trace.world import NOWHERE, aim, meets_nothing, trace_tile
-from .vec import add, scale
 
 BLOCK = 16  # pixels a side of what a thread takes at a time: 4 tiles of 8 x 8
 

@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_flag, check_numbers, check_positive, reflectance, rgb, vector
-from .model import Model
-from .paints import Coat, Paints, PaintTables, check_attribute
-from .records import (
+from .kernels.records import (
     CATCHER,
     INSTANCE,
     KIND,
@@ -33,6 +31,8 @@ from .records import (
     SHAPE_ROW,
     TO_MODEL,
 )
+from .model import Model
+from .paints import Coat, Paints, PaintTables, check_attribute
 from .shade.materials import Diffuse, Material
 
 

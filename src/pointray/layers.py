@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from .assembly import Snapshot
 from .camera import Camera
+from .kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from .picture import check_picture, check_view, picture_bytes, render_snapshot
 from .rays import Hits, check_rays
-from .records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from .scene import Scene, intersect_snapshot
 from .settings import Settings
 

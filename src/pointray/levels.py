@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from .assembly import Snapshot
 from .camera import Camera
-from .model import COARSER, Model
-from .records import (
+from .kernels.records import (
     INSTANCE,
     KIND,
     MODEL,
@@ -22,6 +21,7 @@ from .records import (
     World,
     model_table,
 )
+from .model import COARSER, Model
 from .splats.levels import SUPPORT
 
 # Pixels: the largest support, in the median. 24 statues of a million points, 100 pixels high: frames change by 0.81,

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from .data import Points
 from .image.tone import srgb_to_linear
-from .model import Model
-from .records import (
+from .kernels.records import (
     BLENDED,
     CLASSES,
     PAINT_ALONG,
@@ -26,6 +25,7 @@ from .records import (
     PAINT_START,
     PLACED,
 )
+from .model import Model
 from .shade.attributes import COORDINATES, Attribute, categories_of, category_colors
 from .shade.colormaps import colormap, shows_classes
 

@@ -16,11 +16,7 @@ from .camera import Camera
 from .frames import BLOCK, quick_frame, sampled_frame
 from .image.denoise import check_denoise, denoise
 from .jit import Cancel, run
-from .lens import FILTERS
-from .levels import at_distance
-from .memory import check_memory
-from .pixels import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
-from .records import (
+from .kernels.records import (
     DISK_LIGHT,
     EMISSIVE,
     LIGHT,
@@ -33,10 +29,14 @@ from .records import (
     SPHERE_LIGHT,
     World,
 )
+from .kernels.vec import LUMINANCE
+from .lens import FILTERS
+from .levels import at_distance
+from .memory import check_memory
+from .pixels import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
 from .scene import Scene
 from .settings import AO, COST, INTEGRATORS, PATH, PHONG, Settings
 from .shade.environment import EnvironmentLight
-from .vec import LUMINANCE
 from .window import EVERYWHERE, Window, window_of
 
 AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
@@ -162,7 +162,7 @@ class Picture:
         background: tuple[float, ...] | None = None,
         in_passes: bool = False,
     ) -> None:
-        scene = scene.seen_by(camera)
+        scene = scene.seen_by(camera.record())
         width, height = camera.size
         self._settings, self._camera = settings, camera.record()
         self._blocks = -(-width // BLOCK) * -(-height // BLOCK)

@@ -20,8 +20,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from .data import FARTHEST, Points
+from .kernels.records import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STEP, Tree
 from .points.files import check_regular, replacing
-from .records import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STEP, Tree
 from .tree.indices import check_indices
 
 SAVED = ".pointray"  # how the name of such a file usually ends

@@ -13,10 +13,10 @@ from .arguments import check_mapping, rgb, wrong
 from .assembly import Snapshot, bounds_of, take_snapshot
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
+from .kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from .model import Model
 from .paints import categories_in
 from .rays import Hits, Rays, check_rays
-from .records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, Lights
 from .shade.lights import Light

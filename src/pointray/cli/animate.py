@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .keys import read_keys
-from .options import AUTO, View, positive
-from .scenes import SceneView
+from .options import AUTO, positive
 from .stage import Stage
+from .views import SceneView, View
 from .waiting import Progress, in_background, writing
 
 SECONDS, TURNS = 6.0, 1.0  # of a film that says nothing

@@ -49,7 +49,6 @@ from .options import (
     ThreadsOption,
     TimeLimitOption,
     UpOption,
-    View,
     ViewOption,
     ZoomOption,
     exposure_of,
@@ -58,6 +57,7 @@ from .options import (
     positive,
     use_threads,
 )
+from .views import View
 from .waiting import Progress, in_background, writing
 
 app = typer.Typer(

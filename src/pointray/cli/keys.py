@@ -8,8 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from .options import View
-from .scenes import SceneView
+from .views import SceneView, View
 
 NEEDED = ("time", "eye", "target")
 KNOWN = (*NEEDED, "up", "fov")

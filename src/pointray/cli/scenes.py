@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .options import background_of, exposure_of, numbers, size_of, up_axis, use_threads
 from .outputs import Shown, check_fits, write_picture
+from .views import SceneView
 from .waiting import Progress, in_background
 
 if TYPE_CHECKING:
@@ -23,24 +24,6 @@ FILM = ("seconds", "fps", "turns", "keys")  # options that are about the film, n
 def is_scene(file: Path) -> bool:
     """Whether it is called like a scene file."""
     return file.suffix.lower() == ".toml"
-
-
-class SceneView:
-    """The camera of a scene file, as `View` is that of the options.
-
-    Parameters
-    ----------
-    told : dict
-        What `Camera.look_at` or `Camera.frame` is told.
-    """
-
-    def __init__(self, told: dict[str, Any]) -> None:
-        from ..scenefile.plan import BOX, camera_of
-
-        camera = camera_of(told, BOX)  # all but eye and target are as told
-        self.size, self.up = camera.size, camera.up
-        self.lens = {name: getattr(camera, name) for name in ("fov", "projection", "aperture", "focus")}
-        self.settings = {"camera": told}
 
 
 class SceneStage:

@@ -14,7 +14,8 @@ from ..points.trust import trusted
 from ..saved import SAVED
 from ..splats.radii import radii_in
 from ..staging.first_view import ViewChoice
-from .options import AUTO, FILL, View, background_of, color_of, light_of, numbers, positive, settings_of
+from .options import AUTO, FILL, background_of, color_of, light_of, numbers, positive, settings_of
+from .views import View
 from .waiting import Progress, in_background
 
 PLAIN = {"surface": None, "samples": 4, "radius_scale": 1.0}  # of a surface: what the options say by default

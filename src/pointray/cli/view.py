@@ -12,9 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from .options import AUTO, View, background_of, light_of
+from .options import AUTO, background_of, light_of
 from .scenes import SceneStage, is_scene
 from .stage import PLAIN, check_saved, check_scan, fill_of, ground_under, lights_for
+from .views import View
 
 M_ARENA_MAX = -8  # of glibc's mallopt
 SERVING = ("host", "port", "open_browser")  # options that are about neither the scene nor the picture

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..vec import LUMINANCE
+from ..kernels.vec import LUMINANCE
 from .tone import tone
 
 EXPOSED = ("phong", "ao", "path")  # integrators whose pictures are light; others are shown as they are

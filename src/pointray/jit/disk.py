@@ -56,7 +56,7 @@ def cpu_features() -> str:
 def source_key() -> str:
     """Name of the cache folder: a hash of everything that compiled code depends on.
 
-    Numba looks at the file of the function only, so that an edit of `vec.py` would leave stale kernels behind.
+    Numba looks at the file of the function only, so that an edit of `kernels/vec.py` would leave stale kernels behind.
     """
     digest = hashlib.sha256()
     root = Path(__file__).parent.parent

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..sampling import DIRECTION_OF, ON_PATH, sample_pair
-from ..scratch import KEY, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, row
+from ..kernels.sampling import DIRECTION_OF, ON_PATH, sample_pair
+from ..kernels.scratch import KEY, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, row
 from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
 from .phong import sample_diffuse
 from .spots import add_radiance, is_spot, place_of

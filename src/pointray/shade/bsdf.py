@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..jit import inline
-from ..records import (
+from ..kernels.records import (
     BASE_COLOR,
     DIELECTRIC,
     EMISSIVE,
@@ -23,7 +23,7 @@ from ..records import (
     PRINCIPLED,
     SPECULAR,
 )
-from ..vec import BLACK, dot, scale, triple
+from ..kernels.vec import BLACK, dot, scale, triple
 from .microfacet import sample_principled, scatter_principled
 from .phong import sample_diffuse, sample_phong, scatter_diffuse, scatter_phong
 from .specular import sample_specular

@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND
-from ..sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
-from ..scratch import (
+from ..kernels.records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND
+from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
+from ..kernels.scratch import (
     CAUGHT,
     GAIN,
     KEY,
@@ -30,9 +30,9 @@ from ..scratch import (
     put,
     row,
 )
+from ..kernels.vec import BLACK, dot, luminance, scale
 from ..simd import lowest
 from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
-from ..vec import BLACK, dot, luminance, scale
 from .choice import meets_lamp
 from .emitters import from_middle, sample_light
 from .phong import sample_diffuse

@@ -6,9 +6,9 @@ No walk goes over all: of 5,000 lamps a path asks some dozen. See `shade/tables.
 from __future__ import annotations
 
 from ..jit import inline
-from ..records import LIGHT
-from ..sampling import find_share
-from ..vec import BLACK
+from ..kernels.records import LIGHT
+from ..kernels.sampling import find_share
+from ..kernels.vec import BLACK
 from .emitters import meet_light, sun_in
 
 FLAT = 1e-200  # a direction's component is no smaller, so that no box test divides by zero

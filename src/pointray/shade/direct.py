@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT
-from ..scratch import DIRECTION, GAIN, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
+from ..kernels.records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT
+from ..kernels.scratch import DIRECTION, GAIN, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
+from ..kernels.vec import BLACK, either, multiply, scale
 from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
-from ..vec import BLACK, either, multiply, scale
 from .ambient import find_sky_seen
 from .bsdf import ambient, emitted, scatter
 from .emitters import from_middle

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inline
-from ..records import (
+from ..kernels.records import (
     DISK_LIGHT,
     LIGHT_AREA,
     LIGHT_FACING,
@@ -25,8 +25,8 @@ from ..records import (
     SPHERE_LIGHT,
     SUN_LIGHT,
 )
-from ..sampling import on_disc
-from ..vec import BLACK, add, dot, length, scale, sub, tangents, triple
+from ..kernels.sampling import on_disc
+from ..kernels.vec import BLACK, add, dot, length, scale, sub, tangents, triple
 
 TINY = 1e-300
 

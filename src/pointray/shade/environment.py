@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_numbers, rgb, unit_vector
-from ..records import (
+from ..kernels.records import (
     GRADIENT_SKY,
     NO_SKY,
     PICTURE_SKY,

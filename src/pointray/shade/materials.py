@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_number, reflectance, rgb
-from ..records import (
+from ..kernels.records import (
     ALPHA,
     BASE_COLOR,
     COAT,

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..records import ALPHA, COAT, METALLIC
-from ..vec import add, around, dot, mirrored, scale, triple, unit
+from ..kernels.records import ALPHA, COAT, METALLIC
+from ..kernels.vec import add, around, dot, mirrored, scale, triple, unit
 from .phong import sample_diffuse
 
 F0 = 0.04  # of a dielectric of index 1.5, at normal incidence

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import DIELECTRIC, MATERIAL_KIND
-from ..scratch import (
+from ..kernels.records import DIELECTRIC, MATERIAL_KIND
+from ..kernels.scratch import (
     MOST_WAITING,
     SPOT,
     SPOT_DEPTH,
@@ -18,8 +18,8 @@ from ..scratch import (
     put,
     row,
 )
+from ..kernels.vec import BLACK, multiply, scale, triple
 from ..trace.world import NOWHERE, aim, aim_from
-from ..vec import BLACK, multiply, scale, triple
 from .bsdf import is_specular, sample_scatter
 from .specular import glass
 from .spots import is_spot, place_of

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import LIGHT
-from ..sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, ROULETTE, WHICH, sample_pair
-from ..scratch import (
+from ..kernels.records import LIGHT
+from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, ROULETTE, WHICH, sample_pair
+from ..kernels.scratch import (
     DENSITY,
     DIRECTION,
     GAIN,
@@ -29,9 +29,9 @@ from ..scratch import (
     put,
     row,
 )
+from ..kernels.vec import BLACK, add, multiply, scale
 from ..trace.hits import describe_tile, tile_hit
 from ..trace.world import NOWHERE, aim, aim_from, occlude_tile, trace_tile
-from ..vec import BLACK, add, multiply, scale
 from .bsdf import emitted, is_specular, sample_scatter, scatter
 from .catcher import catch_paths, find_caught
 from .choice import chance_of, choose_light, meets_lamp, nearest_lamp, sky_chance, sun_after

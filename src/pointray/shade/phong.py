@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..records import EXPONENT, SPECULAR
-from ..vec import add, around, dot, mirrored, scale
+from ..kernels.records import EXPONENT, SPECULAR
+from ..kernels.vec import add, around, dot, mirrored, scale
 
 
 @inline

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import (
+from ..kernels.records import (
     NO_SKY,
     PICTURE_SKY,
     SKY_GROUND,
@@ -19,8 +19,8 @@ from ..records import (
     SKY_Z,
     SKY_ZENITH,
 )
-from ..sampling import find_share
-from ..vec import BLACK, add, dot, scale, sub, triple
+from ..kernels.sampling import find_share
+from ..kernels.vec import BLACK, add, dot, scale, sub, triple
 from .emitters import Arrival
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..records import IOR, MATERIAL_KIND, MIRROR
-from ..vec import WHITE, dot, mirrored, scale, sub
+from ..kernels.records import IOR, MATERIAL_KIND, MIRROR
+from ..kernels.vec import WHITE, dot, mirrored, scale, sub
 
 
 @inline

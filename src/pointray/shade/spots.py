@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..jit import inline
-from ..scratch import (
+from ..kernels.scratch import (
     COLOR,
     DIRECTION,
     INSTANCE_OF,
@@ -22,8 +22,8 @@ from ..scratch import (
     put,
     row,
 )
+from ..kernels.vec import BLACK, WHITE, add, dot, multiply, scale, unit
 from ..trace.hits import material_at
-from ..vec import BLACK, WHITE, add, dot, multiply, scale, unit
 from .bsdf import Place, base_color
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, kernel, run, take
-from ..vec import tangents
+from ..kernels.vec import tangents
 
 GAP = math.radians(115)  # a straight border leaves 180 degrees; of 20 random directions, one set in 75 leaves this
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded

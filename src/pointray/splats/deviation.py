@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, kernel, routine, run, take
+from ..kernels.vec import add, dot, length, scale
 from ..neighbors import morton_order, neighbors
-from ..vec import add, dot, length, scale
 from .grow import Floats, at
 from .radii import NEIGHBORS
 from .sheets import find_sheets

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, kernel, run, take
-from ..vec import dot, sub, triple
+from ..kernels.vec import dot, sub, triple
 
 OPPOSED = math.cos(math.radians(150))  # cosine of two normals beyond which they are of two sheets
 BESIDE = 8  # neighbours

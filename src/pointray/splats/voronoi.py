@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, keep, kernel, run, take
-from ..vec import add, cross, dot, length, scale, sub, tangents, triple
+from ..kernels.vec import add, cross, dot, length, scale, sub, tangents, triple
 from .borders import FOLD
 
 OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals beyond which points lie on two sheets

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..data import Points
+from ..kernels.records import TO_MODEL
 from ..model import Model
-from ..records import TO_MODEL
 from ..scene import Scene
 
 Floats = NDArray[np.float64]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import borrow, inline, keep, kernel, run, take
-from ..records import INSTANCE, SHAPE_ROW, Array, World, lend_world, tree_at
-from ..scratch import COUNT_NEAR, DIRECTION, NEAREST, T_MIN, TILE, lend_scratch, new_scratch, put, row
+from ..kernels.records import INSTANCE, SHAPE_ROW, Array, World, lend_world, tree_at
+from ..kernels.scratch import COUNT_NEAR, DIRECTION, NEAREST, T_MIN, TILE, lend_scratch, new_scratch, put, row
+from ..kernels.vec import add, along_curve, dot, scale, triple
 from ..simd import lane
-from ..vec import add, along_curve, dot, scale, triple
 from .hits import describe_tile, tile_hit
 from .near import list_blocks, segment
 from .surface import weights_of_block

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit
-from ..scratch import COUNT_NEAR
+from ..kernels.records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit
+from ..kernels.scratch import COUNT_NEAR
 from ..simd import bits, lane, lowest, repeat4
 
 ONE, INF, ZERO = np.float32(1.0), np.float32(np.inf), np.float32(0.0)

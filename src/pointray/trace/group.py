@@ -11,23 +11,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..scratch import (
-    ASIDE,
-    BEGIN,
-    DX,
-    END,
-    FOUND,
-    FOUND_ASIDE,
-    IX,
-    LANES,
-    LENGTH,
-    NX,
-    NY,
-    NZ,
-    OX,
-    SIDE,
-    TILE,
-)
+from ..kernels.scratch import ASIDE, BEGIN, DX, END, FOUND, FOUND_ASIDE, IX, LANES, LENGTH, NX, NY, NZ, OX, SIDE, TILE
 from ..simd import bits, count_bits, load16, lowest, mask16, select, spread16, store, store_packed, vabs
 from .surface import ONE, ZERO
 from .tile import range_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline, routine
-from ..records import (
+from ..kernels.records import (
     INSTANCE,
     LEAF,
     MATERIAL,
@@ -18,7 +18,7 @@ from ..records import (
     lend_world,
     tree_at,
 )
-from ..scratch import (
+from ..kernels.scratch import (
     COLOR,
     COUNT_NEAR,
     INSTANCE_OF,
@@ -34,8 +34,8 @@ from ..scratch import (
     put,
     row,
 )
+from ..kernels.vec import transform
 from ..simd import greatest, lowest, quarters, repeat4, select, spread16, store, vmax, vsqrt
-from ..vec import transform
 from .near import Capsule, list_blocks, nearest_slot
 from .paint import paint_four
 from .space import matrix_at

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, tree_at
-from ..scratch import (
+from ..kernels.records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, tree_at
+from ..kernels.scratch import (
     ANYWHERE,
     BEGIN,
     CUT,
@@ -38,8 +38,8 @@ from ..scratch import (
     put,
     row,
 )
+from ..kernels.vec import add, dot, either, scale, transform_transposed
 from ..simd import count_bits, load16, lowest, select, spread16, store
-from ..vec import add, dot, either, scale, transform_transposed
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
 from .leaf import BEHIND
 from .space import into_model, matrix_at, model_bounds, of_size_one

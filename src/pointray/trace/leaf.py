@@ -33,8 +33,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..jit import inline
-from ..records import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM
-from ..scratch import COUNT_SPLATS
+from ..kernels.records import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM
+from ..kernels.scratch import COUNT_SPLATS
 from ..simd import (
     bits,
     first_quarter,

@@ -12,8 +12,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import inline, routine
-from ..records import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ
-from ..scratch import AT_DX, AT_DY, AT_DZ, AT_HALF, AT_X, AT_Y, AT_Z, COUNT_NEAR, COUNT_SPLATS, GATHERED, LANES, slot_of
+from ..kernels.records import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ
+from ..kernels.scratch import (
+    AT_DX,
+    AT_DY,
+    AT_DZ,
+    AT_HALF,
+    AT_X,
+    AT_Y,
+    AT_Z,
+    COUNT_NEAR,
+    COUNT_SPLATS,
+    GATHERED,
+    LANES,
+    slot_of,
+)
 from ..simd import (
     bits,
     greatest,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import (
+from ..kernels.records import (
     BLENDED,
     INSTANCE,
     PAINT,
@@ -20,9 +20,9 @@ from ..records import (
     SHAPE_ROW,
     tree_at,
 )
-from ..scratch import COLOR, COUNT_NEAR, DIRECTION, INSTANCE_OF, LANES, NEAREST, ORIGIN, SLOT_OF, put, row
+from ..kernels.scratch import COLOR, COUNT_NEAR, DIRECTION, INSTANCE_OF, LANES, NEAREST, ORIGIN, SLOT_OF, put, row
+from ..kernels.vec import add, dot, scale, triple
 from ..simd import repeat4, spread16, store
-from ..vec import add, dot, scale, triple
 from .surface import ONE, ZERO, weights_seen
 
 SLACK = 1e-3  # of a colour of the map: a blend of equal levels must not round down into the one before

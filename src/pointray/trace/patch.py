@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB
+from ..kernels.records import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB
 from ..simd import bits, fours, greatest, least, load16, look_up16, quarters, select, spread16, vabs, vmax, vmin, whole
 from ..tree.patches import across
 from .surface import INF, ONE, ZERO

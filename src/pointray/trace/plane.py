@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
-from ..scratch import (
+from ..kernels.records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
+from ..kernels.scratch import (
     COLOR,
     CUT,
     DIRECTION,
@@ -23,7 +23,7 @@ from ..scratch import (
     put,
     row,
 )
-from ..vec import add, dot, length, scale, sub, triple
+from ..kernels.vec import add, dot, length, scale, sub, triple
 from .surface import ZERO
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..jit import inline
-from ..records import REFINE, SURFACE
+from ..kernels.records import REFINE, SURFACE
 from ..simd import (
     bits,
     last_quarter,

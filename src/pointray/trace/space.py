@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import BOUNDS, TO_MODEL
-from ..vec import add, length, scale, sub, transform, triple
+from ..kernels.records import BOUNDS, TO_MODEL
+from ..kernels.vec import add, length, scale, sub, transform, triple
 
 
 @inline

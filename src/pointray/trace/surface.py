@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..jit import inline
-from ..records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
-from ..scratch import COUNT_SPLATS, slot_of
+from ..kernels.records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
+from ..kernels.scratch import COUNT_SPLATS, slot_of
 from ..simd import repeat4, select, spread16, spread_from, vmax, vsqrt
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
-from ..scratch import (
+from ..kernels.records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
+from ..kernels.scratch import (
     ANY_HIT,
     BEGIN,
     COUNT_LEAVES,

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE
-from ..scratch import (
+from ..kernels.records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE
+from ..kernels.scratch import (
     DIRECTION,
     LANES,
     NEAREST,
@@ -25,8 +25,8 @@ from ..scratch import (
     put,
     row,
 )
+from ..kernels.vec import triple
 from ..simd import bits, least, load16, mask16, select, spread16, vmax, vmin
-from ..vec import triple
 from .space import into_model
 from .surface import INF, ONE, ZERO
 from .tile import ALL, bits_of_row

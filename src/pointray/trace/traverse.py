@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
-from ..scratch import COUNT_LEAVES, COUNT_NODES
+from ..kernels.records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
+from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES
 from ..simd import bits, lane, load8, lowest, prefetch, spread8, vmax, vmin
 from .patch import FLAT
 from .surface import INF, ONE, ZERO

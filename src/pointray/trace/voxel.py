@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..records import DISC, LEAF, SHEETED, SURFACE, Hit
-from ..scratch import (
+from ..kernels.records import DISC, LEAF, SHEETED, SURFACE, Hit
+from ..kernels.scratch import (
     AT_BEGIN,
     AT_DX,
     AT_DY,

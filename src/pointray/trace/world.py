@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline, routine
-from ..records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, lend_world
-from ..scratch import (
+from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, lend_world
+from ..kernels.scratch import (
     ANY_HIT,
     ANYWHERE,
     CUT,
@@ -24,7 +24,7 @@ from ..scratch import (
     put,
     row,
 )
-from ..vec import dot, either, length, triple
+from ..kernels.vec import dot, either, length, triple
 from .instance import through_instance
 from .plane import ON_PLANE, tile_on_plane
 from .surface import ONE, ZERO

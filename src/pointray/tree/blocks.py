@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import cancelled, inline, kernel, run, take
-from ..records import BLOCK, EMPTY, INV_R2, NX, PX
+from ..kernels.records import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
 TILE = 4096  # blocks that a thread fills at a time

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import run
-from ..records import (
+from ..kernels.records import (
     BOUNDS,
     GROUP,
     HEAD,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import cancelled, inline, kernel, take
-from ..records import BLOCK, FAR, INV_R2, PX, Array
+from ..kernels.records import BLOCK, FAR, INV_R2, PX, Array
 from .blocks import PER_BLOCK
 
 FEW = 3  # a voxel that so few blocks reach is not cut further

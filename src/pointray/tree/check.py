@@ -1,4 +1,4 @@
-"""The validator: is a tree whole? Each rule of `records.py`, checked with NumPy, slowly and plainly."""
+"""The validator: is a tree whole? Each rule of `kernels/records.py`, checked with NumPy, slowly and plainly."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..records import (
+from ..kernels.records import (
     BLOCK,
     CELL,
     COLUMNS,

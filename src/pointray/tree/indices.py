@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..records import (
+from ..kernels.records import (
     BLOCK,
     BORDERED,
     BOUNDS,

@@ -28,7 +28,7 @@ import math
 import numpy as np
 
 from ..jit import inline, kernel, take
-from ..records import (
+from ..kernels.records import (
     BLOCK,
     BORDERED,
     CELL,

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..records import COLUMNS, NOWHERE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
+from ..kernels.records import COLUMNS, NOWHERE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
 
 PAD = 0.012  # mean radii: more than the start rule's reach, so that who starts on the surface starts in its slab
 MARGIN = 1e-3  # of a column: splats this far out of it count as over it, against rounding

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import run
-from ..records import BLOCK, FAR, INV_R2, Array
+from ..kernels.records import BLOCK, FAR, INV_R2, Array
 from .cells import FULL, Cells, cut_roots
 
 PER_GROUP = 64  # blocks

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inline, kernel
-from ..records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_PLACE
+from ..kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_PLACE
 
 FEW = 3  # so many models are tried one after the other
 BINS = 16

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline, kernel
-from ..records import NO_CHILD, NODE, WIDTH
+from ..kernels.records import NO_CHILD, NODE, WIDTH
 
 
 @inline

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .jit import borrow, inline
+from ..jit import borrow, inline
 from .records import Array
 
 # A tile: 64 rays that are traced together, in vectors of 16. Its rows hold one number of each ray.

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import array_at, borrow, inline
+from ..jit import array_at, borrow, inline
 
 Array = NDArray[Any]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .jit import inline
+from ..jit import inline
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear sRGB

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from .jit import inline
+from ..jit import inline
 
 # The pairs of dimensions that are asked for; those of a path repeat for each scattering.
 IN_PIXEL, ON_LENS, ON_PATH = 0, 1, 2

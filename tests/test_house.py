@@ -1,0 +1,108 @@
+"""The house: which room stands on which, who may import Numba, and that nothing goes around in a circle."""
+
+import ast
+import graphlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pointray
+from pointray.jit.disk import NO_KERNELS
+
+PACKAGE = Path(pointray.__file__).parent
+
+# From the ground up: what stands in a room imports only from rooms before it, and from its own. A room is a folder, or
+# a file at the top.
+TOWER = [
+    *("jit", "simd", "arguments", "extras", "progress", "memory", "kernels", "data", "neighbors", "nearby"),
+    *("camera", "lens", "settings", "film"),
+    *("points", "tree", "splats", "intersect", "trace", "saved", "model", "shade", "image", "screen"),
+    *("rays", "paints", "transforms", "clips", "instances", "assembly", "scene", "staging"),
+    *("pixels", "frames", "levels", "window", "picture", "layers", "warmup"),
+    *("scenefile", "viewer", "report", "demonstration", "benchmark", "cli", "__main__"),
+]
+
+
+def name_of(path: Path) -> str:
+    """A file's module, below the package: `trace.tile`; of a folder's `__init__` the folder."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {name_of(path): path for path in PACKAGE.rglob("*.py")}
+
+
+def imports(path: Path) -> set[str]:
+    """What a file imports, also within functions: modules of the package as in `FILES`, others with their full name."""
+    folder = path.parent.relative_to(PACKAGE.parent).parts
+    named = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            named += [alias.name for alias in node.names]
+        if isinstance(node, ast.ImportFrom):
+            base = folder[: len(folder) - node.level + 1] if node.level else ()
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            named += [f"{module}.{alias.name}" if _inner(f"{module}.{alias.name}") else module for alias in node.names]
+    return {_inner(name) or name for name in named}
+
+
+def _inner(module: str) -> str:
+    """The name in `FILES` of a module of the package; empty: it is none."""
+    name = module.removeprefix("pointray.")
+    return name if module.startswith("pointray.") and name in FILES else ""
+
+
+def upwards(tower: list[str], arrows: dict[str, set[str]]) -> list[tuple[str, str]]:
+    """Imports that point up in a tower."""
+    floor = {room: k for k, room in enumerate(tower)}
+    rooms = {(name, other): (name.split(".")[0], other.split(".")[0]) for name in arrows for other in arrows[name]}
+    return [pair for pair, (room, other) in rooms.items() if other in floor and floor[other] > floor[room]]
+
+
+ARROWS = {name: imports(path) for name, path in FILES.items() if name}  # the package's own __init__ has all names
+
+
+def test_every_room_has_its_floor():
+    assert {name.split(".")[0] for name in ARROWS} <= set(TOWER)
+
+
+def test_every_import_points_down():
+    assert upwards(TOWER, ARROWS) == []
+    assert upwards(["points", "cli"], {"points.files": {"cli.view", "os"}}) == [("points.files", "cli.view")]
+
+
+def test_no_files_import_each_other_in_a_circle():
+    graphlib.TopologicalSorter({name: others & FILES.keys() for name, others in ARROWS.items()}).prepare()
+
+
+def test_only_the_engine_imports_numba():
+    users = {name for name, others in ARROWS.items() if {o.split(".")[0] for o in others} & {"numba", "llvmlite"}}
+    assert {name.split(".")[0] for name in users} == {"jit", "simd"}
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = "import sys, pointray; print([m for m in ('numba', 'scipy', 'PIL') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there():
+    for name in pointray.__all__:
+        assert getattr(pointray, name) is not None
+    assert callable(pointray.render)
+
+
+def test_no_compiled_code_depends_on_a_file_that_the_cache_leaves_out():
+    """Kernels, and all that their files import, are in the hash that names the cache folder."""
+    marks = re.compile(r"^@(kernel|inline|routine|intrinsic|njit|lower_builtin|register_model)", re.MULTILINE)
+    waiting = [name for name, path in FILES.items() if marks.search(path.read_text())]
+    needed = set(waiting)
+    while waiting:
+        new = (ARROWS[waiting.pop()] & FILES.keys()) - needed
+        needed |= new
+        waiting += new
+    files = {name: FILES[name].relative_to(PACKAGE).as_posix() for name in FILES}
+    assert len(needed) > 70
+    assert not sorted(name for name in needed if files[name].startswith(NO_KERNELS))
+    assert all(any(file.startswith(left_out) for file in files.values()) for left_out in NO_KERNELS)
