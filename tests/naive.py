@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pointray.intersect.march import BORDER_SHARE
 from pointray.jit import inline, kernel, run, take
-from pointray.trace.leaf import BORDER_SHARE
 
 KINDS = {"paper": 0, "imls": 1, "apss": 2}
 STEPS = 40  # samples in a radius

@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from pointray.kernels.records import MATERIAL_SIZE, ROW, TOP_BOUNDS, TOP_CENTER, TOP_NODE
-from pointray.tree.top import DEEP, FEW, build_top
+from pointray.tree.instance_bvh import DEEP, FEW, build_top
 
 RNG = np.random.default_rng(11)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.intersect.gather import gather, list_blocks, list_splats, segment
 from pointray.jit import keep, kernel
 from pointray.kernels.records import CELL, LEAF
 from pointray.kernels.scratch import COUNT_SPLATS, lend_scratch, new_scratch, slot_of
-from pointray.trace.near import gather, list_blocks, list_splats, segment
 
 
 @kernel

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from pointray.intersect.columns import axes_of, narrow, narrow_one
 from pointray.jit import kernel
 from pointray.kernels.records import CELL, LEAF, NOWHERE, SLAB
 from pointray.simd import load16, store
-from pointray.trace.patch import axes_of, narrow, narrow_one
 
 STEPS = 20_000
 

@@ -5,8 +5,8 @@ import pytest
 
 from naive import KINDS, bisect, field
 from pointray.jit import kernel, run, take
+from pointray.tree.columns import slab_along
 from pointray.tree.leaves import limits_of
-from pointray.tree.patches import slab_along
 
 TRIM, STEPS, LINES = 0.75, 120, 24
 PAD = 1e-4  # of a radius, against rounding: one splat alone has a slab without thickness

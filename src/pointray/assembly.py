@@ -31,7 +31,7 @@ from .shade.attributes import Attribute
 from .shade.environment import EnvironmentLight, Lights, no_sky
 from .shade.lights import Light, fixed, goes_along
 from .shade.tables import light_shares, light_trees
-from .tree.top import boxes_around, build_top
+from .tree.instance_bvh import boxes_around, build_top
 
 
 class LightTables(NamedTuple):

@@ -27,8 +27,8 @@ WAITING_COUNT = 4 * TILE  # rays that wait at each place
 NUMBER_ROWS = 6
 # float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * TILE for k in range(9))
-# Where its nearest hit in this model is, at first a step behind where it ends: see `trace/leaf.py`; below 0 where it
-# misses the bounds.
+# Where its nearest hit in this model is, at first a step behind where it ends: see `intersect/march.py`; below 0 where
+# it misses the bounds.
 LENGTH = 9 * TILE
 NX, NY, NZ = 10 * TILE, 11 * TILE, 12 * TILE  # unit normal of that hit
 ENTER, LEAVE, FIRST, LAST = 13 * TILE, 14 * TILE, 15 * TILE, 16 * TILE
@@ -42,7 +42,7 @@ CUT = 27 * TILE  # 1 where a clip plane has cut the ray, in any model; else 0
 MODEL_ROWS = 28
 # The same rows of all the tile's rays, while a group of them stands in the rows above; FOUND of these.
 ASIDE, FOUND_ASIDE = MODEL_ROWS * TILE, 5 * TILE
-# float32: of the rays that search a leaf, one after the other, see `trace/voxel.py`: the middle of the part that is
+# float32: of the rays that search a leaf, one after the other, see `intersect/leaf.py`: the middle of the part that is
 # looked at, the direction, where its first sample is, 3 rows each; half the part's length; the first and the last
 # sample, and where the ray begins, see `leaf.Reach`; the nearest hit; the side.
 PART = TILE + LANES  # the length of such a row: what follows the last ray is written over
@@ -97,7 +97,7 @@ class Scratch(NamedTuple):
 
     stack : (512,) int32, children still to visit; stack_near : (512,) float32, where the ray enters them
     near : (n,) int32, blocks near the rays in the current leaf; counts : (8,) int64, see COUNT_*
-    lift : (1,) float32, the start rule's state, see `trace/leaf.py`
+    lift : (1,) float32, the start rule's state, see `intersect/march.py`
     splats : (m,) float32, the splats of these blocks, see GATHERED
     places : (4 n,) int32, where in `splats` each of them is
     listed : (4 n,) int32, the places of those near the rays that are evaluated

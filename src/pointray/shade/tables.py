@@ -29,7 +29,7 @@ from ..kernels.records import (
     SUN_LIGHT,
     LightTree,
 )
-from ..tree.top import build_top
+from ..tree.instance_bvh import build_top
 
 Floats = NDArray[np.float64]
 

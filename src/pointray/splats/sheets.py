@@ -1,6 +1,6 @@
 """Which splats belong to sheets so close together that the supports of one reach the other: both sides of a thin wall.
 
-There the normals cancel, so rays see one side at a time (`trace/leaf.py`).
+There the normals cancel, so rays see one side at a time (`intersect/march.py`).
 """
 
 from __future__ import annotations

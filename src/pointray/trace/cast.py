@@ -7,14 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..intersect.gather import list_blocks, segment
+from ..intersect.surface import weights_of_block
 from ..jit import borrow, inline, keep, kernel, run, take
 from ..kernels.records import INSTANCE, SHAPE_ROW, Array, World, lend_world, tree_at
 from ..kernels.scratch import COUNT_NEAR, DIRECTION, NEAREST, T_MIN, TILE, lend_scratch, new_scratch, put, row
 from ..kernels.vec import add, along_curve, dot, scale, triple
 from ..simd import lane
 from .hits import describe_tile, tile_hit
-from .near import list_blocks, segment
-from .surface import weights_of_block
 from .world import NOWHERE, aim, is_blocked, occlude_tile, trace_tile
 
 SHORT, LONG = 1e-60, 1e60  # of a direction's square, see `_exponent`

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
+from ..intersect.surface import ONE, ZERO
 from ..jit import inline
 from ..kernels.scratch import ASIDE, BEGIN, DX, END, FOUND, FOUND_ASIDE, IX, LANES, LENGTH, NX, NY, NZ, OX, SIDE, TILE
 from ..simd import bits, count_bits, load16, lowest, mask16, select, spread16, store, store_packed, vabs
-from .surface import ONE, ZERO
 from .tile import range_of
 
 WIDEST = np.float32(0.2)  # by how much components of the directions may differ

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..intersect.gather import Capsule, list_blocks, nearest_slot
+from ..intersect.surface import ONE, ZERO, weights_seen
 from ..jit import inline, routine
 from ..kernels.records import (
     INSTANCE,
@@ -36,10 +38,8 @@ from ..kernels.scratch import (
 )
 from ..kernels.vec import transform
 from ..simd import greatest, lowest, quarters, repeat4, select, spread16, store, vmax, vsqrt
-from .near import Capsule, list_blocks, nearest_slot
 from .paint import paint_four
 from .space import matrix_at
-from .surface import ONE, ZERO, weights_seen
 
 
 @inline

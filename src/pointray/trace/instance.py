@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from ..intersect.march import BEHIND
+from ..intersect.surface import ONE, ZERO
 from ..jit import inline
 from ..kernels.records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, tree_at
 from ..kernels.scratch import (
@@ -41,9 +43,7 @@ from ..kernels.scratch import (
 from ..kernels.vec import add, dot, either, scale, transform_transposed
 from ..simd import count_bits, load16, lowest, select, spread16, store
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
-from .leaf import BEHIND
 from .space import into_model, matrix_at, model_bounds, of_size_one
-from .surface import ONE, ZERO
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
 from .traverse import closest, make_ray
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..intersect.surface import ONE, ZERO, weights_seen
 from ..jit import inline
 from ..kernels.records import (
     BLENDED,
@@ -23,7 +24,6 @@ from ..kernels.records import (
 from ..kernels.scratch import COLOR, COUNT_NEAR, DIRECTION, INSTANCE_OF, LANES, NEAREST, ORIGIN, SLOT_OF, put, row
 from ..kernels.vec import add, dot, scale, triple
 from ..simd import repeat4, spread16, store
-from .surface import ONE, ZERO, weights_seen
 
 SLACK = 1e-3  # of a colour of the map: a blend of equal levels must not round down into the one before
 

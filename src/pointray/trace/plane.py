@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ..intersect.surface import ZERO
 from ..jit import inline
 from ..kernels.records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
 from ..kernels.scratch import (
@@ -24,7 +25,6 @@ from ..kernels.scratch import (
     row,
 )
 from ..kernels.vec import add, dot, length, scale, sub, triple
-from .surface import ZERO
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..intersect.columns import FLAT
+from ..intersect.leaf import search_alone, search_together, together
+from ..intersect.surface import ONE, ZERO
 from ..jit import inline
 from ..kernels.records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
 from ..kernels.scratch import (
@@ -56,10 +59,7 @@ from ..simd import (
     vmax,
     vmin,
 )
-from .patch import FLAT
-from .surface import ONE, ZERO
 from .traverse import expect, expect_columns, far_planes, insert, near_planes, walk_begin
-from .voxel import search_alone, search_together, together
 
 ALL = -1  # rays as bits of an int64
 ROUNDING = np.float32(1e-6)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..intersect.columns import FLAT
+from ..intersect.leaf import search_alone
+from ..intersect.surface import INF, ONE, ZERO
 from ..jit import inline
 from ..kernels.records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
 from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES
 from ..simd import bits, lane, load8, lowest, prefetch, spread8, vmax, vmin
-from .patch import FLAT
-from .surface import INF, ONE, ZERO
-from .voxel import search_alone
 
 TINY = np.float32(1e-20)
 
@@ -93,7 +93,7 @@ def expect_columns(tree, leaf):  # type: ignore[no-untyped-def]
 
 @inline
 def walk_begin(tree, begin):  # type: ignore[no-untyped-def]
-    """Where the walk of a ray begins: a step before the ray, see `trace/leaf.py`."""
+    """Where the walk of a ray begins: a step before the ray, see `intersect/march.py`."""
     return max(abs(begin) - tree.head[LONGEST], ZERO)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..intersect.surface import ONE, ZERO
 from ..jit import inline, routine
 from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, lend_world
 from ..kernels.scratch import (
@@ -26,9 +27,8 @@ from ..kernels.scratch import (
 )
 from ..kernels.vec import dot, either, length, triple
 from .instance import through_instance
+from .instance_bvh import begin_walk, open_node, shorten, still_open
 from .plane import ON_PLANE, tile_on_plane
-from .surface import ONE, ZERO
-from .top import begin_walk, open_node, shorten, still_open
 
 NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for places in a tile that are free
 

@@ -28,7 +28,7 @@ from ..kernels.records import (
 )
 from .blocks import make_blocks, sort_splats
 from .leaves import fill_groups, fill_leaves, limits_of, longest_step
-from .roots import build_cells
+from .subtrees import build_cells
 from .wide import collapse, enclose
 
 LEAF_WIDTH = 8.0  # a voxel's longest edge in mean support radii, at most

@@ -207,7 +207,7 @@ def _cut_root(work, blocks, count, limits, out):  # type: ignore[no-untyped-def]
 def cut_roots(work, blocks, roots, limits, out):  # type: ignore[no-untyped-def]
     """Cut voxels in the middle of their longest edges, each root in its own part of the arrays.
 
-    roots : as in `tree/roots.py`: the first node, the first reference, the first of `groups`; groups; how far around
+    roots : as in `tree/subtrees.py`: the first node, the first reference, the first of `groups`; groups; how far around
     limits : greatest width of the voxels in mean radii; longest step of the samples in radii; blocks of a group
     out : a `Cells` whose boxes hold the roots', and the number of nodes of each root, or FULL
 

@@ -31,8 +31,8 @@ from ..kernels.records import (
     WIDTH,
     Tree,
 )
+from .columns import across
 from .indices import check_lengths
-from .patches import across
 
 Floats = NDArray[np.float32]
 
@@ -234,7 +234,7 @@ def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[n
 
 
 def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
-    """f (see `trace/surface.py`), unit mean normal, |x - P| and mean radius at places; NaN without support."""
+    """f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius at places; NaN without support."""
     place, splat = _over(x, rows[:, :3], rows[:, 6])
     p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
     q = p - x[place]

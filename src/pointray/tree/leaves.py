@@ -18,7 +18,7 @@ that limit, and times q >= E[r_i^2]^(1/2) / E[r_i], all surface in the voxel lie
     min_j (m.p_j - t r_j)  <=  m.x  <=  max_j (m.p_j + t r_j):  the slab.
 
 A slab that misses the voxel proves it empty. The tight box encloses the balls of all splats cut by slab and voxel. What
-lies in a leaf is told more closely, column by column, by `tree/patches.py`.
+lies in a leaf is told more closely, column by column, by `tree/columns.py`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from ..kernels.records import (
 )
 from .blocks import PER_BLOCK
 from .cells import overlap
-from .patches import fill_patches, slab_along
+from .columns import fill_patches, slab_along
 
 BEND = 0.361  # the greatest k^2 / e^2 where e > d
 LEEWAY = 0.1  # a step may be 2**0.1 times the asked length, so that nearly equal radii share one lattice

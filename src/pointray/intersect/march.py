@@ -53,7 +53,7 @@ from ..simd import (
     vsqrt,
     whole,
 )
-from .root import (
+from .refine import (
     Pair,
     all_samples,
     choose,

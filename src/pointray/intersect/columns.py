@@ -1,4 +1,4 @@
-"""Where rays can meet the surface in a voxel: their way through its columns, each with a slab (`tree/patches.py`)."""
+"""Where rays can meet the surface in a voxel: their way through its columns, each with a slab (`tree/columns.py`)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from ..jit import inline
 from ..kernels.records import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB
 from ..simd import bits, fours, greatest, least, load16, look_up16, quarters, select, spread16, vabs, vmax, vmin, whole
-from ..tree.patches import across
+from ..tree.columns import across
 from .surface import INF, ONE, ZERO
 
 FLAT = np.float32(1e-6)  # the least rise that a slab test divides by

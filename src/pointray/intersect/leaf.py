@@ -44,11 +44,11 @@ from ..kernels.scratch import (
     TILE,
 )
 from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, select, spread16, store_packed
+from .columns import axes_of, narrow, narrow_one
 from .disc import search_discs
-from .leaf import Reach, lattice, search, search_one, span
-from .near import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
-from .patch import axes_of, narrow, narrow_one
-from .root import Frame
+from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
+from .march import Reach, lattice, search, search_one, span
+from .refine import Frame
 from .surface import HALF, INF, ONE, ZERO
 
 BEYOND = np.int64(-(2**63))  # a bit behind those of all rays but the last one: where no ray is left

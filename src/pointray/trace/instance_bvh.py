@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..intersect.surface import INF, ONE, ZERO
 from ..jit import inline
 from ..kernels.records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE
 from ..kernels.scratch import (
@@ -28,7 +29,6 @@ from ..kernels.scratch import (
 from ..kernels.vec import triple
 from ..simd import bits, least, load16, mask16, select, spread16, vmax, vmin
 from .space import into_model
-from .surface import INF, ONE, ZERO
 from .tile import ALL, bits_of_row
 from .traverse import make_ray
 
