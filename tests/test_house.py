@@ -18,7 +18,7 @@ TOWER = [
     *("jit", "simd", "arguments", "extras", "progress", "memory", "kernels", "data", "neighbors", "nearby"),
     *("camera", "lens", "settings", "film"),
     *("points", "tree", "splats", "intersect", "trace", "saved", "model", "shade", "image", "screen"),
-    *("rays", "paints", "transforms", "clips", "instances", "assembly", "scene", "staging"),
+    *("scene", "staging"),
     *("pixels", "frames", "levels", "window", "picture", "layers", "warmup"),
     *("scenefile", "viewer", "report", "demonstration", "benchmark", "cli", "__main__"),
 ]

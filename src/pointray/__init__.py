@@ -23,17 +23,17 @@ _HOME = {
     "DiskLight": "shade.lights",
     "EnvironmentLight": "shade.environment",
     "Emissive": "shade.materials",
-    "Hits": "rays",
+    "Hits": "scene.rays",
     "Mirror": "shade.materials",
     "Model": "model",
     "Phong": "shade.materials",
-    "Plane": "instances",
+    "Plane": "scene.instances",
     "PointLight": "shade.lights",
     "RectLight": "shade.lights",
     "SphereLight": "shade.lights",
     "Points": "data",
     "Principled": "shade.materials",
-    "Scene": "scene",
+    "Scene": "scene.scene",
     "SceneFile": "scenefile",
     "Settings": "settings",
     "SunLight": "shade.lights",
@@ -52,7 +52,7 @@ _HOME = {
     "render_layers": "layers",
     "studio": "staging.studio",
     "subsample": "splats.subsample",
-    "transform": "transforms",
+    "transform": "scene.transforms",
     "turntable": "film",
     "view": "viewer",
     "write": "points",
@@ -70,7 +70,6 @@ if TYPE_CHECKING:
     from .image import draw_legend as draw_legend
     from .image import write_image as write_image
     from .image import write_layers as write_layers
-    from .instances import Plane as Plane
     from .layers import render_layers as render_layers
     from .model import Model as Model
     from .picture import render as render
@@ -82,8 +81,10 @@ if TYPE_CHECKING:
     from .points import write as write
     from .points.cleaning import clean as clean
     from .points.cleaning import find_flaws as find_flaws
-    from .rays import Hits as Hits
-    from .scene import Scene as Scene
+    from .scene.instances import Plane as Plane
+    from .scene.rays import Hits as Hits
+    from .scene.scene import Scene as Scene
+    from .scene.transforms import transform as transform
     from .scenefile import SceneFile as SceneFile
     from .scenefile import load_scene as load_scene
     from .settings import Settings as Settings
@@ -103,7 +104,6 @@ if TYPE_CHECKING:
     from .splats.subsample import subsample as subsample
     from .staging.first_view import frame as frame
     from .staging.studio import studio as studio
-    from .transforms import transform as transform
     from .viewer import view as view
 
 

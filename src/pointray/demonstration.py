@@ -10,12 +10,12 @@ from typing import Any
 
 from .camera import Camera
 from .image import write_image
-from .instances import Plane
 from .jit import compilations, compile_seconds, thread_count
 from .model import Model
 from .picture import render
 from .points import procedural
-from .scene import Scene
+from .scene.instances import Plane
+from .scene.scene import Scene
 from .settings import Settings
 from .shade.lights import SunLight
 from .shade.materials import Phong

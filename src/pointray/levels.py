@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .assembly import Snapshot
 from .camera import Camera
 from .kernels.records import (
     INSTANCE,
@@ -22,6 +21,7 @@ from .kernels.records import (
     model_table,
 )
 from .model import COARSER, Model
+from .scene.world import Snapshot
 from .splats.levels import SUPPORT
 
 # Pixels: the largest support, in the median. 24 statues of a million points, 100 pixels high: frames change by 0.81,

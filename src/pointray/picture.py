@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arguments import check_callback, check_kind
-from .assembly import Snapshot
 from .camera import Camera
 from .frames import BLOCK, quick_frame, sampled_frame
 from .image.denoise import check_denoise, denoise
@@ -34,7 +33,8 @@ from .lens import FILTERS
 from .levels import at_distance
 from .memory import check_memory
 from .pixels import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
-from .scene import Scene
+from .scene.scene import Scene
+from .scene.world import Snapshot
 from .settings import AO, COST, INTEGRATORS, PATH, PHONG, Settings
 from .shade.environment import EnvironmentLight
 from .window import EVERYWHERE, Window, window_of

@@ -13,10 +13,10 @@ from collections.abc import Callable, Sequence
 
 from .camera import Camera
 from .frames import quick_frame
-from .instances import Plane
 from .jit import BACKLOG, KERNELS, compile_beside, is_compiled, wait_for
 from .picture import kernel_for, render
-from .scene import Scene
+from .scene.instances import Plane
+from .scene.scene import Scene
 from .settings import Settings
 
 # Seconds that kernels take on one core of 2024; what compiles faster or slower is noticed, see `jit.Backlog`.

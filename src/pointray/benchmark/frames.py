@@ -15,7 +15,7 @@ from ..jit import compile_seconds
 from ..model import Model
 from ..picture import render
 from ..points import procedural
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..settings import Settings
 from ..shade.lights import SunLight
 from ..splats.subsample import subsample

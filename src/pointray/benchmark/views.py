@@ -8,7 +8,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ..camera import Camera
 from ..data import Points
-from ..scene import Scene
+from ..scene.scene import Scene
 
 FROM = (0.45, -1.0, 0.2)
 TALL = 0.9  # share of the picture's height that the silhouette spans, from far

@@ -192,7 +192,7 @@ class Coat:
 
     def material(self, points: Any, up: Any) -> Any:
         """The material for points; what they have no colour for is grey. up : None: it will be along an axis"""
-        from ..paints import check_attribute
+        from ..scene.paints import check_attribute
         from ..shade.materials import Dielectric, Diffuse, Phong, Principled
         from ..staging.studio import ALBEDO, CLAY
 
@@ -246,6 +246,6 @@ def _axis_of(up: tuple[float, float, float]) -> str:
 
 def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:
     """A plane under a box."""
-    from ..instances import Plane
+    from ..scene.instances import Plane
 
     return Plane([low if u >= 0 else high for u, low, high in zip(up, *bounds, strict=True)], up)

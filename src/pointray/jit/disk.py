@@ -24,16 +24,17 @@ CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
 # Files and folders that no compiled code depends on: an edit there compiles nothing anew.
 NO_KERNELS = (
-    *("assembly.py", "camera.py", "clips.py", "demonstration.py", "extras.py", "film.py", "instances.py", "layers.py"),
-    *("model.py", "paints.py", "picture.py", "rays.py", "report.py", "saved.py", "scene.py", "transforms.py"),
-    *("memory.py", "window.py", "warmup.py", "__main__.py", "benchmark/", "cli/", "scenefile/", "staging/", "viewer/"),
+    *("memory.py", "extras.py", "nearby.py", "model.py", "saved.py", "scene/", "staging/", "scenefile/", "viewer/"),
+    *("camera.py", "film.py", "layers.py", "picture.py", "window.py", "warmup.py"),
+    *("report.py", "demonstration.py", "benchmark/", "cli/", "__main__.py"),
+    *("points/cleaning.py", "points/files.py", "points/given_normals.py", "points/normals.py", "points/ply.py"),
+    *("points/rounding.py", "points/trust.py"),
+    *("splats/levels.py", "splats/subsample.py", "splats/subset.py", "splats/support.py"),
+    *("tree/build.py", "tree/check.py", "tree/indices.py"),
+    *("shade/attributes.py", "shade/colormaps.py", "shade/environment.py", "shade/lights.py", "shade/materials.py"),
+    *("shade/pictures.py", "shade/tables.py"),
     *("image/denoise.py", "image/exr.py", "image/exposure.py", "image/frames.py", "image/legend.py", "image/mp4.py"),
     "image/write.py",
-    *("nearby.py", "points/cleaning.py", "points/files.py", "points/given_normals.py", "points/normals.py"),
-    *("points/ply.py", "points/rounding.py", "points/trust.py", "shade/materials.py"),
-    *("shade/attributes.py", "shade/colormaps.py", "shade/environment.py", "shade/lights.py", "shade/pictures.py"),
-    *("shade/tables.py", "splats/levels.py", "splats/subsample.py", "splats/subset.py", "splats/support.py"),
-    *("tree/build.py", "tree/check.py", "tree/indices.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
 MARK, MARKED = ".made-by-pointray", b"compiled kernels of pointray: this folder may be removed at any time\n"

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
-from ..clips import MOST, check_clip
-from ..instances import Plane, check_transform
 from ..points.files import check_regular
-from ..scene import Scene
-from ..transforms import transform
+from ..scene.clips import MOST, check_clip
+from ..scene.instances import Plane, check_transform
+from ..scene.scene import Scene
+from ..scene.transforms import transform
 from .lines import Key
 from .source import Source
 from .words import TEXT, check_table, optional, unknown, words_of

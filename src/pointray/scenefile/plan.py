@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..camera import Camera
 from ..image import write_image
 from ..image.tone import check_tone
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..settings import Settings
 from .lines import Key
 from .looks import check_lights, check_material, make_light

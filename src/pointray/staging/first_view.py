@@ -12,7 +12,7 @@ from ..arguments import check_choice, check_kind, check_number
 from ..camera import SIZE, Camera, check_direction
 from ..data import Points
 from ..model import Model
-from ..scene import Scene
+from ..scene.scene import Scene
 from .direction import VIEWS, Outlook, find_outlook, towards
 from .framing import STANDARD, WHOLE, Lens, Part, frame_points, frame_turning, magnified
 from .sample import Sample, sample_of

@@ -11,7 +11,7 @@ from scipy import ndimage
 from ..data import Points
 from ..kernels.records import TO_MODEL
 from ..model import Model
-from ..scene import Scene
+from ..scene.scene import Scene
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from numpy.typing import ArrayLike
 
 from ..arguments import check_flag, check_text, check_whole
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..staging.first_view import Scan, ViewChoice, up_of
 from .subject import Subject
 from .viewer import Viewer

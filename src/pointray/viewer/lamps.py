@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arguments import rgb
 from ..image.tone import linear_to_srgb, srgb_to_linear
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, PointLight, SunLight
 from ..staging.direction import angles_of, direction_of

@@ -17,7 +17,7 @@ from ..model import Model
 from ..points.files import read
 from ..points.trust import check_wish, judged, replaced
 from ..saved import SAVED
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..scenefile import Plan
 from ..shade.materials import Diffuse
 from ..splats.radii import radii_in

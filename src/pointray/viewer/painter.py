@@ -19,7 +19,7 @@ from ..camera import Camera
 from ..image.tone import backdrop_rows
 from ..jit import Cancel
 from ..picture import Picture
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..screen import levels_of
 from .looks import Looks
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..settings import INTEGRATORS
 from ..shade.attributes import COORDINATES
 from ..shade.colormaps import EMBEDDED

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..model import Model
-from ..scene import Scene
+from ..scene.scene import Scene
 
 MOST_LINES = 24
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..staging.direction import VIEWS
 from ..staging.first_view import AUTO
 from ..staging.framing import Lens

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from ..camera import Camera, check_direction
 from ..jit import BACKLOG
 from ..model import Model
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..settings import Settings
 from ..staging.first_view import Scan, ViewChoice
 from .sketch import Sketch

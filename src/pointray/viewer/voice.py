@@ -19,7 +19,7 @@ from .. import __version__
 from ..camera import Camera
 from ..data import Points
 from ..image.legend import draw_legend
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..shade.attributes import Attribute
 from .controls import Folder
 from .link import Link

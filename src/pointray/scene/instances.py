@@ -11,8 +11,8 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_flag, check_numbers, check_positive, reflectance, rgb, vector
-from .kernels.records import (
+from ..arguments import check_flag, check_numbers, check_positive, reflectance, rgb, vector
+from ..kernels.records import (
     CATCHER,
     INSTANCE,
     KIND,
@@ -31,9 +31,9 @@ from .kernels.records import (
     SHAPE_ROW,
     TO_MODEL,
 )
-from .model import Model
+from ..model import Model
+from ..shade.materials import Diffuse, Material
 from .paints import Coat, Paints, PaintTables, check_attribute
-from .shade.materials import Diffuse, Material
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from .data import Points
-from .image.tone import srgb_to_linear
-from .kernels.records import (
+from ..data import Points
+from ..image.tone import srgb_to_linear
+from ..kernels.records import (
     BLENDED,
     CLASSES,
     PAINT_ALONG,
@@ -25,9 +25,9 @@ from .kernels.records import (
     PAINT_START,
     PLACED,
 )
-from .model import Model
-from .shade.attributes import COORDINATES, Attribute, categories_of, category_colors
-from .shade.colormaps import colormap, shows_classes
+from ..model import Model
+from ..shade.attributes import COORDINATES, Attribute, categories_of, category_colors
+from ..shade.colormaps import colormap, shows_classes
 
 LOW, HIGH = 2, 98  # percentiles between which a range lies that is not given
 SAMPLE = 100_000  # rows whose coordinates tell the range

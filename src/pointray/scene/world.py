@@ -8,10 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .clips import clip_records
-from .image.tone import srgb_to_linear
-from .instances import Instances
-from .kernels.records import (
+from ..image.tone import srgb_to_linear
+from ..kernels.records import (
     ACROSS,
     CATCHER,
     EYE,
@@ -26,12 +24,14 @@ from .kernels.records import (
     World,
     model_table,
 )
-from .model import Model
-from .shade.attributes import Attribute
-from .shade.environment import EnvironmentLight, Lights, no_sky
-from .shade.lights import Light, fixed, goes_along
-from .shade.tables import light_shares, light_trees
-from .tree.instance_bvh import boxes_around, build_top
+from ..model import Model
+from ..shade.attributes import Attribute
+from ..shade.environment import EnvironmentLight, Lights, no_sky
+from ..shade.lights import Light, fixed, goes_along
+from ..shade.tables import light_shares, light_trees
+from ..tree.instance_bvh import boxes_around, build_top
+from .clips import clip_records
+from .instances import Instances
 
 
 class LightTables(NamedTuple):

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_mapping, rgb, wrong
-from .assembly import Snapshot, bounds_of, take_snapshot
+from ..arguments import check_mapping, rgb, wrong
+from ..kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
+from ..model import Model
+from ..shade.attributes import Attribute
+from ..shade.environment import EnvironmentLight, Lights
+from ..shade.lights import Light
+from ..shade.materials import Material
+from ..trace.cast import blend_attribute, closest_hits, occlusions
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
-from .kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
-from .model import Model
 from .paints import categories_in
 from .rays import Hits, Rays, check_rays
-from .shade.attributes import Attribute
-from .shade.environment import EnvironmentLight, Lights
-from .shade.lights import Light
-from .shade.materials import Material
-from .trace.cast import blend_attribute, closest_hits, occlusions
+from .world import Snapshot, bounds_of, take_snapshot
 
 
 class Scene:
