@@ -12,8 +12,8 @@ from PIL import Image
 
 import pointray as pr
 from conftest import sphere_points
-from pointray import picture
 from pointray.cli import execute
+from pointray.rendering import picture
 
 SMALL = ["--size", "24x18", "--spp", "1"]
 FOUR = ["--seconds", "2", "--fps", "2"]

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pointray.camera import MARGIN, THREE_QUARTER, Camera
+from pointray.rendering.camera import MARGIN, THREE_QUARTER, Camera
 
 BOX = np.array([[-1, -2, 0], [3, 1, 5]], float)
 

@@ -15,11 +15,9 @@ PACKAGE = Path(pointray.__file__).parent
 # From the ground up: what stands in a room imports only from rooms before it, and from its own. A room is a folder, or
 # a file at the top.
 TOWER = [
-    *("jit", "simd", "arguments", "extras", "progress", "memory", "kernels", "data", "neighbors", "nearby"),
-    *("camera", "lens", "settings", "film"),
-    *("points", "tree", "splats", "intersect", "trace", "saved", "model", "shade", "image", "screen"),
-    *("scene", "staging"),
-    *("pixels", "frames", "levels", "window", "picture", "layers", "warmup"),
+    *("jit", "simd", "arguments", "extras", "progress", "memory", "kernels", "data", "neighbors"),
+    *("points", "tree", "splats", "intersect", "trace", "model_file", "model", "shade", "image"),
+    *("scene", "rendering", "staging"),
     *("scenefile", "viewer", "report", "demonstration", "benchmark", "cli", "__main__"),
 ]
 

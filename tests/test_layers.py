@@ -9,7 +9,7 @@ import pointray as pr
 from conftest import sphere_points
 from pointray.cli import execute
 from pointray.image import write_image, write_layers
-from pointray.picture import render_snapshot
+from pointray.rendering.picture import render_snapshot
 
 NONE = 2**32 - 1  # -1 in an EXR
 
@@ -83,7 +83,7 @@ def test_layers_tell_their_progress(scene, camera, monkeypatch):
         progress(1.0)
         return render_snapshot(scene, camera, settings, None)
 
-    monkeypatch.setattr("pointray.layers.render_snapshot", told)
+    monkeypatch.setattr("pointray.rendering.layers.render_snapshot", told)
     shares = []
     pr.render_layers(scene, camera, pr.Settings(spp=3), shares.append)
     assert shares == [0.75, 1.0]

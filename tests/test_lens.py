@@ -9,8 +9,8 @@ import pointray as pr
 from pointray.jit import keep, kernel
 from pointray.kernels.sampling import pixel_key
 from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, lend_scratch, new_scratch, row
-from pointray.lens import FILTERS, place_in_pixel
-from pointray.pixels import EDGE, aim_pixels, begin_tile, pixel_of
+from pointray.rendering.film import EDGE, aim_pixels, begin_tile, pixel_of
+from pointray.rendering.lens import FILTERS, place_in_pixel
 
 EYE, TARGET = np.array([5.0, 3, 2]), np.array([-1.0, 0, 1])
 FORWARD = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)

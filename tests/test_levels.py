@@ -8,7 +8,7 @@ import pytest
 import pointray as pr
 from pointray.cli import execute
 from pointray.kernels.records import INSTANCE, SHAPE_ROW
-from pointray.levels import at_distance
+from pointray.rendering.lod import at_distance
 from pointray.splats.levels import coarsen
 
 

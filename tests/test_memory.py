@@ -177,7 +177,7 @@ def test_a_picture_of_several_bands_is_one(tmp_path, monkeypatch, name, alpha):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
 def test_layers_of_several_bands_are_those_of_all_rays(scene, monkeypatch, size, projection):
     camera = pr.Camera.frame(scene.bounds, size=size, projection=projection)
-    monkeypatch.setattr("pointray.layers.BAND", 1)
+    monkeypatch.setattr("pointray.rendering.layers.BAND", 1)
     layers = pr.render_layers(scene, camera)
     hits = scene.intersect(*camera.rays())
     # Bands of a picture one pixel wide end within tiles: a ray may go alone there, which rounds otherwise.

@@ -11,7 +11,7 @@ import pointray as pr
 from conftest import shared_model
 from pointray.cli import execute
 from pointray.kernels.records import BORDERED, LEAF, LONGEST, REFINE, SHEETED, STEP, SURFACE, Tree
-from pointray.saved import ALIGN
+from pointray.model_file import ALIGN
 
 RNG = np.random.default_rng(5)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from pointray.image.screen import levels_of
 from pointray.image.tone import linear_to_srgb, tone
-from pointray.screen import levels_of
 
 
 def plain(image, backdrop, exposure, curve):

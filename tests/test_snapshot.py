@@ -15,7 +15,7 @@ import pytest
 import pointray as pr
 from pointray.kernels.records import model_table
 from pointray.neighbors import NeighborTree
-from pointray.picture import Picture
+from pointray.rendering.picture import Picture
 
 CAMERA = pr.Camera.look_at((0, -6, 1.5), (0, 0, 0), size=(32, 24))
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray import picture
-from pointray.window import EVERYWHERE, window_of
+from pointray.rendering import picture
+from pointray.rendering.window import EVERYWHERE, window_of
 
 CAMERA = {"eye": (3, -7, 2.5), "target": (0.4, 0, 0.3), "size": (203, 117)}
 

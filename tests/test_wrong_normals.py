@@ -9,8 +9,8 @@ import pytest
 
 import pointray as pr
 from conftest import shared_model, sphere_points
-from pointray import nearby
 from pointray.cli import execute
+from pointray.points import nearby
 from pointray.points.given_normals import WRONG
 from pointray.points.trust import trusted
 from pointray.viewer.loading import Files

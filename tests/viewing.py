@@ -14,8 +14,8 @@ from PIL import Image
 from websockets.sync.client import connect
 
 import pointray as pr
+from pointray.image.screen import levels_of
 from pointray.image.tone import GRADIENT, backdrop_rows
-from pointray.screen import levels_of
 from pointray.viewer.messages import describe
 
 SIZE = (160, 120)

@@ -17,7 +17,7 @@ __version__ = "0.1.0"
 # Where each public name lives; loaded when first asked for, so that `import pointray` costs nothing.
 _HOME = {
     "Attribute": "shade.attributes",
-    "Camera": "camera",
+    "Camera": "rendering.camera",
     "Dielectric": "shade.materials",
     "Diffuse": "shade.materials",
     "DiskLight": "shade.lights",
@@ -35,25 +35,25 @@ _HOME = {
     "Principled": "shade.materials",
     "Scene": "scene.scene",
     "SceneFile": "scenefile",
-    "Settings": "settings",
+    "Settings": "rendering.settings",
     "SunLight": "shade.lights",
     "check_normals": "points",
     "clean": "points.cleaning",
     "draw_legend": "image",
     "estimate_normals": "points",
     "find_flaws": "points.cleaning",
-    "fly": "film",
+    "fly": "rendering.camera_path",
     "frame": "staging.first_view",
     "load_scene": "scenefile",
     "procedural": "points",
     "procedural_distance": "points",
     "read": "points",
-    "render": "picture",
-    "render_layers": "layers",
+    "render": "rendering.picture",
+    "render_layers": "rendering.layers",
     "studio": "staging.studio",
     "subsample": "splats.subsample",
     "transform": "scene.transforms",
-    "turntable": "film",
+    "turntable": "rendering.camera_path",
     "view": "viewer",
     "write": "points",
     "write_image": "image",
@@ -63,16 +63,11 @@ _HOME = {
 __all__ = sorted([*_HOME, "__version__"])
 
 if TYPE_CHECKING:
-    from .camera import Camera as Camera
     from .data import Points as Points
-    from .film import fly as fly
-    from .film import turntable as turntable
     from .image import draw_legend as draw_legend
     from .image import write_image as write_image
     from .image import write_layers as write_layers
-    from .layers import render_layers as render_layers
     from .model import Model as Model
-    from .picture import render as render
     from .points import check_normals as check_normals
     from .points import estimate_normals as estimate_normals
     from .points import procedural as procedural
@@ -81,13 +76,18 @@ if TYPE_CHECKING:
     from .points import write as write
     from .points.cleaning import clean as clean
     from .points.cleaning import find_flaws as find_flaws
+    from .rendering.camera import Camera as Camera
+    from .rendering.camera_path import fly as fly
+    from .rendering.camera_path import turntable as turntable
+    from .rendering.layers import render_layers as render_layers
+    from .rendering.picture import render as render
+    from .rendering.settings import Settings as Settings
     from .scene.instances import Plane as Plane
     from .scene.rays import Hits as Hits
     from .scene.scene import Scene as Scene
     from .scene.transforms import transform as transform
     from .scenefile import SceneFile as SceneFile
     from .scenefile import load_scene as load_scene
-    from .settings import Settings as Settings
     from .shade.attributes import Attribute as Attribute
     from .shade.environment import EnvironmentLight as EnvironmentLight
     from .shade.lights import DiskLight as DiskLight

@@ -8,15 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .camera import Camera
 from .image import write_image
 from .jit import compilations, compile_seconds, thread_count
 from .model import Model
-from .picture import render
 from .points import procedural
+from .rendering.camera import Camera
+from .rendering.picture import render
+from .rendering.settings import Settings
 from .scene.instances import Plane
 from .scene.scene import Scene
-from .settings import Settings
 from .shade.lights import SunLight
 from .shade.materials import Phong
 

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from .arguments import check_callback, check_choice, check_number, check_path, check_positive, check_whole
 from .data import FARTHEST, Points
 from .kernels.records import NODE, SURFACES, WIDTH, Tree
+from .model_file import Part, read_model, write_model
 from .points import normals as point_normals
 from .progress import Progress
-from .saved import Part, read_model, write_model
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, THIN, coarsen
 from .splats.radii import check_radii
 from .splats.support import CROWD, find_support

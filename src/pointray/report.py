@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from .data import Points
 from .model import Model, _unit_normals
-from .nearby import rows_around
 from .neighbors import distinct, neighbors
 from .points.cleaning import Flaws, find_flaws
 from .points.given_normals import compare_normals
+from .points.nearby import rows_around
 from .points.rounding import find_rounding
 from .points.trust import told
 from .progress import Progress, part_of, tell

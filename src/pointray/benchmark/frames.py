@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..camera import Camera
 from ..data import Points
 from ..jit import compile_seconds
 from ..model import Model
-from ..picture import render
 from ..points import procedural
+from ..rendering.camera import Camera
+from ..rendering.picture import render
+from ..rendering.settings import Settings
 from ..scene.scene import Scene
-from ..settings import Settings
 from ..shade.lights import SunLight
 from ..splats.subsample import subsample
 from .views import far_view, near_view

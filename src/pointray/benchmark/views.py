@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from ..camera import Camera
 from ..data import Points
+from ..rendering.camera import Camera
 from ..scene.scene import Scene
 
 FROM = (0.45, -1.0, 0.2)

@@ -38,7 +38,7 @@ class Way:
             self.count = _frames(seconds * fps)
             self.settings: dict[str, Any] = {"turns": self._turns, **view.settings}
             return
-        from ..film import fly
+        from ..rendering.camera_path import fly
 
         for name in ("seconds", "turns", "eye", "target"):
             if wishes[name] is not None:
@@ -50,13 +50,13 @@ class Way:
 
     def cameras(self, first: Any) -> list[Any]:
         """The camera of each frame; a turntable turns the one that is given."""
-        from ..film import turntable
+        from ..rendering.camera_path import turntable
 
         return self._cameras or turntable(first, self.count, self._turns)
 
 
 def _frames(count: float) -> int:
-    from ..film import MOST_FRAMES
+    from ..rendering.camera_path import MOST_FRAMES
 
     if not 0.5 <= count <= MOST_FRAMES:
         raise ValueError(f"a film has 1 to {MOST_FRAMES} frames; --seconds times --fps are {count:.6g}")
@@ -147,7 +147,7 @@ def animate(target: Target, way: Way, subject: Subject) -> str:
     from ..image.frames import Frames
     from ..image.mp4 import even, write_mp4
     from ..image.write import SHOWN_BYTES
-    from ..picture import check_picture, picture_bytes
+    from ..rendering.picture import check_picture, picture_bytes
 
     size = way.view.size
     check_picture(size, picture_bytes(subject.picture, written=SHOWN_BYTES))
@@ -182,8 +182,8 @@ def animate(target: Target, way: Way, subject: Subject) -> str:
 
 def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progress: Progress) -> None:
     """Render frames, one after the other: each is kept before the next one begins."""
-    from ..levels import is_far
-    from ..picture import render
+    from ..rendering.lod import is_far
+    from ..rendering.picture import render
 
     scene, first = subject.build(progress)
     cameras = way.cameras(first)
@@ -213,7 +213,7 @@ def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progres
 def _exposure(scene: Any, cameras: list[Any], picture: Any) -> tuple[float, str]:
     """Exposure and curve for a film: the least of those that some small frames would have, so that none burns out."""
     from ..image.exposure import auto_exposure, auto_tone
-    from ..picture import render_snapshot
+    from ..rendering.picture import render_snapshot
 
     snapshot = scene.snapshot()
     few = replace(picture, spp=1, time_limit=None, noise=None, denoise=False)

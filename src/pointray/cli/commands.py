@@ -224,7 +224,7 @@ def view(
     threads: ThreadsOption = None,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
-    from ..settings import Settings
+    from ..rendering.settings import Settings
     from ..staging.studio import with_contact
     from .view import serve, subject_of
 
@@ -322,8 +322,8 @@ def demo(
     check_image_path(output)
     wanted, count = View(size).size, use_threads(threads)
     from ..demonstration import run_demo
+    from ..rendering.settings import Settings
     from ..report import show_table
-    from ..settings import Settings
 
     with Progress(Settings()) as progress:
         facts = in_background(lambda: run_demo(output, points, wanted, frames, count, progress.show))
@@ -347,7 +347,7 @@ def bench(
     if plot is not None:
         benchmark.check_plot(plot)
     count, counts = use_threads(threads), points or [32_000, 1_000_000]
-    from ..settings import Settings
+    from ..rendering.settings import Settings
 
     with Progress(Settings()) as progress:
         rows = in_background(lambda: benchmark.measure(counts, runs, count, progress.show))

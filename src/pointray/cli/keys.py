@@ -49,7 +49,7 @@ def _rows(file: Path) -> list[Any]:
 
 
 def _key(row: Any, view: View | SceneView) -> tuple[float, Any]:
-    from ..camera import Camera
+    from ..rendering.camera import Camera
 
     if not isinstance(row, dict):
         raise ValueError(f"it must have {', '.join(NEEDED)}, and is {row!r}")

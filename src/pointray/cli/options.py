@@ -219,7 +219,7 @@ def color_of(text: str) -> Any:
 def settings_of(integrator: Integrator, filter: Filter, *, threads: int | None, **others: Any) -> Any:
     """How a picture is made; raises what is wrong, also where what takes out noise is not installed."""
     from ..image.denoise import check_denoise
-    from ..settings import Settings
+    from ..rendering.settings import Settings
 
     settings = Settings(integrator.value, filter=filter.value, threads=use_threads(threads), **others)
     if settings.denoised:

@@ -37,8 +37,8 @@ def check_output(output: Path, exposed: bool, legend: bool) -> None:
 def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool = False) -> None:
     """Raise ValueError if there is too little memory for the picture and what is written of it."""
     from ..image.write import EXR_BYTES, LAYERED, SHOWN_BYTES
-    from ..layers import LAYER_BYTES
-    from ..picture import check_picture, picture_bytes
+    from ..rendering.layers import LAYER_BYTES
+    from ..rendering.picture import check_picture, picture_bytes
 
     if is_layered(output):
         more = EXR_BYTES if LAYERED[output.suffix.lower()] == "EXR" else 0
@@ -69,8 +69,8 @@ def write_picture(output: Path, subject: tuple[Any, Any, Any], shown: Shown, pro
     import pointray as pr
 
     from ..image.exposure import tone_of
-    from ..layers import render_layers
-    from ..picture import render  # pr.render may be the module, by now
+    from ..rendering.layers import render_layers
+    from ..rendering.picture import render  # pr.render may be the module, by now
 
     def show(share: float) -> None:
         progress.show("rendering", share)

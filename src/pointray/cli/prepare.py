@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..model_file import SAVED
 from ..points.trust import trusted
-from ..saved import SAVED
 from ..splats.radii import radii_in
 from .options import AUTO
 from .stage import check_saved, check_scan

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..model_file import SAVED
 from ..points.trust import trusted
-from ..saved import SAVED
 from ..splats.radii import radii_in
 from ..staging.first_view import ViewChoice
 from .options import AUTO, FILL, background_of, color_of, light_of, numbers, positive, settings_of
@@ -147,7 +147,7 @@ class Stage:
         """The model of the file: a scan's, or a saved one."""
         import pointray as pr
 
-        from ..warmup import NORMALS, expect
+        from ..rendering.warmup import NORMALS, expect
 
         file = self.file
         progress.show("reading", 0.0)

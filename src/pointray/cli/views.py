@@ -82,7 +82,7 @@ class View:
         return Lens(self.lens["fov"], self.size, self.lens["projection"])
 
     def _looking(self, eye: Any, target: Any, up: Any) -> Any:
-        from ..camera import Camera
+        from ..rendering.camera import Camera
 
         return Camera.look_at(eye, target, up, size=self.size, **self.lens)
 

@@ -36,7 +36,7 @@ class Progress:
         self._bars.start()
         self._watch = CompilationWatch(self._bars)
         if self._settings is not None:
-            from ..warmup import warm_up
+            from ..rendering.warmup import warm_up
 
             warm_up(self._settings)
         return self

@@ -9,8 +9,8 @@ from __future__ import annotations
 from .arrays import array_at, borrow, intrinsic, keep
 from .backlog import Compiling
 from .beside import compile_beside, wait_for
+from .compile import BACKLOG, KERNELS, compilations, compile_seconds, inline, is_compiled, kernel, routine
 from .disk import CHECK, cache_folder, cpu_features, cpu_name
-from .kernels import BACKLOG, KERNELS, compilations, compile_seconds, inline, is_compiled, kernel, routine
 from .threads import Cancel, cancelled, run, take, thread_count
 
 __all__ = [

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any
 
+from .compile import BACKLOG, KERNELS, count_beside, is_compiled
 from .disk import cache_folder
-from .kernels import BACKLOG, KERNELS, count_beside, is_compiled
 
 STEP = 0.1  # seconds between two looks whether the caller still wants to wait
 

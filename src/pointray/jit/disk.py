@@ -24,11 +24,12 @@ CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
 # Files and folders that no compiled code depends on: an edit there compiles nothing anew.
 NO_KERNELS = (
-    *("memory.py", "extras.py", "nearby.py", "model.py", "saved.py", "scene/", "staging/", "scenefile/", "viewer/"),
-    *("camera.py", "film.py", "layers.py", "picture.py", "window.py", "warmup.py"),
+    *("memory.py", "extras.py", "model.py", "model_file.py", "scene/", "staging/", "scenefile/", "viewer/"),
+    *("rendering/camera.py", "rendering/camera_path.py", "rendering/layers.py", "rendering/picture.py"),
+    *("rendering/warmup.py", "rendering/window.py"),
     *("report.py", "demonstration.py", "benchmark/", "cli/", "__main__.py"),
-    *("points/cleaning.py", "points/files.py", "points/given_normals.py", "points/normals.py", "points/ply.py"),
-    *("points/rounding.py", "points/trust.py"),
+    *("points/cleaning.py", "points/files.py", "points/given_normals.py", "points/nearby.py", "points/normals.py"),
+    *("points/ply.py", "points/rounding.py", "points/trust.py"),
     *("splats/levels.py", "splats/subsample.py", "splats/subset.py", "splats/support.py"),
     *("tree/build.py", "tree/check.py", "tree/indices.py"),
     *("shade/attributes.py", "shade/colormaps.py", "shade/environment.py", "shade/lights.py", "shade/materials.py"),

@@ -12,7 +12,7 @@ import numpy as np
 
 from .arrays import fetch_add, peek
 from .beside import wait_for
-from .kernels import inline
+from .compile import inline
 
 # What a kernel and its caller share: int64 slots, a cache line apart.
 NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24

@@ -62,8 +62,8 @@ NEXT, NEXT_SIDE, NEXT_WEIGHT, NEXT_DENSITY = 26 * TILE, 29 * TILE, 30 * TILE, 33
 UNLIT, LIT = 34 * TILE, 35 * TILE  # of a shadow catcher: light that would arrive, that does
 SKY_SEEN = 36 * TILE  # share of the sky that a surface point sees, by the cosine
 SPOT_ROWS = 37
-# float64: the sums of a tile's pixels, see `pixels.py`: RGB; samples that met something; squares of the luminance;
-# samples that met a shadow catcher, what UNLIT and LIT were there.
+# float64: the sums of a tile's pixels, see `rendering/film.py`: RGB; samples that met something; squares of the
+# luminance; samples that met a shadow catcher, what UNLIT and LIT were there.
 TOTAL, TOTAL_MET, TOTAL_SQUARE = 0, 3 * TILE, 4 * TILE
 TOTAL_CAUGHT, TOTAL_UNLIT, TOTAL_LIT, SUM_ROWS = 5 * TILE, 6 * TILE, 7 * TILE, 8
 # Rays that wait, see `shade/onward.py`: origin, direction, how much each counts, 3 each, side, depth.

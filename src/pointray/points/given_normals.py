@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..arguments import check_kind
 from ..data import Points
-from ..nearby import Neighborhoods, find_neighborhoods
+from .nearby import Neighborhoods, find_neighborhoods
 from .rounding import find_rounding
 
 WRONG = 15.0  # degrees: of eleven scans and meshes with right normals it is 0.4 to 3.8

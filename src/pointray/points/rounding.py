@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points
-from ..nearby import Neighborhoods, find_neighborhoods
+from .nearby import Neighborhoods, find_neighborhoods
 
 Floats = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 from ..arguments import check_positive
 from ..model import SURFACE, Model, _check_settings
+from ..model_file import SAVED
 from ..points import procedural, read
 from ..points.files import check_readable, check_regular
 from ..points.procedural import MOST, NAMES
 from ..points.trust import WISHES, trusted
-from ..saved import SAVED
 from ..splats.radii import radii_in
 from .lines import Key
 from .source import Source

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..camera import Camera
 from ..image import write_image
 from ..image.tone import check_tone
+from ..rendering.camera import Camera
+from ..rendering.settings import Settings
 from ..scene.scene import Scene
-from ..settings import Settings
 from .lines import Key
 from .looks import check_lights, check_material, make_light
 from .models import check_model, load_model

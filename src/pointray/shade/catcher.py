@@ -1,8 +1,8 @@
 """Shadow catchers: of planes that show nothing but shadows, the light that arrives, and that would arrive.
 
-What is in the way takes away 1 - LIT / UNLIT, of the sums over a pixel's samples (`pixels.py`): both are found by the
-same samples, so that where nothing is in the way nothing is taken. Light is counted as luminance, by its cosine; what
-other surfaces send onto a catcher is not.
+What is in the way takes away 1 - LIT / UNLIT, of the sums over a pixel's samples (`rendering/film.py`): both are found
+by the same samples, so that where nothing is in the way nothing is taken. Light is counted as luminance, by its cosine;
+what other surfaces send onto a catcher is not.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_choice, check_kind, check_number
-from ..camera import SIZE, Camera, check_direction
 from ..data import Points
 from ..model import Model
+from ..rendering.camera import SIZE, Camera, check_direction
 from ..scene.scene import Scene
 from .direction import VIEWS, Outlook, find_outlook, towards
 from .framing import STANDARD, WHOLE, Lens, Part, frame_points, frame_turning, magnified

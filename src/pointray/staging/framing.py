@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..camera import SIZE, Camera, check_direction, view_axes
+from ..rendering.camera import SIZE, Camera, check_direction, view_axes
 from .sample import Sample
 
 Floats = NDArray[np.float64]

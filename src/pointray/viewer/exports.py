@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from ..film import turntable
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
 from ..image.write import SHOWN_BYTES, check_image_path, write_image
-from ..picture import check_picture, picture_bytes, render
+from ..rendering.camera_path import turntable
+from ..rendering.picture import check_picture, picture_bytes, render
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import PointLight, SunLight
 from .looks import CONSTANT, OWN

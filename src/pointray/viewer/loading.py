@@ -14,16 +14,16 @@ import numpy as np
 
 from ..data import Points
 from ..model import Model
+from ..model_file import SAVED
 from ..points.files import read
 from ..points.trust import check_wish, judged, replaced
-from ..saved import SAVED
+from ..rendering.warmup import NORMALS, expect, is_warm, wait_until_warm
 from ..scene.scene import Scene
 from ..scenefile import Plan
 from ..shade.materials import Diffuse
 from ..splats.radii import radii_in
 from ..staging.first_view import Scan, ViewChoice
 from ..staging.studio import ALBEDO
-from ..warmup import NORMALS, expect, is_warm, wait_until_warm
 from .sketch import Sketch
 from .subject import Subject
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ..image.exposure import AUTO, EXPOSED, tone_of
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..model import Model
+from ..rendering.settings import Settings
 from ..scene.instances import Plane
 from ..scene.paints import check_attribute
 from ..scene.scene import Scene
-from ..settings import Settings
 from ..shade.attributes import COORDINATES, Attribute
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light

@@ -7,7 +7,7 @@ import math
 import struct
 from typing import Any
 
-from ..camera import Camera
+from ..rendering.camera import Camera
 
 WIDEST = 3840  # pixels of a view
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..camera import Camera
+from ..image.screen import levels_of
 from ..image.tone import backdrop_rows
 from ..jit import Cancel
-from ..picture import Picture
+from ..rendering.camera import Camera
+from ..rendering.picture import Picture
 from ..scene.scene import Scene
-from ..screen import levels_of
 from .looks import Looks
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 from .sketch import Sketch

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..rendering.settings import INTEGRATORS
 from ..scene.scene import Scene
-from ..settings import INTEGRATORS
 from ..shade.attributes import COORDINATES
 from ..shade.colormaps import EMBEDDED
 from .controls import Control, Folder

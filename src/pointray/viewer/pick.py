@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera
 from ..model import Model
+from ..rendering.camera import Camera
 from ..scene.scene import Scene
 
 MOST_LINES = 24

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera
+from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..staging.direction import VIEWS
 from ..staging.first_view import AUTO

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..camera import Camera, view_axes
 from ..data import Points
 from ..image.tone import srgb_to_linear
+from ..rendering.camera import Camera, view_axes
 from ..staging.studio import ALBEDO, HORIZON, KEY, KEY_DIRECTION
 
 MOST = 60_000  # points that are drawn: a picture takes some 30 ms

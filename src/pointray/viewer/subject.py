@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
-from ..camera import Camera, check_direction
 from ..jit import BACKLOG
 from ..model import Model
+from ..rendering.camera import Camera, check_direction
+from ..rendering.settings import Settings
 from ..scene.scene import Scene
-from ..settings import Settings
 from ..staging.first_view import Scan, ViewChoice
 from .sketch import Sketch
 from .time_left import TimeLeft

@@ -9,7 +9,7 @@ import webbrowser
 from collections.abc import Callable
 from typing import Any
 
-from ..warmup import warm_up
+from ..rendering.warmup import warm_up
 from .link import Link
 from .server import Server
 from .session import Session

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from .. import __version__
-from ..camera import Camera
 from ..data import Points
 from ..image.legend import draw_legend
+from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute
 from .controls import Folder

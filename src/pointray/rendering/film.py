@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .jit import inline
-from .kernels.records import LENS_RADIUS, ORTHOGRAPHIC, PANORAMA, PERSPECTIVE, PROJECTION
-from .kernels.sampling import ON_LENS, on_disc, pixel_key, sample_pair
-from .kernels.scratch import (
+from ..jit import inline
+from ..kernels.records import LENS_RADIUS, ORTHOGRAPHIC, PANORAMA, PERSPECTIVE, PROJECTION
+from ..kernels.sampling import ON_LENS, on_disc, pixel_key, sample_pair
+from ..kernels.scratch import (
     CAUGHT,
     DIRECTION,
     KEY,
@@ -30,10 +30,10 @@ from .kernels.scratch import (
     put,
     row,
 )
-from .kernels.vec import add, along_curve, luminance, scale, unit
+from ..kernels.vec import add, along_curve, luminance, scale, unit
+from ..simd import lowest
+from ..trace.world import aim
 from .lens import BLACKMAN_HARRIS, BOX, GAUSSIAN, TENT, on_screen, place_in_pixel, project, through_lens
-from .simd import lowest
-from .trace.world import aim
 
 EDGE = 8  # pixels a side of a tile
 LONGEST_PASS = 64  # samples

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .image.tone import linear_to_srgb, tone
-from .jit import borrow, kernel, run, take
-from .simd import float_bits
+from ..jit import borrow, kernel, run, take
+from ..simd import float_bits
+from .tone import linear_to_srgb, tone
 
 Levels = NDArray[np.uint8]
 

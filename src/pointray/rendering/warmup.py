@@ -1,4 +1,4 @@
-"""Kernels compiled before they are needed, in a process beside: `python -m pointray.warmup NAME...` is that process.
+"""Kernels compiled before they are needed, in a process beside: `python -m pointray.rendering.warmup NAME...` is it.
 
 The kernel of pictures takes three times as long to compile as all those together that build a model, so both are
 compiled at once; what a click in the viewer needs comes after that.
@@ -11,14 +11,15 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 
+from ..jit import BACKLOG, KERNELS, compile_beside, is_compiled, wait_for
+from ..scene.instances import Plane
+from ..scene.scene import Scene
 from .camera import Camera
-from .frames import quick_frame
-from .jit import BACKLOG, KERNELS, compile_beside, is_compiled, wait_for
+from .integrate import quick_frame
 from .picture import kernel_for, render
-from .scene.instances import Plane
-from .scene.scene import Scene
 from .settings import Settings
 
+PACKAGE = (__package__ or "").split(".")[0]
 # Seconds that kernels take on one core of 2024; what compiles faster or slower is noticed, see `jit.Backlog`.
 BUILD = {
     "splats.voronoi._measure": 1.4,
@@ -44,7 +45,7 @@ NORMALS = {
     "points.sheets._build": 0.5,
     "points.sheets._wind": 0.5,
 }
-QUICK, SAMPLED, CLICK = "frames.quick_frame", "frames.sampled_frame", "trace.cast._closest"
+QUICK, SAMPLED, CLICK = "rendering.integrate.quick_frame", "rendering.integrate.sampled_frame", "trace.cast._closest"
 PICTURES = {QUICK: 31.0, SAMPLED: 28.0, CLICK: 5.0}
 
 
@@ -71,7 +72,7 @@ def wait_until_warm(settings: Settings) -> None:
 
 
 def _full(name: str) -> str:
-    return f"{__package__}.{name}"
+    return f"{PACKAGE}.{name}"
 
 
 def _compile(names: Sequence[str]) -> None:
@@ -85,7 +86,7 @@ def _compile(names: Sequence[str]) -> None:
         CLICK: lambda: scene.intersect((0, 0, 1), (0, 0, -1)),
     }
     for name in names:
-        recipes[name.removeprefix(f"{__package__}.")]()
+        recipes[name.removeprefix(f"{PACKAGE}.")]()
         print(name, flush=True)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .arguments import check_choice, check_flag, check_positive, check_whole
+from ..arguments import check_choice, check_flag, check_positive, check_whole
 from .lens import FILTERS
 
 INTEGRATORS = ("phong", "ao", "path", "normal", "depth", "color", "cost")

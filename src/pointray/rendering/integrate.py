@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .jit import borrow, cancelled, inline, keep, kernel, take
-from .kernels.records import lend_world
-from .kernels.scratch import (
+from ..jit import borrow, cancelled, inline, keep, kernel, take
+from ..kernels.records import lend_world
+from ..kernels.scratch import (
     CAUGHT,
     COUNT_LEAVES,
     COUNT_NODES,
@@ -34,20 +34,20 @@ from .kernels.scratch import (
     put,
     row,
 )
-from .kernels.vec import add, scale
+from ..kernels.vec import add, scale
+from ..shade.ambient import see_sky
+from ..shade.bsdf import base_color
+from ..shade.catcher import catch_direct, catch_occlusion, find_caught, show_caught
+from ..shade.direct import light_tile
+from ..shade.onward import aim_onward, begin_onward, send_onward
+from ..shade.path import begin_paths, trace_paths
+from ..shade.sky import has_sky, sky_radiance
+from ..shade.spots import add_radiance, begin_radiance, is_spot, keep_spots
+from ..trace.hits import describe_tile, material_at, tile_hit
+from ..trace.world import NOWHERE, aim, meets_nothing, trace_tile
+from .film import EDGE, add_color, add_sample, aim_pixels, begin_sums, begin_tile, fill_tile, finish_sums, round_sums
 from .lens import depth_of
-from .pixels import EDGE, add_color, add_sample, aim_pixels, begin_sums, begin_tile, fill_tile, finish_sums, round_sums
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
-from .shade.ambient import see_sky
-from .shade.bsdf import base_color
-from .shade.catcher import catch_direct, catch_occlusion, find_caught, show_caught
-from .shade.direct import light_tile
-from .shade.onward import aim_onward, begin_onward, send_onward
-from .shade.path import begin_paths, trace_paths
-from .shade.sky import has_sky, sky_radiance
-from .shade.spots import add_radiance, begin_radiance, is_spot, keep_spots
-from .trace.hits import describe_tile, material_at, tile_hit
-from .trace.world import NOWHERE, aim, meets_nothing, trace_tile
 
 BLOCK = 16  # pixels a side of what a thread takes at a time: 4 tiles of 8 x 8
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Camera
-from .kernels.records import (
+from ..kernels.records import (
     INSTANCE,
     KIND,
     MODEL,
@@ -20,9 +19,10 @@ from .kernels.records import (
     World,
     model_table,
 )
-from .model import COARSER, Model
-from .scene.world import Snapshot
-from .splats.levels import SUPPORT
+from ..model import COARSER, Model
+from ..scene.world import Snapshot
+from ..splats.levels import SUPPORT
+from .camera import Camera
 
 # Pixels: the largest support, in the median. 24 statues of a million points, 100 pixels high: frames change by 0.81,
 # 0.78, 0.75 and 0.65 of what they do with all points where it is 1.2, 1.6, 2.0 and 2.6, and their error is 0.0065,

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
+from ..scene.rays import Hits, check_rays
+from ..scene.scene import Scene, intersect_snapshot
+from ..scene.world import Snapshot
 from .camera import Camera
-from .kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from .picture import check_picture, check_view, picture_bytes, render_snapshot
-from .scene.rays import Hits, check_rays
-from .scene.scene import Scene, intersect_snapshot
-from .scene.world import Snapshot
 from .settings import Settings
 
 LAYER_BYTES = 80  # a pixel, of all layers

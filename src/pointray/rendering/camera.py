@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_choice, check_kind, check_number, check_numbers, wrong
-from .kernels.records import (
+from ..arguments import check_choice, check_kind, check_number, check_numbers, wrong
+from ..kernels.records import (
     ACROSS,
     CAMERA,
     EYE,

@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arguments import check_callback, check_kind
-from .camera import Camera
-from .frames import BLOCK, quick_frame, sampled_frame
-from .image.denoise import check_denoise, denoise
-from .jit import Cancel, run
-from .kernels.records import (
+from ..arguments import check_callback, check_kind
+from ..image.denoise import check_denoise, denoise
+from ..jit import Cancel, run
+from ..kernels.records import (
     DISK_LIGHT,
     EMISSIVE,
     LIGHT,
@@ -28,15 +26,17 @@ from .kernels.records import (
     SPHERE_LIGHT,
     World,
 )
-from .kernels.vec import LUMINANCE
+from ..kernels.vec import LUMINANCE
+from ..memory import check_memory
+from ..scene.scene import Scene
+from ..scene.world import Snapshot
+from ..shade.environment import EnvironmentLight
+from .camera import Camera
+from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
+from .integrate import BLOCK, quick_frame, sampled_frame
 from .lens import FILTERS
-from .levels import at_distance
-from .memory import check_memory
-from .pixels import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
-from .scene.scene import Scene
-from .scene.world import Snapshot
+from .lod import at_distance
 from .settings import AO, COST, INTEGRATORS, PATH, PHONG, Settings
-from .shade.environment import EnvironmentLight
 from .window import EVERYWHERE, Window, window_of
 
 AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from .jit import inline
-from .kernels.records import (
+from ..jit import inline
+from ..kernels.records import (
     ACROSS,
     EYE,
     FORWARD,
@@ -23,8 +23,8 @@ from .kernels.records import (
     UPWARD,
     Array,
 )
-from .kernels.sampling import IN_PIXEL, sample_pair
-from .kernels.vec import add, dot, scale, sub, triple, unit
+from ..kernels.sampling import IN_PIXEL, sample_pair
+from ..kernels.vec import add, dot, scale, sub, triple, unit
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = range(4)

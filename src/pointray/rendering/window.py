@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.records import ACROSS, EYE, FORWARD, TOP_BOUNDS, TOP_CENTER, UPWARD
 from .camera import Camera
-from .kernels.records import ACROSS, EYE, FORWARD, TOP_BOUNDS, TOP_CENTER, UPWARD
 
 BEYOND = 4.0  # pixels: filters reach 1.5, and levels of detail go on half a pixel beyond their model
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .neighbors import distinct, neighbors
+from ..neighbors import distinct, neighbors
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
