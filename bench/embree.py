@@ -26,7 +26,7 @@ import numpy as np
 
 import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
-from pointray.benchmark.views import far_view, near_view
+from pointray.cli.benchmark.views import far_view, near_view
 from pointray.jit import keep, kernel, run, take
 from pointray.kernels.records import World, lend_world
 from pointray.kernels.scratch import TILE, lend_scratch, new_scratch

@@ -26,7 +26,7 @@ from embree import alternate
 from mitsuba_child import in_child, told
 from mitsuba_pairs import Floats, diffuse, rgb
 from mitsuba_scenes import their_camera
-from pointray.benchmark.views import far_view
+from pointray.cli.benchmark.views import far_view
 
 ENLARGED = 1e5
 HEIGHT = 0.03  # of an ellipsoid, in radii

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from pointray.benchmark import frames, measure, show_rows
-from pointray.benchmark.views import far_view, near_view
 from pointray.cli import execute
+from pointray.cli.benchmark import frames, measure, show_rows
+from pointray.cli.benchmark.views import far_view, near_view
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ from conftest import shared_model, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, morton_order, neighbors
 from pointray.points import estimate_normals, procedural, read
-from pointray.points.checks import agreement_share, looks_inward
-from pointray.points.jets import estimate_noise, fit_normals
-from pointray.points.normals import mend_normals
-from pointray.points.orientation import agree
-from pointray.points.sheets import part_sheets
+from pointray.points.normals.checks import agreement_share, looks_inward
+from pointray.points.normals.estimate import mend_normals
+from pointray.points.normals.jets import estimate_noise, fit_normals
+from pointray.points.normals.orientation import agree
+from pointray.points.normals.sheets import part_sheets
 
 RNG = np.random.default_rng(3)
 SPHERE = sphere_points(3000)

@@ -12,8 +12,9 @@ from plyfile import PlyData, PlyElement
 from conftest import shared_model
 from pointray.cli import BAD_INPUT, execute
 from pointray.data import Points
-from pointray.points import ply, read, write
+from pointray.points import read, write
 from pointray.points.files import check_writable, replacing
+from pointray.points.formats import ply
 
 RNG = np.random.default_rng(2)
 XYZ = RNG.random((50, 3)).astype(np.float32)

@@ -10,8 +10,7 @@ from scipy.spatial import cKDTree
 
 import pointray as pr
 from conftest import sphere_points
-from pointray import report
-from pointray.cli import execute
+from pointray.cli import execute, report
 
 
 @pytest.fixture(autouse=True)

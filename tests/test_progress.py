@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.cli.report import describe
 from pointray.progress import part_of, tell
-from pointray.report import describe
 
 
 class Told:

@@ -11,7 +11,7 @@ import pointray as pr
 from conftest import shared_model, sphere_points
 from pointray.cli import execute
 from pointray.points import nearby
-from pointray.points.given_normals import WRONG
+from pointray.points.normals.given import WRONG
 from pointray.points.trust import trusted
 from pointray.viewer.loading import Files
 from pointray.viewer.subject import Subject

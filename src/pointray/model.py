@@ -15,7 +15,7 @@ from .arguments import check_callback, check_choice, check_number, check_path, c
 from .data import FARTHEST, Points
 from .kernels.records import NODE, SURFACES, WIDTH, Tree
 from .model_file import Part, read_model, write_model
-from .points import normals as point_normals
+from .points.normals import estimate as point_normals
 from .progress import Progress
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, THIN, coarsen
 from .splats.radii import check_radii

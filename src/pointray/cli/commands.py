@@ -292,8 +292,8 @@ def info(
     ] = False,
 ) -> None:
     """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
-    from ..report import describe, describe_model, show_table
     from .prepare import read_scan
+    from .report import describe, describe_model, show_table
     from .stage import check_scan
 
     check_scan(file)
@@ -321,9 +321,9 @@ def demo(
 
     check_image_path(output)
     wanted, count = View(size).size, use_threads(threads)
-    from ..demonstration import run_demo
     from ..rendering.settings import Settings
-    from ..report import show_table
+    from .demo import run_demo
+    from .report import show_table
 
     with Progress(Settings()) as progress:
         facts = in_background(lambda: run_demo(output, points, wanted, frames, count, progress.show))
@@ -342,7 +342,7 @@ def bench(
     json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
 ) -> None:
     """The paper's frame rates beside this machine's; --points 24000000 is its stress test (6 minutes, 8 GiB)."""
-    from .. import benchmark
+    from . import benchmark
 
     if plot is not None:
         benchmark.check_plot(plot)

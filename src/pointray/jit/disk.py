@@ -22,20 +22,19 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 # Check every array access and every SIMD load (slow): the suite runs once with it. Part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
-# Files and folders that no compiled code depends on: an edit there compiles nothing anew.
-NO_KERNELS = (
-    *("memory.py", "extras.py", "model.py", "model_file.py", "scene/", "staging/", "scenefile/", "viewer/"),
-    *("rendering/camera.py", "rendering/camera_path.py", "rendering/layers.py", "rendering/picture.py"),
-    *("rendering/warmup.py", "rendering/window.py"),
-    *("report.py", "demonstration.py", "benchmark/", "cli/", "__main__.py"),
-    *("points/cleaning.py", "points/files.py", "points/given_normals.py", "points/nearby.py", "points/normals.py"),
-    *("points/ply.py", "points/rounding.py", "points/trust.py"),
-    *("splats/levels.py", "splats/subsample.py", "splats/subset.py", "splats/support.py"),
-    *("tree/build.py", "tree/check.py", "tree/indices.py"),
-    *("shade/attributes.py", "shade/colormaps.py", "shade/environment.py", "shade/lights.py", "shade/materials.py"),
-    *("shade/pictures.py", "shade/tables.py"),
-    *("image/denoise.py", "image/exr.py", "image/exposure.py", "image/frames.py", "image/legend.py", "image/mp4.py"),
-    "image/write.py",
+# What files with kernels import: an edit there compiles all kernels anew. An edit of another file compiles the kernels
+# that it holds, if any.
+SHARED = (
+    *("arguments.py", "data.py", "neighbors.py", "progress.py"),
+    *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),
+    *("points/normals/orientation.py", "points/normals/planes.py"),
+    *("tree/blocks.py", "tree/cells.py", "tree/columns.py"),
+    *("splats/borders.py", "splats/grow.py", "splats/heap.py", "splats/radii.py", "splats/sheets.py"),
+    *("splats/strays.py", "splats/voronoi.py"),
+    *("shade/ambient.py", "shade/bsdf.py", "shade/catcher.py", "shade/choice.py", "shade/direct.py"),
+    *("shade/emitters.py", "shade/microfacet.py", "shade/onward.py", "shade/path.py", "shade/phong.py"),
+    *("shade/sky.py", "shade/specular.py", "shade/spots.py"),
+    *("image/tone.py", "rendering/film.py", "rendering/lens.py", "rendering/settings.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
 MARK, MARKED = ".made-by-pointray", b"compiled kernels of pointray: this folder may be removed at any time\n"
@@ -64,10 +63,9 @@ def source_key() -> str:
     root = Path(__file__).parent.parent
     for path in sorted(root.rglob("*.py")):
         name = path.relative_to(root).as_posix()
-        if name.startswith(NO_KERNELS):
-            continue
-        digest.update(name.encode())
-        digest.update(path.read_bytes())
+        if name.startswith(SHARED):
+            digest.update(name.encode())
+            digest.update(path.read_bytes())
     facts = (numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2], CHECK)
     digest.update(repr((facts, cpu_name(), cpu_features())).encode())
     return digest.hexdigest()[:16]
@@ -112,7 +110,6 @@ class _Locator:
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._line = py_func.__code__.co_firstlineno
-        # A kernel of a benchmark or a test lies outside of the package: its own file counts too.
         own = Path(py_file)
         self._stamp = source_key() + (hashlib.sha256(own.read_bytes()).hexdigest()[:16] if own.exists() else "")
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from ..arguments import check_callback, check_kind, check_path
 from ..data import Points
 from ..progress import Progress
-from . import ply
+from .formats import ply
 
 if sys.platform != "win32":
     import fcntl

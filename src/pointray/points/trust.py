@@ -9,8 +9,8 @@ import numpy as np
 from ..arguments import check_choice
 from ..data import Points
 from ..progress import Progress
-from .given_normals import NormalsCheck, compare_normals
-from .normals import estimate_normals
+from .normals.estimate import estimate_normals
+from .normals.given import NormalsCheck, compare_normals
 from .rounding import find_rounding
 
 WISHES = ("auto", "file", "fit")  # whose normals are used

@@ -35,15 +35,15 @@ BUILD = {
     "tree.wide.collapse": 0.4,
 }
 NORMALS = {
-    "points.jets._fit": 1.4,
-    "points.orientation._join_parts": 0.7,
-    "points.orientation._count_votes": 0.1,
-    "points.orientation._cast_votes": 0.3,
-    "points.orientation._join_clearest": 0.3,
-    "points.orientation._flatten": 0.1,
-    "points.sheets._spacings": 0.2,
-    "points.sheets._build": 0.5,
-    "points.sheets._wind": 0.5,
+    "points.normals.jets._fit": 1.4,
+    "points.normals.orientation._join_parts": 0.7,
+    "points.normals.orientation._count_votes": 0.1,
+    "points.normals.orientation._cast_votes": 0.3,
+    "points.normals.orientation._join_clearest": 0.3,
+    "points.normals.orientation._flatten": 0.1,
+    "points.normals.sheets._spacings": 0.2,
+    "points.normals.sheets._build": 0.5,
+    "points.normals.sheets._wind": 0.5,
 }
 QUICK, SAMPLED, CLICK = "rendering.integrate.quick_frame", "rendering.integrate.sampled_frame", "trace.cast._closest"
 PICTURES = {QUICK: 31.0, SAMPLED: 28.0, CLICK: 5.0}

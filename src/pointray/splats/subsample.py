@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..arguments import check_callback, check_kind, check_positive, check_whole
 from ..data import Points
 from ..neighbors import distinct, morton_order, neighbors
-from ..points.normals import mend_normals
+from ..points.normals.estimate import mend_normals
 from .cover import relax
 from .grow import Cloud, Floats, Splats, join
 from .radii import NEIGHBORS, choose_radii

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_kind
-from ..data import Points
-from .nearby import Neighborhoods, find_neighborhoods
-from .rounding import find_rounding
+from ...arguments import check_kind
+from ...data import Points
+from ..nearby import Neighborhoods, find_neighborhoods
+from ..rounding import find_rounding
 
 WRONG = 15.0  # degrees: of eleven scans and meshes with right normals it is 0.4 to 3.8
 SURE = 5.0  # degrees: how far a plane that says something may be tilted

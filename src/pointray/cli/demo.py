@@ -8,17 +8,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .image import write_image
-from .jit import compilations, compile_seconds, thread_count
-from .model import Model
-from .points import procedural
-from .rendering.camera import Camera
-from .rendering.picture import render
-from .rendering.settings import Settings
-from .scene.instances import Plane
-from .scene.scene import Scene
-from .shade.lights import SunLight
-from .shade.materials import Phong
+from ..image import write_image
+from ..jit import compilations, compile_seconds, thread_count
+from ..model import Model
+from ..points import procedural
+from ..rendering.camera import Camera
+from ..rendering.picture import render
+from ..rendering.settings import Settings
+from ..scene.instances import Plane
+from ..scene.scene import Scene
+from ..shade.lights import SunLight
+from ..shade.materials import Phong
 
 GROUND = (0.42, 0.44, 0.47)
 SKY = (0.62, 0.72, 0.84)

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, run, take
+from ...jit import borrow, inline, kernel, run, take
 
 Floats = NDArray[np.float32]
 Signs = NDArray[np.int8]

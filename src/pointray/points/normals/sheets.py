@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, run, take
+from ...jit import borrow, inline, kernel, run, take
 from .orientation import agreement
 
 Floats = NDArray[np.float32]

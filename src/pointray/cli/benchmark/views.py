@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from ..data import Points
-from ..rendering.camera import Camera
-from ..scene.scene import Scene
+from ...data import Points
+from ...rendering.camera import Camera
+from ...scene.scene import Scene
 
 FROM = (0.45, -1.0, 0.2)
 TALL = 0.9  # share of the picture's height that the silhouette spans, from far

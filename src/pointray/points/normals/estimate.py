@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_callback, check_kind, check_whole, vector
-from ..data import Points
-from ..neighbors import distinct, morton_order, neighbor_chunks, neighbors
-from ..progress import Progress, part_of, tell
+from ...arguments import check_callback, check_kind, check_whole, vector
+from ...data import Points
+from ...neighbors import distinct, morton_order, neighbor_chunks, neighbors
+from ...progress import Progress, part_of, tell
 from .checks import agreement_share, looks_inward
 from .jets import fit_normals
 from .orientation import NEAR, orient

@@ -14,10 +14,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, routine, run, take
-from ..kernels.vec import tangents
-from ..neighbors import neighbor_chunks, neighbors
-from ..progress import Progress, part_of, tell
+from ...jit import borrow, inline, kernel, routine, run, take
+from ...kernels.vec import tangents
+from ...neighbors import neighbor_chunks, neighbors
+from ...progress import Progress, part_of, tell
 from .planes import least_axis, plane
 
 Floats = NDArray[np.float32]

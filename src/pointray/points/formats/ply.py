@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 
-from ..data import Points, check_count
-from ..progress import Progress, part_of, tell
+from ...data import Points, check_count
+from ...progress import Progress, part_of, tell
 
 LONGEST_HEADER = 1 << 20
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data import Points
-from ..jit import compile_seconds
-from ..model import Model
-from ..points import procedural
-from ..rendering.camera import Camera
-from ..rendering.picture import render
-from ..rendering.settings import Settings
-from ..scene.scene import Scene
-from ..shade.lights import SunLight
-from ..splats.subsample import subsample
+from ...data import Points
+from ...jit import compile_seconds
+from ...model import Model
+from ...points import procedural
+from ...rendering.camera import Camera
+from ...rendering.picture import render
+from ...rendering.settings import Settings
+from ...scene.scene import Scene
+from ...shade.lights import SunLight
+from ...splats.subsample import subsample
 from .views import far_view, near_view
 
 SIZE, STRESS_SIZE = (512, 512), (640, 480)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import kernel
-from ..neighbors import distinct, morton_order, neighbors
+from ...jit import kernel
+from ...neighbors import distinct, morton_order, neighbors
 from .orientation import outward_votes
 
 Floats = NDArray[np.float32]

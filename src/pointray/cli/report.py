@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .data import Points
-from .model import Model, _unit_normals
-from .neighbors import distinct, neighbors
-from .points.cleaning import Flaws, find_flaws
-from .points.given_normals import compare_normals
-from .points.nearby import rows_around
-from .points.rounding import find_rounding
-from .points.trust import told
-from .progress import Progress, part_of, tell
-from .splats.radii import radii_in
-from .splats.support import find_support
+from ..data import Points
+from ..model import Model, _unit_normals
+from ..neighbors import distinct, neighbors
+from ..points.cleaning import Flaws, find_flaws
+from ..points.nearby import rows_around
+from ..points.normals.given import compare_normals
+from ..points.rounding import find_rounding
+from ..points.trust import told
+from ..progress import Progress, part_of, tell
+from ..splats.radii import radii_in
+from ..splats.support import find_support
 
 Positions = NDArray[np.float32]
 
