@@ -27,16 +27,16 @@ import numpy as np
 import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.cli.benchmark.views import far_view, near_view
-from pointray.jit import keep, kernel, run, take
-from pointray.kernels.records import World, lend_world
-from pointray.kernels.scratch import TILE, lend_scratch, new_scratch
-from pointray.kernels.vec import triple
+from pointray.jit import keep_alive, kernel, next_tile, run
+from pointray.kernels.records import World, borrow_world
+from pointray.kernels.scratch import TILE, borrow_scratch, new_scratch
+from pointray.kernels.vec import load3_flat
 from pointray.neighbors import neighbors
 from pointray.points.procedural import mesh, solid
 from pointray.points.procedural.creases import edges_of, quarter, settled
 from pointray.trace.cast import _occluded
 from pointray.trace.hits import tile_hit
-from pointray.trace.world import aim, trace_tile
+from pointray.trace.world import set_ray, trace_tile
 from views import bounce_rays, shadow_rays
 
 BATCH = 1024
@@ -46,19 +46,19 @@ BATCH = 1024
 def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
     """Closest hit of each ray, t only: what Embree is asked for."""
     memory = new_scratch(world.longest)
-    scratch, world = lend_scratch(memory), lend_world(world)
-    block = take(work)
+    scratch, world = borrow_scratch(memory), borrow_world(world)
+    block = next_tile(work)
     while block >= 0:
         end = min((block + 1) * BATCH, t.size)
         for first in range(block * BATCH, end, TILE):
             for k in range(TILE):
                 i = min(first + k, end - 1)
-                aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), 0.0, np.inf))
+                set_ray(scratch, k, (load3_flat(origins, 3 * i), load3_flat(directions, 3 * i), 0.0, np.inf))
             trace_tile(world, scratch)
             for i in range(first, min(first + TILE, end)):
                 t[i] = tile_hit(scratch, i - first).t
-        block = take(work)
-    keep(memory)
+        block = next_tile(work)
+    keep_alive(memory)
     return 0
 
 

@@ -63,7 +63,7 @@ def trace_singles(work, function, scene, flags, origins, directions, t):  # type
     floats = words.view(np.float32)
     ray = words.ctypes.data
     while True:
-        tile = jit.take(work)
+        tile = jit.next_tile(work)
         if tile < 0:
             return
         for i in range(tile * TILE, min(tile * TILE + TILE, len(t))):
@@ -80,7 +80,7 @@ def trace_packets(work, function, scene, flags, origins, directions, t):  # type
     ray = words.ctypes.data
     words[VALID : VALID + 16] = INVALID
     while True:
-        tile = jit.take(work)
+        tile = jit.next_tile(work)
         if tile < 0:
             return
         for first in range(tile * TILE, min(tile * TILE + TILE, len(t)), 16):

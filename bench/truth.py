@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 import pointray as pr
-from pointray.jit import borrow, inline, kernel, run, take
+from pointray.jit import borrow, inline, kernel, next_tile, run
 from pointray.points.procedural import area, mesh, solid
 from pointray.points.procedural.creases import areas, refine_creases, settled
 from pointray.points.procedural.solids import STENCIL, field, settle, slope
@@ -63,21 +63,21 @@ def scattered(corners: Floats, n: int, seed: int) -> Floats:
 @kernel
 def _normals(work, solid, x, normals):  # type: ignore[no-untyped-def]
     """Exact normals at the surface below each x: the gradient of the field where x, moved along it, arrives."""
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, x.shape[0])):
             p, q, r = settle(solid, x[i, 0], x[i, 1], x[i, 2], 8)
             u, v, w = slope(solid, p, q, r, STENCIL)
             length = max(np.sqrt(u * u + v * v + w * w), 1e-300)
             normals[i, 0], normals[i, 1], normals[i, 2] = u / length, v / length, w / length
-        t = take(work)
+        t = next_tile(work)
 
 
 @kernel
 def _march(work, solid, rays, spans, floor, where):  # type: ignore[no-untyped-def]
     """The least value of the field along rays (origins, directions) within spans (n, 2): where = (t, value)."""
     origins, directions = rays
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, spans.shape[0])):
             s, least, at = spans[i, 0], np.inf, 0.0
@@ -88,7 +88,7 @@ def _march(work, solid, rays, spans, floor, where):  # type: ignore[no-untyped-d
                     least, at = f, s
                 s += max(0.7 * abs(f), floor)
             where[i, 0], where[i, 1] = at, least
-        t = take(work)
+        t = next_tile(work)
 
 
 class Shape:
@@ -181,7 +181,7 @@ def _closest(work, triangles, x, spans, candidates, out):  # type: ignore[no-unt
     """The nearest place on each x's candidates[spans[i] : spans[i + 1]]; out: distance, weights, and which triangle."""
     distance, weights, which = out
     triangles = borrow(triangles)  # a view of each triangle would count references
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, x.shape[0])):
             best = np.inf
@@ -197,7 +197,7 @@ def _closest(work, triangles, x, spans, candidates, out):  # type: ignore[no-unt
                     best, which[i] = square, candidates[k]
                     weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - v - w, v, w
             distance[i] = np.sqrt(best)
-        t = take(work)
+        t = next_tile(work)
 
 
 class Mesh:

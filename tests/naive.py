@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pointray.intersect.march import BORDER_SHARE
-from pointray.jit import inline, kernel, run, take
+from pointray.jit import inline, kernel, next_tile, run
 
 KINDS = {"paper": 0, "imls": 1, "apss": 2}
 STEPS = 40  # samples in a radius
@@ -83,7 +83,7 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
     kind, trim, overhang, border_share, way = settings
     t_out, radius_out, doubtful = out
     chosen, near, far = np.empty(len(splats), np.int64), np.empty(len(splats)), np.empty(len(splats))
-    i = take(work)
+    i = next_tile(work)
     while i >= 0:
         o, d = origins[i], directions[i]
         count, smallest = 0, np.inf
@@ -152,7 +152,7 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
                     doubtful[i] = True
             before2, before = before, f
             t += step
-        i = take(work)
+        i = next_tile(work)
     return 0
 
 

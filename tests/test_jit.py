@@ -12,17 +12,17 @@ import pytest
 
 import pointray
 from pointray import jit
-from pointray.jit import Cancel, disk, kernel, run, take
+from pointray.jit import Cancel, disk, kernel, next_tile, run
 
 PACKAGE = Path(pointray.__file__).parent
 
 
 @kernel
 def _count(work, out):
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         out[t] += 1
-        t = take(work)
+        t = next_tile(work)
     return 0
 
 
@@ -43,13 +43,13 @@ def test_an_error_in_a_worker_is_raised():
 
 @kernel
 def _slow(work, out):
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         x = 1.0
         for _ in range(1_000_000):
             x = (x * 1.1) % 7.0
         out[t] = x
-        t = take(work)
+        t = next_tile(work)
     return 0
 
 

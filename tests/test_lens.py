@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.jit import keep, kernel
+from pointray.jit import keep_alive, kernel
 from pointray.kernels.sampling import pixel_key
-from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, lend_scratch, new_scratch, row
-from pointray.rendering.film import EDGE, aim_pixels, begin_tile, pixel_of
+from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, borrow_scratch, load3, new_scratch
+from pointray.rendering.film import EDGE, begin_tile, pixel_of, set_pixel_rays
 from pointray.rendering.lens import FILTERS, place_in_pixel
 
 EYE, TARGET = np.array([5.0, 3, 2]), np.array([-1.0, 0, 1])
@@ -19,20 +19,20 @@ FORWARD = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
 @kernel
 def _camera_rays(camera, how, origins, directions):
     memory = new_scratch(1)
-    scratch = lend_scratch(memory)
+    scratch = borrow_scratch(memory)
     height, width, spp = origins.shape[:3]
     for top in range(0, height, EDGE):
         for left in range(0, width, EDGE):
             begin_tile((left, top), (width, height), how[0], scratch)
             for sample in range(spp):
-                aim_pixels(camera, (width, height), (left, top), sample, how, scratch)
+                set_pixel_rays(camera, (width, height), (left, top), sample, how, scratch)
                 for i in range(TILE):
                     x, y = pixel_of((left, top), i)
                     if x < width and y < height:
-                        o, d = row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i)
+                        o, d = load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)
                         for c in range(3):
                             origins[y, x, sample, c], directions[y, x, sample, c] = o[c], d[c]
-    keep(memory)
+    keep_alive(memory)
 
 
 @kernel

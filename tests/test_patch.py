@@ -7,7 +7,7 @@ import pytest
 
 from pointray.intersect.columns import axes_of, narrow, narrow_one
 from pointray.jit import kernel
-from pointray.kernels.records import CELL, LEAF, NOWHERE, SLAB
+from pointray.kernels.records import CELL, LEAF, NO_SURFACE, SLAB
 from pointray.simd import load16, store
 
 STEPS = 20_000
@@ -31,7 +31,7 @@ class Leaf:
         middle, half = rng.uniform(-0.5, 3.5, 16), rng.uniform(0.01, 0.6, 16)
         self.low, self.high = middle - half, middle + half
         empty = rng.random(16) < 0.3
-        self.low[empty] = self.high[empty] = NOWHERE
+        self.low[empty] = self.high[empty] = NO_SURFACE
         if not limited:
             self.low[:], self.high[:] = -np.inf, np.inf
 

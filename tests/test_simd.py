@@ -15,31 +15,31 @@ from pointray import jit
 from pointray.jit import kernel
 from pointray.simd import (
     bits,
+    broadcast8,
+    broadcast16,
+    broadcast_from,
     count_bits,
+    count_trailing_zeros,
     first_quarter,
     lane,
     last_quarter,
     load8,
     load16,
-    look_up16,
-    lowest,
     mask16,
     pack,
+    permute16,
     quarters,
     repeat4,
     select,
     shift_quarter,
-    spread8,
-    spread16,
-    spread_from,
     store,
     store_packed,
     sum_over_quarters,
+    trunc,
     vabs,
     vmax,
     vmin,
     vsqrt,
-    whole,
 )
 
 
@@ -53,16 +53,16 @@ def _vectors(a, numbers, out):
     store(out, 16, x)
     store(out, 32, shift_quarter(q, x))
     store(out, 48, vmax(vmin(x, 5.0), q))
-    store(out, 64, select(mask, vabs(x - 9), spread16(np.float32(0))))
+    store(out, 64, select(mask, vabs(x - 9), broadcast16(np.float32(0))))
     store(out, 80, sum_over_quarters(x))
     store(out, 96, first_quarter(x) + last_quarter(x))
-    store(out, 112, whole(x) + vsqrt(v))
-    store(out, 128, select(mask16(0xF0A5), x, spread_from(a, 7)))
-    store(out, 144, spread16(np.float32(-1)))
+    store(out, 112, trunc(x) + vsqrt(v))
+    store(out, 128, select(mask16(0xF0A5), x, broadcast_from(a, 7)))
+    store(out, 144, broadcast16(np.float32(-1)))
     store_packed(out, 144, mask, x)
     found = np.zeros(16, np.int32)
     word = bits(mask)
-    return word, lane(x, 3), lowest(word), count_bits(word), pack(mask, numbers, 0, found, 0), found
+    return word, lane(x, 3), count_trailing_zeros(word), count_bits(word), pack(mask, numbers, 0, found, 0), found
 
 
 def test_vectors_are_numpy():
@@ -86,7 +86,7 @@ def _compared(a, out):
     store(out, 0, vmin(x, y))
     store(out, 16, vmax(x, y))
     v, w = load8(a, 1), load8(a, 21)
-    store(out, 32, v * w - spread8(a[3]))
+    store(out, 32, v * w - broadcast8(a[3]))
     store(out, 40, vmin(v, w))
     return bits(x < y), bits(x <= y), bits(x > y), bits(x >= y), bits((x < y) | (y < x)), bits((x < y) ^ (x <= y))
 
@@ -109,7 +109,7 @@ def test_comparisons_know_nan_and_inf():
 
 @kernel
 def _looked_up(a, places, out):
-    store(out, 0, look_up16(a, 5, load16(places, 0)))
+    store(out, 0, permute16(a, 5, load16(places, 0)))
     return 0
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from naive import KINDS, bisect, field
-from pointray.jit import kernel, run, take
+from pointray.jit import kernel, next_tile, run
 from pointray.tree.columns import slab_along
 from pointray.tree.leaves import limits_of
 
@@ -17,7 +17,7 @@ def _outside(work, clouds, normals, ways, settings, out):
     """Per cloud: zeros found on lines through it, and the greatest share of the way to its slab's border at one."""
     kind, trim, limits = settings
     found, most = out
-    i = take(work)
+    i = next_tile(work)
     while i >= 0:
         splats, m = clouds[i], normals[i]
         count = len(splats)
@@ -38,7 +38,7 @@ def _outside(work, clouds, normals, ways, settings, out):
                         share = (2.0 * (m * x).sum() - low - high) / (high - low + PAD)
                         most[i] = max(most[i], abs(share))
                 before = f
-        i = take(work)
+        i = next_tile(work)
     return 0
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from conftest import shared_model
-from pointray.kernels.records import NOWHERE
+from pointray.kernels.records import NO_SURFACE
 from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
 from pointray.tree.check import check_tree
 
@@ -49,7 +49,7 @@ def test_columns_are_thinner_than_their_leaf(torus):
     full = tree.spans[1::2] > 0
     slab = np.diff(tree.leaves.reshape(-1, 16)[full, 9:11])[:, 0]
     low, high = (tree.patches.reshape(-1, 4, 16)[full, row] for row in (2, 3))
-    limited, held = np.isfinite(low).all(axis=1), low != NOWHERE
+    limited, held = np.isfinite(low).all(axis=1), low != NO_SURFACE
     assert limited.mean() > 0.9 and held.mean() > 0.5
     assert ((high - low)[limited].sum(axis=1) / held[limited].sum(axis=1) / slab[limited]).mean() < 0.5
 

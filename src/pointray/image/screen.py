@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..jit import borrow, kernel, run, take
+from ..jit import borrow, kernel, next_tile, run
 from ..simd import float_bits
 from .tone import linear_to_srgb, tone
 
@@ -34,7 +34,7 @@ def _levels(work, image, backdrop, gain, table, out):  # type: ignore[no-untyped
     """Levels of an image over a backdrop: (h, w, 3) uint8."""
     image, backdrop, table, out = borrow(image), borrow(backdrop), borrow(table), borrow(out)
     height, width = image.shape[:2]
-    block = take(work)
+    block = next_tile(work)
     while block >= 0:
         for y in range(block * ROWS, min((block + 1) * ROWS, height)):
             for x in range(width):
@@ -44,7 +44,7 @@ def _levels(work, image, backdrop, gain, table, out):  # type: ignore[no-untyped
                     value = value if value > DARKEST else DARKEST  # NaN too; `max` may keep it
                     value = value if value < WHITEST else WHITEST
                     out[y, x, c] = table[(float_bits(value) >> SHIFT) - _FIRST]
-        block = take(work)
+        block = next_tile(work)
     return 0
 
 

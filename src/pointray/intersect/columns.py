@@ -6,7 +6,21 @@ import numpy as np
 
 from ..jit import inline
 from ..kernels.records import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB
-from ..simd import bits, fours, greatest, least, load16, look_up16, quarters, select, spread16, vabs, vmax, vmin, whole
+from ..simd import (
+    bits,
+    broadcast16,
+    fours,
+    load16,
+    permute16,
+    quarters,
+    reduce_max,
+    reduce_min,
+    select,
+    trunc,
+    vabs,
+    vmax,
+    vmin,
+)
 from ..tree.columns import across
 from .surface import INF, ONE, ZERO
 
@@ -34,8 +48,8 @@ def _edge(tree, leaf, axis):  # type: ignore[no-untyped-def]
 def _begin(place, inverse):  # type: ignore[no-untyped-def]
     """Across the columns: which one rays are in, the side on which they leave it, the next, and the last."""
     ahead = inverse > ZERO
-    column = whole(vmin(vmax(place, spread16(ZERO)), spread16(LAST)))
-    side = select(ahead, spread16(ONE), spread16(ZERO))
+    column = trunc(vmin(vmax(place, broadcast16(ZERO)), broadcast16(LAST)))
+    side = select(ahead, broadcast16(ONE), broadcast16(ZERO))
     return column, side, side + side - ONE, LAST * side
 
 
@@ -54,7 +68,7 @@ def _in_columns(tree, leaf, axes, rays, enter):  # type: ignore[no-untyped-def]
 def _in_slab(slopes, borders, place, d):  # type: ignore[no-untyped-def]
     """Where rays enter and leave the slabs of columns; in columns, from where they enter the leaf."""
     height, rise = place[2] + slopes[0] * place[0] + slopes[1] * place[1], d[2] + slopes[0] * d[0] + slopes[1] * d[1]
-    rise = ONE / select(vabs(rise) < spread16(FLAT), spread16(FLAT), rise)
+    rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
     x, y = (borders[0] - height) * rise, (borders[1] - height) * rise
     return vmin(x, y), vmax(x, y)
 
@@ -73,14 +87,14 @@ def narrow(tree, leaf, axes, rays, interval):  # type: ignore[no-untyped-def]
     place, d, (iu, iv) = _in_columns(tree, leaf, axes, rays, enter)
     u, v = place[0], place[1]
     (i, side_u, next_u, end_u), (j, side_v, next_v, end_v) = _begin(u, iu), _begin(v, iv)
-    inside, first, last = spread16(ZERO), spread16(INF), spread16(-INF)
+    inside, first, last = broadcast16(ZERO), broadcast16(INF), broadcast16(-INF)
     for _ in range(MOST):
         at = np.float32(COLUMNS) * i + j
-        slopes = look_up16(tree.patches, patch + PATCH_B, at), look_up16(tree.patches, patch + PATCH_C, at)
-        borders = look_up16(tree.patches, patch + PATCH_LOW, at), look_up16(tree.patches, patch + PATCH_HIGH, at)
+        slopes = permute16(tree.patches, patch + PATCH_B, at), permute16(tree.patches, patch + PATCH_C, at)
+        borders = permute16(tree.patches, patch + PATCH_LOW, at), permute16(tree.patches, patch + PATCH_HIGH, at)
         # Beyond the outermost columns the voxel ends, but for rounding.
-        out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, spread16(INF))
-        out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, spread16(INF))
+        out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, broadcast16(INF))
+        out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, broadcast16(INF))
         out = vmin(vmin(out_u, out_v), length)
         near, far = _in_slab(slopes, borders, place, d)
         near, far = vmax(inside, near), vmin(out, far)
@@ -98,9 +112,9 @@ def narrow(tree, leaf, axes, rays, interval):  # type: ignore[no-untyped-def]
 @inline
 def _across(place, inverse, column):  # type: ignore[no-untyped-def]
     """Where a ray enters and leaves columns across one axis; beyond the outermost ones the voxel ends."""
-    outside = spread16(INF if inverse > ZERO else -INF)
+    outside = broadcast16(INF if inverse > ZERO else -INF)
     low = select(column > ZERO, (column - place) * inverse, ZERO - outside)
-    high = select(column < spread16(LAST), (column + ONE - place) * inverse, outside)
+    high = select(column < broadcast16(LAST), (column + ONE - place) * inverse, outside)
     return vmin(low, high), vmax(low, high)
 
 
@@ -121,7 +135,8 @@ def narrow_one(tree, leaf, axes, ray, interval):  # type: ignore[no-untyped-def]
     slopes = load16(tree.patches, patch + PATCH_B), load16(tree.patches, patch + PATCH_C)
     borders = load16(tree.patches, patch + PATCH_LOW), load16(tree.patches, patch + PATCH_HIGH)
     near, far = _in_slab(slopes, borders, place, d)
-    near = vmax(vmax(enter_u, enter_v), vmax(near, spread16(ZERO)))
-    far = vmin(vmin(leave_u, leave_v), vmin(far, spread16(length)))
+    near = vmax(vmax(enter_u, enter_v), vmax(near, broadcast16(ZERO)))
+    far = vmin(vmin(leave_u, leave_v), vmin(far, broadcast16(length)))
     met = near <= far
-    return enter + least(select(met, near, spread16(INF))), enter + greatest(select(met, far, spread16(-INF)))
+    first, last = reduce_min(select(met, near, broadcast16(INF))), reduce_max(select(met, far, broadcast16(-INF)))
+    return enter + first, enter + last

@@ -14,7 +14,7 @@ import numpy as np
 from ..jit import inline
 from ..kernels.records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit
 from ..kernels.scratch import COUNT_NEAR
-from ..simd import bits, lane, lowest, repeat4
+from ..simd import bits, count_trailing_zeros, lane, repeat4
 
 ONE, INF, ZERO = np.float32(1.0), np.float32(np.inf), np.float32(0.0)
 NEAR2 = np.float32(2.0**2)  # squared radii: beside a disc's rim a ray would meet its underside
@@ -54,7 +54,7 @@ def search_discs(tree, leaf, scratch, frame, enter, leave):  # type: ignore[no-u
             around = ((wx * wx + wy * wy + wz * wz) * inv_r2 <= NEAR2) & (height * height * inv_r2 <= FLAT2)
             left &= ~bits(around & (slope * ray.side > STEEP))
         while left != 0:
-            j = lowest(left)
+            j = count_trailing_zeros(left)
             left &= left - 1
             if lane(t, j) < nearest:
                 nearest = lane(t, j)

@@ -29,15 +29,15 @@ from ..kernels.scratch import (
 )
 from ..simd import (
     bits,
-    greatest,
-    least,
+    broadcast16,
+    broadcast_from,
+    count_trailing_zeros,
     load16,
-    lowest,
     move4,
     pack,
+    reduce_max,
+    reduce_min,
     select,
-    spread16,
-    spread_from,
     vabs,
     vmax,
     vmin,
@@ -91,9 +91,9 @@ def around(part, ends, frame, half, active):  # type: ignore[no-untyped-def]
     ux, uy, uz = ux - length * ax, uy - length * ay, uz - length * az
     x, y, z = x - along * ax, y - along * ay, z - along * az
     aside = vsqrt(x * x + y * y + z * z) + vsqrt(ux * ux + uy * uy + uz * uz)
-    near = least(select(active, along - vabs(length), spread16(INF)))
-    far = greatest(select(active, along + vabs(length), spread16(-INF)))
-    spread = greatest(select(active, aside, spread16(ZERO)))
+    near = reduce_min(select(active, along - vabs(length), broadcast16(INF)))
+    far = reduce_max(select(active, along + vabs(length), broadcast16(-INF)))
+    spread = reduce_max(select(active, aside, broadcast16(ZERO)))
     half, middle = HALF * (far - near), HALF * (far + near)
     return Capsule(px + middle * ax, py + middle * ay, pz + middle * az, ax, ay, az, half, spread)
 
@@ -103,7 +103,7 @@ def _distances(capsule, x, y, z):  # type: ignore[no-untyped-def]
     """Squared distances of 16 places from a capsule's segment, at most: rounding may only make them smaller."""
     x, y, z = x - capsule.x, y - capsule.y, z - capsule.z
     along = x * capsule.dx + y * capsule.dy + z * capsule.dz
-    beyond = vmax(vabs(along) - capsule.half, spread16(ZERO))
+    beyond = vmax(vabs(along) - capsule.half, broadcast16(ZERO))
     return SURE * (x * x + y * y + z * z) - along * along + beyond * beyond
 
 
@@ -162,7 +162,7 @@ def keep_sheet(tree, scratch, frame, way, rays):  # type: ignore[no-untyped-def]
     Of two sheets close together one is seen at a time.
     way : 1 where those are seen that face a ray, -1 where those that face away
     """
-    first, n = lowest(rays), 0
+    first, n = count_trailing_zeros(rays), 0
     for k in range(scratch.counts[COUNT_SPLATS]):
         place = np.int64(scratch.listed[k])
         at = 3 * slot_of(scratch, place)
@@ -212,16 +212,16 @@ def list_splats_of(scratch, first, end):  # type: ignore[no-untyped-def]
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
         at = group * GATHERED
         x, y, z = load16(splats, at + 4 * PX), load16(splats, at + 4 * PY), load16(splats, at + 4 * PZ)
-        square = spread16(INF)
+        square = broadcast16(INF)
         for k in range(first, end):
             ray = Capsule(
-                spread_from(part, AT_X + k),
-                spread_from(part, AT_Y + k),
-                spread_from(part, AT_Z + k),
-                spread_from(part, AT_DX + k),
-                spread_from(part, AT_DY + k),
-                spread_from(part, AT_DZ + k),
-                spread_from(part, AT_HALF + k),
+                broadcast_from(part, AT_X + k),
+                broadcast_from(part, AT_Y + k),
+                broadcast_from(part, AT_Z + k),
+                broadcast_from(part, AT_DX + k),
+                broadcast_from(part, AT_DY + k),
+                broadcast_from(part, AT_DZ + k),
+                broadcast_from(part, AT_HALF + k),
                 ZERO,
             )
             square = vmin(square, _distances(ray, x, y, z))

@@ -43,7 +43,18 @@ from ..kernels.scratch import (
     SIDE,
     TILE,
 )
-from ..simd import bits, count_bits, lane, load16, lowest, mask16, repeat4, select, spread16, store_packed
+from ..simd import (
+    bits,
+    broadcast16,
+    count_bits,
+    count_trailing_zeros,
+    lane,
+    load16,
+    mask16,
+    repeat4,
+    select,
+    store_packed,
+)
 from .columns import axes_of, narrow, narrow_one
 from .disc import search_discs
 from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
@@ -76,7 +87,7 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
     low, high = narrow_one(tree, leaf, axes, along, (low, high))
     if not low <= high:
         return hit
-    reach, fine = lattice(tree, leaf, (spread16(enter), spread16(low), spread16(high)), spread16(ray.t_min))
+    reach, fine = lattice(tree, leaf, (broadcast16(enter), broadcast16(low), broadcast16(high)), broadcast16(ray.t_min))
     if bits(fine) == 0:
         return hit
     first, last = span(tree, leaf, reach)
@@ -86,16 +97,16 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
         list_blocks(tree, leaf, capsule, scratch)
         return search_discs(tree, leaf, scratch, (place, start, ray), max(enter, abs(ray.t_min)), leave)
     frame = Frame(
-        spread16(place[0]),
-        spread16(place[1]),
-        spread16(place[2]),
-        spread16(d[0]),
-        spread16(d[1]),
-        spread16(d[2]),
+        broadcast16(place[0]),
+        broadcast16(place[1]),
+        broadcast16(place[2]),
+        broadcast16(d[0]),
+        broadcast16(d[1]),
+        broadcast16(d[2]),
         first,
-        spread16(ray.side),
+        broadcast16(ray.side),
     )
-    lift = spread16(scratch.lift[0])
+    lift = broadcast16(scratch.lift[0])
     way = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
     list_blocks(tree, leaf, capsule, scratch)
     gather(tree, scratch)
@@ -143,7 +154,7 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
             continue
         low, high = narrow(tree, leaf, axes, _along(axes, rows, v), (load16(rows, FIRST + v), load16(rows, LAST + v)))
         met = low <= high
-        interval = load16(rows, ENTER + v), select(met, low, spread16(ZERO)), select(met, high, spread16(ZERO))
+        interval = load16(rows, ENTER + v), select(met, low, broadcast16(ZERO)), select(met, high, broadcast16(ZERO))
         reach, fine = lattice(tree, leaf, interval, load16(rows, BEGIN + v))
         word &= bits(fine & met)
         if word == 0:
@@ -218,7 +229,7 @@ def _keep(leaf, found, asked, rays, at, scratch):  # type: ignore[no-untyped-def
     rows, part, lifted = scratch.model, scratch.part, np.int64(0)
     hits, lifts = bits(found.t < repeat4(part, AT_LENGTH + at)) & asked, bits(found.lift > ZERO) & asked
     for i in range(4):
-        k = lowest(rays | BEYOND)
+        k = count_trailing_zeros(rays | BEYOND)
         rays &= rays - 1
         lifted |= ((lifts >> i) & 1) << k
         if (hits >> i) & 1 != 0:
@@ -236,7 +247,7 @@ def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-de
     """
     left = _take(tree, leaf, passing, scratch)
     part, lifted, at = scratch.part, np.int64(0), 0
-    none = spread16(ZERO)
+    none = broadcast16(ZERO)
     sheeted = tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
         if at % LANES == 0:

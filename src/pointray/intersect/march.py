@@ -37,21 +37,21 @@ from ..kernels.records import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SUR
 from ..kernels.scratch import COUNT_SPLATS
 from ..simd import (
     bits,
+    broadcast16,
+    count_trailing_zeros,
     first_quarter,
     fours,
     lane,
-    lowest,
     mask16,
     quarters,
     select,
     shift_lane,
     shift_quarter,
-    spread16,
+    trunc,
     vabs,
     vmax,
     vmin,
     vsqrt,
-    whole,
 )
 from .refine import (
     Pair,
@@ -113,12 +113,12 @@ def lattice(tree, leaf, interval, begin):  # type: ignore[no-untyped-def]
     # Asked of where the surface may begin: where the ray ends must not decide.
     fine = low < MOST_STEPS * step
     # Where the ray begins in this voxel the start rule needs f there; and where it begins among the samples.
-    low = select(fine, select(enter <= begin, vmin(low, begin), low), spread16(ZERO))
-    high = select(fine, vmin(high, spread16(MOST_STEPS * step + MOST_STEPS * step)), spread16(ZERO))
+    low = select(fine, select(enter <= begin, vmin(low, begin), low), broadcast16(ZERO))
+    high = select(fine, vmin(high, broadcast16(MOST_STEPS * step + MOST_STEPS * step)), broadcast16(ZERO))
     # t is never negative here: truncation is the floor.
-    first, last = whole(low / step), whole(high / step) + ONE
+    first, last = trunc(low / step), trunc(high / step) + ONE
     starts = (first * step <= begin) & (begin <= last * step)
-    return Reach(first, last, select(starts, begin, ZERO - vmax(vabs(begin), spread16(BEHIND)))), fine
+    return Reach(first, last, select(starts, begin, ZERO - vmax(vabs(begin), broadcast16(BEHIND)))), fine
 
 
 @inline
@@ -154,7 +154,7 @@ def accept(tree, scratch, frame, leaf, root, limits):  # type: ignore[no-untyped
     s = root.t - frame.start
     x, y, z = s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
-    least = spread16(tree.leaves[leaf * LEAF + LEAST])
+    least = broadcast16(tree.leaves[leaf * LEAF + LEAST])
     over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # so also where they are no numbers
     border = tree.leaves[leaf * LEAF + BORDERED] != ZERO
     if over != 0 or border:
@@ -185,8 +185,8 @@ def _events(tree, leaf, a, b):  # type: ignore[no-untyped-def]
         least = tree.leaves[leaf * LEAF + LEAST]
         # Both tangents meet below the margin: the lowest place is above theirs where f is convex.
         meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
-        graze = falls & rises & ((meet * f < ZERO) | (vabs(meet) < spread16(GRAZING * least)))
-        crevice = (falls ^ rises) & (vmin(vabs(f), vabs(f_a)) < spread16(CREVICE * least))
+        graze = falls & rises & ((meet * f < ZERO) | (vabs(meet) < broadcast16(GRAZING * least)))
+        crevice = (falls ^ rises) & (vmin(vabs(f), vabs(f_a)) < broadcast16(CREVICE * least))
         sinks = sinks & (graze | crevice | rim)
     return changes, bits(sinks)
 
@@ -195,8 +195,8 @@ def _events(tree, leaf, a, b):  # type: ignore[no-untyped-def]
 def _lift_of(tree, leaf, f):  # type: ignore[no-untyped-def]
     """What the start rule lifts rays by that have f where they start."""
     share = START if tree.head[REFINE] > ZERO else START_UNREFINED
-    reach = spread16(share * tree.leaves[leaf * LEAF + LEAST])
-    return select(vabs(f) < reach, reach, spread16(ZERO))
+    reach = broadcast16(share * tree.leaves[leaf * LEAF + LEAST])
+    return select(vabs(f) < reach, reach, broadcast16(ZERO))
 
 
 @inline
@@ -222,11 +222,11 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
     A ray that begins between two samples counts as lifted where that matters, so that it is traced alone.
     """
     way, lift = limits
-    none = spread16(ZERO)
-    t_hit, nx, ny, nz = spread16(INF), none, none, none
+    none = broadcast16(ZERO)
+    t_hit, nx, ny, nz = broadcast16(INF), none, none, none
     step = tree.leaves[leaf * LEAF + STEP]
     starts, high = bits(reach.begin >= ZERO), reach.last * step
-    t_before = f_before = slope_before = spread16(NAN)
+    t_before = f_before = slope_before = broadcast16(NAN)
     k = reach.first + quarters(ZERO, ONE, np.float32(2.0), np.float32(3.0))
     left = rays if scratch.counts[COUNT_SPLATS] > 0 else 0
     while left != 0:
@@ -235,7 +235,7 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
         if starts != 0:
             lift = select(mask16(starts), _lift_of(tree, leaf, first_quarter(f)), lift)
             between = reach.begin > ZERO
-            lift = select(between, spread16(ONE), lift)
+            lift = select(between, broadcast16(ONE), lift)
             left &= ~fold(bits(between))
             starts = 0
         f = f + lift
@@ -254,7 +254,7 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
             if bits(root.t < INF) != 0:
                 early = root.t < vabs(reach.begin)
                 if bits(early) != 0:
-                    lift = select(early, spread16(ONE), lift)
+                    lift = select(early, broadcast16(ONE), lift)
                     left &= ~fold(bits(early))
                     events &= ~bits(early)
                 good, mx, my, mz = accept(tree, scratch, frame, leaf, root, (way, lift, reach.begin))
@@ -286,27 +286,28 @@ def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-un
     Four at once, the ray in every quarter, bounces took 1.37 times as long at 32,000 points, at scans 1.1 to 1.3.
     """
     way, lift = limits
-    none = spread16(ZERO)
+    none = broadcast16(ZERO)
     step = tree.leaves[leaf * LEAF + STEP]
     starts, last, begin = lane(reach.begin, 0) >= ZERO, lane(reach.last, 0), vabs(reach.begin)
     # Only a ray that the start rule lifts has its first sample where it begins.
     low, high = select(lift > ZERO, begin, none), reach.last * step
     between = lane(reach.begin, 0) > ZERO
-    t_before = f_before = slope_before = spread16(NAN)
+    t_before = f_before = slope_before = broadcast16(NAN)
     two, three, four = np.float32(2.0), np.float32(3.0), np.float32(4.0)
     k = reach.first + (four * quarters(ZERO, ONE, two, three) + fours(ZERO, ONE, two, three))
     while True:
         t = begin if between else vmin(vmax(k * step, low), high)
         f, slope = evaluate(tree, scratch, frame, t)
         if starts:
-            lift = _lift_of(tree, leaf, spread16(lane(f, 0)))
+            lift = _lift_of(tree, leaf, broadcast16(lane(f, 0)))
             starts = False
             if between:
                 low, between = select(lift > ZERO, begin, none), False
                 continue
         # Up to the quarter in which f is first on the ray's side.
         settled = bits(f + lift >= lift)
-        lifted = select(mask16((16 << (lowest(settled) & 12)) - 1 if settled != 0 else 0xFFFF), lift, none)
+        before = (16 << (count_trailing_zeros(settled) & 12)) - 1 if settled != 0 else 0xFFFF
+        lifted = select(mask16(before), lift, none)
         f = f + lifted
 
         before = shift_lane(t_before, t), shift_lane(f_before, f), shift_lane(slope_before, slope)
@@ -327,7 +328,7 @@ def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-un
             if bits(root.t < INF) != 0:
                 good, nx, ny, nz = accept(tree, scratch, frame, leaf, root, (way, raised, begin))
                 if good != 0:
-                    i = lowest(good)
+                    i = count_trailing_zeros(good)
                     return Found(lane(root.t, i), lane(nx, i), lane(ny, i), lane(nz, i), lane(raised, i))
         lift = none if settled != 0 else lift
         t_before, f_before, slope_before = t, f, slope

@@ -13,12 +13,12 @@ from ..jit import inline
 from ..kernels.records import REFINE, SURFACE
 from ..simd import (
     bits,
+    broadcast16,
     last_quarter,
     mask16,
     quarters,
     select,
     shift_quarter,
-    spread16,
     sum_over_quarters,
     vmax,
     vmin,
@@ -109,7 +109,7 @@ def first_samples(word):  # type: ignore[no-untyped-def]
 @inline
 def sample(vector, one):  # type: ignore[no-untyped-def]
     """Each ray's lane that a mask with one lane a ray names, in all its samples; 0 where it names none."""
-    return sum_over_quarters(select(one, vector, spread16(ZERO)))
+    return sum_over_quarters(select(one, vector, broadcast16(ZERO)))
 
 
 @inline
@@ -158,7 +158,7 @@ def unit(foot):  # type: ignore[no-untyped-def]
 def _between(foot, after, share):  # type: ignore[no-untyped-def]
     """The foot between a sample, as bits with one a ray, and the one before it; 0 for rays without such a bit."""
     before, after = mask16(after >> 4), mask16(after)
-    nothing = spread16(ZERO)
+    nothing = broadcast16(ZERO)
     weight, both = select(after, share, ONE - share), before | after
     return Foot(
         sum_over_quarters(select(both, foot.nx * weight, nothing)),
@@ -181,8 +181,8 @@ def _places(ta, tb, around, inner, outer):  # type: ignore[no-untyped-def]
     """Four places in brackets, about `around` of their lengths: two at the inner distance, two at the outer."""
     near = mask16(0x0FF0)
     sign = quarters(-ONE, -ONE, ONE, ONE)
-    share = vmin(vmax(around, spread16(ZERO)), spread16(ONE)) + sign * select(near, inner, outer)
-    return ta + (tb - ta) * vmin(vmax(share, spread16(ZERO)), spread16(ONE))
+    share = vmin(vmax(around, broadcast16(ZERO)), broadcast16(ONE)) + sign * select(near, inner, outer)
+    return ta + (tb - ta) * vmin(vmax(share, broadcast16(ZERO)), broadcast16(ONE))
 
 
 @inline
@@ -200,16 +200,16 @@ def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[
     ta, fa, tb, fb = pair.ta, pair.fa, pair.tb, pair.fb
     steps = tree.head[REFINE]
     most = steps + MORE if steps > ZERO else ZERO
-    inner, outer, step, share = spread16(CLOSE[0]), spread16(CLOSE[1]), spread16(ZERO), fa / (fa - fb)
+    inner, outer, step, share = broadcast16(CLOSE[0]), broadcast16(CLOSE[1]), broadcast16(ZERO), fa / (fa - fb)
     if bits(crosses) & todo != todo:
         # Without a crossing: the slopes' zero by linear interpolation, the lowest place of a parabola; or evenly.
         grazes = (fa * pair.slope_a < ZERO) & (fb * pair.slope_b > ZERO)
-        estimate = select(grazes, pair.slope_a / (pair.slope_a - pair.slope_b), spread16(HALF))
+        estimate = select(grazes, pair.slope_a / (pair.slope_a - pair.slope_b), broadcast16(HALF))
         wide = mask16(bits(crosses | grazes) ^ 0xFFFF)
-        inner, outer = select(wide, spread16(EVEN[0]), inner), select(wide, spread16(EVEN[1]), outer)
-        step, share = select(crosses, step, spread16(-ONE)), select(crosses, share, estimate)
+        inner, outer = select(wide, broadcast16(EVEN[0]), inner), select(wide, broadcast16(EVEN[1]), outer)
+        step, share = select(crosses, step, broadcast16(-ONE)), select(crosses, share, estimate)
     span = tb - ta
-    none = spread16(ZERO)
+    none = broadcast16(ZERO)
     foot = Foot(none, none, none, none)
     joined = 0
     while True:
@@ -219,7 +219,7 @@ def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[
             break
         go = mask16(doing)
         t = _places(ta, tb, share, inner, outer)
-        inner, outer = spread16(CLOSE[0]), spread16(CLOSE[1])
+        inner, outer = broadcast16(CLOSE[0]), broadcast16(CLOSE[1])
         fresh = means_at(scratch, frame, t)
         f, u4 = value(int(tree.head[SURFACE]), fresh)
         f = f * frame.side + lift
@@ -244,6 +244,6 @@ def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[
         line = one & bits(firm)
         joined = (joined & ~fold(doing)) | fold(line)
         foot = choose(all_samples(fold(line)), _between(foot_of(fresh, u4), line, share), foot)
-        step = step + select(go, spread16(ONE), none)
-    t = select(all_samples(todo), ta + (tb - ta) * share, spread16(INF))
+        step = step + select(go, broadcast16(ONE), none)
+    t = select(all_samples(todo), ta + (tb - ta) * share, broadcast16(INF))
     return Root(t, HALF * (fb - fa), all_samples(joined & todo), foot)

@@ -22,7 +22,7 @@ import numpy as np
 from ..jit import inline
 from ..kernels.records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
 from ..kernels.scratch import COUNT_SPLATS, slot_of
-from ..simd import repeat4, select, spread16, spread_from, vmax, vsqrt
+from ..simd import broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 QUARTER = np.float32(0.25)
@@ -50,23 +50,23 @@ def sums(scratch, x, y, z):  # type: ignore[no-untyped-def]
 
     21 vector instructions a splat. A point that no support reaches has weight 0, means NaN.
     """
-    w_sum = spread16(ZERO)
+    w_sum = broadcast16(ZERO)
     qx_sum = qy_sum = qz_sum = nx_sum = ny_sum = nz_sum = qn_sum = qq_sum = w_sum
     splats, listed = scratch.splats, scratch.listed
     for k in range(scratch.counts[COUNT_SPLATS]):
         at = np.int64(listed[k])
         qx, qy, qz = (
-            spread_from(splats, at + 4 * PX) - x,
-            spread_from(splats, at + 4 * PY) - y,
-            spread_from(splats, at + 4 * PZ) - z,
+            broadcast_from(splats, at + 4 * PX) - x,
+            broadcast_from(splats, at + 4 * PY) - y,
+            broadcast_from(splats, at + 4 * PZ) - z,
         )
         qq = qx * qx + qy * qy + qz * qz
-        w = vmax(ONE - qq * spread_from(splats, at + 4 * INV_R2), spread16(ZERO))
+        w = vmax(ONE - qq * broadcast_from(splats, at + 4 * INV_R2), broadcast16(ZERO))
         w = w * w
         nx, ny, nz = (
-            spread_from(splats, at + 4 * NX),
-            spread_from(splats, at + 4 * NY),
-            spread_from(splats, at + 4 * NZ),
+            broadcast_from(splats, at + 4 * NX),
+            broadcast_from(splats, at + 4 * NY),
+            broadcast_from(splats, at + 4 * NZ),
         )
         w_sum = w_sum + w
         qx_sum = qx_sum + w * qx
@@ -103,9 +103,9 @@ def value(surface, means):  # type: ignore[no-untyped-def]
         f = ZERO - qn
     else:
         center = qx * qx + qy * qy + qz * qz
-        u4 = HALF * (qn - plane) / vmax(qq - center, vmax(QUARTER * qq, spread16(TINIEST)))
+        u4 = HALF * (qn - plane) / vmax(qq - center, vmax(QUARTER * qq, broadcast16(TINIEST)))
         f = u4 * (TWO * center - qq) - plane
-    return select(weight > ZERO, f, spread16(NAN)), u4
+    return select(weight > ZERO, f, broadcast16(NAN)), u4
 
 
 @inline
@@ -113,23 +113,23 @@ def _weight(scratch, at, x, y, z):  # type: ignore[no-untyped-def]
     """Weights of one listed splat at sixteen points."""
     splats = scratch.splats
     qx, qy, qz = (
-        spread_from(splats, at + 4 * PX) - x,
-        spread_from(splats, at + 4 * PY) - y,
-        spread_from(splats, at + 4 * PZ) - z,
+        broadcast_from(splats, at + 4 * PX) - x,
+        broadcast_from(splats, at + 4 * PY) - y,
+        broadcast_from(splats, at + 4 * PZ) - z,
     )
-    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * spread_from(splats, at + 4 * INV_R2), spread16(ZERO))
+    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * broadcast_from(splats, at + 4 * INV_R2), broadcast16(ZERO))
     return w * w
 
 
 @inline
 def local_radius(scratch, x, y, z):  # type: ignore[no-untyped-def]
     """Support radius at points: r^2 averaged with the surface's weights (1 / r^2 trims where radii differ much)."""
-    weight = square = spread16(ZERO)
+    weight = square = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_SPLATS]):
         at = np.int64(scratch.listed[k])
         w = _weight(scratch, at, x, y, z)
         weight = weight + w
-        square = square + w * (ONE / spread_from(scratch.splats, at + 4 * INV_R2))
+        square = square + w * (ONE / broadcast_from(scratch.splats, at + 4 * INV_R2))
     return vsqrt(square / weight)
 
 
@@ -139,8 +139,8 @@ def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
 
     The distance is the weighted mean of (x - p).b over those splats, b the direction out of the surface.
     """
-    total = share = spread16(np.float32(1e-30))
-    out = spread16(ZERO)
+    total = share = broadcast16(np.float32(1e-30))
+    out = broadcast16(ZERO)
     splats = scratch.splats
     for k in range(scratch.counts[COUNT_SPLATS]):
         at = np.int64(scratch.listed[k])
@@ -151,9 +151,9 @@ def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
         if bx != 0 or by != 0 or bz != 0:
             share = share + w
             qx, qy, qz = (
-                x - spread_from(splats, at + 4 * PX),
-                y - spread_from(splats, at + 4 * PY),
-                z - spread_from(splats, at + 4 * PZ),
+                x - broadcast_from(splats, at + 4 * PX),
+                y - broadcast_from(splats, at + 4 * PY),
+                z - broadcast_from(splats, at + 4 * PZ),
             )
             out = out + w * (qx * np.float32(bx) + qy * np.float32(by) + qz * np.float32(bz))
     return share / total, out / (np.float32(127.0) * share)
@@ -166,7 +166,7 @@ def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
     qx = repeat4(tree.blocks, slot + PX) - x
     qy = repeat4(tree.blocks, slot + PY) - y
     qz = repeat4(tree.blocks, slot + PZ) - z
-    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * repeat4(tree.blocks, slot + INV_R2), spread16(ZERO))
+    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * repeat4(tree.blocks, slot + INV_R2), broadcast16(ZERO))
     return w * w
 
 

@@ -6,12 +6,12 @@ an *inline* is a piece of a kernel and is compiled into it.
 
 from __future__ import annotations
 
-from .arrays import array_at, borrow, intrinsic, keep
+from .arrays import array_at, borrow, intrinsic, keep_alive
 from .backlog import Compiling
 from .beside import compile_beside, wait_for
 from .compile import BACKLOG, KERNELS, compilations, compile_seconds, inline, is_compiled, kernel, routine
 from .disk import CHECK, cache_folder, cpu_features, cpu_name
-from .threads import Cancel, cancelled, run, take, thread_count
+from .threads import Cancel, cancelled, next_tile, run, thread_count
 
 __all__ = [
     "BACKLOG",
@@ -30,12 +30,12 @@ __all__ = [
     "cpu_name",
     "inline",
     "intrinsic",
-    "keep",
+    "keep_alive",
     "is_compiled",
     "kernel",
     "routine",
     "run",
-    "take",
+    "next_tile",
     "thread_count",
     "wait_for",
 ]

@@ -78,7 +78,7 @@ def borrow(typingctx, array):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def keep(typingctx, value):  # type: ignore[no-untyped-def]
+def keep_alive(typingctx, value):  # type: ignore[no-untyped-def]
     """Keeps arrays alive up to here: the last line of a kernel that lends out arrays it made."""
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]

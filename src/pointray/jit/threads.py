@@ -38,7 +38,7 @@ class Cancel:
 
 
 @inline
-def take(work):  # type: ignore[no-untyped-def]
+def next_tile(work):  # type: ignore[no-untyped-def]
     """The number of the next tile, or -1: none left, or cancelled."""
     if peek(work, CANCEL) != 0:
         return -1

@@ -46,7 +46,7 @@ SHEETED = 15  # 1 where one of them belongs to two sheets that face away from ea
 COLUMNS = 4
 PATCH = 4 * COLUMNS * COLUMNS
 PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH = 0, 16, 32, 48
-NOWHERE = np.float32(1e30)
+NO_SURFACE = np.float32(1e30)
 
 # A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.
 WIDTH = 8
@@ -316,12 +316,12 @@ class World(NamedTuple):
 
 
 @inline
-def _lend_light_tree(t):  # type: ignore[no-untyped-def]
+def _borrow_light_tree(t):  # type: ignore[no-untyped-def]
     return LightTree(borrow(t.lights), borrow(t.skips), borrow(t.boxes))
 
 
 @inline
-def lend_world(w):  # type: ignore[no-untyped-def]
+def borrow_world(w):  # type: ignore[no-untyped-def]
     """The world without references to its arrays (see `jit.borrow`)."""
     return World(
         borrow(w.table),
@@ -332,8 +332,8 @@ def lend_world(w):  # type: ignore[no-untyped-def]
         borrow(w.top_children),
         borrow(w.lights),
         borrow(w.light_shares),
-        _lend_light_tree(w.lamps),
-        _lend_light_tree(w.suns),
+        _borrow_light_tree(w.lamps),
+        _borrow_light_tree(w.suns),
         borrow(w.materials),
         borrow(w.sky),
         borrow(w.sky_colors),

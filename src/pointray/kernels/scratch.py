@@ -81,13 +81,13 @@ GATHERED = 7 * LANES
 
 
 @inline
-def row(rows, i):  # type: ignore[no-untyped-def]
+def load3(rows, i):  # type: ignore[no-untyped-def]
     """Three numbers of one ray in three neighbouring rows of a tile."""
     return rows[i], rows[i + TILE], rows[i + 2 * TILE]
 
 
 @inline
-def put(rows, i, a):  # type: ignore[no-untyped-def]
+def store3(rows, i, a):  # type: ignore[no-untyped-def]
     """Write three numbers of one ray to three neighbouring rows of a tile."""
     rows[i], rows[i + TILE], rows[i + 2 * TILE] = a
 
@@ -158,7 +158,7 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
 
 
 @inline
-def lend_scratch(s):  # type: ignore[no-untyped-def]
+def borrow_scratch(s):  # type: ignore[no-untyped-def]
     """The working memory without references to it (see `jit.borrow`): the kernel must `keep` the original."""
     return Scratch(
         borrow(s.stack),

@@ -66,7 +66,7 @@ def unit(a):  # type: ignore[no-untyped-def]
 
 
 @inline
-def triple(array, i):  # type: ignore[no-untyped-def]
+def load3_flat(array, i):  # type: ignore[no-untyped-def]
     """Three neighbours of a flat array."""
     return array[i], array[i + 1], array[i + 2]
 

@@ -27,12 +27,12 @@ from ..kernels.scratch import (
     TOTAL_SQUARE,
     TOTAL_UNLIT,
     UNLIT,
-    put,
-    row,
+    load3,
+    store3,
 )
 from ..kernels.vec import add, along_curve, luminance, scale, unit
-from ..simd import lowest
-from ..trace.world import aim
+from ..simd import count_trailing_zeros
+from ..trace.world import set_ray
 from .lens import BLACKMAN_HARRIS, BOX, GAUSSIAN, TENT, on_screen, place_in_pixel, project, through_lens
 
 EDGE = 8  # pixels a side of a tile
@@ -81,7 +81,7 @@ def _project(camera, size, projection, scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
         u, v = on_screen(size, wide[_ACROSS + i], wide[_DOWN + i])
         o, d = project(camera, projection, u, v)
-        aim(scratch, i, (o, d, 0.0, np.inf))
+        set_ray(scratch, i, (o, d, 0.0, np.inf))
 
 
 @inline
@@ -90,13 +90,13 @@ def _blur(camera, sample, scratch):  # type: ignore[no-untyped-def]
     wide = scratch.world
     for i in range(TILE):
         u, v = sample_pair(int(scratch.spots[KEY + i]), sample, ON_LENS)
-        o, d = through_lens(camera, (row(wide, ORIGIN + i), row(wide, DIRECTION + i)), on_disc(u, v))
-        put(wide, ORIGIN + i, o)
-        put(wide, DIRECTION + i, d)
+        o, d = through_lens(camera, (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i)), on_disc(u, v))
+        store3(wide, ORIGIN + i, o)
+        store3(wide, DIRECTION + i, d)
 
 
 @inline
-def aim_pixels(camera, size, corner, sample, how, scratch):  # type: ignore[no-untyped-def]
+def set_pixel_rays(camera, size, corner, sample, how, scratch):  # type: ignore[no-untyped-def]
     """The tile's rays become those of one sample of its pixels; a single sample goes through the middles.
 
     camera : see `records.CAMERA`; size : width, height of the image; how : seed, samples a pixel, filter
@@ -121,7 +121,7 @@ def aim_pixels(camera, size, corner, sample, how, scratch):  # type: ignore[no-u
     if camera[LENS_RADIUS] > 0.0 and spp > 1:
         _blur(camera, sample, scratch)
     for i in range(TILE):
-        put(scratch.world, DIRECTION + i, unit(row(scratch.world, DIRECTION + i)))
+        store3(scratch.world, DIRECTION + i, unit(load3(scratch.world, DIRECTION + i)))
 
 
 @inline
@@ -158,8 +158,8 @@ def add_color(scratch, i, color):  # type: ignore[no-untyped-def]
 @inline
 def _add(sums, i, color, met):  # type: ignore[no-untyped-def]
     light = luminance(color)
-    red, green, blue = row(sums, TOTAL + i)
-    put(sums, TOTAL + i, (red + color[0], green + color[1], blue + color[2]))
+    red, green, blue = load3(sums, TOTAL + i)
+    store3(sums, TOTAL + i, (red + color[0], green + color[1], blue + color[2]))
     sums[TOTAL_MET + i] += met
     sums[TOTAL_SQUARE + i] += light * light
 
@@ -170,9 +170,9 @@ def add_sample(met, scratch):  # type: ignore[no-untyped-def]
     spots, sums, caught = scratch.spots, scratch.sums, scratch.counts[CAUGHT]
     met &= ~caught
     for i in range(TILE):
-        _add(sums, i, row(spots, RADIANCE + i), float((met >> i) & 1))
+        _add(sums, i, load3(spots, RADIANCE + i), float((met >> i) & 1))
     while caught != 0:
-        i = lowest(caught)
+        i = count_trailing_zeros(caught)
         caught &= caught - 1
         sums[TOTAL_CAUGHT + i] += 1.0
         sums[TOTAL_UNLIT + i] += spots[UNLIT + i]
@@ -190,7 +190,7 @@ def _average(done, background, sums):  # type: ignore[no-untyped-def]
         unlit = sums[TOTAL_UNLIT + i]
         dark = 1.0 - sums[TOTAL_LIT + i] / unlit if unlit > 0.0 else 0.0
         covered = (sums[TOTAL_MET + i] + sums[TOTAL_CAUGHT + i] * dark) * share
-        put(sums, TOTAL + i, add(scale(row(sums, TOTAL + i), share), scale(background[:3], 1.0 - covered)))
+        store3(sums, TOTAL + i, add(scale(load3(sums, TOTAL + i), share), scale(background[:3], 1.0 - covered)))
         sums[TOTAL_MET + i] = covered + (1.0 - covered) * background[3]
 
 

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import borrow, cancelled, inline, keep, kernel, take
-from ..kernels.records import lend_world
+from ..jit import borrow, cancelled, inline, keep_alive, kernel, next_tile
+from ..kernels.records import borrow_world
 from ..kernels.scratch import (
     CAUGHT,
     COUNT_LEAVES,
@@ -29,10 +29,10 @@ from ..kernels.scratch import (
     SPOT,
     SPOT_EYE,
     TILE,
-    lend_scratch,
+    borrow_scratch,
+    load3,
     new_scratch,
-    put,
-    row,
+    store3,
 )
 from ..kernels.vec import add, scale
 from ..shade.ambient import see_sky
@@ -44,8 +44,18 @@ from ..shade.path import begin_paths, trace_paths
 from ..shade.sky import has_sky, sky_radiance
 from ..shade.spots import add_radiance, begin_radiance, is_spot, keep_spots
 from ..trace.hits import describe_tile, material_at, tile_hit
-from ..trace.world import NOWHERE, aim, meets_nothing, trace_tile
-from .film import EDGE, add_color, add_sample, aim_pixels, begin_sums, begin_tile, fill_tile, finish_sums, round_sums
+from ..trace.world import NO_RAY, meets_nothing, set_ray, trace_tile
+from .film import (
+    EDGE,
+    add_color,
+    add_sample,
+    begin_sums,
+    begin_tile,
+    fill_tile,
+    finish_sums,
+    round_sums,
+    set_pixel_rays,
+)
 from .lens import depth_of
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 
@@ -67,9 +77,9 @@ def look(world, hit, ray, camera, integrator):  # type: ignore[no-untyped-def]
 def cost(world, ray, scratch):  # type: ignore[no-untyped-def]
     """Nodes and leaves that a ray (o, d) visits when it is traced alone, as a colour."""
     scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
-    aim(scratch, 0, (ray[0], ray[1], 0.0, np.inf))
+    set_ray(scratch, 0, (ray[0], ray[1], 0.0, np.inf))
     for k in range(1, TILE):
-        aim(scratch, k, NOWHERE)
+        set_ray(scratch, k, NO_RAY)
     trace_tile(world, scratch)
     nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
     return nodes, leaves, (nodes + leaves) / 64.0
@@ -81,16 +91,16 @@ def _costs(world, scratch):  # type: ignore[no-untyped-def]
     spots = scratch.spots
     for i in range(TILE):
         o, d = _tile_ray(scratch, i)
-        put(spots, SPOT + i, o)
-        put(spots, SPOT_EYE + i, d)
+        store3(spots, SPOT + i, o)
+        store3(spots, SPOT_EYE + i, d)
     for i in range(TILE):
-        add_color(scratch, i, cost(world, (row(spots, SPOT + i), row(spots, SPOT_EYE + i)), scratch))
+        add_color(scratch, i, cost(world, (load3(spots, SPOT + i), load3(spots, SPOT_EYE + i)), scratch))
 
 
 @inline
 def _tile_ray(scratch, i):  # type: ignore[no-untyped-def]
     """(o, d) of ray i of the tile, in the world."""
-    return row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i)
+    return load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)
 
 
 @inline
@@ -126,7 +136,7 @@ def _direct(world, how, look, background, scratch):  # type: ignore[no-untyped-d
             if first and (hit or sky_shows):
                 met |= np.int64(1) << i
             if not hit and (sky_shows or not first):
-                d = row(scratch.world, DIRECTION + i)
+                d = load3(scratch.world, DIRECTION + i)
                 add_radiance(scratch, i, sky_radiance(world, d) if has_sky(world) or sky_shows else background)
         if first and find_caught(world, scratch) != 0:
             catch_direct(world, scratch.counts[CAUGHT], shadows, scratch)
@@ -147,12 +157,12 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
     """Direct light, or what is at the first hit. how : integrator, shadows, depth, whether the sky shows, rays by which
     it is looked for and their reach, samples, span, window, background."""
     memory = new_scratch(world.longest)
-    scratch, world = lend_scratch(memory), lend_world(world)
+    scratch, world = borrow_scratch(memory), borrow_world(world)
     scratch.counts[SEEN_ONLY] = 1
     integrator, shadows, most, sky_shows, sky_rays, reach, samples, span, window, background = how
     camera = borrow(camera)
     height, width = image.shape[:2]
-    block = take(work)
+    block = next_tile(work)
     while block >= 0:
         for tile in range(BLOCK * BLOCK // TILE):
             corner = _corner(block, tile, width)
@@ -168,7 +178,7 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
                 if cancelled(work):  # a block of many samples takes long
                     break
                 round_sums(sample, span[0], scratch)
-                aim_pixels(camera, (width, height), corner, sample, samples, scratch)
+                set_pixel_rays(camera, (width, height), corner, sample, samples, scratch)
                 if integrator == COST:
                     _costs(world, scratch)
                     continue
@@ -186,8 +196,8 @@ def quick_frame(work, world, camera, how, film, image):  # type: ignore[no-untyp
                     if hit.instance >= 0:
                         add_color(scratch, i, look(world, hit, _tile_ray(scratch, i), camera, integrator))
             finish_sums(corner, span[1], background, film, image, scratch)
-        block = take(work)
-    keep(memory)
+        block = next_tile(work)
+    keep_alive(memory)
     return 0
 
 
@@ -202,7 +212,7 @@ def _occlusion(world, sample, reach, sky_shows, scratch):  # type: ignore[no-unt
         hit = is_spot(scratch, i)
         met |= np.int64(hit or sky_shows) << i
         if not hit and sky_shows:
-            add_radiance(scratch, i, sky_radiance(world, row(scratch.world, DIRECTION + i)))
+            add_radiance(scratch, i, sky_radiance(world, load3(scratch.world, DIRECTION + i)))
     caught = find_caught(world, scratch)
     see_sky(world, sample, reach, scratch)
     catch_occlusion(caught, scratch)
@@ -215,12 +225,12 @@ def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-unt
     """Ambient occlusion and path tracing. how : integrator, reach, depth, whether the sky shows, samples, span,
     window, background."""
     memory = new_scratch(world.longest)
-    scratch, world = lend_scratch(memory), lend_world(world)
+    scratch, world = borrow_scratch(memory), borrow_world(world)
     scratch.counts[SEEN_ONLY] = 1
     integrator, reach, most, sky_shows, samples, span, window, background = how
     camera = borrow(camera)
     height, width = image.shape[:2]
-    block = take(work)
+    block = next_tile(work)
     while block >= 0:
         for tile in range(BLOCK * BLOCK // TILE):
             corner = _corner(block, tile, width)
@@ -235,7 +245,7 @@ def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-unt
                 if cancelled(work):
                     break
                 round_sums(sample, span[0], scratch)
-                aim_pixels(camera, (width, height), corner, sample, samples, scratch)
+                set_pixel_rays(camera, (width, height), corner, sample, samples, scratch)
                 begin_radiance(scratch)
                 if integrator == AO:
                     met = _occlusion(world, sample, reach, sky_shows != 0, scratch)
@@ -244,6 +254,6 @@ def sampled_frame(work, world, camera, how, film, image):  # type: ignore[no-unt
                     met = trace_paths(world, sample, most, sky_shows != 0, scratch)
                 add_sample(met, scratch)
             finish_sums(corner, span[1], background, film, image, scratch)
-        block = take(work)
-    keep(memory)
+        block = next_tile(work)
+    keep_alive(memory)
     return 0

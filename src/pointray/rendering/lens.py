@@ -24,7 +24,7 @@ from ..kernels.records import (
     Array,
 )
 from ..kernels.sampling import IN_PIXEL, sample_pair
-from ..kernels.vec import add, dot, scale, sub, triple, unit
+from ..kernels.vec import add, dot, load3_flat, scale, sub, unit
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = range(4)
@@ -98,8 +98,8 @@ def project(camera, projection, u, v):  # type: ignore[no-untyped-def]
 
     d goes on by 1 along the view; of a panorama it is a unit vector.
     """
-    eye, forward = triple(camera, EYE), triple(camera, FORWARD)
-    across, upward = triple(camera, ACROSS), triple(camera, UPWARD)
+    eye, forward = load3_flat(camera, EYE), load3_flat(camera, FORWARD)
+    across, upward = load3_flat(camera, ACROSS), load3_flat(camera, UPWARD)
     if projection == PANORAMA:
         turn, tilt = math.pi * u, 0.5 * math.pi * v
         level = add(scale(forward, math.cos(turn)), scale(across, math.sin(turn)))
@@ -114,11 +114,11 @@ def project(camera, projection, u, v):  # type: ignore[no-untyped-def]
 def through_lens(camera, ray, place):  # type: ignore[no-untyped-def]
     """A ray (o, d) through another place of the lens, on the unit disc: they meet in the plane that is sharp."""
     x, y = place[0] * camera[LENS_RADIUS], place[1] * camera[LENS_RADIUS]
-    aside = add(scale(unit(triple(camera, ACROSS)), x), scale(unit(triple(camera, UPWARD)), y))
+    aside = add(scale(unit(load3_flat(camera, ACROSS)), x), scale(unit(load3_flat(camera, UPWARD)), y))
     return add(ray[0], aside), sub(ray[1], scale(aside, camera[NEARNESS]))
 
 
 @inline
 def depth_of(camera, ray, t):  # type: ignore[no-untyped-def]
     """How far a place on a camera ray (o, d) is along the view; in a panorama, which has none, from the eye."""
-    return t if camera[PROJECTION] == PANORAMA else t * dot(ray[1], triple(camera, FORWARD))
+    return t if camera[PROJECTION] == PANORAMA else t * dot(ray[1], load3_flat(camera, FORWARD))

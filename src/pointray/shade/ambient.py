@@ -6,8 +6,8 @@ import numpy as np
 
 from ..jit import inline
 from ..kernels.sampling import DIRECTION_OF, ON_PATH, sample_pair
-from ..kernels.scratch import KEY, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, row
-from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
+from ..kernels.scratch import KEY, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, load3
+from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .phong import sample_diffuse
 from .spots import add_radiance, is_spot, place_of
 
@@ -19,11 +19,11 @@ def _look_up(sample, reach, scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
         if is_spot(scratch, i):
             u, v = sample_pair(int(spots[KEY + i]), sample, ON_PATH + DIRECTION_OF)
-            d = sample_diffuse(row(spots, SPOT_NORMAL + i), u, v)
-            aim_from(scratch, i, (row(spots, SPOT + i), d, 0.0, reach), spots[SPOT_SIDE + i])
+            d = sample_diffuse(load3(spots, SPOT_NORMAL + i), u, v)
+            set_ray_from(scratch, i, (load3(spots, SPOT + i), d, 0.0, reach), spots[SPOT_SIDE + i])
             asked |= np.int64(1) << i
         else:
-            aim(scratch, i, NOWHERE)
+            set_ray(scratch, i, NO_RAY)
     return asked
 
 

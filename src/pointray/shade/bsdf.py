@@ -23,7 +23,7 @@ from ..kernels.records import (
     PRINCIPLED,
     SPECULAR,
 )
-from ..kernels.vec import BLACK, dot, scale, triple
+from ..kernels.vec import BLACK, dot, load3_flat, scale
 from .microfacet import sample_principled, scatter_principled
 from .phong import sample_diffuse, sample_phong, scatter_diffuse, scatter_phong
 from .specular import sample_specular
@@ -50,14 +50,14 @@ def base_color(world, at, color):  # type: ignore[no-untyped-def]
     """The material's colour, or the surface's own, which is given."""
     if world.materials[at + OWN_COLOR] != 0.0:
         return color
-    return triple(world.materials, at + BASE_COLOR)
+    return load3_flat(world.materials, at + BASE_COLOR)
 
 
 @inline
 def emitted(world, at):  # type: ignore[no-untyped-def]
     """Radiance that the surface emits by itself, to both sides."""
     if world.materials[at + MATERIAL_KIND] == EMISSIVE:
-        return triple(world.materials, at + EMITTED)
+        return load3_flat(world.materials, at + EMITTED)
     return BLACK
 
 

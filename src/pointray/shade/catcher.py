@@ -27,12 +27,12 @@ from ..kernels.scratch import (
     SPOT_SIDE,
     TILE,
     UNLIT,
-    put,
-    row,
+    load3,
+    store3,
 )
 from ..kernels.vec import BLACK, dot, luminance, scale
-from ..simd import lowest
-from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
+from ..simd import count_trailing_zeros
+from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .choice import meets_lamp
 from .emitters import from_middle, sample_light
 from .phong import sample_diffuse
@@ -57,7 +57,7 @@ def find_caught(world, scratch):  # type: ignore[no-untyped-def]
 @inline
 def _ask_nothing(scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
-        aim(scratch, i, NOWHERE)
+        set_ray(scratch, i, NO_RAY)
 
 
 @inline
@@ -65,7 +65,8 @@ def _ask(scratch, i, light, to_light, distance):  # type: ignore[no-untyped-def]
     """Light that would arrive at catcher i, and the ray that tells whether it does."""
     scratch.spots[GAIN + i] = light
     if light > 0.0:
-        aim_from(scratch, i, (row(scratch.spots, SPOT + i), to_light, 0.0, distance), scratch.spots[SPOT_SIDE + i])
+        ray = load3(scratch.spots, SPOT + i), to_light, 0.0, distance
+        set_ray_from(scratch, i, ray, scratch.spots[SPOT_SIDE + i])
 
 
 @inline
@@ -75,7 +76,7 @@ def _answer(world, caught, shadows, scratch):  # type: ignore[no-untyped-def]
     if shadows:
         occlude_tile(world, scratch)
     while caught != 0:
-        i = lowest(caught)
+        i = count_trailing_zeros(caught)
         caught &= caught - 1
         spots[UNLIT + i] += spots[GAIN + i]
         if not shadows or not is_blocked(scratch, i):
@@ -88,14 +89,14 @@ def _leave(caught, scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             scratch.spots[SPOT_INSTANCE + i] = -1.0
-            put(scratch.spots, RADIANCE + i, BLACK)
+            store3(scratch.spots, RADIANCE + i, BLACK)
 
 
 @inline
 def _unshadowed(world, i, scratch):  # type: ignore[no-untyped-def]
     """Light at catcher i in which direct light has no shadows: the sky's, or a headlight."""
     if has_sky(world):
-        return luminance(sky_irradiance(world, row(scratch.spots, SPOT_NORMAL + i)))
+        return luminance(sky_irradiance(world, load3(scratch.spots, SPOT_NORMAL + i)))
     return 1.0 if world.lights.size == 0 else 0.0
 
 
@@ -110,8 +111,8 @@ def catch_direct(world, caught, shadows, scratch):  # type: ignore[no-untyped-de
         _ask_nothing(scratch)
         for i in range(TILE):
             if (caught >> i) & 1 != 0:
-                arrival = from_middle(world, at, world.lights[at + LIGHT_KIND], row(scratch.spots, SPOT + i))
-                cosine = max(dot(row(scratch.spots, SPOT_NORMAL + i), arrival.to_light), 0.0)
+                arrival = from_middle(world, at, world.lights[at + LIGHT_KIND], load3(scratch.spots, SPOT + i))
+                cosine = max(dot(load3(scratch.spots, SPOT_NORMAL + i), arrival.to_light), 0.0)
                 _ask(scratch, i, luminance(arrival.light) * cosine, arrival.to_light, arrival.distance)
         _answer(world, caught, shadows, scratch)
     _leave(caught, scratch)
@@ -130,7 +131,7 @@ def catch_occlusion(caught, scratch):  # type: ignore[no-untyped-def]
 @inline
 def _ask_lamp(world, at, i, sample, scratch):  # type: ignore[no-untyped-def]
     """At catcher i ask for light from a place on a light."""
-    x, normal = row(scratch.spots, SPOT + i), row(scratch.spots, SPOT_NORMAL + i)
+    x, normal = load3(scratch.spots, SPOT + i), load3(scratch.spots, SPOT_NORMAL + i)
     u, v = sample_pair(int(scratch.spots[KEY + i]), sample, ON_PATH + ON_LIGHT)
     arrival = sample_light(world, at, x, u, v)
     cosine = max(dot(normal, arrival.to_light), 0.0)
@@ -140,7 +141,7 @@ def _ask_lamp(world, at, i, sample, scratch):  # type: ignore[no-untyped-def]
 @inline
 def _ask_sky(world, i, sample, scratch):  # type: ignore[no-untyped-def]
     """At catcher i ask for light from all around: a picture's by its own light, else by the cosine."""
-    x, normal = row(scratch.spots, SPOT + i), row(scratch.spots, SPOT_NORMAL + i)
+    x, normal = load3(scratch.spots, SPOT + i), load3(scratch.spots, SPOT_NORMAL + i)
     u, v = sample_pair(int(scratch.spots[KEY + i]), sample, ON_PATH + DIRECTION_OF)
     if is_chosen(world):
         arrival = sample_sky(world, u, v)
@@ -190,7 +191,7 @@ def show_caught(world, sky_shows, scratch):  # type: ignore[no-untyped-def]
     scratch.counts[CAUGHT] = 0
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
-            behind = sky_radiance(world, scale(row(spots, SPOT_EYE + i), -1.0))
+            behind = sky_radiance(world, scale(load3(spots, SPOT_EYE + i), -1.0))
             add_radiance(
                 scratch, i, scale(behind, spots[LIT + i] / spots[UNLIT + i] if spots[UNLIT + i] > 0.0 else 1.0)
             )

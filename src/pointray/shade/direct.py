@@ -9,9 +9,9 @@ import math
 
 from ..jit import inline
 from ..kernels.records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT
-from ..kernels.scratch import DIRECTION, GAIN, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, put, row
+from ..kernels.scratch import DIRECTION, GAIN, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, load3, store3
 from ..kernels.vec import BLACK, either, multiply, scale
-from ..trace.world import NOWHERE, aim, aim_from, is_blocked, occlude_tile
+from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .ambient import find_sky_seen
 from .bsdf import ambient, emitted, scatter
 from .emitters import from_middle
@@ -27,10 +27,10 @@ def _arrive(world, light, kind, scratch):  # type: ignore[no-untyped-def]
     """
     spots = scratch.spots
     for i in range(TILE):
-        x = row(spots, SPOT + i)
+        x = load3(spots, SPOT + i)
         arrival = from_middle(world, light, kind, x)
-        put(spots, GAIN + i, arrival.light)
-        aim_from(scratch, i, (x, arrival.to_light, 0.0, arrival.distance), spots[SPOT_SIDE + i])
+        store3(spots, GAIN + i, arrival.light)
+        set_ray_from(scratch, i, (x, arrival.to_light, 0.0, arrival.distance), spots[SPOT_SIDE + i])
 
 
 @inline
@@ -47,13 +47,13 @@ def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
         gain = BLACK
         if is_spot(scratch, i):
             at, place = place_of(world, scratch, i)
-            to_light = row(scratch.world, DIRECTION + i)
-            gain = multiply(scatter(world, at, place, to_light)[0], row(spots, GAIN + i))
-        put(spots, GAIN + i, gain)
+            to_light = load3(scratch.world, DIRECTION + i)
+            gain = multiply(scatter(world, at, place, to_light)[0], load3(spots, GAIN + i))
+        store3(spots, GAIN + i, gain)
         if gain[0] + gain[1] + gain[2] > 0.0:
             lit = True
         else:
-            aim(scratch, i, NOWHERE)
+            set_ray(scratch, i, NO_RAY)
     return lit
 
 
@@ -62,7 +62,7 @@ def shade_gains(scratch):  # type: ignore[no-untyped-def]
     """After the shadow rays are traced: take the gain away where something is in the way. No branches."""
     spots = scratch.spots
     for i in range(TILE):
-        put(spots, GAIN + i, either(is_blocked(scratch, i), BLACK, row(spots, GAIN + i)))
+        store3(spots, GAIN + i, either(is_blocked(scratch, i), BLACK, load3(spots, GAIN + i)))
 
 
 @inline
@@ -82,7 +82,7 @@ def light_tile(world, shadows, look, scratch):  # type: ignore[no-untyped-def]
             if dark:
                 add_radiance(scratch, i, scale(scatter(world, at, place, place.to_eye)[0], math.pi))
             elif has_sky(world):
-                even = sky_irradiance(world, row(scratch.spots, SPOT_NORMAL + i))
+                even = sky_irradiance(world, load3(scratch.spots, SPOT_NORMAL + i))
                 share = scratch.spots[SKY_SEEN + i] / math.pi
                 add_radiance(scratch, i, multiply(ambient(world, at, place), scale(even, share)))
     for light in range(0, world.lights.size, LIGHT):
@@ -92,4 +92,4 @@ def light_tile(world, shadows, look, scratch):  # type: ignore[no-untyped-def]
             occlude_tile(world, scratch)
             shade_gains(scratch)
         for i in range(TILE):
-            add_radiance(scratch, i, row(scratch.spots, GAIN + i))
+            add_radiance(scratch, i, load3(scratch.spots, GAIN + i))

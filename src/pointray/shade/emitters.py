@@ -26,7 +26,7 @@ from ..kernels.records import (
     SUN_LIGHT,
 )
 from ..kernels.sampling import on_disc
-from ..kernels.vec import BLACK, add, dot, length, scale, sub, tangents, triple
+from ..kernels.vec import BLACK, add, dot, length, load3_flat, scale, sub, tangents
 
 TINY = 1e-300
 
@@ -64,7 +64,7 @@ def _in_cone(axis, missing, u, v):  # type: ignore[no-untyped-def]
 @inline
 def _cone_of_sphere(world, at, x):  # type: ignore[no-untyped-def]
     """(unit direction to a sphere's middle, distance, 1 - cosine of half the angle it fills; 0 from inside of it)."""
-    v = sub(triple(world.lights, at + LIGHT_PLACE), x)
+    v = sub(load3_flat(world.lights, at + LIGHT_PLACE), x)
     distance, radius = length(v), world.lights[at + LIGHT_RADIUS]
     if distance <= radius:
         return v, distance, 0.0
@@ -75,7 +75,7 @@ def _cone_of_sphere(world, at, x):  # type: ignore[no-untyped-def]
 @inline
 def from_middle(world, at, kind, x):  # type: ignore[no-untyped-def]
     """What arrives at x if all of a light, of that kind, were in its middle: hard shadows."""
-    place, power = triple(world.lights, at + LIGHT_PLACE), triple(world.lights, at + LIGHT_POWER)
+    place, power = load3_flat(world.lights, at + LIGHT_PLACE), load3_flat(world.lights, at + LIGHT_POWER)
     if kind == SUN_LIGHT:
         return Arrival(scale(place, -1.0), np.inf, power, 0.0)
     v = sub(place, x)
@@ -89,7 +89,7 @@ def from_middle(world, at, kind, x):  # type: ignore[no-untyped-def]
         if distance <= radius:
             return _nothing()
         return Arrival(to_light, distance - radius, scale(power, math.pi * radius * radius / square), 0.0)
-    cosine = max(-dot(triple(world.lights, at + LIGHT_FACING), to_light), 0.0)
+    cosine = max(-dot(load3_flat(world.lights, at + LIGHT_FACING), to_light), 0.0)
     # A disk seen from its axis has pi r^2 / (d^2 + r^2): close to a light the square of the distance alone is too much.
     area = world.lights[at + LIGHT_AREA]
     return Arrival(to_light, distance, scale(power, area * cosine / (square + area / math.pi)), 0.0)
@@ -98,8 +98,8 @@ def from_middle(world, at, kind, x):  # type: ignore[no-untyped-def]
 @inline
 def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
     """What arrives at x from a place on a light that two numbers in 0..1 choose."""
-    kind, power = world.lights[at + LIGHT_KIND], triple(world.lights, at + LIGHT_POWER)
-    place = triple(world.lights, at + LIGHT_PLACE)
+    kind, power = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_POWER)
+    place = load3_flat(world.lights, at + LIGHT_PLACE)
     if kind == POINT_LIGHT:
         return from_middle(world, at, kind, x)
     if kind == SUN_LIGHT:
@@ -119,7 +119,7 @@ def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
     a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
     if kind == DISK_LIGHT:
         a, b = on_disc(u, v)
-    aside = add(scale(triple(world.lights, at + LIGHT_U), a), scale(triple(world.lights, at + LIGHT_V), b))
+    aside = add(scale(load3_flat(world.lights, at + LIGHT_U), a), scale(load3_flat(world.lights, at + LIGHT_V), b))
     to_place = add(sub(place, x), aside)
     distance = length(to_place)
     if distance == 0.0:
@@ -141,7 +141,7 @@ def _sun_share(irradiance, missing):  # type: ignore[no-untyped-def]
 @inline
 def _density_of_flat(world, at, to_light, distance):  # type: ignore[no-untyped-def]
     """Density of a direction to a place on a flat light at a distance; 0 behind it."""
-    cosine = -dot(triple(world.lights, at + LIGHT_FACING), to_light)
+    cosine = -dot(load3_flat(world.lights, at + LIGHT_FACING), to_light)
     return distance * distance / (cosine * world.lights[at + LIGHT_AREA]) if cosine > 1e-12 else 0.0
 
 
@@ -158,18 +158,18 @@ def _meet_sphere(to_middle, radius, d):  # type: ignore[no-untyped-def]
 @inline
 def meet_light(world, at, o, d):  # type: ignore[no-untyped-def]
     """t of a ray of unit direction with the side of a light that shines; inf for none, and for lights without size."""
-    kind, place = world.lights[at + LIGHT_KIND], triple(world.lights, at + LIGHT_PLACE)
+    kind, place = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_PLACE)
     if kind in (POINT_LIGHT, SUN_LIGHT):
         return np.inf
     if kind == SPHERE_LIGHT:
         return _meet_sphere(sub(place, o), world.lights[at + LIGHT_RADIUS], d)
-    facing = triple(world.lights, at + LIGHT_FACING)
+    facing = load3_flat(world.lights, at + LIGHT_FACING)
     fall = -dot(facing, d)
     if fall <= 1e-12:
         return np.inf
     t = dot(facing, sub(o, place)) / fall
     x = sub(add(o, scale(d, t)), place)
-    u, v = triple(world.lights, at + LIGHT_U), triple(world.lights, at + LIGHT_V)
+    u, v = load3_flat(world.lights, at + LIGHT_U), load3_flat(world.lights, at + LIGHT_V)
     # The place in u and v, which need not be at right angles.
     uu, uv, vv, xu, xv = dot(u, u), dot(u, v), dot(v, v), dot(x, u), dot(x, v)
     whole = uu * vv - uv * uv
@@ -190,7 +190,7 @@ def density_of_light(world, at, o, d, t):  # type: ignore[no-untyped-def]
 @inline
 def light_radiance(world, at):  # type: ignore[no-untyped-def]
     """Radiance of a light that rays meet."""
-    return triple(world.lights, at + LIGHT_POWER)
+    return load3_flat(world.lights, at + LIGHT_POWER)
 
 
 @inline
@@ -199,7 +199,7 @@ def sun_in(world, at, d):  # type: ignore[no-untyped-def]
     missing = world.lights[at + LIGHT_RADIUS]
     if world.lights[at + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:
         return BLACK, 0.0
-    if 1.0 + dot(triple(world.lights, at + LIGHT_PLACE), d) > missing:
+    if 1.0 + dot(load3_flat(world.lights, at + LIGHT_PLACE), d) > missing:
         return BLACK, 0.0
     density = 1.0 / (2.0 * math.pi * missing)
-    return scale(_sun_share(triple(world.lights, at + LIGHT_POWER), missing), density), density
+    return scale(_sun_share(load3_flat(world.lights, at + LIGHT_POWER), missing), density), density

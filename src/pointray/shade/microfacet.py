@@ -11,7 +11,7 @@ import math
 
 from ..jit import inline
 from ..kernels.records import ALPHA, COAT, METALLIC
-from ..kernels.vec import add, around, dot, mirrored, scale, triple, unit
+from ..kernels.vec import add, around, dot, load3_flat, mirrored, scale, unit
 from .phong import sample_diffuse
 
 F0 = 0.04  # of a dielectric of index 1.5, at normal incidence
@@ -63,7 +63,7 @@ def _facets(alpha, cosine, to_eye, half):  # type: ignore[no-untyped-def]
 @inline
 def _share_of_facets(world, at, place, to_eye):  # type: ignore[no-untyped-def]
     """How often the facets are sampled, not the base: roughly by what they reflect."""
-    metallic, through = world.materials[at + METALLIC], _let_in(triple(world.materials, at + COAT), to_eye)
+    metallic, through = world.materials[at + METALLIC], _let_in(load3_flat(world.materials, at + COAT), to_eye)
     gray = _mean(place.color)
     reflected = (1.0 - metallic) * (1.0 - through) + metallic * gray + 1e-6  # black metal reflects at grazing angles
     return reflected / (reflected + (1.0 - metallic) * gray * through)
@@ -72,7 +72,7 @@ def _share_of_facets(world, at, place, to_eye):  # type: ignore[no-untyped-def]
 @inline
 def scatter_principled(world, at, place, to_light, cosine):  # type: ignore[no-untyped-def]
     """(BRDF times cosine, density)."""
-    metallic, coat = world.materials[at + METALLIC], triple(world.materials, at + COAT)
+    metallic, coat = world.materials[at + METALLIC], load3_flat(world.materials, at + COAT)
     to_eye = dot(place.normal, place.to_eye)
     normal = unit(add(place.to_eye, to_light))
     lobe, visible = _facets(world.materials[at + ALPHA], cosine, to_eye, dot(place.normal, normal))

@@ -15,11 +15,11 @@ from ..kernels.scratch import (
     TILE,
     WAITING,
     WAITING_COUNT,
-    put,
-    row,
+    load3,
+    store3,
 )
-from ..kernels.vec import BLACK, multiply, scale, triple
-from ..trace.world import NOWHERE, aim, aim_from
+from ..kernels.vec import BLACK, load3_flat, multiply, scale
+from ..trace.world import NO_RAY, set_ray, set_ray_from
 from .bsdf import is_specular, sample_scatter
 from .specular import glass
 from .spots import is_spot, place_of
@@ -41,7 +41,7 @@ def _wait(scratch, i, d, weight, side):  # type: ignore[no-untyped-def]
     count = scratch.numbers[WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == MOST_WAITING:
         return
-    at, x = (i * MOST_WAITING + count) * WAITING, row(scratch.spots, SPOT + i)
+    at, x = (i * MOST_WAITING + count) * WAITING, load3(scratch.spots, SPOT + i)
     for c in range(3):
         scratch.waiting[at + c], scratch.waiting[at + 3 + c], scratch.waiting[at + 6 + c] = x[c], d[c], weight[c]
     scratch.waiting[at + 9], scratch.waiting[at + 10] = side, scratch.spots[SPOT_DEPTH + i] + 1.0
@@ -57,7 +57,7 @@ def send_onward(world, most, scratch):  # type: ignore[no-untyped-def]
         at, place = place_of(world, scratch, i)
         if not is_specular(world, at):
             continue
-        weight, side = row(scratch.spots, SPOT_WEIGHT + i), scratch.spots[SPOT_SIDE + i]
+        weight, side = load3(scratch.spots, SPOT_WEIGHT + i), scratch.spots[SPOT_SIDE + i]
         if world.materials[at + MATERIAL_KIND] == DIELECTRIC:
             reflected, refracted, share = glass(world, at, place)
             _wait(scratch, i, reflected, scale(weight, share), side)
@@ -74,14 +74,14 @@ def aim_onward(scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
         count = scratch.numbers[WAITING_COUNT + i] - 1
         if count < 0:
-            aim(scratch, i, NOWHERE)
-            put(scratch.spots, SPOT_WEIGHT + i, BLACK)  # it meets nothing, and what is behind that does not count
+            set_ray(scratch, i, NO_RAY)
+            store3(scratch.spots, SPOT_WEIGHT + i, BLACK)  # it meets nothing, and what is behind that does not count
             continue
         some = True
         scratch.numbers[WAITING_COUNT + i] = count
         at = (i * MOST_WAITING + count) * WAITING
-        ray = triple(scratch.waiting, at), triple(scratch.waiting, at + 3), 0.0, np.inf
-        aim_from(scratch, i, ray, scratch.waiting[at + 9])
-        put(scratch.spots, SPOT_WEIGHT + i, triple(scratch.waiting, at + 6))
+        ray = load3_flat(scratch.waiting, at), load3_flat(scratch.waiting, at + 3), 0.0, np.inf
+        set_ray_from(scratch, i, ray, scratch.waiting[at + 9])
+        store3(scratch.spots, SPOT_WEIGHT + i, load3_flat(scratch.waiting, at + 6))
         scratch.spots[SPOT_DEPTH + i] = scratch.waiting[at + 10]
     return some

@@ -26,12 +26,12 @@ from ..kernels.scratch import (
     SPOT_INSTANCE,
     SPOT_WEIGHT,
     TILE,
-    put,
-    row,
+    load3,
+    store3,
 )
 from ..kernels.vec import BLACK, add, multiply, scale
 from ..trace.hits import describe_tile, tile_hit
-from ..trace.world import NOWHERE, aim, aim_from, occlude_tile, trace_tile
+from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from, trace_tile
 from .bsdf import emitted, is_specular, sample_scatter, scatter
 from .catcher import catch_paths, find_caught
 from .choice import chance_of, choose_light, meets_lamp, nearest_lamp, sky_chance, sun_after
@@ -85,11 +85,11 @@ def receive(world, depth, sky_shows, scratch):  # type: ignore[no-untyped-def]
     spots, met = scratch.spots, np.int64(0)
     keep_spots(scratch)
     for i in range(TILE):
-        weight = row(spots, SPOT_WEIGHT + i)
+        weight = load3(spots, SPOT_WEIGHT + i)
         if weight[0] + weight[1] + weight[2] == 0.0:
             spots[SPOT_INSTANCE + i] = -1.0
             continue
-        ray, hit = (row(scratch.world, ORIGIN + i), row(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
+        ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
         t, light = nearest_lamp(world, ray, hit.t)
         if light >= 0:
             chosen = density_of_light(world, light, ray[0], ray[1], t) * chance_of(world, light // LIGHT)
@@ -118,7 +118,7 @@ def _light_at(world, i, sample, depth, which, scratch):  # type: ignore[no-untyp
     """What arrives at surface point i from a place on a light; the sky's picture comes after all lights."""
     u, v = _pair(scratch, i, sample, depth, ON_LIGHT)
     if which * LIGHT < world.lights.size:
-        return sample_light(world, which * LIGHT, row(scratch.spots, SPOT + i), u, v)
+        return sample_light(world, which * LIGHT, load3(scratch.spots, SPOT + i), u, v)
     return sample_sky(world, u, v)
 
 
@@ -129,13 +129,13 @@ def _go_on(world, i, sample, depth, lobe, scratch):  # type: ignore[no-untyped-d
     at, place = place_of(world, scratch, i)
     u, v = _pair(scratch, i, sample, depth, DIRECTION_OF)
     d, weight, density, side = sample_scatter(world, at, place, lobe, u, v)
-    weight = multiply(row(spots, SPOT_WEIGHT + i), weight)
+    weight = multiply(load3(spots, SPOT_WEIGHT + i), weight)
     most = max(weight[0], weight[1], weight[2])
     if most < FAINT:
         share = most / FAINT
         weight = scale(weight, 1.0 / share) if _pair(scratch, i, sample, depth, ROULETTE)[0] < share else BLACK
-    put(spots, NEXT + i, d)
-    put(spots, NEXT_WEIGHT + i, weight)
+    store3(spots, NEXT + i, d)
+    store3(spots, NEXT_WEIGHT + i, weight)
     spots[NEXT_DENSITY + i], spots[NEXT_SIDE + i] = density, side
 
 
@@ -144,9 +144,9 @@ def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def
     """At the tile's surface points: light from a light, shadowed, and the rays on which the paths go on."""
     spots, lit = scratch.spots, False
     for i in range(TILE):
-        put(spots, GAIN + i, BLACK)
-        put(spots, NEXT_WEIGHT + i, BLACK)
-        aim(scratch, i, NOWHERE)
+        store3(spots, GAIN + i, BLACK)
+        store3(spots, NEXT_WEIGHT + i, BLACK)
+        set_ray(scratch, i, NO_RAY)
         if not is_spot(scratch, i):
             continue
         choice, lobe = _pair(scratch, i, sample, depth, WHICH)
@@ -159,16 +159,16 @@ def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def
         share, density = scatter(world, at, place, arrival.to_light)
         gain = multiply(share, scale(arrival.light, _share(arrival.density * chance, density) / chance))
         # Paths that scatter end at the front of another light, too.
-        ray = row(spots, SPOT + i), arrival.to_light
+        ray = load3(spots, SPOT + i), arrival.to_light
         if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, ray, arrival.distance * (1.0 - 1e-6)):
-            put(spots, GAIN + i, gain)
-            aim_from(scratch, i, (row(spots, SPOT + i), arrival.to_light, 0.0, arrival.distance), place.side)
+            store3(spots, GAIN + i, gain)
+            set_ray_from(scratch, i, (load3(spots, SPOT + i), arrival.to_light, 0.0, arrival.distance), place.side)
             lit = True
     if lit:
         occlude_tile(world, scratch)
         shade_gains(scratch)
         for i in range(TILE):
-            add_radiance(scratch, i, row(spots, GAIN + i))
+            add_radiance(scratch, i, load3(spots, GAIN + i))
 
 
 @inline
@@ -176,14 +176,15 @@ def follow(scratch):  # type: ignore[no-untyped-def]
     """The tile's rays become those on which the paths go on; returns whether there is any."""
     spots, some = scratch.spots, False
     for i in range(TILE):
-        weight = row(spots, NEXT_WEIGHT + i)
-        put(spots, SPOT_WEIGHT + i, weight)
+        weight = load3(spots, NEXT_WEIGHT + i)
+        store3(spots, SPOT_WEIGHT + i, weight)
         if weight[0] + weight[1] + weight[2] > 0.0:
-            aim_from(scratch, i, (row(spots, SPOT + i), row(spots, NEXT + i), 0.0, np.inf), spots[NEXT_SIDE + i])
+            ray = load3(spots, SPOT + i), load3(spots, NEXT + i), 0.0, np.inf
+            set_ray_from(scratch, i, ray, spots[NEXT_SIDE + i])
             spots[DENSITY + i] = spots[NEXT_DENSITY + i]
             some = True
         else:
-            aim(scratch, i, NOWHERE)
+            set_ray(scratch, i, NO_RAY)
     return some
 
 

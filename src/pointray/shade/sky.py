@@ -20,7 +20,7 @@ from ..kernels.records import (
     SKY_ZENITH,
 )
 from ..kernels.sampling import find_share
-from ..kernels.vec import BLACK, add, dot, scale, sub, triple
+from ..kernels.vec import BLACK, add, dot, load3_flat, scale, sub
 from .emitters import Arrival
 
 
@@ -46,7 +46,8 @@ def _size(world):  # type: ignore[no-untyped-def]
 def _place_of(world, d):  # type: ignore[no-untyped-def]
     """Where a unit direction is in the picture, in pixels from the upper left corner: (row, column)."""
     height, width = _size(world)
-    x, y, z = dot(triple(world.sky, SKY_X), d), dot(triple(world.sky, SKY_Y), d), dot(triple(world.sky, SKY_Z), d)
+    axes = load3_flat(world.sky, SKY_X), load3_flat(world.sky, SKY_Y), load3_flat(world.sky, SKY_Z)
+    x, y, z = dot(axes[0], d), dot(axes[1], d), dot(axes[2], d)
     polar = math.acos(min(max(z, -1.0), 1.0))
     return polar / math.pi * height, (math.atan2(x, y) / (2.0 * math.pi) + 0.5) * width
 
@@ -67,11 +68,11 @@ def sky_radiance(world, d):  # type: ignore[no-untyped-def]
     if world.sky[SKY_KIND] != PICTURE_SKY:
         if world.sky[SKY_KIND] == NO_SKY:
             return BLACK
-        up = dot(triple(world.sky, SKY_Z), d)
-        horizon = triple(world.sky, SKY_HORIZON)
+        up = dot(load3_flat(world.sky, SKY_Z), d)
+        horizon = load3_flat(world.sky, SKY_HORIZON)
         if up < 0.0:
-            return triple(world.sky, SKY_GROUND)
-        return add(horizon, scale(sub(triple(world.sky, SKY_ZENITH), horizon), up))
+            return load3_flat(world.sky, SKY_GROUND)
+        return add(horizon, scale(sub(load3_flat(world.sky, SKY_ZENITH), horizon), up))
     row, column = _place_of(world, d)
     row, column = row - 0.5, column - 0.5
     top, left = math.floor(row), math.floor(column)
@@ -119,9 +120,8 @@ def sample_sky(world, u, v):  # type: ignore[no-untyped-def]
     s = math.sqrt(max(1.0 - z * z, 0.0))
     around = ((column + along) / width - 0.5) * 2.0 * math.pi
     x, y = s * math.sin(around), s * math.cos(around)
-    d = add(
-        scale(triple(world.sky, SKY_X), x), add(scale(triple(world.sky, SKY_Y), y), scale(triple(world.sky, SKY_Z), z))
-    )
+    right_hand, ahead = scale(load3_flat(world.sky, SKY_X), x), scale(load3_flat(world.sky, SKY_Y), y)
+    d = add(right_hand, add(ahead, scale(load3_flat(world.sky, SKY_Z), z)))
     density = (high - low) * (right - left) / _solid_angle(row, height, width)
     if density <= 0.0:
         return Arrival(d, np.inf, BLACK, 0.0)
@@ -136,13 +136,13 @@ def sky_irradiance(world, n):  # type: ignore[no-untyped-def]
     """
     x, y, z = n
     m = world.sky_mean
-    total = scale(triple(m, 0), 0.282095)
-    total = add(total, scale(triple(m, 3), 0.488603 * y))
-    total = add(total, scale(triple(m, 6), 0.488603 * z))
-    total = add(total, scale(triple(m, 9), 0.488603 * x))
-    total = add(total, scale(triple(m, 12), 1.092548 * x * y))
-    total = add(total, scale(triple(m, 15), 1.092548 * y * z))
-    total = add(total, scale(triple(m, 18), 0.315392 * (3.0 * z * z - 1.0)))
-    total = add(total, scale(triple(m, 21), 1.092548 * x * z))
-    total = add(total, scale(triple(m, 24), 0.546274 * (x * x - y * y)))
+    total = scale(load3_flat(m, 0), 0.282095)
+    total = add(total, scale(load3_flat(m, 3), 0.488603 * y))
+    total = add(total, scale(load3_flat(m, 6), 0.488603 * z))
+    total = add(total, scale(load3_flat(m, 9), 0.488603 * x))
+    total = add(total, scale(load3_flat(m, 12), 1.092548 * x * y))
+    total = add(total, scale(load3_flat(m, 15), 1.092548 * y * z))
+    total = add(total, scale(load3_flat(m, 18), 0.315392 * (3.0 * z * z - 1.0)))
+    total = add(total, scale(load3_flat(m, 21), 1.092548 * x * z))
+    total = add(total, scale(load3_flat(m, 24), 0.546274 * (x * x - y * y)))
     return max(total[0], 0.0), max(total[1], 0.0), max(total[2], 0.0)

@@ -19,8 +19,8 @@ from ..kernels.scratch import (
     SPOT_SIDE,
     SPOT_WEIGHT,
     TILE,
-    put,
-    row,
+    load3,
+    store3,
 )
 from ..kernels.vec import BLACK, WHITE, add, dot, multiply, scale, unit
 from ..trace.hits import material_at
@@ -31,15 +31,15 @@ from .bsdf import Place, base_color
 def begin_radiance(scratch):  # type: ignore[no-untyped-def]
     """The tile's rays are the camera's: nothing has come along them yet, and all that will counts."""
     for i in range(TILE):
-        put(scratch.spots, RADIANCE + i, BLACK)
-        put(scratch.spots, SPOT_WEIGHT + i, WHITE)
+        store3(scratch.spots, RADIANCE + i, BLACK)
+        store3(scratch.spots, SPOT_WEIGHT + i, WHITE)
 
 
 @inline
 def add_radiance(scratch, i, light):  # type: ignore[no-untyped-def]
     """Radiance along ray i, by how much it counts in the pixel."""
     spots = scratch.spots
-    put(spots, RADIANCE + i, add(row(spots, RADIANCE + i), multiply(row(spots, SPOT_WEIGHT + i), light)))
+    store3(spots, RADIANCE + i, add(load3(spots, RADIANCE + i), multiply(load3(spots, SPOT_WEIGHT + i), light)))
 
 
 @inline
@@ -52,14 +52,14 @@ def keep_spots(scratch):  # type: ignore[no-untyped-def]
     for i in range(TILE):
         spots[SPOT_INSTANCE + i] = scratch.numbers[INSTANCE_OF + i]
     for i in range(TILE):
-        d, normal = row(wide, DIRECTION + i), row(wide, NORMAL + i)
+        d, normal = load3(wide, DIRECTION + i), load3(wide, NORMAL + i)
         to_eye = scale(unit(d), -1.0)
         # The side the eye is on: where the start rule puts shadow rays, and where the normal is turned.
         side = 1.0 if dot(normal, to_eye) >= 0.0 else -1.0
-        put(spots, SPOT + i, add(row(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
-        put(spots, SPOT_NORMAL + i, scale(normal, side))
-        put(spots, SPOT_EYE + i, to_eye)
-        put(spots, SPOT_COLOR + i, row(wide, COLOR + i))
+        store3(spots, SPOT + i, add(load3(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
+        store3(spots, SPOT_NORMAL + i, scale(normal, side))
+        store3(spots, SPOT_EYE + i, to_eye)
+        store3(spots, SPOT_COLOR + i, load3(wide, COLOR + i))
         spots[SPOT_SIDE + i] = side
 
 
@@ -74,5 +74,5 @@ def place_of(world, scratch, i):  # type: ignore[no-untyped-def]
     """(where its material begins in world.materials, the `Place`) of a surface point."""
     spots = scratch.spots
     at = material_at(world, int(spots[SPOT_INSTANCE + i]))
-    color = base_color(world, at, row(spots, SPOT_COLOR + i))
-    return at, Place(row(spots, SPOT_NORMAL + i), row(spots, SPOT_EYE + i), color, spots[SPOT_SIDE + i])
+    color = base_color(world, at, load3(spots, SPOT_COLOR + i))
+    return at, Place(load3(spots, SPOT_NORMAL + i), load3(spots, SPOT_EYE + i), color, spots[SPOT_SIDE + i])

@@ -1,46 +1,46 @@
 """The vector type of the kernels: `lanes` numbers that one instruction handles together.
 
 Vectors are LLVM's own (<16 x float>, <8 x float>, <4 x float>, <16 x i32>); LLVM splits them into what the processor
-has. A comparison gives a mask, `bits` turns a mask into an integer whose set bits are walked with `lowest`.
-Arithmetic with a scalar spreads the scalar over all lanes.
+has. A comparison gives a mask, `bits` turns a mask into an integer whose set bits are walked with
+`count_trailing_zeros`. Arithmetic with a scalar broadcasts it to all lanes.
 """
 
 from __future__ import annotations
 
 from .lanes import (
     bits,
+    broadcast8,
+    broadcast16,
     count_bits,
+    count_trailing_zeros,
     first_quarter,
     float_bits,
     fours,
-    greatest,
     lane,
     last_quarter,
-    least,
-    lowest,
     mask16,
     quarters,
+    reduce_max,
+    reduce_min,
     select,
     shift_lane,
     shift_quarter,
-    spread8,
-    spread16,
     sum_over_quarters,
+    trunc,
     vabs,
     vmax,
     vmin,
     vsqrt,
-    whole,
 )
 from .memory import (
+    broadcast_from,
     load8,
     load16,
-    look_up16,
     move4,
     pack,
+    permute16,
     prefetch,
     repeat4,
-    spread_from,
     store,
     store_packed,
 )
@@ -51,14 +51,14 @@ __all__ = [
     "float_bits",
     "first_quarter",
     "fours",
-    "greatest",
+    "reduce_max",
     "lane",
     "last_quarter",
-    "least",
+    "reduce_min",
     "load16",
     "load8",
-    "look_up16",
-    "lowest",
+    "permute16",
+    "count_trailing_zeros",
     "mask16",
     "move4",
     "pack",
@@ -68,9 +68,9 @@ __all__ = [
     "select",
     "shift_lane",
     "shift_quarter",
-    "spread16",
-    "spread8",
-    "spread_from",
+    "broadcast16",
+    "broadcast8",
+    "broadcast_from",
     "store",
     "store_packed",
     "sum_over_quarters",
@@ -78,5 +78,5 @@ __all__ = [
     "vmax",
     "vmin",
     "vsqrt",
-    "whole",
+    "trunc",
 ]

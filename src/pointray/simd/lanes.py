@@ -8,7 +8,7 @@ import llvmlite.ir as ir
 from numba.core import cgutils, types
 
 from ..jit import intrinsic
-from .vector import F4, F8, F16, FLAGS, INT, Vector, shuffle, spread
+from .vector import F4, F8, F16, FLAGS, INT, Vector, broadcast, shuffle
 
 
 def _maker(vector: Vector, doc: str) -> Any:
@@ -16,7 +16,7 @@ def _maker(vector: Vector, doc: str) -> Any:
 
     def make(typingctx, value):  # type: ignore[no-untyped-def]
         def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-            return spread(builder, args[0], vector)
+            return broadcast(builder, args[0], vector)
 
         return vector(scalar), codegen
 
@@ -24,8 +24,8 @@ def _maker(vector: Vector, doc: str) -> Any:
     return intrinsic(make)
 
 
-spread8 = _maker(F8, "The number in all 8 lanes.")
-spread16 = _maker(F16, "The number in all 16 lanes.")
+broadcast8 = _maker(F8, "The number in all 8 lanes.")
+broadcast16 = _maker(F16, "The number in all 16 lanes.")
 
 
 @intrinsic
@@ -94,7 +94,7 @@ vsqrt = _llvm_unary("sqrt", "Square roots; NaN of what is negative.")
 
 
 @intrinsic
-def whole(typingctx, a):  # type: ignore[no-untyped-def]
+def trunc(typingctx, a):  # type: ignore[no-untyped-def]
     """Numbers without their fractions. None may be beyond int32: no call to a library, on any processor."""
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
@@ -160,7 +160,7 @@ def count_bits(typingctx, word):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def lowest(typingctx, word):  # type: ignore[no-untyped-def]
+def count_trailing_zeros(typingctx, word):  # type: ignore[no-untyped-def]
     """Number of the lowest set bit; the word must not be 0."""
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
@@ -196,8 +196,8 @@ def _reducer(name: str, doc: str) -> Any:
     return intrinsic(reduce)
 
 
-least = _reducer("fmin", "The least lane; none may be NaN.")
-greatest = _reducer("fmax", "The greatest lane; none may be NaN.")
+reduce_min = _reducer("fmin", "The least lane; none may be NaN.")
+reduce_max = _reducer("fmax", "The greatest lane; none may be NaN.")
 
 
 def _folder(steps: tuple[int, int], doc: str) -> Any:

@@ -8,8 +8,8 @@ import llvmlite.ir as ir
 from numba.core import cgutils, types
 
 from ..jit import CHECK, cpu_features, inline, intrinsic
-from .lanes import bits, count_bits, lane, lowest
-from .vector import F4, F8, F16, INT, Vector, shuffle, spread
+from .lanes import bits, count_bits, count_trailing_zeros, lane
+from .vector import F4, F8, F16, INT, Vector, broadcast, shuffle
 
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Vector) -> Any:
@@ -95,20 +95,20 @@ def store(array, index, vector):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _spread_from(typingctx, array, index):  # type: ignore[no-untyped-def]
+def _broadcast_from(typingctx, array, index):  # type: ignore[no-untyped-def]
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        return spread(builder, builder.load(builder.gep(data, [args[1]])), F16)
+        return broadcast(builder, builder.load(builder.gep(data, [args[1]])), F16)
 
     return F16(array, types.intp), codegen
 
 
 @inline
-def spread_from(array, index):  # type: ignore[no-untyped-def]
+def broadcast_from(array, index):  # type: ignore[no-untyped-def]
     """array[index] in all 16 lanes: part of the instruction that uses it. (Numba would look for negative indices.)"""
     if CHECK:
         _check(array, index, 1)
-    return _spread_from(array, index)
+    return _broadcast_from(array, index)
 
 
 @intrinsic
@@ -145,7 +145,7 @@ def _permute(typingctx, array, index, places):  # type: ignore[no-untyped-def]
 
 
 @inline
-def look_up16(array, index, places):  # type: ignore[no-untyped-def]
+def permute16(array, index, places):  # type: ignore[no-untyped-def]
     """array[index + place] of each lane's place, a float32 from 0 to 15."""
     if CHECK:
         _check(array, index, 16)
@@ -195,7 +195,7 @@ def pack(mask, source, index, target, at):  # type: ignore[no-untyped-def]
         return count_bits(bits(mask))
     left, n = bits(mask), 0
     while left != 0:
-        target[at + n] = source[index + lowest(left)]
+        target[at + n] = source[index + count_trailing_zeros(left)]
         n += 1
         left &= left - 1
     return n
@@ -209,6 +209,6 @@ def store_packed(target, at, mask, vector):  # type: ignore[no-untyped-def]
         return
     left, n = bits(mask), 0
     while left != 0:
-        target[at + n] = lane(vector, lowest(left))
+        target[at + n] = lane(vector, count_trailing_zeros(left))
         n += 1
         left &= left - 1

@@ -36,7 +36,7 @@ class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
         super().__init__(dmm, fe_type, fe_type.llvm)  # type: ignore[no-untyped-call]
 
 
-def spread(builder: Any, value: Any, vector: Vector) -> Any:
+def broadcast(builder: Any, value: Any, vector: Vector) -> Any:
     """The scalar in every lane."""
     one = builder.insert_element(ir.Constant(vector.llvm, ir.Undefined), value, INT(0))
     zeros = ir.Constant(ir.VectorType(INT, vector.lanes), [0] * vector.lanes)
@@ -50,7 +50,7 @@ def shuffle(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
 @lower_cast(types.Number, Vector)
 def _number_to_vector(context, builder, fromty, toty, value):  # type: ignore[no-untyped-def]
     scalar = types.float32 if toty.kind == "float" else types.int32
-    return spread(builder, context.cast(builder, value, fromty, scalar), toty)
+    return broadcast(builder, context.cast(builder, value, fromty, scalar), toty)
 
 
 def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -> None:

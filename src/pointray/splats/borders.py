@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, run, take
+from ..jit import borrow, inline, kernel, next_tile, run
 from ..kernels.vec import tangents
 
 GAP = math.radians(115)  # a straight border leaves 180 degrees; of 20 random directions, one set in 75 leaves this
@@ -53,7 +53,7 @@ def _find_gaps(work, positions, normals, rows, near, out):  # type: ignore[no-un
     """out: the direction of the middle of the widest gap around each row's splat, zero where none is wider than GAP."""
     positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
     angles = np.empty(2 * near.shape[1])
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for at in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             i = rows[at]
@@ -72,7 +72,7 @@ def _find_gaps(work, positions, normals, rows, near, out):  # type: ignore[no-un
             for c in range(3):
                 outward = math.cos(middle) * axes[0][c] + math.sin(middle) * axes[1][c]
                 out[at, c] = outward if gap > GAP else 0.0
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 

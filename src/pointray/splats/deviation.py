@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, routine, run, take
+from ..jit import borrow, inline, kernel, next_tile, routine, run
 from ..kernels.vec import add, dot, length, scale
 from ..neighbors import morton_order, neighbors
 from .grow import Floats, at
@@ -141,7 +141,7 @@ def _survey(work, positions, normals, splats, boxes, close, out, hollow):  # typ
     lent = borrow(splats[0]), borrow(splats[1]), borrow(splats[2]), borrow(splats[3])
     tree = Boxes(borrow(boxes.low), borrow(boxes.high), borrow(boxes.heads))
     found, stack = np.empty(len(lent[2]), np.int32), np.empty((16 * WIDE, 2), np.int64)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for first in range(tile * TILE * BLOCK, min((tile + 1) * TILE * BLOCK, len(out)), BLOCK):
             last = min(first + BLOCK, len(out))
@@ -151,7 +151,7 @@ def _survey(work, positions, normals, splats, boxes, close, out, hollow):  # typ
             count = _find(lent, tree, box, stack, found)
             for i in range(first, last):
                 out[i], hollow[i] = _deviation(lent, found[:count], at(positions, i), at(normals, i), close)
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, run, take
+from ..jit import borrow, inline, kernel, next_tile, run
 from .heap import pop, push
 
 AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many
@@ -150,7 +150,7 @@ def _grow(work, cloud, seeds, bound, error):  # type: ignore[no-untyped-def]
     which, counts = np.empty(len(seeds), np.int64), np.empty(len(seeds), np.int64)
     radii, members = np.empty(len(seeds), np.float32), np.empty(1 << 16, np.int32)
     done = used = 0
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for s in range(tile * TILE, min((tile + 1) * TILE, len(seeds))):
             count, last = _grow_one(lent, seeds[s], (bound[seeds[s]], error), (met, np.int32(s)), queue, one)
@@ -159,7 +159,7 @@ def _grow(work, cloud, seeds, bound, error):  # type: ignore[no-untyped-def]
             which[done], counts[done], radii[done] = s, count, math.sqrt(last)
             used += count
             done += 1
-        tile = take(work)
+        tile = next_tile(work)
     return which[:done].copy(), counts[:done].copy(), radii[:done].copy(), members[:used].copy()
 
 

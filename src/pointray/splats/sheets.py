@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, kernel, run, take
-from ..kernels.vec import dot, sub, triple
+from ..jit import borrow, kernel, next_tile, run
+from ..kernels.vec import dot, load3_flat, sub
 
 OPPOSED = math.cos(math.radians(150))  # cosine of two normals beyond which they are of two sheets
 BESIDE = 8  # neighbours
@@ -23,17 +23,17 @@ TILE = 2048
 def _find(work, positions, normals, radii, near, out):  # type: ignore[no-untyped-def]
     """out[i]: 1 where a neighbour of splat i faces away from it and one's support reaches the other's sheet."""
     positions, normals, radii, near, out = borrow(positions), borrow(normals), borrow(radii), borrow(near), borrow(out)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
-            at, n = triple(positions, 3 * i), triple(normals, 3 * i)
+            at, n = load3_flat(positions, 3 * i), load3_flat(normals, 3 * i)
             for j in near[i]:
-                if dot(n, triple(normals, 3 * np.int64(j))) < OPPOSED:
-                    d = sub(triple(positions, 3 * np.int64(j)), at)
+                if dot(n, load3_flat(normals, 3 * np.int64(j))) < OPPOSED:
+                    d = sub(load3_flat(positions, 3 * np.int64(j)), at)
                     both, height = radii[i] + radii[j], dot(d, n)
                     if dot(d, d) < both * both and abs(height) < max(radii[i], radii[j]):
                         out[i] = out[j] = 1
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 

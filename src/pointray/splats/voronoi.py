@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, keep, kernel, run, take
-from ..kernels.vec import add, cross, dot, length, scale, sub, tangents, triple
+from ..jit import borrow, inline, keep_alive, kernel, next_tile, run
+from ..kernels.vec import add, cross, dot, length, load3_flat, scale, sub, tangents
 from .borders import FOLD
 
 OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals beyond which points lie on two sheets
@@ -34,9 +34,9 @@ def _unfolded(positions, normals, i, j, axes):  # type: ignore[no-untyped-def]
     Past a fold, two planes at an angle: along the crease as it lies, across it the way over both planes, which is
     (p_j - p_i).(n_j - n_i) / sin(angle), in the direction that n_j leans.
     """
-    at = triple(positions, 3 * j)
-    d = sub((np.float64(at[0]), np.float64(at[1]), np.float64(at[2])), triple(positions, 3 * i))
-    n, m = triple(normals, 3 * i), triple(normals, 3 * j)
+    at = load3_flat(positions, 3 * j)
+    d = sub((np.float64(at[0]), np.float64(at[1]), np.float64(at[2])), load3_flat(positions, 3 * i))
+    n, m = load3_flat(normals, 3 * i), load3_flat(normals, 3 * j)
     cosine = dot(n, m)
     flat_u, flat_v = dot(d, axes[0]), dot(d, axes[1])
     if cosine > FOLD:
@@ -134,10 +134,10 @@ def _up_to_seam(cloud, i, one, other, distance):  # type: ignore[no-untyped-def]
     seam one of the neighbours is nearer.
     """
     positions, normals = cloud
-    n, a, b = triple(normals, 3 * i), triple(normals, 3 * one), triple(normals, 3 * other)
+    n, a, b = load3_flat(normals, 3 * i), load3_flat(normals, 3 * one), load3_flat(normals, 3 * other)
     if dot(n, a) > FOLD or dot(n, b) > FOLD or dot(a, b) > FOLD:
         return distance
-    at, p, q = triple(positions, 3 * i), triple(positions, 3 * one), triple(positions, 3 * other)
+    at, p, q = load3_flat(positions, 3 * i), load3_flat(positions, 3 * one), load3_flat(positions, 3 * other)
     here = np.float64(at[0]), np.float64(at[1]), np.float64(at[2])
     d, e, seam = sub(p, here), sub(q, here), cross(a, b)
     volume = dot(n, seam)
@@ -196,34 +196,34 @@ def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[
     reach, closed = borrow(out[0]), borrow(out[1])
     memory = np.empty((2, CORNERS, 3))
     polygons = borrow(memory)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for at in range(tile * TILE, min((tile + 1) * TILE, len(reach))):
             i = np.int64(rows[at])
-            n = triple(normals, 3 * i)
+            n = load3_flat(normals, 3 * i)
             axes = tangents((np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
             hood_here = distances[at], near[at]
             which, count, square = _cell(positions, normals, i, axes, hood_here, polygons)
             own, ahead = np.inf, (0.0, 0.0)
             if len(usual) > 0:
-                gap = triple(gaps, 3 * i)
+                gap = load3_flat(gaps, 3 * i)
                 ahead = dot(gap, axes[0]), dot(gap, axes[1])
                 own = np.float64(usual[i])
             said = own, usual, known[2]
             reach[at], closed[at] = _reach((positions, normals), i, polygons[which], count, said, ahead)
             if len(usual) == 0:
                 closed[at] = 4.0 * square <= np.float64(distances[at, near.shape[1] - 1]) ** 2
-        tile = take(work)
-    keep(memory)
+        tile = next_tile(work)
+    keep_alive(memory)
     return 0
 
 
 @inline
 def _gather_sorted(values, normals, i, near, limit, found):  # type: ignore[no-untyped-def]
     """The values of point i and the USUAL next ones with normals of at least that cosine to its own, ascending."""
-    n, count = triple(normals, 3 * i), 0
+    n, count = load3_flat(normals, 3 * i), 0
     for j in near:
-        if count < len(found) and dot(n, triple(normals, 3 * np.int64(j))) >= limit:
+        if count < len(found) and dot(n, load3_flat(normals, 3 * np.int64(j))) >= limit:
             k, value = count, values[j]
             while k > 0 and found[k - 1] > value:
                 found[k] = found[k - 1]
@@ -239,15 +239,15 @@ def _medians(work, values, normals, near, own, out):  # type: ignore[no-untyped-
     values, normals, near, out = borrow(values), borrow(normals), borrow(near), borrow(out)
     memory = np.empty(USUAL + own, np.float32)
     found = borrow(memory)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             count = _gather_sorted(values, normals, i, near[i, 1 - own :], OTHER_SHEET, found)
             if count < USUAL // 2:  # it has no sheet to speak of
                 count = _gather_sorted(values, normals, i, near[i, 1 - own :], -2.0, found)
             out[i] = np.float32(0.5) * (found[(count - 1) // 2] + found[count // 2])
-        tile = take(work)
-    keep(memory)
+        tile = next_tile(work)
+    keep_alive(memory)
     return 0
 
 

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from ..intersect.gather import list_blocks, segment
 from ..intersect.surface import weights_of_block
-from ..jit import borrow, inline, keep, kernel, run, take
-from ..kernels.records import INSTANCE, SHAPE_ROW, Array, World, lend_world, tree_at
-from ..kernels.scratch import COUNT_NEAR, DIRECTION, NEAREST, T_MIN, TILE, lend_scratch, new_scratch, put, row
-from ..kernels.vec import add, along_curve, dot, scale, triple
+from ..jit import borrow, inline, keep_alive, kernel, next_tile, run
+from ..kernels.records import INSTANCE, SHAPE_ROW, Array, World, borrow_world, tree_at
+from ..kernels.scratch import COUNT_NEAR, DIRECTION, NEAREST, T_MIN, TILE, borrow_scratch, load3, new_scratch, store3
+from ..kernels.vec import add, along_curve, dot, load3_flat, scale
 from ..simd import lane
 from .hits import describe_tile, tile_hit
-from .world import NOWHERE, aim, is_blocked, occlude_tile, trace_tile
+from .world import NO_RAY, is_blocked, occlude_tile, set_ray, trace_tile
 
 SHORT, LONG = 1e-60, 1e60  # of a direction's square, see `_exponent`
 MOST = float(np.finfo(np.float32).max)
@@ -72,7 +72,7 @@ def _times_power(a, exponent):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _aim_rays(rays, shape, place, scratch):  # type: ignore[no-untyped-def]
+def _set_rays(rays, shape, place, scratch):  # type: ignore[no-untyped-def]
     """The next tile of rays; returns whether any of them may have an exponent.
 
     rays : origins, directions, limits; place : the batch, and where in it the tile begins
@@ -81,18 +81,19 @@ def _aim_rays(rays, shape, place, scratch):  # type: ignore[no-untyped-def]
     for k in range(TILE):
         i = ray_at(shape, place[0], place[1] + k)
         if i >= 0:
-            aim(scratch, k, (triple(origins, 3 * i), triple(directions, 3 * i), limits[2 * i], limits[2 * i + 1]))
+            o, d = load3_flat(origins, 3 * i), load3_flat(directions, 3 * i)
+            set_ray(scratch, k, (o, d, limits[2 * i], limits[2 * i + 1]))
         else:
-            aim(scratch, k, NOWHERE)
+            set_ray(scratch, k, NO_RAY)
     wide, odd = scratch.world, False
     for k in range(TILE):
-        d = row(wide, DIRECTION + k)
+        d = load3(wide, DIRECTION + k)
         odd |= not _is_ordinary(dot(d, d))
     if odd:
         for k in range(TILE):
-            d = row(wide, DIRECTION + k)
+            d = load3(wide, DIRECTION + k)
             exponent = _exponent(d)
-            put(wide, DIRECTION + k, _times_power(d, -exponent))
+            store3(wide, DIRECTION + k, _times_power(d, -exponent))
             limits_k = _times_power((wide[T_MIN + k], wide[NEAREST + k], 0.0), exponent)
             wide[T_MIN + k], wide[NEAREST + k] = limits_k[0], limits_k[1]
     return odd
@@ -104,11 +105,11 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
     t, position, normal, color, point, instance, leaf, local = out
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
-    scratch, world = lend_scratch(memory), lend_world(world)
-    batch = take(work)
+    scratch, world = borrow_scratch(memory), borrow_world(world)
+    batch = next_tile(work)
     while batch >= 0:
         for first in range(0, BATCH, TILE):
-            odd = _aim_rays((origins, directions, limits), shape, (batch, first), scratch)
+            odd = _set_rays((origins, directions, limits), shape, (batch, first), scratch)
             trace_tile(world, scratch)
             describe_tile(world, scratch)
             for k in range(TILE):
@@ -119,12 +120,12 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
                 t[i], instance[i], leaf[i] = np.inf, hit.instance, hit.leaf
                 x = (np.nan, np.nan, np.nan)
                 if hit.instance >= 0:
-                    d, along = triple(directions, 3 * i), hit.t
+                    d, along = load3_flat(directions, 3 * i), hit.t
                     if odd:
                         exponent = _exponent(d)
                         d, along = _times_power(d, -exponent), _times_power((along, 0.0, 0.0), -exponent)[0]
                     t[i] = min(max(along, -MOST), MOST)
-                    x = add(triple(origins, 3 * i), scale(d, hit.t))
+                    x = add(load3_flat(origins, 3 * i), scale(d, hit.t))
                 for c in range(3):
                     position[3 * i + c], normal[3 * i + c], color[3 * i + c] = x[c], hit.normal[c], hit.color[c]
                     local[3 * i + c] = hit.local[c]
@@ -132,8 +133,8 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
                 if hit.slot >= 0:
                     tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + SHAPE_ROW]))
                     point[i] = tree.order[hit.slot]
-        batch = take(work)
-    keep(memory)
+        batch = next_tile(work)
+    keep_alive(memory)
     return 0
 
 
@@ -142,18 +143,18 @@ def _occluded(work, world, origins, directions, limits, shape, out):  # type: ig
     """Occlusion: out is (n,) uint8."""
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
-    scratch, world = lend_scratch(memory), lend_world(world)
-    batch = take(work)
+    scratch, world = borrow_scratch(memory), borrow_world(world)
+    batch = next_tile(work)
     while batch >= 0:
         for first in range(0, BATCH, TILE):
-            _aim_rays((origins, directions, limits), shape, (batch, first), scratch)
+            _set_rays((origins, directions, limits), shape, (batch, first), scratch)
             occlude_tile(world, scratch)
             for k in range(TILE):
                 i = ray_at(shape, batch, first + k)
                 if i >= 0:
                     out[i] = is_blocked(scratch, k)
-        batch = take(work)
-    keep(memory)
+        batch = next_tile(work)
+    keep_alive(memory)
     return 0
 
 
@@ -165,10 +166,10 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
     """
     hits, model, leaf, local, point = places
     memory = new_scratch(world.longest)
-    scratch, world = lend_scratch(memory), lend_world(world)
+    scratch, world = borrow_scratch(memory), borrow_world(world)
     tree = tree_at(world.table, model)
     f32, zero, one = np.float32, np.float32(0.0), np.float32(1.0)
-    block = take(work)
+    block = next_tile(work)
     while block >= 0:
         for h in range(block * BATCH, min((block + 1) * BATCH, hits.size)):
             i = hits[h]
@@ -189,8 +190,8 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
             for c in range(width):
                 known = total > 0.0
                 out[h * width + c] = out[h * width + c] / total if known else values[point[i] * width + c]
-        block = take(work)
-    keep(memory)
+        block = next_tile(work)
+    keep_alive(memory)
     return 0
 
 

@@ -13,7 +13,18 @@ import numpy as np
 from ..intersect.surface import ONE, ZERO
 from ..jit import inline
 from ..kernels.scratch import ASIDE, BEGIN, DX, END, FOUND, FOUND_ASIDE, IX, LANES, LENGTH, NX, NY, NZ, OX, SIDE, TILE
-from ..simd import bits, count_bits, load16, lowest, mask16, select, spread16, store, store_packed, vabs
+from ..simd import (
+    bits,
+    broadcast16,
+    count_bits,
+    count_trailing_zeros,
+    load16,
+    mask16,
+    select,
+    store,
+    store_packed,
+    vabs,
+)
 from .tile import range_of
 
 WIDEST = np.float32(0.2)  # by how much components of the directions may differ
@@ -52,7 +63,7 @@ def coherent(edge, rows):  # type: ignore[no-untyped-def]
 @inline
 def alike(edge, rows, left):  # type: ignore[no-untyped-def]
     """Of some rays (bits) that stand aside those that may go together with the first of them."""
-    i, some = ASIDE + lowest(left), np.int64(0)
+    i, some = ASIDE + count_trailing_zeros(left), np.int64(0)
     far, wide = np.float32(0.5) * SCATTERED * edge, np.float32(0.5) * WIDEST
     for v in range(0, TILE, LANES):
         word, at = (left >> v) & 0xFFFF, ASIDE + v
@@ -92,7 +103,7 @@ def _bring_row(rows, row, some, last):  # type: ignore[no-untyped-def]
         store_packed(rows, row + n, mask16(word), load16(rows, ASIDE + row + v))
         n += count_bits(word)
     at = (n - 1) // LANES * LANES
-    store(rows, row + at, select(mask16((1 << (n - at)) - 1), load16(rows, row + at), spread16(last)))
+    store(rows, row + at, select(mask16((1 << (n - at)) - 1), load16(rows, row + at), broadcast16(last)))
 
 
 @inline
@@ -101,7 +112,7 @@ def bring(some, scratch):  # type: ignore[no-untyped-def]
 
     Places left over hold rays that have ended, like the first one, so that they do not widen the group.
     """
-    rows, first = scratch.model, ASIDE + lowest(some)
+    rows, first = scratch.model, ASIDE + count_trailing_zeros(some)
     for row in BROUGHT:
         _bring_row(rows, row, some, rows[row + first])
     _bring_row(rows, LENGTH, some, -ONE)
@@ -116,7 +127,7 @@ def take_back(some, lifted, scratch):  # type: ignore[no-untyped-def]
     """Set aside what some rays (bits) have found; returns those of them that were lifted, given by their place."""
     rows, numbers, k, back = scratch.model, scratch.numbers, 0, np.int64(0)
     while some != 0:
-        i = lowest(some)
+        i = count_trailing_zeros(some)
         some &= some - 1
         if numbers[FOUND + k] >= 0:
             numbers[FOUND_ASIDE + i] = numbers[FOUND + k]

@@ -17,7 +17,7 @@ from ..kernels.records import (
     SHAPE_ROW,
     SHEETED,
     WorldHit,
-    lend_world,
+    borrow_world,
     tree_at,
 )
 from ..kernels.scratch import (
@@ -32,12 +32,12 @@ from ..kernels.scratch import (
     SEEN_ONLY,
     SLOT_OF,
     TILE,
-    lend_scratch,
-    put,
-    row,
+    borrow_scratch,
+    load3,
+    store3,
 )
 from ..kernels.vec import transform
-from ..simd import greatest, lowest, quarters, repeat4, select, spread16, store, vmax, vsqrt
+from ..simd import broadcast16, count_trailing_zeros, quarters, reduce_max, repeat4, select, store, vmax, vsqrt
 from .paint import paint_four
 from .space import matrix_at
 
@@ -49,14 +49,14 @@ def tile_hit(scratch, i):  # type: ignore[no-untyped-def]
     instance = numbers[INSTANCE_OF + i]
     if instance < 0:
         return WorldHit(np.inf, zero, zero, -1, np.int64(-1), np.int64(-1), zero)
-    normal, color, local = row(wide, NORMAL + i), row(wide, COLOR + i), row(wide, LOCAL + i)
+    normal, color, local = load3(wide, NORMAL + i), load3(wide, COLOR + i), load3(wide, LOCAL + i)
     return WorldHit(wide[NEAREST + i], normal, color, instance, numbers[SLOT_OF + i], numbers[LEAF_OF + i], local)
 
 
 @inline
 def _next_of_leaf(numbers, left, i):  # type: ignore[no-untyped-def]
     """The first of the rays that are left (bits) if it has hit the same leaf as ray i, else i."""
-    k = lowest(left) if left != 0 else i
+    k = count_trailing_zeros(left) if left != 0 else i
     same = numbers[INSTANCE_OF + k] == numbers[INSTANCE_OF + i] and numbers[LEAF_OF + k] == numbers[LEAF_OF + i]
     return k if same else i
 
@@ -66,17 +66,17 @@ def _list_around(tree, four, scratch):  # type: ignore[no-untyped-def]
     """List the blocks near the places where four rays have hit a leaf; returns these, a quarter each."""
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
-        row(wide, LOCAL + four[0]),
-        row(wide, LOCAL + four[1]),
-        row(wide, LOCAL + four[2]),
-        row(wide, LOCAL + four[3]),
+        load3(wide, LOCAL + four[0]),
+        load3(wide, LOCAL + four[1]),
+        load3(wide, LOCAL + four[2]),
+        load3(wide, LOCAL + four[3]),
     )
     f32 = np.float32
     x = quarters(f32(a[0]), f32(b[0]), f32(c[0]), f32(d[0]))
     y = quarters(f32(a[1]), f32(b[1]), f32(c[1]), f32(d[1]))
     z = quarters(f32(a[2]), f32(b[2]), f32(c[2]), f32(d[2]))
     px, py, pz = f32(a[0]), f32(a[1]), f32(a[2])
-    spread = greatest(vsqrt((x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz)))
+    spread = reduce_max(vsqrt((x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz)))
     leaf = numbers[LEAF_OF + four[0]]
     list_blocks(tree, leaf, Capsule(px, py, pz, ONE, ZERO, ZERO, ZERO, spread), scratch)
     return x, y, z
@@ -89,11 +89,11 @@ def _weigh(tree, places, sheet, tone, scratch):  # type: ignore[no-untyped-def]
     Lane 4 r + j is splat j of a block at place r. sheet : see `weights_seen`
     """
     part = scratch.part
-    most = block_of_most = red = green = blue = total = spread16(ZERO)
+    most = block_of_most = red = green = blue = total = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
         block = np.int64(scratch.near[k])
         w = weights_seen(tree, block, places, sheet, part)
-        block_of_most = select(w > most, spread16(np.float32(k)), block_of_most)
+        block_of_most = select(w > most, broadcast16(np.float32(k)), block_of_most)
         most = vmax(w, most)
         if tree.colors.size > 0:
             for j in range(4):
@@ -118,7 +118,7 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
     tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
     v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
     if sheeted:
-        v = transform(matrix_at(world, at), row(wide, NORMAL + four[0]))
+        v = transform(matrix_at(world, at), load3(wide, NORMAL + four[0]))
     places = _list_around(tree, four, scratch)
     sums = _weigh(tree, places, (sheeted, v), world.tone, scratch)
     for k in range(6):
@@ -133,14 +133,14 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
         if part[best] > ZERO:
             numbers[SLOT_OF + i] = np.int64(scratch.near[int(part[LANES + best])]) * 4 + best % 4
         else:
-            x = row(wide, LOCAL + i)
+            x = load3(wide, LOCAL + i)
             slot = nearest_slot(tree, numbers[LEAF_OF + i], np.float32(x[0]), np.float32(x[1]), np.float32(x[2]))
             numbers[SLOT_OF + i] = slot
             if tree.colors.size > 0:
                 packed, total = tree.colors[slot], 1.0
                 red, green = np.float64(world.tone[packed & 255]), np.float64(world.tone[(packed >> 8) & 255])
                 blue = np.float64(world.tone[(packed >> 16) & 255])
-        put(wide, COLOR + i, (red / total, green / total, blue / total) if 0.0 < total < np.inf else (1.0, 1.0, 1.0))
+        store3(wide, COLOR + i, (red / total, green / total, blue / total) if 0.0 < total < np.inf else (1.0, 1.0, 1.0))
     if world.instances[at + PAINT] >= 0.0:
         paint_four(world, four, places, (sheeted, v), scratch)
 
@@ -167,7 +167,7 @@ def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
 
     Neighbours that have hit the same leaf go together, four at a time: in 0.6 of the time of one by one.
     """
-    scratch, world = lend_scratch(scratch), lend_world(world)
+    scratch, world = borrow_scratch(scratch), borrow_world(world)
     numbers, left = scratch.numbers, np.int64(0)
     for i in range(TILE):
         numbers[SLOT_OF + i] = -1
@@ -175,9 +175,9 @@ def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
             if scratch.counts[SEEN_ONLY] == 0 or _shows_colors(world, numbers[INSTANCE_OF + i]):
                 left |= np.int64(1) << i
             else:
-                put(scratch.world, COLOR + i, (1.0, 1.0, 1.0))
+                store3(scratch.world, COLOR + i, (1.0, 1.0, 1.0))
     while left != 0:
-        a = lowest(left)
+        a = count_trailing_zeros(left)
         left &= left - 1
         tree = tree_at(world.table, np.int64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + SHAPE_ROW]))
         b = c = d = a

@@ -37,11 +37,11 @@ from ..kernels.scratch import (
     START,
     T_MIN,
     TILE,
-    put,
-    row,
+    load3,
+    store3,
 )
 from ..kernels.vec import add, dot, either, scale, transform_transposed
-from ..simd import count_bits, load16, lowest, select, spread16, store
+from ..simd import broadcast16, count_bits, count_trailing_zeros, load16, select, store
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
 from .space import into_model, matrix_at, model_bounds, of_size_one
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
@@ -61,10 +61,10 @@ def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
         starts on none if it starts on no surface, or comes from outside of the bounds, which may be flat
     """
     wide, rows, (bounds, step, discs) = scratch.world, scratch.model, box
-    ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
+    ray = (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
     start, d, low, high, speed, begin = into_model(matrix, bounds, ray, step)
-    put(wide, START + i, start)
-    put(wide, HEADING + i, d)
+    store3(wide, START + i, start)
+    store3(wide, HEADING + i, d)
     wide[LOW + i], wide[SPEED + i] = low, speed
     rows[LENGTH + i] = np.float32(high - low + step[0]) if low <= high else -ONE
     begin = np.float32(begin)
@@ -77,10 +77,10 @@ def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
 def _narrow(i, scratch):  # type: ignore[no-untyped-def]
     """Ray i of the model's space as float32; nothing is found yet."""
     wide, rows = scratch.world, scratch.model
-    ray = make_ray(row(wide, START + i), row(wide, HEADING + i), 0.0, 1.0)
-    put(rows, OX + i, (ray.ox, ray.oy, ray.oz))
-    put(rows, DX + i, (ray.dx, ray.dy, ray.dz))
-    put(rows, IX + i, (ray.ix, ray.iy, ray.iz))
+    ray = make_ray(load3(wide, START + i), load3(wide, HEADING + i), 0.0, 1.0)
+    store3(rows, OX + i, (ray.ox, ray.oy, ray.oz))
+    store3(rows, DX + i, (ray.dx, ray.dy, ray.dz))
+    store3(rows, IX + i, (ray.ix, ray.iy, ray.iz))
     rows[END + i], rows[SIDE + i] = rows[LENGTH + i], np.float32(wide[SIDE_OF + i])
     scratch.numbers[FOUND + i] = -1
 
@@ -90,7 +90,7 @@ def _some_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
     """Put some rays (bits) into a model's space, one by one; returns those that meet its bounds."""
     meeting = np.int64(0)
     while some != 0:
-        i = lowest(some)
+        i = count_trailing_zeros(some)
         some &= some - 1
         _enter(matrix, box, i, scratch)
         if scratch.model[LENGTH + i] >= ZERO:
@@ -118,11 +118,11 @@ def _all_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
         _narrow(i, scratch)
     if meeting != ALL:
         # Rays that miss the bounds stand where another one does, so that they do not widen the tile.
-        first = lowest(meeting)
+        first = count_trailing_zeros(meeting)
         for at in range(0, TILE, LANES):
             meet = load16(rows, LENGTH + at) >= ZERO
             for k in range(0, 9 * TILE, TILE):
-                store(rows, k + at, select(meet, load16(rows, k + at), spread16(rows[k + first])))
+                store(rows, k + at, select(meet, load16(rows, k + at), broadcast16(rows[k + first])))
     return meeting
 
 
@@ -170,15 +170,15 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
     if not few:
         alone = _together(world.table, model, entered, scratch)
     while alone != 0:
-        i = lowest(alone)
+        i = count_trailing_zeros(alone)
         alone &= alone - 1
         hit = closest(world.table, model, tile_ray(rows, i), scratch)
         numbers[FOUND + i] = hit.leaf
         rows[LENGTH + i] = hit.t
-        put(rows, NX + i, (hit.nx, hit.ny, hit.nz))
+        store3(rows, NX + i, (hit.nx, hit.ny, hit.nz))
     if few:
         while entered != 0:
-            i = lowest(entered)
+            i = count_trailing_zeros(entered)
             entered &= entered - 1
             if numbers[FOUND + i] >= 0:
                 _keep_t(i, scratch)
@@ -202,14 +202,14 @@ def _keep_t(i, scratch):  # type: ignore[no-untyped-def]
 def _keep_place(matrix, i, scratch):  # type: ignore[no-untyped-def]
     """Keep normal and place of a hit that is nearer. matrix : see `of_size_one`."""
     wide, rows = scratch.world, scratch.model
-    n = row(rows, NX + i)
+    n = load3(rows, NX + i)
     n = transform_transposed(matrix, (np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
     n = scale(n, 1.0 / math.sqrt(dot(n, n)))
-    x = add(row(wide, START + i), scale(row(wide, HEADING + i), np.float64(rows[LENGTH + i])))
+    x = add(load3(wide, START + i), scale(load3(wide, HEADING + i), np.float64(rows[LENGTH + i])))
     better = scratch.numbers[FOUND + i] >= 0
-    old_n, old_x = row(wide, NORMAL + i), row(wide, LOCAL + i)
-    put(wide, NORMAL + i, either(better, n, old_n))
-    put(wide, LOCAL + i, either(better, x, old_x))
+    old_n, old_x = load3(wide, NORMAL + i), load3(wide, LOCAL + i)
+    store3(wide, NORMAL + i, either(better, n, old_n))
+    store3(wide, LOCAL + i, either(better, x, old_x))
 
 
 @inline

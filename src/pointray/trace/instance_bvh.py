@@ -23,11 +23,11 @@ from ..kernels.scratch import (
     TOP_LOW,
     TOP_OX,
     TOP_SPEED,
-    put,
-    row,
+    load3,
+    store3,
 )
-from ..kernels.vec import triple
-from ..simd import bits, least, load16, mask16, select, spread16, vmax, vmin
+from ..kernels.vec import load3_flat
+from ..simd import bits, broadcast16, load16, mask16, reduce_min, select, vmax, vmin
 from .space import into_model
 from .tile import ALL, bits_of_row
 from .traverse import make_ray
@@ -51,17 +51,17 @@ def begin_walk(world, scratch):  # type: ignore[no-untyped-def]
 @inline
 def _rays_to_top(world, scratch):  # type: ignore[no-untyped-def]
     """Put the tile's rays into the tree's space, from where they enter all bounds on; returns those that do."""
-    x, y, z = triple(world.top, TOP_CENTER)
+    x, y, z = load3_flat(world.top, TOP_CENTER)
     matrix = (1.0, 0.0, 0.0, -x), (0.0, 1.0, 0.0, -y), (0.0, 0.0, 1.0, -z)
-    bounds = triple(world.top, TOP_BOUNDS), triple(world.top, TOP_BOUNDS + 3)
+    bounds = load3_flat(world.top, TOP_BOUNDS), load3_flat(world.top, TOP_BOUNDS + 3)
     wide, rows = scratch.world, scratch.model
     for i in range(TILE):
-        ray = (row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
+        ray = (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
         start, d, low, high, speed, _ = into_model(matrix, bounds, ray, (0.0, 0.0))
         wide[TOP_LOW + i], wide[TOP_SPEED + i] = low, speed
         ray = make_ray(start, d, high - low, 1.0)
-        put(rows, TOP_OX + i, (ray.ox, ray.oy, ray.oz))
-        put(rows, TOP_IX + i, (ray.ix, ray.iy, ray.iz))
+        store3(rows, TOP_OX + i, (ray.ox, ray.oy, ray.oz))
+        store3(rows, TOP_IX + i, (ray.ix, ray.iy, ray.iz))
         rows[TOP_LENGTH + i] = np.float32(high - low) if low <= high else -ONE
     return bits_of_row(rows, TOP_LENGTH)
 
@@ -89,11 +89,11 @@ def _enter(world, at, rays, scratch):  # type: ignore[no-untyped-def]
         ax, bx = (boxes[at] - ox) * ix, (boxes[at + 3] - ox) * ix
         ay, by = (boxes[at + 1] - oy) * iy, (boxes[at + 4] - oy) * iy
         az, bz = (boxes[at + 2] - oz) * iz, (boxes[at + 5] - oz) * iz
-        near = vmax(vmax(vmin(ax, bx), vmin(ay, by)), vmax(vmin(az, bz), spread16(ZERO)))
+        near = vmax(vmax(vmin(ax, bx), vmin(ay, by)), vmax(vmin(az, bz), broadcast16(ZERO)))
         far = vmin(vmin(vmax(ax, bx), vmax(ay, by)), vmin(vmax(az, bz), load16(rows, TOP_LENGTH + v)))
         word &= bits(near <= far)
         if word != 0:
-            nearest = min(nearest, least(select(mask16(word), near, spread16(INF))))
+            nearest = min(nearest, reduce_min(select(mask16(word), near, broadcast16(INF))))
             entering |= word << v
     return entering, nearest
 
@@ -126,5 +126,5 @@ def still_open(world, top, scratch):  # type: ignore[no-untyped-def]
     for v in range(0, TILE, LANES):
         word = (rays >> v) & 0xFFFF
         if word != 0:
-            left |= (word & bits(load16(scratch.model, TOP_LENGTH + v) >= spread16(near))) << v
+            left |= (word & bits(load16(scratch.model, TOP_LENGTH + v) >= broadcast16(near))) << v
     return left

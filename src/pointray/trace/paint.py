@@ -21,9 +21,9 @@ from ..kernels.records import (
     SHAPE_ROW,
     tree_at,
 )
-from ..kernels.scratch import COLOR, COUNT_NEAR, DIRECTION, INSTANCE_OF, LANES, NEAREST, ORIGIN, SLOT_OF, put, row
-from ..kernels.vec import add, dot, scale, triple
-from ..simd import repeat4, spread16, store
+from ..kernels.scratch import COLOR, COUNT_NEAR, DIRECTION, INSTANCE_OF, LANES, NEAREST, ORIGIN, SLOT_OF, load3, store3
+from ..kernels.vec import add, dot, load3_flat, scale
+from ..simd import broadcast16, repeat4, store
 
 SLACK = 1e-3  # of a colour of the map: a blend of equal levels must not round down into the one before
 
@@ -35,14 +35,14 @@ def _map_color(world, paint, level):  # type: ignore[no-untyped-def]
     k = count
     if level == level:
         k = int(min(max(level + SLACK, 0.0), count - 1.0))
-    return triple(world.map_colors, first + 3 * k)
+    return load3_flat(world.map_colors, first + 3 * k)
 
 
 @inline
 def _blend(world, paint, tree, places, sheet, scratch):  # type: ignore[no-untyped-def]
     """Sums in each lane over the listed blocks: weights, those of splats with a level, and the weighted levels."""
     part, first = scratch.part, int(world.paints[paint + PAINT_LEVELS])
-    total = known = level = spread16(ZERO)
+    total = known = level = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
         block = np.int64(scratch.near[k])
         w = weights_seen(tree, block, places, sheet, part)
@@ -84,7 +84,7 @@ def paint_four(world, four, places, sheet, scratch):  # type: ignore[no-untyped-
     tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
     paint = int(world.instances[at + PAINT]) * PAINT_SIZE
     kind = world.paints[paint + PAINT_KIND]
-    sums = spread16(ZERO), spread16(ZERO), spread16(ZERO)
+    sums = broadcast16(ZERO), broadcast16(ZERO), broadcast16(ZERO)
     if kind == BLENDED:
         sums = _blend(world, paint, tree, places, sheet, scratch)
     for r in range(4):
@@ -94,6 +94,6 @@ def paint_four(world, four, places, sheet, scratch):  # type: ignore[no-untyped-
         if kind == BLENDED:
             level = _blended(sums, r, level, scratch)
         elif kind == PLACED:
-            x = add(row(wide, ORIGIN + i), scale(row(wide, DIRECTION + i), wide[NEAREST + i]))
-            level = dot(triple(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
-        put(wide, COLOR + i, _map_color(world, paint, level))
+            x = add(load3(wide, ORIGIN + i), scale(load3(wide, DIRECTION + i), wide[NEAREST + i]))
+            level = dot(load3_flat(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
+        store3(wide, COLOR + i, _map_color(world, paint, level))

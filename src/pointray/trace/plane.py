@@ -21,10 +21,10 @@ from ..kernels.scratch import (
     SIDE_OF,
     T_MIN,
     TILE,
-    put,
-    row,
+    load3,
+    store3,
 )
-from ..kernels.vec import add, dot, length, scale, sub, triple
+from ..kernels.vec import add, dot, length, load3_flat, scale, sub
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
@@ -37,7 +37,7 @@ def _plane_hit(world, at, ray, start_rule):  # type: ignore[no-untyped-def]
     """
     o, d, t_min, t_max = ray
     side, cut = start_rule
-    normal, point = triple(world.planes, at + PLANE_NORMAL), triple(world.planes, at + PLANE_POINT)
+    normal, point = load3_flat(world.planes, at + PLANE_NORMAL), load3_flat(world.planes, at + PLANE_POINT)
     height, rise = dot(normal, sub(o, point)), dot(normal, d)
     if t_min > -np.inf and abs(height + t_min * rise) <= ON_PLANE * (length(add(o, scale(d, t_min))) + length(point)):
         return t_min if (cut > ZERO or rise * side < 0.0) and t_min <= t_max else np.inf
@@ -48,12 +48,12 @@ def _plane_hit(world, at, ray, start_rule):  # type: ignore[no-untyped-def]
 @inline
 def plane_color(world, at, x):  # type: ignore[no-untyped-def]
     """A plane's colour at a point: plain, or a checker with every other square at half."""
-    color = triple(world.planes, at + PLANE_COLOR)
+    color = load3_flat(world.planes, at + PLANE_COLOR)
     edge = world.planes[at + PLANE_CHECKER]
     if edge > 0.0:
-        v = sub(x, triple(world.planes, at + PLANE_POINT))
-        a = math.floor(dot(v, triple(world.planes, at + PLANE_U)) / edge)
-        b = math.floor(dot(v, triple(world.planes, at + PLANE_V)) / edge)
+        v = sub(x, load3_flat(world.planes, at + PLANE_POINT))
+        a = math.floor(dot(v, load3_flat(world.planes, at + PLANE_U)) / edge)
+        b = math.floor(dot(v, load3_flat(world.planes, at + PLANE_V)) / edge)
         if int(a + b) % 2 != 0:
             return scale(color, 0.5)
     return color
@@ -64,11 +64,11 @@ def tile_on_plane(world, at, scratch):  # type: ignore[no-untyped-def]
     """Nearest hits of the tile's rays with a plane."""
     wide, numbers = scratch.world, scratch.numbers
     for i in range(TILE):
-        o, d = row(wide, ORIGIN + i), row(wide, DIRECTION + i)
+        o, d = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i)
         start_rule = wide[SIDE_OF + i], scratch.model[CUT + i]
         t = _plane_hit(world, at, (o, d, wide[T_MIN + i], wide[NEAREST + i]), start_rule)
         if t < np.inf:
             wide[NEAREST + i] = t
-            put(wide, NORMAL + i, triple(world.planes, at + PLANE_NORMAL))
-            put(wide, COLOR + i, plane_color(world, at, add(o, scale(d, t))))
+            store3(wide, NORMAL + i, load3_flat(world.planes, at + PLANE_NORMAL))
+            store3(wide, COLOR + i, plane_color(world, at, add(o, scale(d, t))))
             numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = np.int64(world.planes[at + PLANE_INSTANCE]), -1

@@ -11,13 +11,13 @@ import numpy as np
 
 from ..jit import inline
 from ..kernels.records import BOUNDS, TO_MODEL
-from ..kernels.vec import add, length, scale, sub, transform, triple
+from ..kernels.vec import add, length, load3_flat, scale, sub, transform
 
 
 @inline
 def model_bounds(head):  # type: ignore[no-untyped-def]
     """A model's bounds (lo x y z, hi x y z) in float64, padded against rounding."""
-    lows, highs = triple(head, BOUNDS), triple(head, BOUNDS + 3)
+    lows, highs = load3_flat(head, BOUNDS), load3_flat(head, BOUNDS + 3)
     lows = np.float64(lows[0]), np.float64(lows[1]), np.float64(lows[2])
     highs = np.float64(highs[0]), np.float64(highs[1]), np.float64(highs[2])
     x, y, z = abs(lows[0]) + abs(highs[0]), abs(lows[1]) + abs(highs[1]), abs(lows[2]) + abs(highs[2])

@@ -44,22 +44,22 @@ from ..kernels.scratch import (
 )
 from ..simd import (
     bits,
-    greatest,
+    broadcast8,
+    broadcast16,
+    count_trailing_zeros,
     lane,
-    least,
     load8,
     load16,
-    lowest,
     prefetch,
+    reduce_max,
+    reduce_min,
     select,
-    spread8,
-    spread16,
     store,
     vabs,
     vmax,
     vmin,
 )
-from .traverse import expect, expect_columns, far_planes, insert, near_planes, walk_begin
+from .traverse import far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
 
 ALL = -1  # rays as bits of an int64
 ROUNDING = np.float32(1e-6)
@@ -81,7 +81,7 @@ def range_of(rows, at, some):  # type: ignore[no-untyped-def]
     for k in range(some[0] + LANES, some[1], LANES):
         numbers = load16(rows, at + k)
         low, high = vmin(low, numbers), vmax(high, numbers)
-    return least(low), greatest(high)
+    return reduce_min(low), reduce_max(high)
 
 
 @inline
@@ -124,7 +124,7 @@ def _leaf_intervals(tree, leaf, box, planes, rows, v):  # type: ignore[no-untype
     length = load16(rows, LENGTH + v)
     enter = vmax(
         vmax((leaves[at + CELL + near[0]] - ox) * ix, (leaves[at + CELL + near[1]] - oy) * iy),
-        vmax((leaves[at + CELL + near[2]] - oz) * iz, spread16(begin)),
+        vmax((leaves[at + CELL + near[2]] - oz) * iz, broadcast16(begin)),
     )
     leave = vmin(
         vmin((leaves[at + CELL + far[0]] - ox) * ix, (leaves[at + CELL + far[1]] - oy) * iy),
@@ -141,7 +141,7 @@ def _leaf_intervals(tree, leaf, box, planes, rows, v):  # type: ignore[no-untype
     mx, my, mz = leaves[at + SLAB], leaves[at + SLAB + 1], leaves[at + SLAB + 2]
     height = mx * ox + my * oy + mz * oz
     rise = mx * load16(rows, DX + v) + my * load16(rows, DY + v) + mz * load16(rows, DZ + v)
-    rise = ONE / select(vabs(rise) < spread16(FLAT), spread16(FLAT), rise)
+    rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
     a, b = (leaves[at + SLAB_LO] - height) * rise, (leaves[at + SLAB_HI] - height) * rise
     first, last = vmax(first, vmin(a, b)), vmin(leave, vmax(a, b))
     store(rows, ENTER + v, enter)
@@ -159,7 +159,7 @@ def _search(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
     rows = scratch.model
     lifted = np.int64(0)
     while passing != 0:
-        i = lowest(passing)
+        i = count_trailing_zeros(passing)
         passing &= passing - 1
         scratch.lift[0] = ZERO
         interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
@@ -173,7 +173,7 @@ def _search(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _expect_search(tree, child):  # type: ignore[no-untyped-def]
+def _prefetch_search(tree, child):  # type: ignore[no-untyped-def]
     """Ask for what a search of the next leaf will read first."""
     if child < 0:
         first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
@@ -181,7 +181,7 @@ def _expect_search(tree, child):  # type: ignore[no-untyped-def]
             for k in range(0, GROUP, 16):
                 prefetch(tree.spheres, np.int64(group) * GROUP + k)
             prefetch(tree.refs, np.int64(group) * 16)
-        expect_columns(tree, ~child)
+        prefetch_columns(tree, ~child)
 
 
 @inline
@@ -228,19 +228,19 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
         az, bz = load8(tree.boxes, at + pz) - z[0], load8(tree.boxes, at + qz) - z[1]
         near = vmax(
             vmax(vmin(ax * x[2], ax * x[3]), vmin(ay * y[2], ay * y[3])),
-            vmax(vmin(az * z[2], az * z[3]), spread8(begin)),
+            vmax(vmin(az * z[2], az * z[3]), broadcast8(begin)),
         )
         far = vmin(
             vmin(vmax(bx * x[2], bx * x[3]), vmax(by * y[2], by * y[3])),
-            vmin(vmax(bz * z[2], bz * z[3]), spread8(farthest)),
+            vmin(vmax(bz * z[2], bz * z[3]), broadcast8(farthest)),
         )
         left = bits(near <= far)
         bottom = top
         while left != 0:
-            k = lowest(left)
+            k = count_trailing_zeros(left)
             left &= left - 1
             top = insert(stack, stack_near, bottom, top, np.int32(node * WIDTH + k), lane(near, k))
-            expect(tree, tree.children[node * WIDTH + k])
+            prefetch_child(tree, tree.children[node * WIDTH + k])
         while True:
             if top == 0:
                 return lifted
@@ -254,7 +254,7 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
             scratch.counts[COUNT_LEAVES] += 1
             leaf = ~node
             if top > 0:
-                _expect_search(tree, tree.children[np.int64(stack[top - 1])])
+                _prefetch_search(tree, tree.children[np.int64(stack[top - 1])])
             box = slot // WIDTH * NODE + slot % WIDTH
             passing = np.int64(0)
             for v in range(some[0], some[1], LANES):

@@ -10,7 +10,7 @@ from ..intersect.surface import INF, ONE, ZERO
 from ..jit import inline
 from ..kernels.records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
 from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES
-from ..simd import bits, lane, load8, lowest, prefetch, spread8, vmax, vmin
+from ..simd import bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
 
 TINY = np.float32(1e-20)
 
@@ -72,7 +72,7 @@ def _slab_interval(tree, leaf, ray, interval):  # type: ignore[no-untyped-def]
 
 
 @inline
-def expect(tree, child):  # type: ignore[no-untyped-def]
+def prefetch_child(tree, child):  # type: ignore[no-untyped-def]
     """Ask for what a walk will read of a child: rays wait for memory a quarter of their time in far views."""
     if child < 0:
         leaf = np.int64(~child)
@@ -85,7 +85,7 @@ def expect(tree, child):  # type: ignore[no-untyped-def]
 
 
 @inline
-def expect_columns(tree, leaf):  # type: ignore[no-untyped-def]
+def prefetch_columns(tree, leaf):  # type: ignore[no-untyped-def]
     """Ask for a leaf's columns: 3% of the time of bounces at a million points."""
     for k in range(0, PATCH, 16):
         prefetch(tree.patches, np.int64(leaf) * PATCH + k)
@@ -115,26 +115,26 @@ def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
         at = np.int64(node) * NODE
         near = vmax(
             vmax((load8(tree.boxes, at + nx) - ray.ox) * ix, (load8(tree.boxes, at + ny) - ray.oy) * iy),
-            vmax((load8(tree.boxes, at + nz) - ray.oz) * iz, spread8(begin)),
+            vmax((load8(tree.boxes, at + nz) - ray.oz) * iz, broadcast8(begin)),
         )
         far = vmin(
             vmin((load8(tree.boxes, at + fx) - ray.ox) * ix, (load8(tree.boxes, at + fy) - ray.oy) * iy),
-            vmin((load8(tree.boxes, at + fz) - ray.oz) * iz, spread8(ray.t_max)),
+            vmin((load8(tree.boxes, at + fz) - ray.oz) * iz, broadcast8(ray.t_max)),
         )
         left = bits(near <= far)
         if left & (left - 1) == 0 and left != 0:
-            child = tree.children[node * WIDTH + lowest(left)]
+            child = tree.children[node * WIDTH + count_trailing_zeros(left)]
             if child >= 0:  # an only child takes no way around by the stack: 1 to 2% of the time of bounces
                 node = child
                 continue
         bottom = top
         while left != 0:
-            k = lowest(left)
+            k = count_trailing_zeros(left)
             left &= left - 1
             child = tree.children[node * WIDTH + k]
-            expect(tree, child)  # 1 to 6% of the time of bounces
+            prefetch_child(tree, child)  # 1 to 6% of the time of bounces
             if child < 0:
-                expect_columns(tree, ~child)
+                prefetch_columns(tree, ~child)
             top = insert(stack, stack_near, bottom, top, child, lane(near, k))
         while True:
             if top == 0:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..intersect.surface import ONE, ZERO
 from ..jit import inline, routine
-from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, lend_world
+from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, borrow_world
 from ..kernels.scratch import (
     ANY_HIT,
     ANYWHERE,
@@ -21,16 +21,16 @@ from ..kernels.scratch import (
     SIDE_OF,
     T_MIN,
     TILE,
-    lend_scratch,
-    put,
-    row,
+    borrow_scratch,
+    load3,
+    store3,
 )
-from ..kernels.vec import dot, either, length, triple
+from ..kernels.vec import dot, either, length, load3_flat
 from .instance import through_instance
 from .instance_bvh import begin_walk, open_node, shorten, still_open
 from .plane import ON_PLANE, tile_on_plane
 
-NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for places in a tile that are free
+NO_RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for places in a tile that are free
 
 
 @inline
@@ -41,18 +41,18 @@ def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
 
 
 @inline
-def aim(scratch, i, ray):  # type: ignore[no-untyped-def]
+def set_ray(scratch, i, ray):  # type: ignore[no-untyped-def]
     """Ray i of the tile becomes (o, d, t_min, t_max), outside of what it may start on: a camera's, or a caller's."""
-    aim_from(scratch, i, ray, ANYWHERE)
+    set_ray_from(scratch, i, ray, ANYWHERE)
 
 
 @inline
-def aim_from(scratch, i, ray, side):  # type: ignore[no-untyped-def]
+def set_ray_from(scratch, i, ray, side):  # type: ignore[no-untyped-def]
     """Ray i of the tile becomes (o, d, t_min, t_max), on one side of the surface that it may start on: +1, -1."""
     wide = scratch.world
     wide[SIDE_OF + i] = side
-    put(wide, ORIGIN + i, ray[0])
-    put(wide, DIRECTION + i, ray[1])
+    store3(wide, ORIGIN + i, ray[0])
+    store3(wide, DIRECTION + i, ray[1])
     wide[T_MIN + i], wide[NEAREST + i] = ray[2], ray[3]
 
 
@@ -61,10 +61,10 @@ def _settle(scratch):  # type: ignore[no-untyped-def]
     """Nothing is hit yet; a degenerate ray becomes one that misses everything. No branches: rays as vectors."""
     wide = scratch.world
     for i in range(TILE):
-        o, d, t_min, t_max = row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i]
+        o, d, t_min, t_max = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i]
         good = is_ray(o, d, t_min, t_max)
-        put(wide, ORIGIN + i, either(good, o, (0.0, 0.0, 0.0)))
-        put(wide, DIRECTION + i, either(good, d, (1.0, 0.0, 0.0)))
+        store3(wide, ORIGIN + i, either(good, o, (0.0, 0.0, 0.0)))
+        store3(wide, DIRECTION + i, either(good, d, (1.0, 0.0, 0.0)))
         wide[T_MIN + i], wide[NEAREST + i] = (t_min if good else 0.0), (t_max if good else -1.0)
     for i in range(TILE):
         scratch.numbers[INSTANCE_OF + i] = -1
@@ -74,9 +74,9 @@ def _settle(scratch):  # type: ignore[no-untyped-def]
 def _cut_by(world, at, scratch):  # type: ignore[no-untyped-def]
     """The tile's rays lose what a clip plane cuts away. No branches: rays as vectors."""
     wide = scratch.world
-    normal, offset = triple(world.clips, at), world.clips[at + CLIP_OFFSET]
+    normal, offset = load3_flat(world.clips, at), world.clips[at + CLIP_OFFSET]
     for i in range(TILE):
-        o, d, t_min = row(wide, ORIGIN + i), row(wide, DIRECTION + i), wide[T_MIN + i]
+        o, d, t_min = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i]
         height, rise = dot(normal, o) - offset, dot(normal, d)
         t = -height / rise
         # A ray along the plane is in or out as a whole.
@@ -114,7 +114,7 @@ def _end_where_hit(scratch):  # type: ignore[no-untyped-def]
 def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
     """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
     # Lent once more: a routine sees that nothing owns this memory only if it is said in it.
-    scratch, world = lend_scratch(scratch), lend_world(world)
+    scratch, world = borrow_scratch(scratch), borrow_world(world)
     _settle(scratch)
     if world.clips.size > 0:
         _cut(world, scratch)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import cancelled, inline, kernel, run, take
+from ..jit import cancelled, inline, kernel, next_tile, run
 from ..kernels.records import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
@@ -63,7 +63,7 @@ def _middle(low, high):  # type: ignore[no-untyped-def]
 def _sort_rows(work, rows, spans, limit):  # type: ignore[no-untyped-def]
     """Cut each span of (n, 4) rows x, y, z, number at the median of its widest axis, down to spans of `limit` rows."""
     stack = np.empty((64, 2), np.int64)
-    span = take(work)
+    span = next_tile(work)
     while span >= 0:
         stack[0, 0], stack[0, 1] = spans[span, 0], spans[span, 1]
         depth = 1
@@ -77,7 +77,7 @@ def _sort_rows(work, rows, spans, limit):  # type: ignore[no-untyped-def]
             stack[depth, 0], stack[depth, 1] = low, middle
             stack[depth + 1, 0], stack[depth + 1, 1] = middle, high
             depth += 2
-        span = take(work)
+        span = next_tile(work)
     return 0
 
 
@@ -115,7 +115,7 @@ def sort_splats(positions: NDArray[np.float32], threads: int | None = None) -> N
 def _fill_blocks(work, order, positions, normals, radii, out):  # type: ignore[no-untyped-def]
     """Copy splats into blocks and bound each block: out is (blocks, bounds (blocks * 4: centre, radius))."""
     blocks, bounds = out
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for b in range(tile * TILE, min((tile + 1) * TILE, bounds.size // 4)):
             count = min(PER_BLOCK, order.size - b * PER_BLOCK)
@@ -141,7 +141,7 @@ def _fill_blocks(work, order, positions, normals, radii, out):  # type: ignore[n
                     square += d * d
                 reach = max(reach, math.sqrt(square) + radii[i])
             bounds[b * 4 + 3] = reach * (1.0 + 1e-6)
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 

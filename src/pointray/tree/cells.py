@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import cancelled, inline, kernel, take
+from ..jit import cancelled, inline, kernel, next_tile
 from ..kernels.records import BLOCK, FAR, INV_R2, PX, Array
 from .blocks import PER_BLOCK
 
@@ -216,7 +216,7 @@ def cut_roots(work, blocks, roots, limits, out):  # type: ignore[no-untyped-def]
     firsts, groups, around = roots
     width, step, per_group = limits
     cells, used = out
-    root = take(work)
+    root = next_tile(work)
     while root >= 0:
         a, b = firsts[root], firsts[root + 1]
         refs = cells.refs[a[1] : b[1]]
@@ -233,5 +233,5 @@ def cut_roots(work, blocks, roots, limits, out):  # type: ignore[no-untyped-def]
             (width, step, around[root]),
             (cells.children[nodes], cells.boxes[nodes], cells.spans[nodes], refs, cells.least[nodes]),
         )
-        root = take(work)
+        root = next_tile(work)
     return 0

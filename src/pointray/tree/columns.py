@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ..jit import inline
-from ..kernels.records import COLUMNS, NOWHERE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
+from ..kernels.records import COLUMNS, NO_SURFACE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
 
 PAD = 0.012  # mean radii: more than the start rule's reach, so that who starts on the surface starts in its slab
 MARGIN = 1e-3  # of a column: splats this far out of it count as over it, against rounding
@@ -102,7 +102,7 @@ def fill_patches(members, cell, mean, slab, work, out):  # type: ignore[no-untyp
         for j in range(COLUMNS):
             at = COLUMNS * i + j
             out[PATCH_B + at] = out[PATCH_C + at] = 0.0
-            out[PATCH_LOW + at] = out[PATCH_HIGH + at] = NOWHERE
+            out[PATCH_LOW + at] = out[PATCH_HIGH + at] = NO_SURFACE
             _set_column(cell, axes, i, j, column)
             count, normals = _over(members, column, chosen)
             if count == 0:

@@ -27,7 +27,7 @@ import math
 
 import numpy as np
 
-from ..jit import inline, kernel, take
+from ..jit import inline, kernel, next_tile
 from ..kernels.records import (
     BLOCK,
     BORDERED,
@@ -187,7 +187,7 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
         longest = max(longest, spans[node, 1] - spans[node, 0])
     rows = np.empty((longest * PER_BLOCK, 7), np.float64)
     room = np.empty(longest * PER_BLOCK, np.int64), np.empty(6, np.float64)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for leaf in range(tile * 64, min((tile + 1) * 64, nodes.size)):
             cell = boxes[nodes[leaf]]
@@ -228,7 +228,7 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
             for c in range(3):
                 box[c] -= pad
                 box[3 + c] += pad
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 
@@ -236,7 +236,7 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
 def fill_groups(work, cells, nodes, bounds, out):  # type: ignore[no-untyped-def]
     """Copy each leaf's references into groups of 16 bounding spheres. out : spans, spheres, refs as in `Tree`."""
     spans, spheres, refs = out
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for leaf in range(tile * 64, min((tile + 1) * 64, nodes.size)):
             begin, end = cells.spans[nodes[leaf]]
@@ -250,5 +250,5 @@ def fill_groups(work, cells, nodes, bounds, out):  # type: ignore[no-untyped-def
                         spheres[group * GROUP + 16 * c + k] = bounds[b * 4 + c]
                     r = bounds[b * 4 + 3]
                     spheres[group * GROUP + 48 + k] = r if s < end else np.float32(np.nan)
-        tile = take(work)
+        tile = next_tile(work)
     return 0

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, inline, kernel, routine, run, take
+from ...jit import borrow, inline, kernel, next_tile, routine, run
 from ...kernels.vec import tangents
 from ...neighbors import neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
@@ -161,7 +161,7 @@ def _fit(work, positions, rows, near, sizes, noise, out, residuals):  # type: ig
         np.empty((3, 3)),
         np.empty((3, 3)),
     )
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             for j in range(most):
@@ -183,7 +183,7 @@ def _fit(work, positions, rows, near, sizes, noise, out, residuals):  # type: ig
                 if error < least:
                     least = error
                     out[i, 0], out[i, 1], out[i, 2] = n
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, inline, kernel, run, take
+from ...jit import borrow, inline, kernel, next_tile, run
 
 Floats = NDArray[np.float32]
 Signs = NDArray[np.int8]
@@ -68,7 +68,7 @@ def _join_parts(work, positions, normals, near, parent, sign):  # type: ignore[n
     vote = np.empty(PART * (k - 1), np.int16)
     order = np.empty(PART * (k - 1), np.int32)
     start = np.empty(LEVELS + 2, np.int64)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         first = tile * PART
         last = min(first + PART, n)
@@ -104,21 +104,21 @@ def _join_parts(work, positions, normals, near, parent, sign):  # type: ignore[n
             vote[i - first] = s
         for i in range(first, last):
             parent[i], sign[i] = order[i - first], vote[i - first]
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 
 @kernel
 def _count_votes(work, near, piece, counts):  # type: ignore[no-untyped-def]
     """counts[part]: edges that leave their piece."""
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         count = 0
         for i in range(tile * PART, min((tile + 1) * PART, near.shape[0])):
             for q in range(1, near.shape[1]):
                 count += piece[i] != piece[near[i, q]]
         counts[tile] = count
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 
@@ -132,7 +132,7 @@ def _cast_votes(work, positions, normals, near, piece, sign, starts, pairs, vote
         borrow(piece),
         borrow(sign),
     )
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         t = starts[tile]
         for i in range(tile * PART, min((tile + 1) * PART, near.shape[0])):
@@ -143,7 +143,7 @@ def _cast_votes(work, positions, normals, near, piece, sign, starts, pairs, vote
                     pairs[t] = (min(a, b) << 32) | max(a, b)
                     votes[t] = agreement(positions, normals, i, j) * (sign[i] * sign[j])
                     t += 1
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, inline, kernel, run, take
+from ...jit import borrow, inline, kernel, next_tile, run
 from .orientation import agreement
 
 Floats = NDArray[np.float32]
@@ -42,14 +42,14 @@ def _spacings(work, positions, near, out):  # type: ignore[no-untyped-def]
     """Roots of the points' areas."""
     positions, near, out = borrow(positions), borrow(near), borrow(out)
     k = min(AREA, near.shape[1] - 1)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             square = 0.0
             for c in range(3):
                 square += (np.float64(positions[near[i, k], c]) - np.float64(positions[i, c])) ** 2
             out[i] = math.sqrt(math.pi * square / (k + 0.5))
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 
@@ -104,7 +104,7 @@ def _wind(work, rows, positions, normals, spacing, nodes, step, out):  # type: i
     size, n = len(nodes) // 2, len(positions)
     stack = np.empty(STACK, np.int64)
     share = np.float32(1.0 / (4.0 * math.pi))
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(rows))):
             r = rows[i]
@@ -134,7 +134,7 @@ def _wind(work, rows, positions, normals, spacing, nodes, step, out):  # type: i
                         front += _dipole(x - a, y - b, z - c, u, v, w, soft)
                         behind += _dipole(x + a, y + b, z + c, u, v, w, soft)
             out[i, 0], out[i, 1] = share * front, share * behind
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 
@@ -142,7 +142,7 @@ def _wind(work, rows, positions, normals, spacing, nodes, step, out):  # type: i
 def _sides(work, rows, positions, normals, near, out):  # type: ignore[no-untyped-def]
     """Mean cosine between each point's normal and the ways to its nearest points."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(rows))):
             r, total = rows[i], 0.0
@@ -154,7 +154,7 @@ def _sides(work, rows, positions, normals, near, out):  # type: ignore[no-untype
                     height += way * normals[r, c]
                 total += height / math.sqrt(max(square, 1e-300))
             out[i] = total / (near.shape[1] - 1)
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 
@@ -162,13 +162,13 @@ def _sides(work, rows, positions, normals, near, out):  # type: ignore[no-untype
 def _votes(work, rows, positions, normals, near, out):  # type: ignore[no-untyped-def]
     """How clearly each normal agrees with its neighbours'."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
-    tile = take(work)
+    tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(rows))):
             out[i] = 0.0
             for j in near[rows[i], 1:]:
                 out[i] += agreement(positions, normals, rows[i], j)
-        tile = take(work)
+        tile = next_tile(work)
     return 0
 
 

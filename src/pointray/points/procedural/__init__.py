@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import check_choice, check_numbers, check_whole
-from ...jit import kernel, run, take
+from ...jit import kernel, next_tile, run
 from .clay import COLUMNS
 from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid
@@ -99,7 +99,7 @@ def area(name: str) -> float:
 @kernel
 def _finish(work, solid, positions, normals, colors):  # type: ignore[no-untyped-def]
     """Points moved onto the exact surface, with normals and colours there."""
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, positions.shape[0])):
             x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
@@ -112,7 +112,7 @@ def _finish(work, solid, positions, normals, colors):  # type: ignore[no-untyped
             colors[i, 0] = int(min(max(red, 0.0), 1.0) * 255.0 + 0.5)
             colors[i, 1] = int(min(max(green, 0.0), 1.0) * 255.0 + 0.5)
             colors[i, 2] = int(min(max(blue, 0.0), 1.0) * 255.0 + 0.5)
-        t = take(work)
+        t = next_tile(work)
 
 
 def sample(name: str, n: int, seed: int = 0) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel, run, take
+from ...jit import kernel, next_tile, run
 from .clay import (
     ADD,
     CARVE,
@@ -39,7 +39,7 @@ def _select(work, solid, centers, parents, half, out, near):  # type: ignore[no-
     out[i, 0] is their number, out[i, 1:] their numbers; near[i] tells whether the surface may pass through the cell.
     """
     table = solid.table
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         for cell in range(t * _TILE, min((t + 1) * _TILE, parents.size)):
             x, y, z = centers[cell, 0], centers[cell, 1], centers[cell, 2]
@@ -76,7 +76,7 @@ def _select(work, solid, centers, parents, half, out, near):  # type: ignore[no-
                 out[cell, count] = i
             out[cell, 0] = count
             near[cell] = abs(f) <= slack
-        t = take(work)
+        t = next_tile(work)
 
 
 def _subdivide(centers: NDArray[np.float64], edge: float) -> NDArray[np.float64]:

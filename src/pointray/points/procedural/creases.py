@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel, run, take
+from ...jit import kernel, next_tile, run
 from .solids import Solid, settle
 
 BEND = np.cos(np.radians(20.0))  # between a face and the mean of the faces at its corner
@@ -17,12 +17,12 @@ _TILE = 1024
 @kernel
 def settle_all(work, solid, points):  # type: ignore[no-untyped-def]
     """Every point moved onto the surface."""
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, points.shape[0])):
             x, y, z = settle(solid, points[i, 0], points[i, 1], points[i, 2], 2)
             points[i, 0], points[i, 1], points[i, 2] = x, y, z
-        t = take(work)
+        t = next_tile(work)
 
 
 def settled(solid: Solid, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import inline, kernel, run, take
+from ...jit import inline, kernel, next_tile, run
 from .solids import Solid, field, settle
 
 BLOCK = 8  # cells along a block's edge; blocks far from the surface are skipped whole
@@ -26,27 +26,27 @@ class Grid(NamedTuple):
 def _near(work, solid, grid, near):  # type: ignore[no-untyped-def]
     """Whether the surface may pass through each block."""
     half = 0.5 * BLOCK * grid.cell
-    i = take(work)
+    i = next_tile(work)
     while i >= 0:
         for j in range(near.shape[1]):
             for k in range(near.shape[2]):
                 x = grid.low[0] + (2 * i + 1) * half
                 f = field(solid, x, grid.low[1] + (2 * j + 1) * half, grid.low[2] + (2 * k + 1) * half)
                 near[i, j, k] = abs(f) < 2.0 * sqrt(3.0) * half
-        i = take(work)
+        i = next_tile(work)
 
 
 @kernel
 def _fill(work, solid, grid, blocks):  # type: ignore[no-untyped-def]
     """The field at all corners of the blocks; shared corners are written twice with the same number."""
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         for i in range(blocks[t, 0] * BLOCK, (blocks[t, 0] + 1) * BLOCK + 1):
             for j in range(blocks[t, 1] * BLOCK, (blocks[t, 1] + 1) * BLOCK + 1):
                 for k in range(blocks[t, 2] * BLOCK, (blocks[t, 2] + 1) * BLOCK + 1):
                     x, y = grid.low[0] + i * grid.cell, grid.low[1] + j * grid.cell
                     grid.values[i, j, k] = field(solid, x, y, grid.low[2] + k * grid.cell)
-        t = take(work)
+        t = next_tile(work)
 
 
 @inline
@@ -73,7 +73,7 @@ def _crossings(values, i, j, k):  # type: ignore[no-untyped-def]
 @kernel
 def _vertices(work, solid, grid, blocks, first, vertices, numbers):  # type: ignore[no-untyped-def]
     """One vertex for each cell that the surface passes; with an empty `vertices`, count them only (into `first`)."""
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         number = first[t]
         for i in range(blocks[t, 0] * BLOCK, (blocks[t, 0] + 1) * BLOCK):
@@ -91,7 +91,7 @@ def _vertices(work, solid, grid, blocks, first, vertices, numbers):  # type: ign
                     number += 1
         if vertices.size == 0:
             first[t] = number
-        t = take(work)
+        t = next_tile(work)
 
 
 @inline

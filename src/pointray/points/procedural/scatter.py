@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import inline, kernel, run, take
+from ...jit import inline, kernel, next_tile, run
 from .creases import areas as triangle_areas
 
 FIRST_DISTANCE = 0.79  # in units of sqrt(A / n)
@@ -135,7 +135,7 @@ def _throw(work, bricks, turn, areas, distance, rounds, key):  # type: ignore[no
     dims = int((bricks.edge + 2.0 * margin) / distance) + 3
     heads = np.empty(dims * dims * dims, np.int32)
     square = distance * distance
-    number = take(work)
+    number = next_tile(work)
     while number >= 0:
         brick = turn[number]
         grid = (
@@ -162,7 +162,7 @@ def _throw(work, bricks, turn, areas, distance, rounds, key):  # type: ignore[no
                         bricks.points[free] = (x, y, z)
                         free += 1
         bricks.filled[brick] = free - bricks.slot[brick]
-        number = take(work)
+        number = next_tile(work)
 
 
 def _lay_bricks(corners: NDArray[np.float64], areas: NDArray[np.float64], n: int) -> tuple[Bricks, NDArray[np.float64]]:

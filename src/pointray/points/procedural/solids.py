@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import inline, kernel, routine, take
+from ...jit import inline, kernel, next_tile, routine
 from .clay import work_clay
 from .smooth import blend
 
@@ -224,8 +224,8 @@ def distance(solid, x, y, z):  # type: ignore[no-untyped-def]
 @kernel
 def distances(work, solid, x, out, tile):  # type: ignore[no-untyped-def]
     """out[i] = distance at x[i]."""
-    t = take(work)
+    t = next_tile(work)
     while t >= 0:
         for i in range(t * tile, min((t + 1) * tile, out.size)):
             out[i] = distance(solid, x[i, 0], x[i, 1], x[i, 2])
-        t = take(work)
+        t = next_tile(work)
