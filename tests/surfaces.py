@@ -7,43 +7,43 @@ import numpy as np
 import pointray as pr
 from pointray.jit import kernel
 from pointray.shade.bsdf import (
-    Place,
+    ShadingPoint,
     base_color,
     emitted,
+    eval_bsdf,
     is_specular,
-    sample_scatter,
-    scatter,
+    sample_bsdf,
 )
 from pointray.shade.specular import glass
 from pointray.trace.hits import material_at
 
 
 @kernel
-def _scatter(world, instance, eye, color, to_light, rgb, density):
-    """Scattering at a place with normal z; eye (4,): direction to it and its side; to_light, rgb (n, 3)."""
+def _scatter(world, instance, eye, color, wi, rgb, pdf):
+    """Scattering at a place with normal z; eye (4,): direction to it and its side; wi, rgb (n, 3)."""
     at = material_at(world, instance)
     own = base_color(world, at, (color[0], color[1], color[2]))
-    place = Place((0.0, 0.0, 1.0), (eye[0], eye[1], eye[2]), own, eye[3])
-    for i in range(len(to_light)):
-        rgb[i], density[i] = scatter(world, at, place, (to_light[i, 0], to_light[i, 1], to_light[i, 2]))
+    place = ShadingPoint((0.0, 0.0, 1.0), (eye[0], eye[1], eye[2]), own, eye[3])
+    for i in range(len(wi)):
+        rgb[i], pdf[i] = eval_bsdf(world, at, place, (wi[i, 0], wi[i, 1], wi[i, 2]))
 
 
 @kernel
-def _sample(world, instance, eye, color, numbers, direction, weight, density, side):
+def _sample(world, instance, eye, color, numbers, direction, weight, pdf, side):
     """Samples at a place with normal z for rows of which, u, v."""
     at = material_at(world, instance)
     own = base_color(world, at, (color[0], color[1], color[2]))
-    place = Place((0.0, 0.0, 1.0), (eye[0], eye[1], eye[2]), own, eye[3])
+    place = ShadingPoint((0.0, 0.0, 1.0), (eye[0], eye[1], eye[2]), own, eye[3])
     for i in range(len(numbers)):
         which, u, v = numbers[i, 0], numbers[i, 1], numbers[i, 2]
-        direction[i], weight[i], density[i], side[i] = sample_scatter(world, at, place, which, u, v)
+        direction[i], weight[i], pdf[i], side[i] = sample_bsdf(world, at, place, which, u, v)
 
 
 @kernel
 def _glass(world, instance, eyes, reflected, refracted, share):
     at = material_at(world, instance)
     for i in range(len(eyes)):
-        place = Place((0.0, 0.0, 1.0), (eyes[i, 0], eyes[i, 1], eyes[i, 2]), (1.0, 1.0, 1.0), eyes[i, 3])
+        place = ShadingPoint((0.0, 0.0, 1.0), (eyes[i, 0], eyes[i, 1], eyes[i, 2]), (1.0, 1.0, 1.0), eyes[i, 3])
         reflected[i], refracted[i], share[i] = glass(world, at, place)
 
 
@@ -64,11 +64,11 @@ class Surface:
         self.world = scene.snapshot().world
         self.color = np.array(color, float)
 
-    def scatter(self, eye, to_light):
+    def scatter(self, eye, wi):
         """(rgb (n, 3), density (n,))."""
-        rgb, density = np.empty((len(to_light), 3)), np.empty(len(to_light))
-        _scatter(self.world, self.instance, eye, self.color, to_light, rgb, density)
-        return rgb, density
+        rgb, pdf = np.empty((len(wi), 3)), np.empty(len(wi))
+        _scatter(self.world, self.instance, eye, self.color, wi, rgb, pdf)
+        return rgb, pdf
 
     def sample(self, eye, numbers):
         """(direction (n, 3), weight (n, 3), density (n,), side (n,)) for numbers (n, 3)."""
@@ -128,8 +128,8 @@ def upper(v):
 def integrals(surface, eye):
     """(albedo (3,), integral of the density) over all directions."""
     directions, solid = quadrature(eye)
-    rgb, density = surface.scatter(eye, directions)
-    return solid @ rgb, solid @ density
+    rgb, pdf = surface.scatter(eye, directions)
+    return solid @ rgb, solid @ pdf
 
 
 def bins_of(eye, directions):

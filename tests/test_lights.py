@@ -9,8 +9,8 @@ import pointray as pr
 from pointray.jit import kernel
 from pointray.kernels.records import LIGHT_KIND, World, borrow_world
 from pointray.kernels.sampling import pixel_key, sample_pair
-from pointray.shade.emitters import density_of_light, from_middle, meet_light, sample_light, sun_in
-from pointray.shade.sky import sample_sky, sky_density, sky_irradiance, sky_radiance
+from pointray.shade.emitters import from_middle, intersect_light, light_pdf, sample_light, sun_in
+from pointray.shade.sky import sample_sky, sky_irradiance, sky_pdf, sky_radiance
 
 COUNT = 4096
 RNG = np.random.default_rng(3)
@@ -24,18 +24,18 @@ def _sample(world, x, out):
     for i in range(len(out)):
         u, v = sample_pair(pixel_key(3, 4, 5), i, 1)
         a = sample_light(world, 0, x, u, v)
-        t = meet_light(world, 0, x, a.to_light)
-        d = density_of_light(world, 0, x, a.to_light, a.distance) if t < np.inf else sun_in(world, 0, a.to_light)[1]
+        t = intersect_light(world, 0, x, a.wi)
+        d = light_pdf(world, 0, x, a.wi, a.distance) if t < np.inf else sun_in(world, 0, a.wi)[1]
         for c in range(3):
-            out[i, c], out[i, 4 + c] = a.to_light[c], a.light[c]
-        out[i, 3], out[i, 7], out[i, 8], out[i, 9] = a.distance, a.density, t, d
+            out[i, c], out[i, 4 + c] = a.wi[c], a.light[c]
+        out[i, 3], out[i, 7], out[i, 8], out[i, 9] = a.distance, a.pdf, t, d
 
 
 @kernel
 def _middle(world, x, out):
     a = from_middle(borrow_world(world), 0, world.lights[LIGHT_KIND], (x[0], x[1], x[2]))
     for c in range(3):
-        out[c], out[3 + c] = a.to_light[c], a.light[c]
+        out[c], out[3 + c] = a.wi[c], a.light[c]
     out[6] = a.distance
 
 
@@ -45,8 +45,8 @@ def _meet(world, o, d, out):
     world = borrow_world(world)
     for i in range(len(out)):
         ray = (o[0], o[1], o[2]), (d[i, 0], d[i, 1], d[i, 2])
-        out[i, 0] = meet_light(world, 0, ray[0], ray[1])
-        out[i, 1] = density_of_light(world, 0, ray[0], ray[1], out[i, 0]) if out[i, 0] < np.inf else 0.0
+        out[i, 0] = intersect_light(world, 0, ray[0], ray[1])
+        out[i, 1] = light_pdf(world, 0, ray[0], ray[1], out[i, 0]) if out[i, 0] < np.inf else 0.0
 
 
 @kernel
@@ -57,7 +57,7 @@ def _sky(world, d, out):
         light, even = sky_radiance(world, v), sky_irradiance(world, v)
         for c in range(3):
             out[i, c], out[i, 4 + c] = light[c], even[c]
-        out[i, 3] = sky_density(world, v)
+        out[i, 3] = sky_pdf(world, v)
 
 
 @kernel
@@ -67,8 +67,8 @@ def _sample_sky(world, out):
         u, v = sample_pair(pixel_key(3, 4, 5), i, 1)
         a = sample_sky(world, u, v)
         for c in range(3):
-            out[i, c], out[i, 3 + c] = a.to_light[c], a.light[c]
-        out[i, 6], out[i, 7] = a.density, sky_density(world, a.to_light)
+            out[i, c], out[i, 3 + c] = a.wi[c], a.light[c]
+        out[i, 6], out[i, 7] = a.pdf, sky_pdf(world, a.wi)
 
 
 def world_of(light) -> World:

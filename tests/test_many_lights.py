@@ -9,7 +9,7 @@ import pointray as pr
 from pointray.jit import kernel
 from pointray.kernels.records import LIGHT, LIGHT_AREA, LIGHT_KIND, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT, borrow_world
 from pointray.shade.choice import chance_of, choose_light, nearest_lamp, sun_after
-from pointray.shade.emitters import meet_light, sun_in
+from pointray.shade.emitters import intersect_light, sun_in
 
 
 @kernel
@@ -33,12 +33,12 @@ def _meet(world, o, d, out):
         out[i, 4], out[i, 5] = 0.0, 0.0
         k = 0
         while True:
-            k, _, _, density = sun_after(world, k, way)
+            k, _, _, pdf = sun_after(world, k, way)
             if k == 0:
                 break
-            out[i, 4] += density
+            out[i, 4] += pdf
         for at in range(0, world.lights.size, LIGHT):
-            t = meet_light(world, at, x, way)
+            t = intersect_light(world, at, x, way)
             if t < out[i, 2]:
                 out[i, 2], out[i, 3] = t, at // LIGHT
             out[i, 5] += sun_in(world, at, way)[1]

@@ -36,16 +36,16 @@ def test_energy_and_density(name, degrees):
     surface, eye, count = Surface(OPAQUE[name]), eye_at(degrees), 200_000
     albedo, probability = integrals(surface, eye)
     assert 0 < albedo.max() <= 1 + 1e-3
-    direction, weight, density, side = surface.sample(eye, RNG.random((count, 3)))
+    direction, weight, pdf, side = surface.sample(eye, RNG.random((count, 3)))
     assert (side == 1).all() and np.abs(np.linalg.norm(direction, axis=1) - 1).max() < 1e-12
-    produced = density > 0
+    produced = pdf > 0
     assert probability == pytest.approx(produced.mean(), abs=1e-2) and probability <= 1 + 1e-2
     assert not weight[~produced].any() and (direction[produced, 2] > 0).all()
     noise = weight.std(axis=0) / np.sqrt(count)
     assert (np.abs(weight.mean(axis=0) - albedo) < 5 * noise + 1e-3).all()
     assert weight.max() < 12
     rgb, again = surface.scatter(eye, direction[produced])
-    np.testing.assert_allclose(again, density[produced], rtol=1e-12)
+    np.testing.assert_allclose(again, pdf[produced], rtol=1e-12)
     np.testing.assert_allclose(rgb / again[:, None], weight[produced], rtol=1e-12)
 
 
@@ -56,8 +56,8 @@ def test_samples_lie_where_their_density_says(name, degrees):
     surface, eye, count = Surface(OPAQUE[name]), eye_at(degrees), 200_000
     directions, solid = quadrature(eye)
     mass = (surface.scatter(eye, directions)[1] * solid).reshape(len(RINGS) - 1, NODES, SECTORS, -1).sum(axis=(1, 3))
-    direction, _, density, _ = surface.sample(eye, RNG.random((count, 3)))
-    found = np.bincount(bins_of(eye, direction[density > 0]), minlength=mass.size)
+    direction, _, pdf, _ = surface.sample(eye, RNG.random((count, 3)))
+    found = np.bincount(bins_of(eye, direction[pdf > 0]), minlength=mass.size)
     expected = mass.ravel() * count
     some = expected > 20
     assert expected[some].sum() > 0.99 * expected.sum() and some.sum() >= 4
@@ -143,9 +143,9 @@ def test_metal_tints_its_reflection_and_less_where_it_grazes():
 def test_a_mirror_reflects():
     mirror = Surface(pr.Mirror((0.9, 0.5, 0.1)))
     for side in (1.0, -1.0):
-        direction, weight, density, left = mirror.sample(eye_at(30, side), np.zeros((1, 3)))
+        direction, weight, pdf, left = mirror.sample(eye_at(30, side), np.zeros((1, 3)))
         np.testing.assert_allclose(direction, [[-0.5, 0, np.sqrt(0.75)]], atol=1e-15)
-        assert weight.tolist() == [[0.9, 0.5, 0.1]] and density == 0 and left == side
+        assert weight.tolist() == [[0.9, 0.5, 0.1]] and pdf == 0 and left == side
     assert not mirror.scatter(eye_at(30), direction)[0].any()
 
 
@@ -191,8 +191,8 @@ def test_glass_keeps_all_light(side):
     """A path goes on with weight 1 whichever way, is reflected as often as the share says, and knows its side."""
     glass, eye, count = Surface(pr.Dielectric(1.5)), eye_at(40, side), 100_000
     reflected, refracted, share = glass.glass(eye[None])
-    direction, weight, density, left = glass.sample(eye, RNG.random((count, 3)))
-    assert (weight == 1).all() and (density == 0).all()
+    direction, weight, pdf, left = glass.sample(eye, RNG.random((count, 3)))
+    assert (weight == 1).all() and (pdf == 0).all()
     back = left == side
     assert back.mean() == pytest.approx(share[0], abs=5 * np.sqrt(share[0] / count))
     assert (direction[back] == reflected).all() and (direction[~back] == refracted).all()
@@ -209,13 +209,13 @@ def test_extremes_are_finite(name):
     ends = [0.0, 2.0**-32, 0.5, 1 - 2.0**-32, 1 - 2.0**-53]
     numbers = np.stack(np.meshgrid(ends, ends, ends), axis=-1).reshape(-1, 3)
     for degrees in (0, 1e-6, 45, 89.99, 89.9999999, 90.0001, 120):
-        direction, weight, density, side = surface.sample(eye_at(degrees, -1.0), numbers)
-        assert np.isfinite(direction).all() and np.isfinite(weight).all() and np.isfinite(density).all()
+        direction, weight, pdf, side = surface.sample(eye_at(degrees, -1.0), numbers)
+        assert np.isfinite(direction).all() and np.isfinite(weight).all() and np.isfinite(pdf).all()
         assert np.abs(np.linalg.norm(direction, axis=1) - 1).max() < 1e-9
         assert (weight >= 0).all() and weight.max() < 1e4 and np.isin(side, (-1, 1)).all()
         assert degrees < 90 or not weight.any()
-        rgb, density = surface.scatter(eye_at(degrees), direction)
-        assert np.isfinite(rgb).all() and np.isfinite(density).all() and (degrees < 90 or not rgb.any())
+        rgb, pdf = surface.scatter(eye_at(degrees), direction)
+        assert np.isfinite(rgb).all() and np.isfinite(pdf).all() and (degrees < 90 or not rgb.any())
     below = surface.scatter(eye_at(30), np.array([[0.6, 0, -0.8], [1, 0, 0]]))
     assert not below[0].any() and not below[1].any()
 
@@ -229,9 +229,9 @@ def test_what_emits():
 
 
 def test_a_color_or_the_points_own():
-    own, to_light = (0.2, 0.4, 0.8), np.array([[0.0, 0, 1]])
+    own, wi = (0.2, 0.4, 0.8), np.array([[0.0, 0, 1]])
     for material, color in ((pr.Diffuse(), own), (pr.Diffuse(0.5), (0.5,) * 3), (pr.Emissive(1), (0, 0, 0))):
-        rgb, _ = Surface(material, own).scatter(eye_at(10), to_light)
+        rgb, _ = Surface(material, own).scatter(eye_at(10), wi)
         assert rgb[0] * np.pi == pytest.approx(color)
 
 

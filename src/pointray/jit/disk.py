@@ -32,8 +32,8 @@ SHARED = (
     *("splats/borders.py", "splats/grow.py", "splats/heap.py", "splats/radii.py", "splats/sheets.py"),
     *("splats/strays.py", "splats/voronoi.py"),
     *("shade/ambient.py", "shade/bsdf.py", "shade/catcher.py", "shade/choice.py", "shade/direct.py"),
-    *("shade/emitters.py", "shade/microfacet.py", "shade/onward.py", "shade/path.py", "shade/phong.py"),
-    *("shade/sky.py", "shade/specular.py", "shade/spots.py"),
+    *("shade/emitters.py", "shade/microfacet.py", "shade/specular_rays.py", "shade/path.py", "shade/phong.py"),
+    *("shade/sky.py", "shade/specular.py", "shade/shading_points.py"),
     *("image/tone.py", "rendering/film.py", "rendering/lens.py", "rendering/settings.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones go

@@ -53,20 +53,20 @@ PART_ROWS = 15
 # float64: of the surface points of a tile that are shaded, see `shade/direct.py`: where they are, the normal turned to
 # the eye, the direction to the eye, the colour, 3 rows each; the instance, -1 for none; the side of the surface the eye
 # is on; the radiance to the eye so far, and what the current light adds where nothing is in its way, 3 rows each.
-SPOT, SPOT_NORMAL, SPOT_EYE, SPOT_COLOR = 0, 3 * TILE, 6 * TILE, 9 * TILE
-SPOT_INSTANCE, SPOT_SIDE, RADIANCE, GAIN = 12 * TILE, 13 * TILE, 14 * TILE, 17 * TILE
+SHADING_POINT, SHADING_NORMAL, SHADING_WO, SHADING_COLOR = 0, 3 * TILE, 6 * TILE, 9 * TILE
+SHADING_INSTANCE, SHADING_SIDE, RADIANCE, GAIN = 12 * TILE, 13 * TILE, 14 * TILE, 17 * TILE
 # How much radiance along the ray counts in the pixel, RGB; how many scatterings lie behind. Of a path: the key of its
-# numbers, the density with which its ray's direction was chosen (0: no other way finds it); the same of the next ray.
-SPOT_WEIGHT, SPOT_DEPTH, KEY, DENSITY = 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
-NEXT, NEXT_SIDE, NEXT_WEIGHT, NEXT_DENSITY = 26 * TILE, 29 * TILE, 30 * TILE, 33 * TILE
+# numbers, the pdf with which its ray's direction was chosen (0: no other way finds it); the same of the next ray.
+THROUGHPUT, SHADING_DEPTH, KEY, PDF = 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
+NEXT, NEXT_SIDE, NEXT_THROUGHPUT, NEXT_PDF = 26 * TILE, 29 * TILE, 30 * TILE, 33 * TILE
 UNLIT, LIT = 34 * TILE, 35 * TILE  # of a shadow catcher: light that would arrive, that does
 SKY_SEEN = 36 * TILE  # share of the sky that a surface point sees, by the cosine
-SPOT_ROWS = 37
+SHADING_ROWS = 37
 # float64: the sums of a tile's pixels, see `rendering/film.py`: RGB; samples that met something; squares of the
 # luminance; samples that met a shadow catcher, what UNLIT and LIT were there.
 TOTAL, TOTAL_MET, TOTAL_SQUARE = 0, 3 * TILE, 4 * TILE
 TOTAL_CAUGHT, TOTAL_UNLIT, TOTAL_LIT, SUM_ROWS = 5 * TILE, 6 * TILE, 7 * TILE, 8
-# Rays that wait, see `shade/onward.py`: origin, direction, how much each counts, 3 each, side, depth.
+# Rays that wait, see `shade/specular_rays.py`: origin, direction, how much each counts, 3 each, side, depth.
 WAITING, MOST_WAITING = 11, 33
 
 COUNT_NEAR = 0  # blocks listed near the current rays
@@ -102,7 +102,7 @@ class Scratch(NamedTuple):
     places : (4 n,) int32, where in `splats` each of them is
     listed : (4 n,) int32, the places of those near the rays that are evaluated
     world, model, numbers : the rows of a tile, float64, float32 and int64; part : float32, of those that search a leaf
-    spots : float64, rows of the surface points that are shaded; sums : float64, rows of the sums of a tile's pixels
+    shading_points : float64, rows of the shading points; sums : float64, rows of the sums of a tile's pixels
     waiting : float64, rays that mirrors and glass send on
     top_what : (128,) int32, entries of the tree over the instances still to visit; top_rays : (128,)
     int64, the rays that enter them; top_near : (128,) float32, where the first of these does
@@ -120,7 +120,7 @@ class Scratch(NamedTuple):
     model: Array
     numbers: Array
     part: Array
-    spots: Array
+    shading_points: Array
     sums: Array
     waiting: Array
     top_what: Array
@@ -148,7 +148,7 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
         np.zeros(2 * MODEL_ROWS * TILE, np.float32),
         np.zeros(NUMBER_ROWS * TILE, np.int64),
         np.zeros(PART_ROWS * PART, np.float32),
-        np.zeros(SPOT_ROWS * TILE, np.float64),
+        np.zeros(SHADING_ROWS * TILE, np.float64),
         np.zeros(SUM_ROWS * TILE, np.float64),
         np.empty(TILE * MOST_WAITING * WAITING, np.float64),
         np.empty(128, np.int32),
@@ -173,7 +173,7 @@ def borrow_scratch(s):  # type: ignore[no-untyped-def]
         borrow(s.model),
         borrow(s.numbers),
         borrow(s.part),
-        borrow(s.spots),
+        borrow(s.shading_points),
         borrow(s.sums),
         borrow(s.waiting),
         borrow(s.top_what),

@@ -55,7 +55,7 @@ def begin_tile(corner, size, seed, scratch):  # type: ignore[no-untyped-def]
     """Keys of the samples of a tile's pixels; those beyond the image's edge repeat its last ones."""
     for i in range(TILE):
         x, y = pixel_of(corner, i)
-        scratch.spots[KEY + i] = pixel_key(min(x, size[0] - 1), min(y, size[1] - 1), seed)
+        scratch.shading_points[KEY + i] = pixel_key(min(x, size[0] - 1), min(y, size[1] - 1), seed)
 
 
 @inline
@@ -69,7 +69,7 @@ def _middles(corner, size, wide):  # type: ignore[no-untyped-def]
 def _move(sample, shape, scratch):  # type: ignore[no-untyped-def]
     """Rays leave their pixels' middles for the places of a sample."""
     for i in range(TILE):
-        right, down = place_in_pixel(int(scratch.spots[KEY + i]), sample, shape)
+        right, down = place_in_pixel(int(scratch.shading_points[KEY + i]), sample, shape)
         scratch.world[_ACROSS + i] += right
         scratch.world[_DOWN + i] += down
 
@@ -89,7 +89,7 @@ def _blur(camera, sample, scratch):  # type: ignore[no-untyped-def]
     """Rays go through places of the lens."""
     wide = scratch.world
     for i in range(TILE):
-        u, v = sample_pair(int(scratch.spots[KEY + i]), sample, ON_LENS)
+        u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_LENS)
         o, d = through_lens(camera, (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i)), on_disc(u, v))
         store3(wide, ORIGIN + i, o)
         store3(wide, DIRECTION + i, d)
@@ -167,16 +167,16 @@ def _add(sums, i, color, met):  # type: ignore[no-untyped-def]
 @inline
 def add_sample(met, scratch):  # type: ignore[no-untyped-def]
     """Add a sample of the tile's radiance to its pixels. met : the rays that have met anything (bits)"""
-    spots, sums, caught = scratch.spots, scratch.sums, scratch.counts[CAUGHT]
+    points, sums, caught = scratch.shading_points, scratch.sums, scratch.counts[CAUGHT]
     met &= ~caught
     for i in range(TILE):
-        _add(sums, i, load3(spots, RADIANCE + i), float((met >> i) & 1))
+        _add(sums, i, load3(points, RADIANCE + i), float((met >> i) & 1))
     while caught != 0:
         i = count_trailing_zeros(caught)
         caught &= caught - 1
         sums[TOTAL_CAUGHT + i] += 1.0
-        sums[TOTAL_UNLIT + i] += spots[UNLIT + i]
-        sums[TOTAL_LIT + i] += spots[LIT + i]
+        sums[TOTAL_UNLIT + i] += points[UNLIT + i]
+        sums[TOTAL_LIT + i] += points[LIT + i]
 
 
 @inline

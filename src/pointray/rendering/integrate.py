@@ -26,8 +26,8 @@ from ..kernels.scratch import (
     DIRECTION,
     ORIGIN,
     SEEN_ONLY,
-    SPOT,
-    SPOT_EYE,
+    SHADING_POINT,
+    SHADING_WO,
     TILE,
     borrow_scratch,
     load3,
@@ -39,10 +39,10 @@ from ..shade.ambient import see_sky
 from ..shade.bsdf import base_color
 from ..shade.catcher import catch_direct, catch_occlusion, find_caught, show_caught
 from ..shade.direct import light_tile
-from ..shade.onward import aim_onward, begin_onward, send_onward
 from ..shade.path import begin_paths, trace_paths
+from ..shade.shading_points import add_radiance, begin_radiance, is_shaded, store_shading_points
 from ..shade.sky import has_sky, sky_radiance
-from ..shade.spots import add_radiance, begin_radiance, is_spot, keep_spots
+from ..shade.specular_rays import begin_specular, set_specular_rays, spawn_specular
 from ..trace.hits import describe_tile, material_at, tile_hit
 from ..trace.world import NO_RAY, meets_nothing, set_ray, trace_tile
 from .film import (
@@ -88,13 +88,13 @@ def cost(world, ray, scratch):  # type: ignore[no-untyped-def]
 @inline
 def _costs(world, scratch):  # type: ignore[no-untyped-def]
     """Add the costs of the tile's rays, each traced alone."""
-    spots = scratch.spots
+    points = scratch.shading_points
     for i in range(TILE):
         o, d = _tile_ray(scratch, i)
-        store3(spots, SPOT + i, o)
-        store3(spots, SPOT_EYE + i, d)
+        store3(points, SHADING_POINT + i, o)
+        store3(points, SHADING_WO + i, d)
     for i in range(TILE):
-        add_color(scratch, i, cost(world, (load3(spots, SPOT + i), load3(spots, SPOT_EYE + i)), scratch))
+        add_color(scratch, i, cost(world, (load3(points, SHADING_POINT + i), load3(points, SHADING_WO + i)), scratch))
 
 
 @inline
@@ -127,12 +127,12 @@ def _direct(world, how, look, background, scratch):  # type: ignore[no-untyped-d
     met = np.int64(0)
     most, shadows, sky_shows = how
     begin_radiance(scratch)
-    begin_onward(scratch)
+    begin_specular(scratch)
     first = True
     while True:
-        keep_spots(scratch)
+        store_shading_points(scratch)
         for i in range(TILE):
-            hit = is_spot(scratch, i)
+            hit = is_shaded(scratch, i)
             if first and (hit or sky_shows):
                 met |= np.int64(1) << i
             if not hit and (sky_shows or not first):
@@ -142,9 +142,9 @@ def _direct(world, how, look, background, scratch):  # type: ignore[no-untyped-d
             catch_direct(world, scratch.counts[CAUGHT], shadows, scratch)
             show_caught(world, sky_shows, scratch)
         # Shadow rays take the place of the tile's: what goes on is put down before.
-        send_onward(world, most, scratch)
+        spawn_specular(world, most, scratch)
         light_tile(world, shadows, look, scratch)
-        if not aim_onward(scratch):
+        if not set_specular_rays(scratch):
             break
         trace_tile(world, scratch)
         describe_tile(world, scratch)
@@ -207,9 +207,9 @@ def _occlusion(world, sample, reach, sky_shows, scratch):  # type: ignore[no-unt
     trace_tile(world, scratch)
     describe_tile(world, scratch)
     met = np.int64(0)
-    keep_spots(scratch)
+    store_shading_points(scratch)
     for i in range(TILE):
-        hit = is_spot(scratch, i)
+        hit = is_shaded(scratch, i)
         met |= np.int64(hit or sky_shows) << i
         if not hit and sky_shows:
             add_radiance(scratch, i, sky_radiance(world, load3(scratch.world, DIRECTION + i)))

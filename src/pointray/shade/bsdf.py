@@ -1,6 +1,6 @@
 """How light is scattered at a surface point: what every integrator asks of a material, whichever it is.
 
-BSDFs are reciprocal, colours linear RGB, densities per solid angle. What rays carry is radiance divided by the square
+BSDFs are reciprocal, colours linear RGB, pdfs per solid angle. What rays carry is radiance divided by the square
 of the index of refraction, which refraction does not change (Nicodemus 1963, 'basic radiance'): so no weight has a
 factor (n1 / n2)^2. In the air, where eyes and lights are, it is the radiance itself. With the factor a path would
 lose n^2 where it enters a closed body and gain it where it leaves: the same picture, unless a light is inside.
@@ -24,23 +24,23 @@ from ..kernels.records import (
     SPECULAR,
 )
 from ..kernels.vec import BLACK, dot, load3_flat, scale
-from .microfacet import sample_principled, scatter_principled
-from .phong import sample_diffuse, sample_phong, scatter_diffuse, scatter_phong
+from .microfacet import eval_principled, sample_principled
+from .phong import eval_diffuse, eval_phong, sample_diffuse, sample_phong
 from .specular import sample_specular
 
-LEAST_DENSITY = 1e-200  # below it a quotient by the density may overflow
+LEAST_PDF = 1e-200  # below it a quotient by the pdf may overflow
 
 
-class Place(NamedTuple):
+class ShadingPoint(NamedTuple):
     """A surface point as a material sees it.
 
-    normal : unit, turned to the side the eye is on; to_eye : unit
+    normal : unit, turned to the side the eye is on; wo : unit
     color : linear RGB of the surface there, see `base_color`
     side : +1.0 where the eye is on the outer side, to which normals point, else -1.0
     """
 
     normal: tuple[float, float, float]
-    to_eye: tuple[float, float, float]
+    wo: tuple[float, float, float]
     color: tuple[float, float, float]
     side: float
 
@@ -69,56 +69,56 @@ def is_specular(world, at):  # type: ignore[no-untyped-def]
 
 
 @inline
-def ambient(world, at, place):  # type: ignore[no-untyped-def]
+def ambient(world, at, point):  # type: ignore[no-untyped-def]
     """The share of even light from all around that comes back, highlights left out."""
     if is_specular(world, at):
         return BLACK
     share = 1.0 - world.materials[at + SPECULAR] if world.materials[at + MATERIAL_KIND] == PHONG else 1.0
-    return scale(place.color, share)
+    return scale(point.color, share)
 
 
 @inline
-def scatter(world, at, place, to_light):  # type: ignore[no-untyped-def]
-    """(BSDF times cosine as RGB, density with which `sample_scatter` would choose this direction).
+def eval_bsdf(world, at, point, wi):  # type: ignore[no-untyped-def]
+    """(BSDF times cosine as RGB, pdf with which `sample_bsdf` would choose this direction).
 
-    to_light : unit. Black and 0 where light or eye is not on the normal's side, and for specular materials.
+    wi : unit. Black and 0 where light or eye is not on the normal's side, and for specular materials.
     """
-    cosine = dot(place.normal, to_light)
-    if cosine <= 0.0 or dot(place.normal, place.to_eye) <= 0.0 or is_specular(world, at):
+    cosine = dot(point.normal, wi)
+    if cosine <= 0.0 or dot(point.normal, point.wo) <= 0.0 or is_specular(world, at):
         return BLACK, 0.0
     kind = world.materials[at + MATERIAL_KIND]
     if kind == PHONG:
-        return scatter_phong(world, at, place, to_light, cosine)
+        return eval_phong(world, at, point, wi, cosine)
     if kind == PRINCIPLED:
-        return scatter_principled(world, at, place, to_light, cosine)
-    return scatter_diffuse(place, cosine)
+        return eval_principled(world, at, point, wi, cosine)
+    return eval_diffuse(point, cosine)
 
 
 @inline
-def _direction(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
-    """A direction chosen with the density that `scatter` tells; it may lie below the surface."""
+def _direction(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
+    """A direction chosen with the pdf that `eval_bsdf` tells; it may lie below the surface."""
     kind = world.materials[at + MATERIAL_KIND]
     if kind == PHONG:
-        return sample_phong(world, at, place, which, u, v)
+        return sample_phong(world, at, point, which, u, v)
     if kind == PRINCIPLED:
-        return sample_principled(world, at, place, which, u, v)
-    return sample_diffuse(place.normal, u, v)
+        return sample_principled(world, at, point, which, u, v)
+    return sample_diffuse(point.normal, u, v)
 
 
 @inline
-def sample_scatter(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
-    """Choose where a path goes on: (unit direction, weight, density, side).
+def sample_bsdf(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
+    """Choose where a path goes on: (unit direction, weight, pdf, side).
 
     which : chooses the lobe; u, v : the direction; all 0 <= x < 1
-    weight : BSDF times cosine over the density, RGB; black where nothing is scattered
-    density : 0.0 where the lobe is specular; side : of the surface, +1.0 or -1.0, on which the new ray leaves
+    weight : BSDF times cosine over the pdf, RGB; black where nothing is scattered
+    pdf : 0.0 where the lobe is specular; side : of the surface, +1.0 or -1.0, on which the new ray leaves
     """
-    if dot(place.normal, place.to_eye) <= 0.0:
-        return place.normal, BLACK, 0.0, place.side
+    if dot(point.normal, point.wo) <= 0.0:
+        return point.normal, BLACK, 0.0, point.side
     if is_specular(world, at):
-        return sample_specular(world, at, place, which)
-    direction = _direction(world, at, place, which, u, v)
-    rgb, density = scatter(world, at, place, direction)
-    if density < LEAST_DENSITY:
-        return direction, BLACK, 0.0, place.side
-    return direction, scale(rgb, 1.0 / density), density, place.side
+        return sample_specular(world, at, point, which)
+    direction = _direction(world, at, point, which, u, v)
+    rgb, pdf = eval_bsdf(world, at, point, direction)
+    if pdf < LEAST_PDF:
+        return direction, BLACK, 0.0, point.side
+    return direction, scale(rgb, 1.0 / pdf), pdf, point.side

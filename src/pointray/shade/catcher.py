@@ -20,11 +20,11 @@ from ..kernels.scratch import (
     KEY,
     LIT,
     RADIANCE,
-    SPOT,
-    SPOT_EYE,
-    SPOT_INSTANCE,
-    SPOT_NORMAL,
-    SPOT_SIDE,
+    SHADING_INSTANCE,
+    SHADING_NORMAL,
+    SHADING_POINT,
+    SHADING_SIDE,
+    SHADING_WO,
     TILE,
     UNLIT,
     load3,
@@ -36,20 +36,20 @@ from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_fro
 from .choice import meets_lamp
 from .emitters import from_middle, sample_light
 from .phong import sample_diffuse
+from .shading_points import add_radiance
 from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
-from .spots import add_radiance
 
 
 @inline
 def find_caught(world, scratch):  # type: ignore[no-untyped-def]
     """Put down in CAUGHT which of the tile's surface points, the camera's first, are a catcher's; also returned."""
-    bits, spots = np.int64(0), scratch.spots
+    bits, points = np.int64(0), scratch.shading_points
     if world.catchers > 0:
         for i in range(TILE):
-            instance = int(spots[SPOT_INSTANCE + i])
+            instance = int(points[SHADING_INSTANCE + i])
             if instance >= 0 and world.instances[instance * INSTANCE + KIND] == CATCHER:
                 bits |= np.int64(1) << i
-                spots[UNLIT + i] = spots[LIT + i] = 0.0
+                points[UNLIT + i] = points[LIT + i] = 0.0
     scratch.counts[CAUGHT] = bits
     return bits
 
@@ -61,26 +61,26 @@ def _ask_nothing(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _ask(scratch, i, light, to_light, distance):  # type: ignore[no-untyped-def]
+def _ask(scratch, i, light, wi, distance):  # type: ignore[no-untyped-def]
     """Light that would arrive at catcher i, and the ray that tells whether it does."""
-    scratch.spots[GAIN + i] = light
+    scratch.shading_points[GAIN + i] = light
     if light > 0.0:
-        ray = load3(scratch.spots, SPOT + i), to_light, 0.0, distance
-        set_ray_from(scratch, i, ray, scratch.spots[SPOT_SIDE + i])
+        ray = load3(scratch.shading_points, SHADING_POINT + i), wi, 0.0, distance
+        set_ray_from(scratch, i, ray, scratch.shading_points[SHADING_SIDE + i])
 
 
 @inline
 def _answer(world, caught, shadows, scratch):  # type: ignore[no-untyped-def]
     """Add the light that was asked for to what would arrive, and where nothing is in its way to what does."""
-    spots = scratch.spots
+    points = scratch.shading_points
     if shadows:
         occlude_tile(world, scratch)
     while caught != 0:
         i = count_trailing_zeros(caught)
         caught &= caught - 1
-        spots[UNLIT + i] += spots[GAIN + i]
+        points[UNLIT + i] += points[GAIN + i]
         if not shadows or not is_blocked(scratch, i):
-            spots[LIT + i] += spots[GAIN + i]
+            points[LIT + i] += points[GAIN + i]
 
 
 @inline
@@ -88,15 +88,15 @@ def _leave(caught, scratch):  # type: ignore[no-untyped-def]
     """Catchers are no surface points that are shaded."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
-            scratch.spots[SPOT_INSTANCE + i] = -1.0
-            store3(scratch.spots, RADIANCE + i, BLACK)
+            scratch.shading_points[SHADING_INSTANCE + i] = -1.0
+            store3(scratch.shading_points, RADIANCE + i, BLACK)
 
 
 @inline
 def _unshadowed(world, i, scratch):  # type: ignore[no-untyped-def]
     """Light at catcher i in which direct light has no shadows: the sky's, or a headlight."""
     if has_sky(world):
-        return luminance(sky_irradiance(world, load3(scratch.spots, SPOT_NORMAL + i)))
+        return luminance(sky_irradiance(world, load3(scratch.shading_points, SHADING_NORMAL + i)))
     return 1.0 if world.lights.size == 0 else 0.0
 
 
@@ -106,14 +106,16 @@ def catch_direct(world, caught, shadows, scratch):  # type: ignore[no-untyped-de
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             light = _unshadowed(world, i, scratch)
-            scratch.spots[UNLIT + i], scratch.spots[LIT + i] = light, light
+            scratch.shading_points[UNLIT + i], scratch.shading_points[LIT + i] = light, light
     for at in range(0, world.lights.size, LIGHT):
         _ask_nothing(scratch)
         for i in range(TILE):
             if (caught >> i) & 1 != 0:
-                arrival = from_middle(world, at, world.lights[at + LIGHT_KIND], load3(scratch.spots, SPOT + i))
-                cosine = max(dot(load3(scratch.spots, SPOT_NORMAL + i), arrival.to_light), 0.0)
-                _ask(scratch, i, luminance(arrival.light) * cosine, arrival.to_light, arrival.distance)
+                incoming = from_middle(
+                    world, at, world.lights[at + LIGHT_KIND], load3(scratch.shading_points, SHADING_POINT + i)
+                )
+                cosine = max(dot(load3(scratch.shading_points, SHADING_NORMAL + i), incoming.wi), 0.0)
+                _ask(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
         _answer(world, caught, shadows, scratch)
     _leave(caught, scratch)
 
@@ -123,29 +125,29 @@ def catch_occlusion(caught, scratch):  # type: ignore[no-untyped-def]
     """After the rays of ambient occlusion are traced: whether they are free."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
-            scratch.spots[UNLIT + i] = 1.0
-            scratch.spots[LIT + i] = 0.0 if is_blocked(scratch, i) else 1.0
+            scratch.shading_points[UNLIT + i] = 1.0
+            scratch.shading_points[LIT + i] = 0.0 if is_blocked(scratch, i) else 1.0
     _leave(caught, scratch)
 
 
 @inline
 def _ask_lamp(world, at, i, sample, scratch):  # type: ignore[no-untyped-def]
     """At catcher i ask for light from a place on a light."""
-    x, normal = load3(scratch.spots, SPOT + i), load3(scratch.spots, SPOT_NORMAL + i)
-    u, v = sample_pair(int(scratch.spots[KEY + i]), sample, ON_PATH + ON_LIGHT)
-    arrival = sample_light(world, at, x, u, v)
-    cosine = max(dot(normal, arrival.to_light), 0.0)
-    _ask(scratch, i, luminance(arrival.light) * cosine, arrival.to_light, arrival.distance)
+    x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
+    u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + ON_LIGHT)
+    incoming = sample_light(world, at, x, u, v)
+    cosine = max(dot(normal, incoming.wi), 0.0)
+    _ask(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
 
 
 @inline
 def _ask_sky(world, i, sample, scratch):  # type: ignore[no-untyped-def]
     """At catcher i ask for light from all around: a picture's by its own light, else by the cosine."""
-    x, normal = load3(scratch.spots, SPOT + i), load3(scratch.spots, SPOT_NORMAL + i)
-    u, v = sample_pair(int(scratch.spots[KEY + i]), sample, ON_PATH + DIRECTION_OF)
+    x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
+    u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
     if is_chosen(world):
-        arrival = sample_sky(world, u, v)
-        d, light = arrival.to_light, scale(arrival.light, max(dot(normal, arrival.to_light), 0.0))
+        incoming = sample_sky(world, u, v)
+        d, light = incoming.wi, scale(incoming.light, max(dot(normal, incoming.wi), 0.0))
     else:
         d = sample_diffuse(normal, u, v)
         light = scale(sky_radiance(world, d), math.pi)
@@ -185,14 +187,14 @@ def show_caught(world, sky_shows, scratch):  # type: ignore[no-untyped-def]
 
     Returns those that still are, to become alpha.
     """
-    caught, spots = scratch.counts[CAUGHT], scratch.spots
+    caught, points = scratch.counts[CAUGHT], scratch.shading_points
     if not sky_shows:
         return caught
     scratch.counts[CAUGHT] = 0
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
-            behind = sky_radiance(world, scale(load3(spots, SPOT_EYE + i), -1.0))
+            behind = sky_radiance(world, scale(load3(points, SHADING_WO + i), -1.0))
             add_radiance(
-                scratch, i, scale(behind, spots[LIT + i] / spots[UNLIT + i] if spots[UNLIT + i] > 0.0 else 1.0)
+                scratch, i, scale(behind, points[LIT + i] / points[UNLIT + i] if points[UNLIT + i] > 0.0 else 1.0)
             )
     return np.int64(0)

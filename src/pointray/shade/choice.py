@@ -9,7 +9,7 @@ from ..jit import inline
 from ..kernels.records import LIGHT
 from ..kernels.sampling import find_share
 from ..kernels.vec import BLACK
-from .emitters import meet_light, sun_in
+from .emitters import intersect_light, sun_in
 
 FLAT = 1e-200  # a direction's component is no smaller, so that no box test divides by zero
 
@@ -67,7 +67,7 @@ def nearest_lamp(world, ray, nearest):  # type: ignore[no-untyped-def]
     while k < lamps.lights.size:
         light = lamps.lights[k]
         if light >= 0:
-            t = meet_light(world, light * LIGHT, ray[0], d)
+            t = intersect_light(world, light * LIGHT, ray[0], d)
             if t < nearest:
                 nearest, found = t, light * LIGHT
         elif not _enters(lamps.boxes, 6 * k, ray[0], inverse, nearest):
@@ -95,15 +95,15 @@ def _is_within(boxes, at, d):  # type: ignore[no-untyped-def]
 def sun_after(world, k, d):  # type: ignore[no-untyped-def]
     """The first sun, of those from entry k on, whose disk is in a unit direction.
 
-    Returns the entry that follows it, 0 for none; which light it is; its radiance and its density.
+    Returns the entry that follows it, 0 for none; which light it is; its radiance and its pdf.
     """
     suns = world.suns
     while k < suns.lights.size:
         light = suns.lights[k]
         if light >= 0:
-            radiance, density = sun_in(world, light * LIGHT, d)
-            if density > 0.0:
-                return k + 1, light, radiance, density
+            radiance, pdf = sun_in(world, light * LIGHT, d)
+            if pdf > 0.0:
+                return k + 1, light, radiance, pdf
         elif not _is_within(suns.boxes, 6 * k, d):
             k = suns.skips[k]
             continue

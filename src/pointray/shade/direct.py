@@ -1,6 +1,6 @@
 """Direct light at the hits of a tile: each light from its middle, its shadow rays together; the sky's, by its mean.
 
-What mirrors and glass send on is in `shade/onward.py`.
+What mirrors and glass send on is in `shade/specular_rays.py`.
 """
 
 from __future__ import annotations
@@ -9,14 +9,24 @@ import math
 
 from ..jit import inline
 from ..kernels.records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT
-from ..kernels.scratch import DIRECTION, GAIN, SKY_SEEN, SPOT, SPOT_NORMAL, SPOT_SIDE, TILE, load3, store3
+from ..kernels.scratch import (
+    DIRECTION,
+    GAIN,
+    SHADING_NORMAL,
+    SHADING_POINT,
+    SHADING_SIDE,
+    SKY_SEEN,
+    TILE,
+    load3,
+    store3,
+)
 from ..kernels.vec import BLACK, either, multiply, scale
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .ambient import find_sky_seen
-from .bsdf import ambient, emitted, scatter
+from .bsdf import ambient, emitted, eval_bsdf
 from .emitters import from_middle
+from .shading_points import add_radiance, is_shaded, shading_point
 from .sky import has_sky, sky_irradiance
-from .spots import add_radiance, is_spot, place_of
 
 
 @inline
@@ -25,18 +35,18 @@ def _arrive(world, light, kind, scratch):  # type: ignore[no-untyped-def]
 
     No branches for most kinds: rays as vectors, those of no surface point too.
     """
-    spots = scratch.spots
+    points = scratch.shading_points
     for i in range(TILE):
-        x = load3(spots, SPOT + i)
-        arrival = from_middle(world, light, kind, x)
-        store3(spots, GAIN + i, arrival.light)
-        set_ray_from(scratch, i, (x, arrival.to_light, 0.0, arrival.distance), spots[SPOT_SIDE + i])
+        x = load3(points, SHADING_POINT + i)
+        incoming = from_middle(world, light, kind, x)
+        store3(points, GAIN + i, incoming.light)
+        set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), points[SHADING_SIDE + i])
 
 
 @inline
 def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
     """What one light adds where nothing is in its way, and the rays that tell whether; returns whether it adds any."""
-    spots, lit, kind = scratch.spots, False, world.lights[light + LIGHT_KIND]
+    points, lit, kind = scratch.shading_points, False, world.lights[light + LIGHT_KIND]
     if kind == POINT_LIGHT:
         _arrive(world, light, POINT_LIGHT, scratch)
     elif kind == SUN_LIGHT:
@@ -45,11 +55,11 @@ def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
         _arrive(world, light, kind, scratch)
     for i in range(TILE):
         gain = BLACK
-        if is_spot(scratch, i):
-            at, place = place_of(world, scratch, i)
-            to_light = load3(scratch.world, DIRECTION + i)
-            gain = multiply(scatter(world, at, place, to_light)[0], load3(spots, GAIN + i))
-        store3(spots, GAIN + i, gain)
+        if is_shaded(scratch, i):
+            at, point = shading_point(world, scratch, i)
+            wi = load3(scratch.world, DIRECTION + i)
+            gain = multiply(eval_bsdf(world, at, point, wi)[0], load3(points, GAIN + i))
+        store3(points, GAIN + i, gain)
         if gain[0] + gain[1] + gain[2] > 0.0:
             lit = True
         else:
@@ -60,9 +70,9 @@ def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
 @inline
 def shade_gains(scratch):  # type: ignore[no-untyped-def]
     """After the shadow rays are traced: take the gain away where something is in the way. No branches."""
-    spots = scratch.spots
+    points = scratch.shading_points
     for i in range(TILE):
-        store3(spots, GAIN + i, either(is_blocked(scratch, i), BLACK, load3(spots, GAIN + i)))
+        store3(points, GAIN + i, either(is_blocked(scratch, i), BLACK, load3(points, GAIN + i)))
 
 
 @inline
@@ -76,15 +86,15 @@ def light_tile(world, shadows, look, scratch):  # type: ignore[no-untyped-def]
     if has_sky(world):
         find_sky_seen(world, look, scratch)
     for i in range(TILE):
-        if is_spot(scratch, i):
-            at, place = place_of(world, scratch, i)
+        if is_shaded(scratch, i):
+            at, point = shading_point(world, scratch, i)
             add_radiance(scratch, i, emitted(world, at))
             if dark:
-                add_radiance(scratch, i, scale(scatter(world, at, place, place.to_eye)[0], math.pi))
+                add_radiance(scratch, i, scale(eval_bsdf(world, at, point, point.wo)[0], math.pi))
             elif has_sky(world):
-                even = sky_irradiance(world, load3(scratch.spots, SPOT_NORMAL + i))
-                share = scratch.spots[SKY_SEEN + i] / math.pi
-                add_radiance(scratch, i, multiply(ambient(world, at, place), scale(even, share)))
+                even = sky_irradiance(world, load3(scratch.shading_points, SHADING_NORMAL + i))
+                share = scratch.shading_points[SKY_SEEN + i] / math.pi
+                add_radiance(scratch, i, multiply(ambient(world, at, point), scale(even, share)))
     for light in range(0, world.lights.size, LIGHT):
         if not _light_from(world, light, scratch):
             continue
@@ -92,4 +102,4 @@ def light_tile(world, shadows, look, scratch):  # type: ignore[no-untyped-def]
             occlude_tile(world, scratch)
             shade_gains(scratch)
         for i in range(TILE):
-            add_radiance(scratch, i, load3(scratch.spots, GAIN + i))
+            add_radiance(scratch, i, load3(scratch.shading_points, GAIN + i))

@@ -1,6 +1,6 @@
 """Lights as rays meet them: what arrives from one, a place on it chosen at random, and where a ray hits it.
 
-Densities are per solid angle; 0 stands for a light that is met with a density of 0, because it has no size.
+Pdfs are per solid angle; 0 stands for a light that is met with a pdf of 0, because it has no size.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from ..kernels.vec import BLACK, add, dot, length, load3_flat, scale, sub, tange
 TINY = 1e-300
 
 
-class Arrival(NamedTuple):
+class LightSample(NamedTuple):
     """Light at a surface point: unit direction to the light and the distance.
 
-    light : RGB, radiance over the density; of a light without size, and of a whole one seen from afar, the irradiance
+    light : RGB, radiance over the pdf; of a light without size, and of a whole one seen from afar, the irradiance
         of a surface that faces it
-    density : with which the direction was chosen
+    pdf : density per solid angle with which the direction was chosen
     """
 
-    to_light: tuple[float, float, float]
+    wi: tuple[float, float, float]
     distance: float
     light: tuple[float, float, float]
-    density: float
+    pdf: float
 
 
 @inline
 def _nothing():  # type: ignore[no-untyped-def]
-    return Arrival((0.0, 0.0, 1.0), 0.0, BLACK, 0.0)
+    return LightSample((0.0, 0.0, 1.0), 0.0, BLACK, 0.0)
 
 
 @inline
@@ -77,22 +77,22 @@ def from_middle(world, at, kind, x):  # type: ignore[no-untyped-def]
     """What arrives at x if all of a light, of that kind, were in its middle: hard shadows."""
     place, power = load3_flat(world.lights, at + LIGHT_PLACE), load3_flat(world.lights, at + LIGHT_POWER)
     if kind == SUN_LIGHT:
-        return Arrival(scale(place, -1.0), np.inf, power, 0.0)
+        return LightSample(scale(place, -1.0), np.inf, power, 0.0)
     v = sub(place, x)
     square = max(dot(v, v), TINY)
     distance = math.sqrt(square)
-    to_light = scale(v, 1.0 / distance)
+    wi = scale(v, 1.0 / distance)
     if kind == POINT_LIGHT:
-        return Arrival(to_light, distance, scale(power, 1.0 / square), 0.0)
+        return LightSample(wi, distance, scale(power, 1.0 / square), 0.0)
     if kind == SPHERE_LIGHT:
         radius = world.lights[at + LIGHT_RADIUS]
         if distance <= radius:
             return _nothing()
-        return Arrival(to_light, distance - radius, scale(power, math.pi * radius * radius / square), 0.0)
-    cosine = max(-dot(load3_flat(world.lights, at + LIGHT_FACING), to_light), 0.0)
+        return LightSample(wi, distance - radius, scale(power, math.pi * radius * radius / square), 0.0)
+    cosine = max(-dot(load3_flat(world.lights, at + LIGHT_FACING), wi), 0.0)
     # A disk seen from its axis has pi r^2 / (d^2 + r^2): close to a light the square of the distance alone is too much.
     area = world.lights[at + LIGHT_AREA]
-    return Arrival(to_light, distance, scale(power, area * cosine / (square + area / math.pi)), 0.0)
+    return LightSample(wi, distance, scale(power, area * cosine / (square + area / math.pi)), 0.0)
 
 
 @inline
@@ -106,16 +106,16 @@ def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
         missing = world.lights[at + LIGHT_RADIUS]
         if missing == 0.0:
             return from_middle(world, at, kind, x)
-        to_light = _in_cone(scale(place, -1.0), missing, u, v)
-        return Arrival(to_light, np.inf, _sun_share(power, missing), 1.0 / (2.0 * math.pi * missing))
+        wi = _in_cone(scale(place, -1.0), missing, u, v)
+        return LightSample(wi, np.inf, _sun_share(power, missing), 1.0 / (2.0 * math.pi * missing))
     if kind == SPHERE_LIGHT:
         axis, distance, missing = _cone_of_sphere(world, at, x)
         if missing == 0.0:
             return _nothing()
-        to_light = _in_cone(axis, missing, u, v)
-        density = 1.0 / (2.0 * math.pi * missing)
-        t = _meet_sphere(scale(axis, distance), world.lights[at + LIGHT_RADIUS], to_light)
-        return Arrival(to_light, min(t, distance), scale(power, 1.0 / density), density)
+        wi = _in_cone(axis, missing, u, v)
+        pdf = 1.0 / (2.0 * math.pi * missing)
+        t = _intersect_sphere(scale(axis, distance), world.lights[at + LIGHT_RADIUS], wi)
+        return LightSample(wi, min(t, distance), scale(power, 1.0 / pdf), pdf)
     a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
     if kind == DISK_LIGHT:
         a, b = on_disc(u, v)
@@ -124,29 +124,29 @@ def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
     distance = length(to_place)
     if distance == 0.0:
         return _nothing()
-    to_light = scale(to_place, 1.0 / distance)
-    density = _density_of_flat(world, at, to_light, distance)
-    if density == 0.0:
+    wi = scale(to_place, 1.0 / distance)
+    pdf = _flat_pdf(world, at, wi, distance)
+    if pdf == 0.0:
         return _nothing()
-    return Arrival(to_light, distance, scale(power, 1.0 / density), density)
+    return LightSample(wi, distance, scale(power, 1.0 / pdf), pdf)
 
 
 @inline
 def _sun_share(irradiance, missing):  # type: ignore[no-untyped-def]
-    """Radiance over the density of directions towards the sun's disk: its projected solid angle is pi sin^2."""
+    """Radiance over the pdf of directions towards the sun's disk: its projected solid angle is pi sin^2."""
     sine_square = missing * (2.0 - missing)
     return scale(irradiance, 2.0 * missing / sine_square)
 
 
 @inline
-def _density_of_flat(world, at, to_light, distance):  # type: ignore[no-untyped-def]
-    """Density of a direction to a place on a flat light at a distance; 0 behind it."""
-    cosine = -dot(load3_flat(world.lights, at + LIGHT_FACING), to_light)
+def _flat_pdf(world, at, wi, distance):  # type: ignore[no-untyped-def]
+    """The pdf of a direction to a place on a flat light at a distance; 0 behind it."""
+    cosine = -dot(load3_flat(world.lights, at + LIGHT_FACING), wi)
     return distance * distance / (cosine * world.lights[at + LIGHT_AREA]) if cosine > 1e-12 else 0.0
 
 
 @inline
-def _meet_sphere(to_middle, radius, d):  # type: ignore[no-untyped-def]
+def _intersect_sphere(to_middle, radius, d):  # type: ignore[no-untyped-def]
     """t of a ray of unit direction with a sphere whose middle is at to_middle, from outside; inf."""
     along = dot(to_middle, d)
     aside = sub(to_middle, scale(d, along))
@@ -156,13 +156,13 @@ def _meet_sphere(to_middle, radius, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def meet_light(world, at, o, d):  # type: ignore[no-untyped-def]
+def intersect_light(world, at, o, d):  # type: ignore[no-untyped-def]
     """t of a ray of unit direction with the side of a light that shines; inf for none, and for lights without size."""
     kind, place = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_PLACE)
     if kind in (POINT_LIGHT, SUN_LIGHT):
         return np.inf
     if kind == SPHERE_LIGHT:
-        return _meet_sphere(sub(place, o), world.lights[at + LIGHT_RADIUS], d)
+        return _intersect_sphere(sub(place, o), world.lights[at + LIGHT_RADIUS], d)
     facing = load3_flat(world.lights, at + LIGHT_FACING)
     fall = -dot(facing, d)
     if fall <= 1e-12:
@@ -179,12 +179,12 @@ def meet_light(world, at, o, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def density_of_light(world, at, o, d, t):  # type: ignore[no-untyped-def]
-    """The density with which `sample_light` at o would have chosen the direction d, in which the light is met at t."""
+def light_pdf(world, at, o, d, t):  # type: ignore[no-untyped-def]
+    """The pdf with which `sample_light` at o would have chosen the direction d, in which the light is met at t."""
     if world.lights[at + LIGHT_KIND] == SPHERE_LIGHT:
         missing = _cone_of_sphere(world, at, o)[2]
         return 1.0 / (2.0 * math.pi * missing) if missing > 0.0 else 0.0
-    return _density_of_flat(world, at, d, t)
+    return _flat_pdf(world, at, d, t)
 
 
 @inline
@@ -195,11 +195,11 @@ def light_radiance(world, at):  # type: ignore[no-untyped-def]
 
 @inline
 def sun_in(world, at, d):  # type: ignore[no-untyped-def]
-    """(radiance, density) of the sun's disk in a direction; black outside of it, and for a sun without size."""
+    """(radiance, pdf) of the sun's disk in a direction; black outside of it, and for a sun without size."""
     missing = world.lights[at + LIGHT_RADIUS]
     if world.lights[at + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:
         return BLACK, 0.0
     if 1.0 + dot(load3_flat(world.lights, at + LIGHT_PLACE), d) > missing:
         return BLACK, 0.0
-    density = 1.0 / (2.0 * math.pi * missing)
-    return scale(_sun_share(load3_flat(world.lights, at + LIGHT_POWER), missing), density), density
+    pdf = 1.0 / (2.0 * math.pi * missing)
+    return scale(_sun_share(load3_flat(world.lights, at + LIGHT_POWER), missing), pdf), pdf

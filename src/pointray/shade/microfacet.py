@@ -2,7 +2,7 @@
 
 Facets after Walter et al. (2007), masking and shadowing after Smith, correlated by height (Heitz 2014), sampled by the
 visible normals (Heitz 2018) with the spherical caps of Dupuy and Benyoub (2023). cosine : between normal and light,
-positive. Densities are per solid angle. The formulas are said in `materials.py`.
+positive. Pdfs are per solid angle. The formulas are said in `materials.py`.
 """
 
 from __future__ import annotations
@@ -49,54 +49,54 @@ def _smith(alpha, cosine):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _facets(alpha, cosine, to_eye, half):  # type: ignore[no-untyped-def]
-    """(D G2 / (4 cosine to_eye) times cosine, density of visible normals); cosines with the normal.
+def _facets(alpha, cosine, cos_o, half):  # type: ignore[no-untyped-def]
+    """(D G2 / (4 cosine cos_o) times cosine, pdf of visible normals); cosines with the normal.
 
     D : density of the facets' normals; G2 : share of them that both eye and light see
     """
     spread = 1.0 + (alpha * alpha - 1.0) * half * half
     facets = alpha * alpha / (math.pi * spread * spread)
-    both = 0.5 * cosine / (cosine * _smith(alpha, to_eye) + to_eye * _smith(alpha, cosine))
-    return facets * both, 0.5 * facets / (to_eye + _smith(alpha, to_eye))
+    both = 0.5 * cosine / (cosine * _smith(alpha, cos_o) + cos_o * _smith(alpha, cosine))
+    return facets * both, 0.5 * facets / (cos_o + _smith(alpha, cos_o))
 
 
 @inline
-def _share_of_facets(world, at, place, to_eye):  # type: ignore[no-untyped-def]
+def _share_of_facets(world, at, point, cos_o):  # type: ignore[no-untyped-def]
     """How often the facets are sampled, not the base: roughly by what they reflect."""
-    metallic, through = world.materials[at + METALLIC], _let_in(load3_flat(world.materials, at + COAT), to_eye)
-    gray = _mean(place.color)
+    metallic, through = world.materials[at + METALLIC], _let_in(load3_flat(world.materials, at + COAT), cos_o)
+    gray = _mean(point.color)
     reflected = (1.0 - metallic) * (1.0 - through) + metallic * gray + 1e-6  # black metal reflects at grazing angles
     return reflected / (reflected + (1.0 - metallic) * gray * through)
 
 
 @inline
-def scatter_principled(world, at, place, to_light, cosine):  # type: ignore[no-untyped-def]
-    """(BRDF times cosine, density)."""
+def eval_principled(world, at, point, wi, cosine):  # type: ignore[no-untyped-def]
+    """(BRDF times cosine, pdf)."""
     metallic, coat = world.materials[at + METALLIC], load3_flat(world.materials, at + COAT)
-    to_eye = dot(place.normal, place.to_eye)
-    normal = unit(add(place.to_eye, to_light))
-    lobe, visible = _facets(world.materials[at + ALPHA], cosine, to_eye, dot(place.normal, normal))
+    cos_o = dot(point.normal, point.wo)
+    normal = unit(add(point.wo, wi))
+    lobe, visible = _facets(world.materials[at + ALPHA], cosine, cos_o, dot(point.normal, normal))
     plain = F0 * (1.0 - metallic)
-    at_normal = add((plain, plain, plain), scale(place.color, metallic))
-    gloss = scale(_schlick(at_normal, dot(place.to_eye, normal)), lobe)
-    through = _let_in(coat, to_eye) * _let_in(coat, cosine) / _let_in_on_average(coat)
-    density = cosine / math.pi
-    share = _share_of_facets(world, at, place, to_eye)
-    both = add(gloss, scale(place.color, (1.0 - metallic) * through * density))
-    return both, share * visible + (1.0 - share) * density
+    at_normal = add((plain, plain, plain), scale(point.color, metallic))
+    gloss = scale(_schlick(at_normal, dot(point.wo, normal)), lobe)
+    through = _let_in(coat, cos_o) * _let_in(coat, cosine) / _let_in_on_average(coat)
+    pdf = cosine / math.pi
+    share = _share_of_facets(world, at, point, cos_o)
+    both = add(gloss, scale(point.color, (1.0 - metallic) * through * pdf))
+    return both, share * visible + (1.0 - share) * pdf
 
 
 @inline
-def sample_principled(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
+def sample_principled(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
     """A direction by the base's cosine, or mirrored at a visible facet: that may lie below the surface."""
-    normal, to_eye = place.normal, dot(place.normal, place.to_eye)
-    if which >= _share_of_facets(world, at, place, to_eye):
+    normal, cos_o = point.normal, dot(point.normal, point.wo)
+    if which >= _share_of_facets(world, at, point, cos_o):
         return sample_diffuse(normal, u, v)
     alpha = world.materials[at + ALPHA]
     # Stretched along the normal, the facets are a hemisphere's; what the eye sees of it is a cap about the stretched
     # direction, whose points mirror it evenly.
-    eye = unit(add(scale(place.to_eye, alpha), scale(normal, (1.0 - alpha) * to_eye)))
+    eye = unit(add(scale(point.wo, alpha), scale(normal, (1.0 - alpha) * cos_o)))
     height = dot(normal, eye)
     facet = add(around(normal, (1.0 - u) * (1.0 + height) - height, v), eye)
     facet = unit(add(scale(facet, alpha), scale(normal, (1.0 - alpha) * dot(normal, facet))))
-    return mirrored(place.to_eye, facet)
+    return mirrored(point.wo, facet)

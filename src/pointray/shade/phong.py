@@ -1,6 +1,6 @@
 """Diffuse reflection, and Phong's highlight beside it: what they scatter and how directions are chosen for them.
 
-cosine : between normal and light, positive. Densities are per solid angle. The formulas are said in `materials.py`.
+cosine : between normal and light, positive. Pdfs are per solid angle. The formulas are said in `materials.py`.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from ..kernels.vec import add, around, dot, mirrored, scale
 
 
 @inline
-def scatter_diffuse(place, cosine):  # type: ignore[no-untyped-def]
-    """(BRDF times cosine, density)."""
-    density = cosine / math.pi
-    return scale(place.color, density), density
+def eval_diffuse(point, cosine):  # type: ignore[no-untyped-def]
+    """(BRDF times cosine, pdf)."""
+    pdf = cosine / math.pi
+    return scale(point.color, pdf), pdf
 
 
 @inline
 def sample_diffuse(normal, u, v):  # type: ignore[no-untyped-def]
-    """A direction with density cosine / pi: even on the disc below the hemisphere (Malley's method)."""
+    """A direction with pdf cosine / pi: even on the disc below the hemisphere (Malley's method)."""
     return around(normal, math.sqrt(1.0 - u), v)
 
 
@@ -32,28 +32,28 @@ def _share_of_highlight(color, specular):  # type: ignore[no-untyped-def]
 
 
 @inline
-def scatter_phong(world, at, place, to_light, cosine):  # type: ignore[no-untyped-def]
-    """(BRDF times cosine, density)."""
+def eval_phong(world, at, point, wi, cosine):  # type: ignore[no-untyped-def]
+    """(BRDF times cosine, pdf)."""
     specular = world.materials[at + SPECULAR]
-    diffuse, density = scatter_diffuse(place, cosine)
+    diffuse, pdf = eval_diffuse(point, cosine)
     if specular == 0.0:  # a power is what takes long here
-        return diffuse, density
-    exponent, share = world.materials[at + EXPONENT], _share_of_highlight(place.color, specular)
-    along = dot(mirrored(to_light, place.normal), place.to_eye)
+        return diffuse, pdf
+    exponent, share = world.materials[at + EXPONENT], _share_of_highlight(point.color, specular)
+    along = dot(mirrored(wi, point.normal), point.wo)
     lobe = along**exponent / (2.0 * math.pi) if along > 0.0 else 0.0
     gloss = specular * (exponent + 2.0) * lobe * cosine
     both = add(scale(diffuse, 1.0 - specular), (gloss, gloss, gloss))
-    return both, share * (exponent + 1.0) * lobe + (1.0 - share) * density
+    return both, share * (exponent + 1.0) * lobe + (1.0 - share) * pdf
 
 
 @inline
-def sample_phong(world, at, place, which, u, v):  # type: ignore[no-untyped-def]
+def sample_phong(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
     """A direction by the cosine, or by the power of the cosine about the mirrored one: that may lie below the surface.
 
     After Lafortune and Willems (1994).
     """
     specular = world.materials[at + SPECULAR]
-    if specular == 0.0 or which >= _share_of_highlight(place.color, specular):
-        return sample_diffuse(place.normal, u, v)
+    if specular == 0.0 or which >= _share_of_highlight(point.color, specular):
+        return sample_diffuse(point.normal, u, v)
     cosine = (1.0 - u) ** (1.0 / (world.materials[at + EXPONENT] + 1.0))
-    return around(mirrored(place.to_eye, place.normal), cosine, v)
+    return around(mirrored(point.wo, point.normal), cosine, v)

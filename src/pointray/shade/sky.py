@@ -21,7 +21,7 @@ from ..kernels.records import (
 )
 from ..kernels.sampling import find_share
 from ..kernels.vec import BLACK, add, dot, load3_flat, scale, sub
-from .emitters import Arrival
+from .emitters import LightSample
 
 
 @inline
@@ -84,8 +84,8 @@ def sky_radiance(world, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sky_density(world, d):  # type: ignore[no-untyped-def]
-    """The density with which `sample_sky` chooses a direction; 0 where it chooses none."""
+def sky_pdf(world, d):  # type: ignore[no-untyped-def]
+    """The pdf with which `sample_sky` chooses a direction; 0 where it chooses none."""
     if world.sky[SKY_KIND] != PICTURE_SKY:
         return 0.0
     height, width = _size(world)
@@ -122,10 +122,10 @@ def sample_sky(world, u, v):  # type: ignore[no-untyped-def]
     x, y = s * math.sin(around), s * math.cos(around)
     right_hand, ahead = scale(load3_flat(world.sky, SKY_X), x), scale(load3_flat(world.sky, SKY_Y), y)
     d = add(right_hand, add(ahead, scale(load3_flat(world.sky, SKY_Z), z)))
-    density = (high - low) * (right - left) / _solid_angle(row, height, width)
-    if density <= 0.0:
-        return Arrival(d, np.inf, BLACK, 0.0)
-    return Arrival(d, np.inf, scale(sky_radiance(world, d), 1.0 / density), density)
+    pdf = (high - low) * (right - left) / _solid_angle(row, height, width)
+    if pdf <= 0.0:
+        return LightSample(d, np.inf, BLACK, 0.0)
+    return LightSample(d, np.inf, scale(sky_radiance(world, d), 1.0 / pdf), pdf)
 
 
 @inline

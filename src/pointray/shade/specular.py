@@ -22,29 +22,29 @@ def fresnel(cosine, beyond, ratio):  # type: ignore[no-untyped-def]
 
 
 @inline
-def glass(world, at, place):  # type: ignore[no-untyped-def]
+def glass(world, at, point):  # type: ignore[no-untyped-def]
     """(reflected direction, refracted direction, share reflected) of a Dielectric; the rest is refracted.
 
     Total reflection, and a ray that only grazes: share 1, and the refracted direction is the reflected one.
     """
     ior = world.materials[at + IOR]
-    ratio = ior if place.side > 0.0 else 1.0 / ior
-    cosine = min(max(dot(place.normal, place.to_eye), 0.0), 1.0)
-    reflected = mirrored(place.to_eye, place.normal)
+    ratio = ior if point.side > 0.0 else 1.0 / ior
+    cosine = min(max(dot(point.normal, point.wo), 0.0), 1.0)
+    reflected = mirrored(point.wo, point.normal)
     square = (1.0 - cosine * cosine) / (ratio * ratio)  # of the sine on the other side: Snell's law
     if square >= 1.0 or cosine == 0.0:
         return reflected, reflected, 1.0
     beyond = math.sqrt(1.0 - square)
-    refracted = sub(scale(place.normal, cosine / ratio - beyond), scale(place.to_eye, 1.0 / ratio))
+    refracted = sub(scale(point.normal, cosine / ratio - beyond), scale(point.wo, 1.0 / ratio))
     return reflected, refracted, fresnel(cosine, beyond, ratio)
 
 
 @inline
-def sample_specular(world, at, place, which):  # type: ignore[no-untyped-def]
-    """(direction, weight, density 0, side it leaves on) of a Mirror or a Dielectric, see `bsdf.sample_scatter`."""
+def sample_specular(world, at, point, which):  # type: ignore[no-untyped-def]
+    """(direction, weight, pdf 0, side it leaves on) of a Mirror or a Dielectric, see `bsdf.sample_scatter`."""
     if world.materials[at + MATERIAL_KIND] == MIRROR:
-        return mirrored(place.to_eye, place.normal), place.color, 0.0, place.side
-    reflected, refracted, share = glass(world, at, place)
+        return mirrored(point.wo, point.normal), point.color, 0.0, point.side
+    reflected, refracted, share = glass(world, at, point)
     if which < share:
-        return reflected, WHITE, 0.0, place.side
-    return refracted, WHITE, 0.0, -place.side
+        return reflected, WHITE, 0.0, point.side
+    return refracted, WHITE, 0.0, -point.side

@@ -8,10 +8,10 @@ from ..jit import inline
 from ..kernels.records import DIELECTRIC, MATERIAL_KIND
 from ..kernels.scratch import (
     MOST_WAITING,
-    SPOT,
-    SPOT_DEPTH,
-    SPOT_SIDE,
-    SPOT_WEIGHT,
+    SHADING_DEPTH,
+    SHADING_POINT,
+    SHADING_SIDE,
+    THROUGHPUT,
     TILE,
     WAITING,
     WAITING_COUNT,
@@ -20,19 +20,19 @@ from ..kernels.scratch import (
 )
 from ..kernels.vec import BLACK, load3_flat, multiply, scale
 from ..trace.world import NO_RAY, set_ray, set_ray_from
-from .bsdf import is_specular, sample_scatter
+from .bsdf import is_specular, sample_bsdf
+from .shading_points import is_shaded, shading_point
 from .specular import glass
-from .spots import is_spot, place_of
 
 FAINT = 1e-3  # a ray that counts less is not traced
 
 
 @inline
-def begin_onward(scratch):  # type: ignore[no-untyped-def]
+def begin_specular(scratch):  # type: ignore[no-untyped-def]
     """Nothing waits."""
     for i in range(TILE):
         scratch.numbers[WAITING_COUNT + i] = 0
-        scratch.spots[SPOT_DEPTH + i] = 0.0
+        scratch.shading_points[SHADING_DEPTH + i] = 0.0
 
 
 @inline
@@ -41,47 +41,49 @@ def _wait(scratch, i, d, weight, side):  # type: ignore[no-untyped-def]
     count = scratch.numbers[WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == MOST_WAITING:
         return
-    at, x = (i * MOST_WAITING + count) * WAITING, load3(scratch.spots, SPOT + i)
+    at, x = (i * MOST_WAITING + count) * WAITING, load3(scratch.shading_points, SHADING_POINT + i)
     for c in range(3):
         scratch.waiting[at + c], scratch.waiting[at + 3 + c], scratch.waiting[at + 6 + c] = x[c], d[c], weight[c]
-    scratch.waiting[at + 9], scratch.waiting[at + 10] = side, scratch.spots[SPOT_DEPTH + i] + 1.0
+    scratch.waiting[at + 9], scratch.waiting[at + 10] = side, scratch.shading_points[SHADING_DEPTH + i] + 1.0
     scratch.numbers[WAITING_COUNT + i] = count + 1
 
 
 @inline
-def send_onward(world, most, scratch):  # type: ignore[no-untyped-def]
+def spawn_specular(world, most, scratch):  # type: ignore[no-untyped-def]
     """From the tile's specular surface points send rays on, up to a depth; both ways through glass."""
     for i in range(TILE):
-        if not is_spot(scratch, i) or scratch.spots[SPOT_DEPTH + i] >= most:
+        if not is_shaded(scratch, i) or scratch.shading_points[SHADING_DEPTH + i] >= most:
             continue
-        at, place = place_of(world, scratch, i)
+        at, point = shading_point(world, scratch, i)
         if not is_specular(world, at):
             continue
-        weight, side = load3(scratch.spots, SPOT_WEIGHT + i), scratch.spots[SPOT_SIDE + i]
+        weight, side = load3(scratch.shading_points, THROUGHPUT + i), scratch.shading_points[SHADING_SIDE + i]
         if world.materials[at + MATERIAL_KIND] == DIELECTRIC:
-            reflected, refracted, share = glass(world, at, place)
+            reflected, refracted, share = glass(world, at, point)
             _wait(scratch, i, reflected, scale(weight, share), side)
             _wait(scratch, i, refracted, scale(weight, 1.0 - share), -side)
         else:
-            d, tint, _, side = sample_scatter(world, at, place, 0.0, 0.0, 0.0)
+            d, tint, _, side = sample_bsdf(world, at, point, 0.0, 0.0, 0.0)
             _wait(scratch, i, d, multiply(weight, tint), side)
 
 
 @inline
-def aim_onward(scratch):  # type: ignore[no-untyped-def]
+def set_specular_rays(scratch):  # type: ignore[no-untyped-def]
     """The tile's rays become those that wait, one of each place; returns whether there is any."""
     some = False
     for i in range(TILE):
         count = scratch.numbers[WAITING_COUNT + i] - 1
         if count < 0:
             set_ray(scratch, i, NO_RAY)
-            store3(scratch.spots, SPOT_WEIGHT + i, BLACK)  # it meets nothing, and what is behind that does not count
+            store3(
+                scratch.shading_points, THROUGHPUT + i, BLACK
+            )  # it meets nothing, and what is behind that does not count
             continue
         some = True
         scratch.numbers[WAITING_COUNT + i] = count
         at = (i * MOST_WAITING + count) * WAITING
         ray = load3_flat(scratch.waiting, at), load3_flat(scratch.waiting, at + 3), 0.0, np.inf
         set_ray_from(scratch, i, ray, scratch.waiting[at + 9])
-        store3(scratch.spots, SPOT_WEIGHT + i, load3_flat(scratch.waiting, at + 6))
-        scratch.spots[SPOT_DEPTH + i] = scratch.waiting[at + 10]
+        store3(scratch.shading_points, THROUGHPUT + i, load3_flat(scratch.waiting, at + 6))
+        scratch.shading_points[SHADING_DEPTH + i] = scratch.waiting[at + 10]
     return some

@@ -1,0 +1,80 @@
+"""The surface points of a tile that are shaded: what is kept of each, and as a material sees it."""
+
+from __future__ import annotations
+
+from ..jit import inline
+from ..kernels.scratch import (
+    COLOR,
+    DIRECTION,
+    INSTANCE_OF,
+    NEAREST,
+    NORMAL,
+    ORIGIN,
+    RADIANCE,
+    SHADING_COLOR,
+    SHADING_INSTANCE,
+    SHADING_NORMAL,
+    SHADING_POINT,
+    SHADING_SIDE,
+    SHADING_WO,
+    THROUGHPUT,
+    TILE,
+    load3,
+    store3,
+)
+from ..kernels.vec import BLACK, WHITE, add, dot, multiply, scale, unit
+from ..trace.hits import material_at
+from .bsdf import ShadingPoint, base_color
+
+
+@inline
+def begin_radiance(scratch):  # type: ignore[no-untyped-def]
+    """The tile's rays are the camera's: nothing has come along them yet, and all that will counts."""
+    for i in range(TILE):
+        store3(scratch.shading_points, RADIANCE + i, BLACK)
+        store3(scratch.shading_points, THROUGHPUT + i, WHITE)
+
+
+@inline
+def add_radiance(scratch, i, light):  # type: ignore[no-untyped-def]
+    """Radiance along ray i, by how much it counts in the pixel."""
+    points = scratch.shading_points
+    store3(points, RADIANCE + i, add(load3(points, RADIANCE + i), multiply(load3(points, THROUGHPUT + i), light)))
+
+
+@inline
+def store_shading_points(scratch):  # type: ignore[no-untyped-def]
+    """Put down what the tile's rays have hit: surfaces shade both sides.
+
+    No branches: rays as vectors, those that have hit nothing too, of which only that counts.
+    """
+    points, wide = scratch.shading_points, scratch.world
+    for i in range(TILE):
+        points[SHADING_INSTANCE + i] = scratch.numbers[INSTANCE_OF + i]
+    for i in range(TILE):
+        d, normal = load3(wide, DIRECTION + i), load3(wide, NORMAL + i)
+        wo = scale(unit(d), -1.0)
+        # The side the eye is on: where the start rule puts shadow rays, and where the normal is turned.
+        side = 1.0 if dot(normal, wo) >= 0.0 else -1.0
+        store3(points, SHADING_POINT + i, add(load3(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
+        store3(points, SHADING_NORMAL + i, scale(normal, side))
+        store3(points, SHADING_WO + i, wo)
+        store3(points, SHADING_COLOR + i, load3(wide, COLOR + i))
+        points[SHADING_SIDE + i] = side
+
+
+@inline
+def is_shaded(scratch, i):  # type: ignore[no-untyped-def]
+    """Whether ray i of the tile has hit a surface."""
+    return scratch.shading_points[SHADING_INSTANCE + i] >= 0.0
+
+
+@inline
+def shading_point(world, scratch, i):  # type: ignore[no-untyped-def]
+    """(where its material begins in world.materials, the `ShadingPoint`) of a surface point."""
+    points = scratch.shading_points
+    at = material_at(world, int(points[SHADING_INSTANCE + i]))
+    color = base_color(world, at, load3(points, SHADING_COLOR + i))
+    return at, ShadingPoint(
+        load3(points, SHADING_NORMAL + i), load3(points, SHADING_WO + i), color, points[SHADING_SIDE + i]
+    )
