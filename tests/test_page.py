@@ -16,9 +16,9 @@ import pytest
 import pointray as pr
 from browsing import Page, chromium
 from pointray.cli import execute
-from pointray.viewer.lamps import lamps_of
+from pointray.viewer.light_control import light_controls_of
 from pointray.viewer.loading import Files
-from pointray.viewer.subject import Subject
+from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.viewer import Viewer
 from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of, shown_levels, socket_of
 
@@ -48,7 +48,7 @@ def scene(model):
 
 @pytest.fixture
 def viewer(scene):
-    viewer = Viewer(Subject("statue.ply", scene, source="statue.ply"))
+    viewer = Viewer(SharedScene("statue.ply", scene, source="statue.ply"))
     yield viewer
     viewer.close()
 
@@ -402,7 +402,7 @@ def test_a_georeferenced_scan_has_a_north_arrow(browser, page, model):
     assert north_of(page) is None  # of coordinates about zero nobody knows
     points = model.points
     far = scene_of(pr.Model(pr.Points(points.positions + (4.5e5, 5.4e6, 300.0), points.normals)))
-    with closing(Viewer(Subject("far.ply", far))) as viewer, shown(browser, viewer) as other:
+    with closing(Viewer(SharedScene("far.ply", far))) as viewer, shown(browser, viewer) as other:
         for key in ("5", "2"):
             with other.another(SAMPLES):
                 other.tab.keyboard.press(key)
@@ -428,7 +428,7 @@ def test_control_drag_moves_the_sun(page, scene):
         page.until(field, before)
     assert page.camera == camera
     assert page.number("lamps.0.azimuth") == pytest.approx(before + 36.0, abs=0.5)
-    (lamp,) = lamps_of(scene, (0.0, 0.0, 1.0))
+    (lamp,) = light_controls_of(scene, (0.0, 0.0, 1.0))
     moved = scene.copy()
     moved.lights = [replace(lamp, azimuth=lamp.azimuth + 36.0).make((0.0, 0.0, 1.0))]
     assert becomes(page, moved)
@@ -439,13 +439,13 @@ def test_a_file_that_does_not_open(browser, tmp_path):
     path = tmp_path / "cut.ply"
     pr.write(path, pr.procedural("statue", 100))
     path.write_bytes(path.read_bytes()[:-50])
-    subject = Subject(path.name)
-    viewer = Viewer(subject)
+    shared = SharedScene(path.name)
+    viewer = Viewer(shared)
     page = Page(browser, viewer.url, SIZE)
-    subject.load(Files((path,), {}, lambda scene: None))
+    shared.load(Files((path,), {}, lambda scene: None))
     toast = page.tab.locator("#toasts .toast.error")
     toast.wait_for()
-    assert subject.problem and subject.problem in toast.inner_text() and "cut.ply" in subject.problem
+    assert shared.problem and shared.problem in toast.inner_text() and "cut.ply" in shared.problem
     page.tab.locator("#progress").wait_for(state="hidden")
     page.close()
     viewer.close()
@@ -461,11 +461,11 @@ def test_the_end_of_the_server_and_another_one(page, viewer, scene):
     assert not page.tab.evaluate("pointray.connected")
     assert np.array_equal(page.picture(), picture)
     token = viewer.url.rstrip("/").rpartition("/")[2]
-    stranger = Viewer(Subject("statue.ply", scene), port=viewer.port)
+    stranger = Viewer(SharedScene("statue.ply", scene), port=viewer.port)
     page.tab.wait_for_timeout(1500)  # it tries each second
     assert stranger.port == viewer.port and page.tab.locator("#banner").is_visible()
     stranger.close()
-    again = Viewer(Subject("statue.ply", scene), port=viewer.port, token=token)
+    again = Viewer(SharedScene("statue.ply", scene), port=viewer.port, token=token)
     assert again.url == viewer.url
     page.tab.locator("#banner").wait_for(state="hidden")
     page.finished(64)

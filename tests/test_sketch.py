@@ -9,8 +9,8 @@ import pointray as pr
 from pointray.staging.framing import Lens, frame_points
 from pointray.staging.sample import sample_of
 from pointray.viewer import loading
+from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.sketch import MOST, Sketch
-from pointray.viewer.subject import Subject
 from pointray.viewer.viewer import Viewer
 from viewing import SIZE, Browser
 
@@ -101,17 +101,17 @@ def opened(tmp_path, cold):
     """What loads a ball that stands upright along some axis, its subject, and a browser that waits for it."""
     path = tmp_path / "ball.ply"
     pr.write(path, sphere(8_000))
-    subject = Subject("ball.ply")
-    viewer = Viewer(subject)
+    shared = SharedScene("ball.ply")
+    viewer = Viewer(shared)
     browser = Browser(viewer.url, SIZE)
-    yield lambda up: subject.load(loading.Files([path], {}, lambda scene: up)), subject, browser
+    yield lambda up: shared.load(loading.Files([path], {}, lambda scene: up)), shared, browser
     cold["release"].set()
     browser.close()
     viewer.close()
 
 
 def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
-    load, subject, browser = opened
+    load, shared, browser = opened
     thread = load((0.0, 0.0, 1.0))
     camera = browser.arrive()
     browser.listen(lambda: browser.frames)
@@ -125,11 +125,11 @@ def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
     camera["eye"] = [0, -6, 0]
     browser.go(camera)
     browser.listen(lambda: browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0])
-    assert subject.scene is None
+    assert shared.scene is None
     cold["release"].set()
     thread.join(60)
     browser.refined(64)
-    assert subject.scene is not None and subject.sketch is None
+    assert shared.scene is not None and shared.sketch is None
     assert browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0]  # the hand had moved it
     browser.listen(lambda: "million" in " ".join(browser.last("status")["lines"]))
 
@@ -147,8 +147,8 @@ def test_a_view_that_nobody_moved_is_framed_anew_with_the_scene(opened, cold):
 def test_where_all_is_compiled_there_is_no_sketch(tmp_path, monkeypatch):
     path = tmp_path / "ball.ply"
     pr.write(path, sphere(3_000))
-    seen, subject = [], Subject("ball.ply")
+    seen, shared = [], SharedScene("ball.ply")
     monkeypatch.setattr(loading, "is_warm", lambda settings: True)
-    subject.listen(lambda: seen.append(subject.sketch))
-    subject.load(loading.Files([path], {}, lambda scene: (0.0, 0.0, 1.0))).join(60)
-    assert seen and not any(seen) and subject.scene is not None
+    shared.subscribe(lambda: seen.append(shared.sketch))
+    shared.load(loading.Files([path], {}, lambda scene: (0.0, 0.0, 1.0))).join(60)
+    assert seen and not any(seen) and shared.scene is not None

@@ -10,7 +10,7 @@ import pytest
 import pointray as pr
 from pointray.cli import execute
 from pointray.viewer import loading
-from pointray.viewer.subject import Subject
+from pointray.viewer.shared_scene import SharedScene
 from viewing import Browser, expected, levels_in, serve
 
 SIZE = (160, 120)
@@ -116,9 +116,9 @@ def test_large_scans_are_shown_in_part_first(tmp_path, monkeypatch):
     monkeypatch.setattr(loading, "COARSE", 1_000)
     monkeypatch.setattr(loading, "WORTH", 4_000)
     shown, stages = [], []
-    subject = Subject("statue.ply")
-    subject.listen(lambda: (shown.append(subject.scene), stages.append(subject.progress.stage)))
-    subject.load(loading.Files([path], {}, lambda scene: None)).join(60)
+    shared = SharedScene("statue.ply")
+    shared.subscribe(lambda: (shown.append(shared.scene), stages.append(shared.progress.stage)))
+    shared.load(loading.Files([path], {}, lambda scene: None)).join(60)
     models = list(dict.fromkeys(scene.models[0] for scene in shown if scene is not None))
     assert [len(model.points) > 4_000 for model in models] == [False, True]
     assert stages[0] == "reading statue.ply" and stages[-1] == "" and "building: tree" in stages
@@ -140,9 +140,9 @@ def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
     pr.write(path, pr.procedural("statue", 40_000))
     monkeypatch.setattr(loading, "COARSE", 1_000)
     monkeypatch.setattr(loading, "WORTH", 4_000)
-    shown, subject = [], Subject("statue.ply")
-    subject.listen(lambda: shown.append((subject.scene, len(subject.scene.models[0].levels) if subject.scene else 0)))
-    subject.load(loading.Files([path], {}, lambda scene: None, leveled)).join(60)
+    shown, shared = [], SharedScene("statue.ply")
+    shared.subscribe(lambda: shown.append((shared.scene, len(shared.scene.models[0].levels) if shared.scene else 0)))
+    shared.load(loading.Files([path], {}, lambda scene: None, leveled)).join(60)
     counts = [count for _, count in shown]
     assert counts == sorted(counts) and (counts[-1] >= 2) == leveled
     if leveled:  # a scene of its own: what colours points counts the levels

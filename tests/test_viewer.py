@@ -14,14 +14,14 @@ from pointray.kernels.records import ACROSS, FORWARD, UPWARD
 from pointray.staging.direction import axes_of
 from pointray.viewer import session
 from pointray.viewer.controls import Control
-from pointray.viewer.lamps import SUN, Lamp, lamps_of
-from pointray.viewer.looks import Looks
+from pointray.viewer.light_control import SUN, LightControl, light_controls_of
 from pointray.viewer.messages import camera_of, free_of, parse, size_of
 from pointray.viewer.pace import MOVING, REFINED, ROOM, SCALES, STILL, Pace, next_pass
-from pointray.viewer.painter import Painter, Wish
+from pointray.viewer.painter import FrameRequest, Painter
 from pointray.viewer.pick import pick
 from pointray.viewer.session import MOST_SAID
-from pointray.viewer.subject import Build, Subject
+from pointray.viewer.shared_scene import Build, SharedScene
+from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
 from viewing import CLOSE, SIZE, Browser, compile_kernels, expected, levels_in, scene_of
 
@@ -43,7 +43,7 @@ def scene(model):
 
 @pytest.fixture
 def viewer(scene):
-    viewer = Viewer(Subject("statue", scene, source="my scans/statue.ply"))
+    viewer = Viewer(SharedScene("statue", scene, source="my scans/statue.ply"))
     yield viewer
     viewer.close()
 
@@ -281,13 +281,13 @@ def test_of_many_wishes_for_a_surface_the_newest_counts(scene, monkeypatch):
     built = []
     whole = pr.Model.__init__
     monkeypatch.setattr(pr.Model, "__init__", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])
-    subject = Subject("x", scene)
+    shared = SharedScene("x", scene)
     scales = [1.0 + k / 20 for k in range(1, 9)]
-    threads = [subject.rebuild(surface="imls"), *(subject.rebuild(radius_scale=scale) for scale in scales)]
+    threads = [shared.rebuild(surface="imls"), *(shared.rebuild(radius_scale=scale) for scale in scales)]
     for thread in threads:
         thread.join()
-    assert subject.build == Build("imls", 4, scales[-1]) and len(built) <= 3
-    assert subject.scene.models[0].surface == "imls" and scene.models[0].surface == "apss"
+    assert shared.build == Build("imls", 4, scales[-1]) and len(built) <= 3
+    assert shared.scene.models[0].surface == "imls" and scene.models[0].surface == "apss"
 
 
 def test_what_the_owner_changes_is_seen(browser, scene):
@@ -397,8 +397,8 @@ def test_pages_of_others_are_refused(viewer):
 
 
 def test_the_next_free_port_is_taken(scene):
-    one = Viewer(Subject("one", scene))
-    two = Viewer(Subject("two", scene), port=one.port)
+    one = Viewer(SharedScene("one", scene))
+    two = Viewer(SharedScene("two", scene), port=one.port)
     assert two.port > one.port
     one.close()
     two.close()
@@ -406,7 +406,7 @@ def test_the_next_free_port_is_taken(scene):
 
 def test_an_address_that_is_not_ours(scene):
     with pytest.raises(OSError):
-        Viewer(Subject("x", scene), host="203.0.113.7")
+        Viewer(SharedScene("x", scene), host="203.0.113.7")
 
 
 def test_closing_ends_all_threads(scene):
@@ -414,7 +414,7 @@ def test_closing_ends_all_threads(scene):
         return [t for t in threading.enumerate() if t.name.startswith("pointray")]
 
     before = set(threads())
-    viewer = Viewer(Subject("x", scene))
+    viewer = Viewer(SharedScene("x", scene))
     for _ in range(5):
         browser = Browser(viewer.url, SIZE)
         browser.arrive()
@@ -428,14 +428,14 @@ def test_closing_ends_all_threads(scene):
 
 
 def test_a_scene_that_fails_to_come_says_why():
-    def loader(subject):
-        subject.say("reading", 0.5)
+    def loader(shared):
+        shared.say("reading", 0.5)
         raise ValueError("bad.ply: it is truncated")
 
-    subject = Subject("bad.ply")
-    viewer = Viewer(subject)
+    shared = SharedScene("bad.ply")
+    viewer = Viewer(shared)
     browser = Browser(viewer.url, SIZE)
-    subject.load(loader)
+    shared.load(loader)
     toast = browser.listen(lambda: browser.last("toast"))
     assert toast == {"type": "toast", "level": "error", "text": "bad.ply: it is truncated", "stay": True}
     browser.listen(lambda: (m := browser.last("progress")) and m["stage"] == "")
@@ -486,13 +486,13 @@ def test_lamps_give_back_the_lights_they_are_made_of(up):
     assert np.allclose(axes @ axes.T, np.eye(3)) and np.allclose(axes[2], np.array(up) / np.linalg.norm(up))
     scene = pr.Scene()
     scene.lights = [pr.SunLight([1, 2, -3], (3, 2, 1), 0.7), pr.PointLight([1, 2, 3], 4), pr.EnvironmentLight(2.0)]
-    sun, point, sky = lamps_of(scene, up)
+    sun, point, sky = light_controls_of(scene, up)
     made = sun.make(up)
     assert np.allclose(made.direction, np.array([1, 2, -3]) / np.sqrt(14))
     assert np.allclose(made.irradiance, (3, 2, 1), rtol=1e-4) and made.angle == 0.7
     assert np.allclose(point.make(up).intensity, 4) and point.make(up).position == (1, 2, 3)
     assert sky.make(up) is scene.lights[2]
-    assert Lamp(SUN, azimuth=0, elevation=90).make(up).direction == pytest.approx(-axes[2])
+    assert LightControl(SUN, azimuth=0, elevation=90).make(up).direction == pytest.approx(-axes[2])
 
 
 def test_pace_holds_the_frame_rate():
@@ -524,7 +524,7 @@ def test_a_viewer_of_a_scene(scene, capsys):
 
 def test_a_scene_without_models_waits_for_one(model):
     scene = pr.Scene()
-    viewer = Viewer(Subject("empty", scene))
+    viewer = Viewer(SharedScene("empty", scene))
     browser = Browser(viewer.url, SIZE)
     browser.listen(lambda: browser.last("panel"))
     scene.add(model)
@@ -545,8 +545,8 @@ def test_clip_planes_of_the_scene_stay(browser, scene):
 
 
 def test_what_the_user_did_to_the_lights_outlives_the_coarse_version(model, scene):
-    subject = Subject("x", scene)
-    viewer = Viewer(subject)
+    shared = SharedScene("x", scene)
+    viewer = Viewer(shared)
     browser = Browser(viewer.url, SIZE)
     browser.arrive()
     browser.say(type="press", name="lamps.add.point")
@@ -555,7 +555,7 @@ def test_what_the_user_did_to_the_lights_outlives_the_coarse_version(model, scen
     whole.add(pr.Model(model.points))
     whole.lights = scene.lights
     told = len(browser.told)
-    subject.show(whole)
+    shared.show(whole)
     browser.listen(lambda: any(m["type"] == "place" for m in browser.told[told:]))
     browser.rest(0.5)
     assert "lamps.1.position" in browser.controls()
@@ -608,12 +608,12 @@ class Deaf:
 
 
 def test_a_browser_that_leaves_while_it_is_told_of_a_change(scene, caplog):
-    subject, sessions = Subject("x", scene), []
-    subject.listen(lambda: sessions[0].leave() if sessions else None)  # told before the session is
-    sessions.append(session.Session(Deaf(), subject, sessions.append))
+    shared, sessions = SharedScene("x", scene), []
+    shared.subscribe(lambda: sessions[0].leave() if sessions else None)  # told before the session is
+    sessions.append(session.Session(Deaf(), shared, sessions.append))
     sessions[0].receive(json.dumps({"type": "size", "width": 64, "height": 48, "scale": 1}))
     sessions[0].receive(json.dumps({"type": "set", "name": "color_by", "value": "height"}))
-    subject.show(scene)
+    shared.show(scene)
     assert len(sessions) == 2  # it has left
     assert not [record.message for record in caplog.records if record.name == "pointray.view"]
 
@@ -626,14 +626,14 @@ def test_the_exposure_does_not_flicker_while_the_camera_moves():
     def shown(level, stage, looks):
         image = np.full((8, 8, 4), level, np.float32)
         image[..., 3] = 1
-        return painter._tone(Wish(camera, looks, pr.Scene(), (1, 0), (0.0, 0.0, 1.0), True, 0.0), image, stage)
+        return painter._tone(FrameRequest(camera, looks, pr.Scene(), (1, 0), (0.0, 0.0, 1.0), True, 0.0), image, stage)
 
-    looks = Looks(exposes=True)
+    looks = ViewSettings(exposes=True)
     first = shown(0.24, MOVING, looks)
     assert first == (0.0, "srgb")
     assert shown(0.06, MOVING, looks) == first and shown(0.23, STILL, looks) == first
     assert shown(0.06, REFINED, looks) == first
     assert shown(0.06, STILL, looks) == (2.0, "srgb") == shown(0.24, MOVING, looks)
     assert shown(0.24, MOVING, looks.with_value("exposure", 1.0)) == (1.0, "srgb")
-    assert shown(0.06, STILL, Looks(exposes=False, exposure=0.5)) == (0.5, "srgb")
+    assert shown(0.06, STILL, ViewSettings(exposes=False, exposure=0.5)) == (0.5, "srgb")
     painter.close()

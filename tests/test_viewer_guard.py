@@ -15,17 +15,17 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import pointray as pr
-from pointray.viewer import session, voice
-from pointray.viewer.lamps import MOST_LAMPS
+from pointray.viewer import outbox, session
+from pointray.viewer.light_control import MOST_LAMPS
 from pointray.viewer.link import MOST_WAITING, is_loopback
-from pointray.viewer.looks import Looks
 from pointray.viewer.messages import packed
 from pointray.viewer.pace import REFINED
 from pointray.viewer.painter import IN_FLIGHT, LARGEST, encode
 from pointray.viewer.server import FILES, Server
 from pointray.viewer.session import MOST_COSTLY
 from pointray.viewer.share import CREDIT, SHARE, TRANSPORT, Allowance, Share
-from pointray.viewer.subject import Subject
+from pointray.viewer.shared_scene import SharedScene
+from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
 from viewing import SIZE, Browser, compile_kernels, scene_of, socket_of
 
@@ -50,7 +50,7 @@ def scene(model):
 
 @pytest.fixture
 def viewer(scene):
-    with closing(Viewer(Subject("ball", scene, source="my scans/ball.ply"))) as viewer:
+    with closing(Viewer(SharedScene("ball", scene, source="my scans/ball.ply"))) as viewer:
         yield viewer
 
 
@@ -118,14 +118,14 @@ class Proxy:
 @pytest.fixture
 def hub_viewer(monkeypatch):
     monkeypatch.setenv("JUPYTERHUB_SERVICE_PREFIX", HUB)
-    with closing(Viewer(Subject("nothing", pr.Scene()))) as viewer:
+    with closing(Viewer(SharedScene("nothing", pr.Scene()))) as viewer:
         yield viewer
 
 
 @pytest.fixture
 def plain_viewer(monkeypatch):
     monkeypatch.delenv("JUPYTERHUB_SERVICE_PREFIX", raising=False)
-    with closing(Viewer(Subject("nothing", pr.Scene()))) as viewer:
+    with closing(Viewer(SharedScene("nothing", pr.Scene()))) as viewer:
         yield viewer
 
 
@@ -200,7 +200,7 @@ def test_the_cell_says_what_to_do_on_a_remote_machine(plain_viewer):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
 def test_who_does_not_know_the_token_is_refused(scene, host):
-    with closing(Viewer(Subject("x", scene), host)) as viewer, closing(Viewer(Subject("y", scene))) as other:
+    with closing(Viewer(SharedScene("x", scene), host)) as viewer, closing(Viewer(SharedScene("y", scene))) as other:
         token = path_of(viewer).strip("/")
         assert re.fullmatch(r"[\w-]{22}", token) and token != path_of(other).strip("/")
         for wrong in ("", "/", f"/{token[:-1]}/", f"/{token}x/", f"/{token.swapcase()}/", path_of(other)):
@@ -356,12 +356,12 @@ class Deaf:
 
 @pytest.mark.parametrize(("is_local", "source"), [(True, "'/home/me/my scans/ball.ply'"), (False, "ball.ply")])
 def test_pages_elsewhere_are_told_no_path(scene, is_local, source):
-    link, subject = Deaf(is_local), Subject("ball.ply", scene, source="/home/me/my scans/ball.ply")
-    page = session.Session(link, subject, lambda _: None)
+    link, shared = Deaf(is_local), SharedScene("ball.ply", scene, source="/home/me/my scans/ball.ply")
+    page = session.Session(link, shared, lambda _: None)
     page.receive(json.dumps({"type": "size", "width": 64, "height": 48}))
     page.receive(json.dumps({"type": "press", "name": "copy.command"}))
-    subject.problem = "/home/me/my scans/ball.ply: damaged"
-    subject.tell()
+    shared.problem = "/home/me/my scans/ball.ply: damaged"
+    shared.notify()
     wait(lambda: any(m["type"] == "toast" for m in link.said))
     page.leave()
     texts = {m["type"]: m["text"] for m in link.said if m["type"] in ("copy", "toast")}
@@ -381,7 +381,7 @@ def test_pages_elsewhere_are_told_no_path(scene, is_local, source):
     ],
 )
 def test_folders_in_texts(text, told):
-    assert voice.FOLDERS.sub("", text) == told
+    assert outbox.FOLDERS.sub("", text) == told
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.3.2.1", "::1", "::ffff:127.0.0.1"])
@@ -434,14 +434,14 @@ def test_a_scene_of_many_lights_has_a_panel_all_the_same(browser, scene):
 
 def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkeypatch):
     """However long it takes: here until the other one has its pictures."""
-    busy, go, whole = threading.Event(), threading.Event(), Looks.with_lamp
+    busy, go, whole = threading.Event(), threading.Event(), ViewSettings.with_lamp
 
     def slow(self, *arguments):
         busy.set()
         assert go.wait(200)
         return whole(self, *arguments)
 
-    monkeypatch.setattr(Looks, "with_lamp", slow)
+    monkeypatch.setattr(ViewSettings, "with_lamp", slow)
     browser.arrive()
     browser.say(type="press", name="lamps.add.sun")
     assert busy.wait(60)
@@ -485,13 +485,13 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
 
 
 def test_many_wishes_for_a_surface_need_two_threads(scene):
-    subject = Subject("x", scene)
-    with subject._builds:  # as if one were being built
-        threads = {subject.rebuild(radius_scale=1.0 + k / 1_000) for k in range(1, 500)}
+    shared = SharedScene("x", scene)
+    with shared._builds:  # as if one were being built
+        threads = {shared.rebuild(radius_scale=1.0 + k / 1_000) for k in range(1, 500)}
         assert len(threads) == 1
     for thread in threads:
         thread.join()
-    assert subject.build.radius_scale == 1.499
+    assert shared.build.radius_scale == 1.499
 
 
 def test_how_much_a_page_may_ask_for():

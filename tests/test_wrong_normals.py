@@ -14,7 +14,7 @@ from pointray.points import nearby
 from pointray.points.normals.given import WRONG
 from pointray.points.trust import trusted
 from pointray.viewer.loading import Files
-from pointray.viewer.subject import Subject
+from pointray.viewer.shared_scene import SharedScene
 
 SMALL = ["--size", "32x24", "--spp", "1"]
 SCANS = [
@@ -297,11 +297,11 @@ def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
     if coarse:
         monkeypatch.setattr("pointray.viewer.loading.COARSE", 4_000)
         monkeypatch.setattr("pointray.viewer.loading.WORTH", 8_000)
-    subject, plain = Subject("a"), {"surface": None, "samples": 4, "radius_scale": 1.0}
+    shared, plain = SharedScene("a"), {"surface": None, "samples": 4, "radius_scale": 1.0}
     shown: list[pr.Scene] = []
-    monkeypatch.setattr(subject, "show", lambda scene, home=None: shown.append(scene))
+    monkeypatch.setattr(shared, "show", lambda scene, home=None: shown.append(scene))
     for wish in ("auto", "file"):
-        Files([file], plain, lambda scene: (0.0, 0.0, 1.0), False, wish)(subject)
+        Files([file], plain, lambda scene: (0.0, 0.0, 1.0), False, wish)(shared)
         assert len(shown) == 1 + coarse
         assert all((off_at_a_slope(scene) > 8) == (wish == "file") for scene in shown)
         shown.clear()

@@ -29,7 +29,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
     """
     from ..staging.first_view import Scan
     from ..viewer.loading import Described, Files
-    from ..viewer.subject import Subject
+    from ..viewer.shared_scene import SharedScene
 
     if any(is_scene(file) for file in files):
         if len(files) > 1:
@@ -37,7 +37,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
         typed = {name: value for name, value in options.items() if name != "files"}
         plan = SceneStage(files[0], typed, SERVING).plan
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
-        return Subject(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
+        return SharedScene(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
     choice = View("1x1", place["up"]).choice
     lights, fill = [light_of(text) for text in place["light"] or []], fill_of(place["fill"], place["light"])
     background = background_of(place["background"])
@@ -65,23 +65,23 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
     settings = place["settings"]
     large = settings.levels and surface == PLAIN
     loader = Files(files, surface, furnish, large, place["normals"], choice)
-    subject = Subject(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
-    subject.exposes = True
-    return subject, loader
+    shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
+    shared.exposes = True
+    return shared, loader
 
 
-def serve(subject: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
+def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
     """Show it until Ctrl-C."""
     from ..viewer.viewer import Viewer
 
     _keep_one_heap()
     logging.getLogger("pointray.view").addHandler(logging.StreamHandler())
-    viewer = Viewer(subject, host, port)
+    viewer = Viewer(shared, host, port)
     if port not in (0, viewer.port):
         _tell(f"port {port} is taken")
     if viewer.is_public:
         _tell(f"note: --host {host}: whoever reaches this machine and knows the address sees the model")
-    subject.load(loader)
+    shared.load(loader)
     opened = open_browser and viewer.open_browser()
     _tell(f"{viewer.url}{'' if opened else ' (open it in a browser)'}, Ctrl-C ends")
     interrupted: list[int] = []

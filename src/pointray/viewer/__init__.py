@@ -1,9 +1,12 @@
 """The interactive viewer: a page in the browser, and pictures that are ray traced for it.
 
 server: the transport; link: the way to one browser; share: how much one page may ask for; viewer: all of it together.
-For each browser a session (what it says and is told), its looks (the panel's values; panel, controls, lamps), and a
-painter (its pictures, at a pace). For all of them the subject, which loading brings. pick: what is under the mouse;
-exports: files; page: what the browser runs.
+A browser has a session (what it says), an outbox (what it is told), view settings (the panel's values; panel, controls,
+light_control) and a painter (its pictures, at a pace). All browsers look at one shared scene, which loading brings;
+sketch: dots, while kernels are compiled. pick: what is under the mouse; exports: files; page: what the browser runs.
+
+A slider's way: `session` takes its message, `view_settings` the value, `painter` draws the frame that is requested, and
+`outbox` sends it.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from numpy.typing import ArrayLike
 from ..arguments import check_flag, check_text, check_whole
 from ..scene.scene import Scene
 from ..staging.first_view import Scan, ViewChoice, up_of
-from .subject import Subject
+from .shared_scene import SharedScene
 from .viewer import Viewer
 
 __all__ = ["Viewer", "view"]
@@ -71,7 +74,7 @@ def view(
     wanted = up_of(up)
     if wanted is None:
         wanted = Scan(scene, ViewChoice()).up if scene.models else (0.0, 0.0, 1.0)
-    viewer = Viewer(Subject("pointray", scene, wanted), host, port)
+    viewer = Viewer(SharedScene("pointray", scene, wanted), host, port)
     if in_notebook():
         return viewer
     if not (open_browser and viewer.open_browser()):

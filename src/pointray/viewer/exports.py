@@ -21,11 +21,11 @@ from ..rendering.camera_path import turntable
 from ..rendering.picture import check_picture, picture_bytes, render
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import PointLight, SunLight
-from .looks import CONSTANT, OWN
-from .painter import Wish
+from .outbox import Outbox
+from .painter import FrameRequest
 from .panel import Output
-from .subject import Progress, Subject
-from .voice import Voice
+from .shared_scene import Progress, SharedScene
+from .view_settings import CONSTANT, OWN
 
 log = logging.getLogger("pointray.view")
 
@@ -41,31 +41,31 @@ class Exports:
 
     Parameters
     ----------
-    voice : Voice
+    outbox : Outbox
         To the page that they are for.
     """
 
-    def __init__(self, voice: Voice) -> None:
-        self._voice = voice
+    def __init__(self, outbox: Outbox) -> None:
+        self._outbox = outbox
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def start(self, name: str, wish: Wish, output: Output, subject: Subject) -> None:
+    def start(self, name: str, request: FrameRequest, output: Output, shared: SharedScene) -> None:
         """Do what a button says."""
         if name == "copy.command":
-            source = subject.source if self._voice.is_local else Path(subject.source).name
-            self._voice.say(type="copy", text=_command(wish, output, source), title="View and lights as a command")
+            source = shared.source if self._outbox.is_local else Path(shared.source).name
+            self._outbox.say(type="copy", text=_command(request, output, source), title="View and lights as a command")
             return
         if name == "copy.python":
-            self._voice.say(type="copy", text=_python(wish, output), title="Camera as Python")
+            self._outbox.say(type="copy", text=_python(request, output), title="Camera as Python")
             return
         if self._thread is not None and self._thread.is_alive():
-            self._voice.toast("warning", "one is being made: wait for it, or stop it")
+            self._outbox.toast("warning", "one is being made: wait for it, or stop it")
             return
         self._stop.clear()
         work = self._film if name == "save.film" else self._picture
         self._thread = threading.Thread(
-            target=self._run, args=(work, wish, output, Path(subject.title).stem), name="pointray-export", daemon=True
+            target=self._run, args=(work, request, output, Path(shared.title).stem), name="pointray-export", daemon=True
         )
         self._thread.start()
 
@@ -73,45 +73,45 @@ class Exports:
         """End what is being made."""
         self._stop.set()
 
-    def _run(self, work: Callable[..., None], wish: Wish, output: Output, stem: str) -> None:
+    def _run(self, work: Callable[..., None], request: FrameRequest, output: Output, stem: str) -> None:
         try:
             with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
-                work(wish, output, Path(folder), stem)
+                work(request, output, Path(folder), stem)
         except StoppedError:
-            self._voice.toast("info", "stopped")
+            self._outbox.toast("info", "stopped")
         except (OSError, ValueError) as error:
-            self._voice.toast("error", str(error))
+            self._outbox.toast("error", str(error))
         except Exception as error:
             log.exception("while saving")
-            self._voice.toast("error", f"{type(error).__name__}: {error}")
-        self._voice.progress(Progress())
+            self._outbox.toast("error", f"{type(error).__name__}: {error}")
+        self._outbox.progress(Progress())
 
-    def _picture(self, wish: Wish, output: Output, folder: Path, stem: str) -> None:
+    def _picture(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
         """Render and send one picture."""
         path = folder / f"{stem}.{output.format}"
         check_image_path(path)
-        settings = replace(wish.looks.settings(output.samples), denoise=output.denoise)
-        camera = replace(wish.camera, size=(output.width, output.height))
-        scene = wish.looks.dress(wish.scene, wish.up)
+        settings = replace(request.view.settings(output.samples), denoise=output.denoise)
+        camera = replace(request.camera, size=(output.width, output.height))
+        scene = request.view.apply(request.scene, request.up)
         check_picture(camera.size, picture_bytes(settings, written=SHOWN_BYTES))
         image = render(scene, camera, settings, lambda share: self._tell("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
-        backdrop = None if output.format == "exr" else wish.looks.behind
-        write_image(path, image, *wish.looks.tone(image), legend, backdrop)
+        backdrop = None if output.format == "exr" else request.view.behind
+        write_image(path, image, *request.view.tone(image), legend, backdrop)
         del image  # what is sent needs the room
         self._give(path)
 
-    def _film(self, wish: Wish, output: Output, folder: Path, stem: str) -> None:
+    def _film(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
         """Render and send a turntable."""
         path = folder / f"{stem}.mp4"
         check_mp4(path)
-        settings = replace(wish.looks.settings(output.samples), denoise=output.denoise)
+        settings = replace(request.view.settings(output.samples), denoise=output.denoise)
         count = max(1, round(output.seconds * output.fps))
         size = output.width, output.height
-        scene = wish.looks.dress(wish.scene, wish.up)
+        scene = request.view.apply(request.scene, request.up)
         frames = Frames(folder / "frames" / "%04d.png", {}, count, size)
         frames.begin()
-        for k, camera in enumerate(turntable(replace(wish.camera, up=wish.up, size=size), count)):
+        for k, camera in enumerate(turntable(replace(request.camera, up=request.up, size=size), count)):
 
             def tell(share: float, k: int = k) -> None:
                 self._tell("film", (k + share) / count)
@@ -119,39 +119,39 @@ class Exports:
             image = render(scene, camera, settings, tell)
             self._tell("film", (k + 1) / count)
             if k == 0:  # one for the film
-                stops, curve = wish.looks.tone(image)
-            frames.keep(k, image, stops, curve, wish.looks.behind)
+                stops, curve = request.view.tone(image)
+            frames.keep(k, image, stops, curve, request.view.behind)
         write_mp4(path, frames.pattern, count, output.fps, size)
         self._give(path)
 
     def _tell(self, stage: str, share: float) -> None:
         if self._stop.is_set():
             raise StoppedError
-        self._voice.progress(Progress(stage, share))
+        self._outbox.progress(Progress(stage, share))
 
     def _give(self, path: Path) -> None:
-        self._voice.file(path, MIME[path.suffix[1:]])
+        self._outbox.file(path, MIME[path.suffix[1:]])
 
 
-def _command(wish: Wish, output: Output, source: str) -> str:
+def _command(request: FrameRequest, output: Output, source: str) -> str:
     """A command line that renders what is seen, as far as it has words for that."""
-    camera, looks = wish.camera, wish.looks
+    camera, view = request.camera, request.view
     words = ["pointray", "render", source, "-o", f"picture.{output.format}"]
     words += [f"--{name}={_commas(getattr(camera, name))}" for name in ("eye", "target", "up")]
     words += ["--fov", f"{camera.fov:.6g}", "--size", f"{output.width}x{output.height}"]
     words += [] if camera.projection == "perspective" else ["--projection", camera.projection]
-    words += ["--integrator", looks.integrator, "--spp", str(output.samples)]
-    words += ["--exposure", "auto" if looks.chooses else f"{looks.exposure:g}"]
-    words += [] if looks.levels else ["--no-levels"]
+    words += ["--integrator", view.integrator, "--spp", str(output.samples)]
+    words += ["--exposure", "auto" if view.chooses else f"{view.exposure:g}"]
+    words += [] if view.levels else ["--no-levels"]
     if not source.endswith(".toml"):
-        for light in looks.lights(wish.up):
+        for light in view.lights(request.up):
             words += ["--light", text] if (text := _light_text(light)) else []
         words += ["--fill", "0"] if "--light" in words and not any(w.startswith("sky") for w in words) else []
-        words += ["--ground"] if looks.ground else []
-        color = _commas(srgb_to_linear(np.array(looks.backdrop)))
-        words += ["--background", {"sky": "sky", "gradient": "auto"}.get(looks.around, color)]
-        if looks.color_by not in (OWN, CONSTANT):
-            words += ["--color-by", f"{looks.color_by}:{looks.colormap}"]
+        words += ["--ground"] if view.ground else []
+        color = _commas(srgb_to_linear(np.array(view.backdrop)))
+        words += ["--background", {"sky": "sky", "gradient": "auto"}.get(view.around, color)]
+        if view.color_by not in (OWN, CONSTANT):
+            words += ["--color-by", f"{view.color_by}:{view.colormap}"]
     return shlex.join(words)
 
 
@@ -168,19 +168,19 @@ def _light_text(light: Any) -> str:
     return ""
 
 
-def _python(wish: Wish, output: Output) -> str:
+def _python(request: FrameRequest, output: Output) -> str:
     """Python that renders what is seen, of a scene."""
-    camera, looks = wish.camera, wish.looks
+    camera, view = request.camera, request.view
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height
-    more = "" if looks.levels else ", levels=False"
-    exposure = '"auto"' if looks.chooses else f"{looks.exposure}"
+    more = "" if view.levels else ", levels=False"
+    exposure = '"auto"' if view.chooses else f"{view.exposure}"
     projection = "" if camera.projection == "perspective" else f', projection="{camera.projection}"'
     return (
         f"camera = pr.Camera.look_at({eye}, {target}, {up}, fov={camera.fov:.6g}, size={size}{projection})\n"
-        f'settings = pr.Settings("{looks.integrator}", spp={output.samples}, shadows={looks.shadows}{more})\n'
+        f'settings = pr.Settings("{view.integrator}", spp={output.samples}, shadows={view.shadows}{more})\n'
         f"image = pr.render(scene, camera, settings)\n"
-        f'pr.write_image("picture.{output.format}", image, exposure={exposure}, curve="{looks.curve}")'
+        f'pr.write_image("picture.{output.format}", image, exposure={exposure}, curve="{view.curve}")'
     )
 
 

@@ -24,8 +24,8 @@ from ..shade.materials import Diffuse
 from ..splats.radii import radii_in
 from ..staging.first_view import Scan, ViewChoice
 from ..staging.studio import ALBEDO
+from .shared_scene import SharedScene
 from .sketch import Sketch
-from .subject import Subject
 
 COARSE = 60_000  # points of the coarse version: built in some 0.3 s
 WORTH = 4 * COARSE  # points from which it is
@@ -33,7 +33,7 @@ WORTH = 4 * COARSE  # points from which it is
 
 @dataclass(frozen=True)
 class Files:
-    """Scans and saved models, together in one scene: a `subject.Loader`.
+    """Scans and saved models, together in one scene: a `shared_scene.Loader`.
 
     Parameters
     ----------
@@ -56,45 +56,45 @@ class Files:
     normals: str = "auto"
     choice: ViewChoice = ViewChoice()
 
-    def __call__(self, subject: Subject) -> None:
-        clouds = [self._read(path, subject) for path in self.paths]
+    def __call__(self, shared: SharedScene) -> None:
+        clouds = [self._read(path, shared) for path in self.paths]
         few = [self._some(cloud) for cloud in clouds]
-        self._prepare(clouds, few, subject)
+        self._prepare(clouds, few, shared)
         large = [_is_large(cloud) for cloud in clouds]
         if any(large):
-            subject.say("building a coarse version", None)
+            shared.say("building a coarse version", None)
             # Small ones are models from here on, and not built again.
-            clouds = [c if _is_large(c) else self._whole(c, k, subject) for k, c in enumerate(clouds)]
+            clouds = [c if _is_large(c) else self._whole(c, k, shared) for k, c in enumerate(clouds)]
             pairs = zip(clouds, few, strict=True)
-            self._show([c if isinstance(c, Model) else self._coarse(some) for c, some in pairs], subject)
-        models = [self._whole(cloud, k, subject) for k, cloud in enumerate(clouds)]
-        self._show(models, subject)
+            self._show([c if isinstance(c, Model) else self._coarse(some) for c, some in pairs], shared)
+        models = [self._whole(cloud, k, shared) for k, cloud in enumerate(clouds)]
+        self._show(models, shared)
         if self.leveled and any(large):
             for model in (model for model, is_large in zip(models, large, strict=True) if is_large):
-                model.make_levels(lambda stage, share: subject.say(f"building: {stage}", share))
-            self._show(models, subject)  # anew: what colours the points by an attribute counts the levels too
+                model.make_levels(lambda stage, share: shared.say(f"building: {stage}", share))
+            self._show(models, shared)  # anew: what colours the points by an attribute counts the levels too
 
-    def _show(self, models: Sequence[Model], subject: Subject) -> None:
+    def _show(self, models: Sequence[Model], shared: SharedScene) -> None:
         """Put models into the place of what was shown, as soon as their pictures can be drawn."""
-        if not is_warm(subject.settings):
-            subject.say("", None)
-            wait_until_warm(subject.settings)
-        subject.show(self._scene(models, subject))
+        if not is_warm(shared.settings):
+            shared.say("", None)
+            wait_until_warm(shared.settings)
+        shared.show(self._scene(models, shared))
 
-    def _prepare(self, clouds: Sequence[Points | Model], few: Sequence[Points], subject: Subject) -> None:
+    def _prepare(self, clouds: Sequence[Points | Model], few: Sequence[Points], shared: SharedScene) -> None:
         """Say which kernels will be needed; where pictures cannot be drawn yet a sketch is seen."""
         if any(some.normals is None for some in few):
             expect(NORMALS)
-        if not is_warm(subject.settings):
+        if not is_warm(shared.settings):
             sketch = Sketch(few, sum(len(_points(cloud)) for cloud in clouds))
-            subject.outline(sketch, Scan(sketch.points, self.choice).up)
+            shared.outline(sketch, Scan(sketch.points, self.choice).up)
 
-    def _read(self, path: Path, subject: Subject) -> Points | Model:
+    def _read(self, path: Path, shared: SharedScene) -> Points | Model:
         stage = f"reading {path.name}"
-        subject.say(stage, None)
+        shared.say(stage, None)
         if path.suffix.lower() == SAVED:
             return Model.load(path)
-        points = read(path, partial(subject.say, stage))
+        points = read(path, partial(shared.say, stage))
         with _named(path):
             check_wish(points, self.normals)
         return points
@@ -117,12 +117,12 @@ class Files:
             warnings.simplefilter("ignore")
             return Model(some, **self.surface)
 
-    def _whole(self, cloud: Points | Model, number: int, subject: Subject) -> Model:
+    def _whole(self, cloud: Points | Model, number: int, shared: SharedScene) -> Model:
         if isinstance(cloud, Model):
             return cloud
 
         def say(stage: str, share: float) -> None:
-            subject.say(f"building: {stage}", share)
+            shared.say(f"building: {stage}", share)
 
         path = self.paths[number]
         with _named(path):
@@ -130,11 +130,11 @@ class Files:
             points = replaced(points, partial(say, "normals")) if wrong else points
             return Model(points, radii_in(points), **self.surface, progress=say)
 
-    def _scene(self, models: Sequence[Model], subject: Subject) -> Scene:
+    def _scene(self, models: Sequence[Model], shared: SharedScene) -> Scene:
         scene = Scene()
         for model in models:
             scene.add(model, material=None if model.points.colors is not None else Diffuse(ALBEDO))
-        subject.up = self.furnish(scene)
+        shared.up = self.furnish(scene)
         return scene
 
 
@@ -157,11 +157,11 @@ def _named(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Described:
-    """The scene of a scene file: a `subject.Loader`."""
+    """The scene of a scene file: a `shared_scene.Loader`."""
 
     plan: Plan
 
-    def __call__(self, subject: Subject) -> None:
-        made = self.plan.build(subject.say)
-        subject.exposure, subject.curve = float(made.exposure), made.curve
-        subject.show(made.scene, made.camera)
+    def __call__(self, shared: SharedScene) -> None:
+        made = self.plan.build(shared.say)
+        shared.exposure, shared.curve = float(made.exposure), made.curve
+        shared.show(made.scene, made.camera)

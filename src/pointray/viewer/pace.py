@@ -8,8 +8,8 @@
 | still   | 0.12 s later                           | all                                   | 1            | 90   |
 | refined | at once after it                       | all                                   | 2, 4, 8, ... | 94   |
 
-A moving picture of all pixels counts as the still one. What has changed, camera or looks, makes it moving again; that
-ends the others between two tiles. A camera message with the same camera changes nothing.
+A moving picture of all pixels counts as the still one. What has changed, camera or view settings, makes it moving
+again; that ends the others between two tiles. A camera message with the same camera changes nothing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The drawing of one browser's pictures, in a thread of its own: the newest wish wins, see `pace` for the policy."""
+"""The drawing of one browser's pictures, in a thread of its own: the newest request wins, see `pace` for the policy."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ..jit import Cancel
 from ..rendering.camera import Camera
 from ..rendering.picture import Picture
 from ..scene.scene import Scene
-from .looks import Looks
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 from .sketch import Sketch
+from .view_settings import ViewSettings
 
 log = logging.getLogger("pointray.view")
 
@@ -33,7 +33,7 @@ LARGEST = 6 << 20  # bytes of a picture: so many in flight fit into what may wai
 COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling of those that would be larger
 
 
-class Wish(NamedTuple):
+class FrameRequest(NamedTuple):
     """What is to be seen.
 
     Attributes
@@ -48,7 +48,7 @@ class Wish(NamedTuple):
     """
 
     camera: Camera
-    looks: Looks
+    view: ViewSettings
     scene: Scene
     version: tuple[int, int]
     up: tuple[float, float, float]
@@ -56,9 +56,9 @@ class Wish(NamedTuple):
     time: float
     sketch: Sketch | None = None
 
-    def same_picture(self, other: Wish | None) -> bool:
+    def same_picture(self, other: FrameRequest | None) -> bool:
         """Whether nothing that is seen differs."""
-        if other is None or self.looks is not other.looks:  # not ==: lights may hold arrays
+        if other is None or self.view is not other.view:  # not ==: lights may hold arrays
             return False
         return (self.camera, self.version, self.refine) == (other.camera, other.version, other.refine)
 
@@ -67,7 +67,7 @@ class Frame(NamedTuple):
     """A picture as it goes to the page. seconds : that tracing took; rays : of the camera."""
 
     number: int
-    wish: Wish
+    request: FrameRequest
     size: tuple[int, int]
     stage: Stage
     samples: int
@@ -90,21 +90,23 @@ class Painter:
     def __init__(self, deliver: Callable[[Frame], None], fail: Callable[[str], None]) -> None:
         self._deliver, self._fail = deliver, fail
         self._changed = threading.Condition()
-        self._wish: Wish | None = None
+        self._request: FrameRequest | None = None
         self._open, self._cancel = True, Cancel()
         self._drawn, self._seen = 0, 0
         self._pace = Pace()
-        self._dressed: tuple[Wish, Scene] | None = None
-        self._toned: tuple[Looks, tuple[int, int], tuple[float, str]] | None = None  # what was chosen, for which looks
+        self._dressed: tuple[FrameRequest, Scene] | None = None
+        self._toned: tuple[ViewSettings, tuple[int, int], tuple[float, str]] | None = (
+            None  # what was chosen, for which view settings
+        )
         self._times: deque[float] = deque(maxlen=60)
         threading.Thread(target=self._run, name="pointray-painter", daemon=True).start()
 
-    def want(self, wish: Wish) -> None:
+    def want(self, request: FrameRequest) -> None:
         """From now on this is to be seen."""
         with self._changed:
-            if wish.same_picture(self._wish):
+            if request.same_picture(self._request):
                 return
-            self._wish = wish
+            self._request = request
             self._cancel()
             self._changed.notify_all()
 
@@ -127,68 +129,68 @@ class Painter:
         times = [t for t in self._times if t > time.perf_counter() - 1.0]
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 2 else 0.0
 
-    def dress(self, wish: Wish) -> Scene:
-        """The scene of a wish as it looks."""
+    def apply(self, request: FrameRequest) -> Scene:
+        """The scene of a request, with its view settings applied."""
         dressed = self._dressed
-        if dressed is None or dressed[0].version != wish.version or not dressed[0].looks.dressed_like(wish.looks):
-            dressed = self._dressed = wish, wish.looks.dress(wish.scene, wish.up)
+        if dressed is None or dressed[0].version != request.version or not dressed[0].view.same_scene(request.view):
+            dressed = self._dressed = request, request.view.apply(request.scene, request.up)
         return dressed[1]
 
     def _run(self) -> None:
-        done: Wish | None = None
-        while (wish := self._next(done)) is not None:
+        done: FrameRequest | None = None
+        while (request := self._next(done)) is not None:
             try:
-                self._draw(wish)
+                self._draw(request)
             except ValueError as error:
                 self._fail(str(error))
             except Exception as error:
                 log.exception("while drawing")
                 self._fail(f"{type(error).__name__}: {error}")
-            done = wish
+            done = request
 
-    def _next(self, done: Wish | None) -> Wish | None:
-        """Wait for another wish, and for the page to keep up; None at the end."""
+    def _next(self, done: FrameRequest | None) -> FrameRequest | None:
+        """Wait for another request, and for the page to keep up; None at the end."""
         with self._changed:
-            while self._open and (self._wish is done or self._drawn - self._seen >= IN_FLIGHT):
+            while self._open and (self._request is done or self._drawn - self._seen >= IN_FLIGHT):
                 self._changed.wait()
             self._cancel = Cancel()
-            return self._wish if self._open else None
+            return self._request if self._open else None
 
-    def _draw(self, wish: Wish) -> None:
+    def _draw(self, request: FrameRequest) -> None:
         """All stages, until the picture is refined or something else is wished for."""
-        if wish.sketch is not None:
+        if request.sketch is not None:
             begun = time.perf_counter()
-            self._send(wish, wish.sketch.draw(wish.camera), STILL, (1, 1), time.perf_counter() - begun)
+            self._send(request, request.sketch.draw(request.camera), STILL, (1, 1), time.perf_counter() - begun)
             return
-        scene, scale = self.dress(wish), self._pace.scale()
+        scene, scale = self.apply(request), self._pace.scale()
         begun = time.perf_counter()
         # The first one is shown whatever is wished for in the meantime: else nothing would be seen while things move.
-        self._show(wish, scene, _scaled(wish.camera, scale), MOVING if scale < 1 else STILL, None)
+        self._show(request, scene, _scaled(request.camera, scale), MOVING if scale < 1 else STILL, None)
         self._pace.took(time.perf_counter() - begun, scale)
         self._times.append(time.perf_counter())
-        if self._is_old(wish, REST):
+        if self._is_old(request, REST):
             return
         if scale < 1:
-            self._show(wish, scene, wish.camera, STILL, self._cancel)
-        self._refine(wish, scene)
+            self._show(request, scene, request.camera, STILL, self._cancel)
+        self._refine(request, scene)
 
-    def _show(self, wish: Wish, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
+    def _show(self, request: FrameRequest, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
         """One sample a pixel."""
         begun = time.perf_counter()
-        settings = wish.looks.settings(1)
+        settings = request.view.settings(1)
         if stage is MOVING:  # contact shadows of one sample would be grain
             settings = replace(settings, sky_rays=0)
         picture = Picture(scene.snapshot(), camera, settings)
         picture.add(0, 1, cancel=cancel)
         if cancel is None or not cancel.wanted:
-            self._send(wish, picture.image, stage, (1, 1), time.perf_counter() - begun)
+            self._send(request, picture.image, stage, (1, 1), time.perf_counter() - begun)
 
-    def _refine(self, wish: Wish, scene: Scene) -> None:
+    def _refine(self, request: FrameRequest, scene: Scene) -> None:
         """Add samples, and show what there is now and then."""
-        most = wish.looks.samples
-        if most == 1 or not wish.refine or self._cancel.wanted:
+        most = request.view.samples
+        if most == 1 or not request.refine or self._cancel.wanted:
             return
-        picture = Picture(scene.snapshot(), wish.camera, wish.looks.settings(most), in_passes=True)
+        picture = Picture(scene.snapshot(), request.camera, request.view.settings(most), in_passes=True)
         done, last, seconds = 0, 1, 0.0
         while done < most:
             count = min(next_pass(last, seconds) if done else 2, most - done)
@@ -197,47 +199,50 @@ class Painter:
             if self._cancel.wanted:
                 return
             done, last, seconds = done + count, count, time.perf_counter() - begun
-            if not self._keeps_up(wish):
+            if not self._keeps_up(request):
                 return
-            self._send(wish, picture.image, REFINED, (done, count), seconds)
+            self._send(request, picture.image, REFINED, (done, count), seconds)
 
-    def _is_old(self, wish: Wish, seconds: float) -> bool:
+    def _is_old(self, request: FrameRequest, seconds: float) -> bool:
         """Whether something else is wished for, or is within some time."""
         with self._changed:
-            return self._changed.wait_for(lambda: self._wish is not wish or not self._open, seconds)
+            return self._changed.wait_for(lambda: self._request is not request or not self._open, seconds)
 
-    def _keeps_up(self, wish: Wish) -> bool:
+    def _keeps_up(self, request: FrameRequest) -> bool:
         """Wait for the page; False if something else is wished for."""
         with self._changed:
             self._changed.wait_for(
-                lambda: self._wish is not wish or not self._open or self._drawn - self._seen < IN_FLIGHT
+                lambda: self._request is not request or not self._open or self._drawn - self._seen < IN_FLIGHT
             )
-            return self._wish is wish and self._open
+            return self._request is request and self._open
 
     def _send(
-        self, wish: Wish, image: NDArray[np.float32], stage: Stage, samples: tuple[int, int], seconds: float
+        self, request: FrameRequest, image: NDArray[np.float32], stage: Stage, samples: tuple[int, int], seconds: float
     ) -> None:
         """Send a picture. samples : a pixel's in all, and those that were added in these seconds."""
-        looks = wish.looks
-        behind = backdrop_rows(looks.behind, len(image))[:, 0]
-        levels = levels_of(image, behind, *self._tone(wish, image, stage))
+        view = request.view
+        behind = backdrop_rows(view.behind, len(image))[:, 0]
+        levels = levels_of(image, behind, *self._tone(request, image, stage))
         jpeg = encode(levels, stage)
         height, width = levels.shape[:2]
         with self._changed:
             self._drawn += 1
         rays = width * height * samples[1]
-        self._deliver(Frame(self._drawn, wish, (width, height), stage, samples[0], jpeg, seconds, rays))
+        self._deliver(Frame(self._drawn, request, (width, height), stage, samples[0], jpeg, seconds, rays))
 
-    def _tone(self, wish: Wish, image: NDArray[np.float32], stage: Stage) -> tuple[float, str]:
-        """Exposure, stops, and curve. What is chosen is chosen anew where looks have changed; the exposure where still
-        pictures ask for much more or less, so that nothing flickers while the camera moves."""
-        looks, known = wish.looks, self._toned
-        if not looks.chooses:
-            return looks.tone(image)
-        if known is None or known[0] is not looks or known[1] != wish.version:
-            known = looks, wish.version, looks.tone(image)
+    def _tone(self, request: FrameRequest, image: NDArray[np.float32], stage: Stage) -> tuple[float, str]:
+        """Exposure, stops, and curve.
+
+        They are chosen anew where view settings have changed; the exposure also where still pictures ask for much more
+        or less. So nothing flickers while the camera moves.
+        """
+        view, known = request.view, self._toned
+        if not view.chooses:
+            return view.tone(image)
+        if known is None or known[0] is not view or known[1] != request.version:
+            known = view, request.version, view.tone(image)
         elif stage is STILL:
-            found = replace(looks, curve=known[2][1]).tone(image)
+            found = replace(view, curve=known[2][1]).tone(image)
             known = (*known[:2], found if abs(found[0] - known[2][0]) > STEADY else known[2])
         self._toned = known
         return known[2]

@@ -1,4 +1,4 @@
-"""The panel: its folders, as the looks and the scene make them."""
+"""The panel: its folders, as the view settings and the scene make them."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
 from ..shade.colormaps import EMBEDDED
 from .controls import Control, Folder
-from .lamps import MOST_LAMPS, POINT, SKY, SUN, Lamp
-from .lamps import OWN as OWN_LIGHT
-from .looks import CONSTANT, OWN, Looks, colorings
-from .subject import Build, Subject
+from .light_control import MOST_LAMPS, POINT, SKY, SUN, LightControl
+from .light_control import OWN as OWN_LIGHT
+from .shared_scene import Build, SharedScene
+from .view_settings import CONSTANT, OWN, ViewSettings, colorings
 
 CURVES = [("auto", "chosen"), ("srgb", "sRGB"), ("filmic", "filmic"), ("soft", "soft")]
 SAID = {
@@ -42,25 +42,25 @@ class Output(NamedTuple):
     fps: float = 24.0
 
 
-def folders(looks: Looks, subject: Subject, output: Output, scene: Scene | None) -> list[Folder]:
+def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scene | None) -> list[Folder]:
     """All of the panel, for a scene or while there is none yet."""
-    build = subject.build
+    build = shared.build
     if scene is None:
         return [Folder("View", [Control("help", "", "note", KEYS)], open=True)]
-    material = [] if not scene.models else [_material(looks, scene)]
+    material = [] if not scene.models else [_material(view, scene)]
     surface = [] if build is None else [_surface(build)]
     return [
-        _view(looks, any(model.levels for model in scene.models)),
-        _light(looks),
+        _view(view, any(model.levels for model in scene.models)),
+        _light(view),
         *material,
         *surface,
-        _cut(looks),
-        _save(output, bool(subject.source)),
+        _cut(view),
+        _save(output, bool(shared.source)),
         _film(output),
     ]
 
 
-def _view(looks: Looks, has_levels: bool) -> Folder:
+def _view(view: ViewSettings, has_levels: bool) -> Folder:
     around = [
         ("gradient", "a gradient"),
         ("color", "this colour"),
@@ -68,58 +68,56 @@ def _view(looks: Looks, has_levels: bool) -> Folder:
         ("scene", "the scene's own"),
     ]
     depth = (
-        [_range(looks, "max_depth", "Bounces", 0, max(32, looks.max_depth), 1)]
-        if looks.integrator in ("phong", "path")
+        [_range(view, "max_depth", "Bounces", 0, max(32, view.max_depth), 1)]
+        if view.integrator in ("phong", "path")
         else []
     )
     hint = "Where points are finer than pixels their means are shown: faster and calmer"
-    levels = [Control("levels", "Levels of detail", "switch", looks.levels, hint=hint)] if has_levels else []
+    levels = [Control("levels", "Levels of detail", "switch", view.levels, hint=hint)] if has_levels else []
     return Folder(
         "View",
         [
-            _choice(looks, "integrator", "Show", [(name, SAID[name]) for name in INTEGRATORS]),
+            _choice(view, "integrator", "Show", [(name, SAID[name]) for name in INTEGRATORS]),
             Control(
                 "samples",
                 "Samples",
                 "choice",
-                looks.samples,
-                [(count, f"{count:,}") for count in sorted({*COUNTS, looks.samples})],
+                view.samples,
+                [(count, f"{count:,}") for count in sorted({*COUNTS, view.samples})],
                 hint="How far the picture is refined while nothing moves",
             ),
             *depth,
             *levels,
-            Control(
-                "exposes", "Choose exposure", "switch", looks.exposes, hint="Of medium brightness, highlights kept"
-            ),
-            _range(looks, "exposure", "Exposure", -6, 6, 0.1, "Stops, from what was chosen: each doubles the light"),
-            _choice(looks, "curve", "Curve", CURVES),
-            _choice(looks, "around", "Background", around),
-            *([Control("backdrop", "Colour", "color", looks.backdrop)] if looks.around == "color" else []),
+            Control("exposes", "Choose exposure", "switch", view.exposes, hint="Of medium brightness, highlights kept"),
+            _range(view, "exposure", "Exposure", -6, 6, 0.1, "Stops, from what was chosen: each doubles the light"),
+            _choice(view, "curve", "Curve", CURVES),
+            _choice(view, "around", "Background", around),
+            *([Control("backdrop", "Colour", "color", view.backdrop)] if view.around == "color" else []),
             Control("help", "", "note", KEYS),
         ],
         open=True,
     )
 
 
-def _light(looks: Looks) -> Folder:
-    rows = [Control("shadows", "Shadows", "switch", looks.shadows)] if looks.integrator == "phong" else []
-    if not looks.lamps:
+def _light(view: ViewSettings) -> Folder:
+    rows = [Control("shadows", "Shadows", "switch", view.shadows)] if view.integrator == "phong" else []
+    if not view.lamps:
         instead = {"phong": "None: a headlight at the camera.", "path": "None: an even white sky."}
-        rows.append(Control("no_lamps", "", "note", instead.get(looks.integrator, "None, and none is needed.")))
-    for k, lamp in enumerate(looks.lamps[:MOST_LAMPS]):
+        rows.append(Control("no_lamps", "", "note", instead.get(view.integrator, "None, and none is needed.")))
+    for k, lamp in enumerate(view.lamps[:MOST_LAMPS]):
         rows += _lamp(f"lamps.{k}.", k, lamp)
-    if len(looks.lamps) > MOST_LAMPS:
-        rows.append(Control("more_lamps", "", "note", f"And {len(looks.lamps) - MOST_LAMPS:,} more, which are on."))
+    if len(view.lamps) > MOST_LAMPS:
+        rows.append(Control("more_lamps", "", "note", f"And {len(view.lamps) - MOST_LAMPS:,} more, which are on."))
     rows.append(Control("lamps.add.sun", "Add a sun", "button", hint="Ctrl and drag turns it"))
     rows.append(Control("lamps.add.point", "Add a point light", "button"))
-    if not any(lamp.kind == SKY for lamp in looks.lamps):
+    if not any(lamp.kind == SKY for lamp in view.lamps):
         rows.append(
             Control("lamps.add.sky", "Add a sky", "button", hint="Even light from all around, for path tracing")
         )
     return Folder("Light", rows, open=True)
 
 
-def _lamp(at: str, number: int, lamp: Lamp) -> list[Control]:
+def _lamp(at: str, number: int, lamp: LightControl) -> list[Control]:
     """The rows of one light."""
     name = {SUN: "Sun", POINT: "Point light", SKY: "Sky", OWN_LIGHT: type(lamp.light).__name__}[lamp.kind]
     rows = [Control(f"{at}on", f"{number + 1}: {name}", "switch", lamp.on)]
@@ -151,35 +149,35 @@ def _lamp(at: str, number: int, lamp: Lamp) -> list[Control]:
     return [*rows, Control(f"{at}remove", "Remove", "button")]
 
 
-def _material(looks: Looks, scene: Scene) -> Folder:
+def _material(view: ViewSettings, scene: Scene) -> Folder:
     kinds = [
         (OWN, "the scene's own"),
         *((name, name) for name in ("diffuse", "phong", "principled", "mirror", "glass")),
     ]
-    rows = [_choice(looks, "material", "Material", kinds)]
-    if looks.material not in ("mirror", "glass"):
+    rows = [_choice(view, "material", "Material", kinds)]
+    if view.material not in ("mirror", "glass"):
         own = [(OWN, "the points' own"), (CONSTANT, "one for all")]
-        rows.append(_choice(looks, "color_by", "Colour", [*own, *((name, name) for name in colorings(scene))]))
-        if looks.color_by == CONSTANT:
-            rows.append(Control("color", "", "color", looks.color))
-        elif looks.color_by != OWN:
-            rows.append(_choice(looks, "colormap", "Map", [(name, name) for name in EMBEDDED]))
-            rows += _limits(looks)
+        rows.append(_choice(view, "color_by", "Colour", [*own, *((name, name) for name in colorings(scene))]))
+        if view.color_by == CONSTANT:
+            rows.append(Control("color", "", "color", view.color))
+        elif view.color_by != OWN:
+            rows.append(_choice(view, "colormap", "Map", [(name, name) for name in EMBEDDED]))
+            rows += _limits(view)
     more = {
         "phong": [("specular", "Specular", 0.0, 1.0, 0.01), ("exponent", "Exponent", 1.0, 1000.0, 1.0)],
         "principled": [("roughness", "Roughness", 0.0, 1.0, 0.01), ("metallic", "Metallic", 0.0, 1.0, 0.01)],
         "glass": [("ior", "Index", 1.0, 3.0, 0.01)],
     }
-    rows += [_range(looks, *row) for row in more.get(looks.material, [])]
+    rows += [_range(view, *row) for row in more.get(view.material, [])]
     return Folder("Material", rows)
 
 
-def _limits(looks: Looks) -> list[Control]:
+def _limits(view: ViewSettings) -> list[Control]:
     """The range of the attribute, once one was found."""
     rows = []
     for name, label in (("low", "From"), ("high", "To")):
-        rows.append(Control(name, label, "number", getattr(looks, name)))
-    return rows if looks.low is not None else []
+        rows.append(Control(name, label, "number", getattr(view, name)))
+    return rows if view.low is not None else []
 
 
 def _surface(build: Build) -> Folder:
@@ -212,14 +210,14 @@ def _surface(build: Build) -> Folder:
     )
 
 
-def _cut(looks: Looks) -> Folder:
+def _cut(view: ViewSettings) -> Folder:
     rows = []
-    for k, cut in enumerate(looks.cuts):
+    for k, cut in enumerate(view.cuts):
         rows.append(Control(f"cuts.{k}.on", f"Across {COORDINATES[k]}", "switch", cut.on))
         if cut.on:
             rows.append(Control(f"cuts.{k}.at", "Place", "range", cut.at, low=0.0, high=1.0, step=0.001))
             rows.append(Control(f"cuts.{k}.flip", "Other side", "switch", cut.flip))
-    ground = Control("ground", "Ground", "switch", looks.ground, hint="A grey plane under the model")
+    ground = Control("ground", "Ground", "switch", view.ground, hint="A grey plane under the model")
     return Folder("Cut open, ground", [*rows, ground])
 
 
@@ -254,9 +252,9 @@ def _film(output: Output) -> Folder:
     )
 
 
-def _choice(looks: Looks, name: str, label: str, options: list[tuple[str, str]]) -> Control:
-    return Control(name, label, "choice", getattr(looks, name), options)
+def _choice(view: ViewSettings, name: str, label: str, options: list[tuple[str, str]]) -> Control:
+    return Control(name, label, "choice", getattr(view, name), options)
 
 
-def _range(looks: Looks, name: str, label: str, low: float, high: float, step: float, hint: str = "") -> Control:
-    return Control(name, label, "range", getattr(looks, name), low=low, high=high, step=step, hint=hint)
+def _range(view: ViewSettings, name: str, label: str, low: float, high: float, step: float, hint: str = "") -> Control:
+    return Control(name, label, "range", getattr(view, name), low=low, high=high, step=step, hint=hint)

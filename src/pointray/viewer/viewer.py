@@ -1,4 +1,4 @@
-"""A viewer: a subject, the server that shows it, and a session for each browser."""
+"""A viewer: a shared scene, the server that shows it, and a session for each browser."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..rendering.warmup import warm_up
 from .link import Link
 from .server import Server
 from .session import Session
-from .subject import Subject
+from .shared_scene import SharedScene
 
 HUB = "JUPYTERHUB_SERVICE_PREFIX"  # where a JupyterHub says below which path a notebook's server is
 
@@ -28,9 +28,9 @@ class Viewer:
     port : int
     """
 
-    def __init__(self, subject: Subject, host: str = "127.0.0.1", port: int = 0, token: str = "") -> None:
-        self._subject = subject
-        warm_up(subject.settings, clicks=True)
+    def __init__(self, shared: SharedScene, host: str = "127.0.0.1", port: int = 0, token: str = "") -> None:
+        self._shared = shared
+        warm_up(shared.settings, clicks=True)
         self._ended = threading.Event()
         self._sessions: set[Session] = set()
         self._lock = threading.Lock()
@@ -64,7 +64,7 @@ class Viewer:
             return False
 
     def _welcome(self, link: Link) -> Session:
-        session = Session(link, self._subject, self._forget)
+        session = Session(link, self._shared, self._forget)
         with self._lock:
             self._sessions.add(session)
         return session
@@ -75,12 +75,12 @@ class Viewer:
 
     def _watch(self) -> None:
         """Tell when the scene was changed by who made it."""
-        version: Any = self._subject.version
+        version: Any = self._shared.version
         while not self._ended.wait(0.1):
-            self._subject.look_at_compiling()
-            if self._subject.version != version:
-                version = self._subject.version
-                self._subject.tell()
+            self._shared.look_at_compiling()
+            if self._shared.version != version:
+                version = self._shared.version
+                self._shared.notify()
 
     def _repr_html_(self) -> str:
         """In a notebook: the page itself, and what to do where it does not come."""

@@ -24,7 +24,7 @@ AWAY = 1.2  # of the model's diagonal: how far from its middle a new point light
 
 
 @dataclass(frozen=True)
-class Lamp:
+class LightControl:
     """A light that the panel can change; of another kind, one that it can switch off.
 
     Attributes
@@ -71,32 +71,32 @@ class Lamp:
         return (0.0, 1.0, 0.0) if self.camera else up
 
 
-def new_lamp(kind: str, scene: Scene, up: Vector) -> Lamp:
+def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
     """A light to begin with."""
     if kind != POINT:
-        return Lamp(kind, strength=BRIGHT if kind == SUN else 1.0)
+        return LightControl(kind, strength=BRIGHT if kind == SUN else 1.0)
     low, high = scene.bounds
     away = AWAY * float(np.linalg.norm(high - low))
     x, y, z = ((low + high) / 2 + away * direction_of(-40.0, 40.0, up)).tolist()
-    return Lamp(POINT, strength=BRIGHT * away * away, position=(x, y, z))
+    return LightControl(POINT, strength=BRIGHT * away * away, position=(x, y, z))
 
 
-def lamps_of(scene: Scene, up: Vector) -> tuple[Lamp, ...]:
+def light_controls_of(scene: Scene, up: Vector) -> tuple[LightControl, ...]:
     """The lights of a scene."""
     return tuple(_lamp_of(light, up) for light in scene.lights)
 
 
-def _lamp_of(light: Light | EnvironmentLight, up: Vector) -> Lamp:
+def _lamp_of(light: Light | EnvironmentLight, up: Vector) -> LightControl:
     if isinstance(light, SunLight):
         color, strength = _split(light.irradiance)
         about = (0.0, 1.0, 0.0) if light.camera else up
         azimuth, elevation = angles_of(-np.asarray(light.direction, np.float64), about)
-        return Lamp(SUN, color, strength, azimuth, elevation, float(light.angle), camera=light.camera)
+        return LightControl(SUN, color, strength, azimuth, elevation, float(light.angle), camera=light.camera)
     if isinstance(light, PointLight):
         color, strength = _split(light.intensity)
         x, y, z = np.asarray(light.position, np.float64).tolist()
-        return Lamp(POINT, color, strength, position=(x, y, z), camera=light.camera)
-    return Lamp(OWN, light=light)
+        return LightControl(POINT, color, strength, position=(x, y, z), camera=light.camera)
+    return LightControl(OWN, light=light)
 
 
 def _split(power: Any) -> tuple[Color, float]:

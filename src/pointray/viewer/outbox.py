@@ -26,8 +26,8 @@ from .link import Link
 from .messages import describe, packed
 from .painter import Frame
 from .pick import Found
+from .shared_scene import Progress
 from .sketch import Sketch
-from .subject import Progress
 
 STATUS = 0.25  # seconds between two statistics
 LEGEND = (600, 220)  # pixels
@@ -36,7 +36,7 @@ REPEAT = 2.0  # seconds in which the same word is not said again
 FOLDERS = re.compile(r"""((?<![^\s'"(])([A-Za-z]:)?[/\\][^:'"\n]*|[^\s:'"]*)[/\\](?=[^\s/\\])""")
 
 
-class Voice:
+class Outbox:
     """Speaks to the page at the other end of a link; from any thread."""
 
     def __init__(self, link: Link) -> None:
@@ -109,11 +109,11 @@ class Voice:
     def frame(self, frame: Frame, rate: float) -> None:
         """A picture, and now and then the statistics. rate : frames a second."""
         width, height = frame.size
-        header = {"number": frame.number, "camera": describe(frame.wish.camera), "time": frame.wish.time}
+        header = {"number": frame.number, "camera": describe(frame.request.camera), "time": frame.request.time}
         header |= {"width": width, "height": height, "stage": frame.stage.name, "samples": frame.samples}
         self._link.send(packed({"type": "frame", **header, "mime": "image/jpeg"}, frame.jpeg))
         now = time.perf_counter()
-        if now - self._status_at > STATUS or frame.samples == frame.wish.looks.samples:
+        if now - self._status_at > STATUS or frame.samples == frame.request.view.samples:
             self._status_at = now
             self.say(type="status", lines=_statistics(frame, rate))
 
@@ -132,14 +132,14 @@ def legend_of(attribute: Attribute) -> str:
 
 
 def _statistics(frame: Frame, rate: float) -> list[str]:
-    sketch = frame.wish.sketch
+    sketch = frame.request.sketch
     if sketch is not None:
         return [f"a sketch: {len(sketch.points):,} of {sketch.count:,} points"]
-    models = frame.wish.scene.models
+    models = frame.request.scene.models
     points, held = sum(len(model.points) for model in models), sum(model.nbytes for model in models) / 2**20
     what = f"{rate:.0f} fps"
     if frame.samples > 1:
-        what = f"{frame.samples:,} of {frame.wish.looks.samples:,} samples"
+        what = f"{frame.samples:,} of {frame.request.view.samples:,} samples"
     rays = frame.rays / max(frame.seconds, 1e-9) / 1e6
     return [
         f"{what}, {frame.size[0]}x{frame.size[1]}",

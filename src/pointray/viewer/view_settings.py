@@ -23,13 +23,13 @@ from ..shade.lights import Light
 from ..shade.materials import Dielectric, Diffuse, Material, Mirror, Phong, Principled
 from ..staging.direction import axes_of
 from ..staging.studio import ALBEDO
-from .lamps import Color, Lamp, Vector, lamps_of, new_lamp
-from .subject import Subject
+from .light_control import Color, LightControl, Vector, light_controls_of, new_light_control
+from .shared_scene import SharedScene
 
 OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
 
-# Values of the picture, not of the scene: `dress` does not depend on them.
+# Values of the picture, not of the scene: `apply` does not depend on them.
 PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposure", "curve")
 
 
@@ -43,7 +43,7 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class Looks:
+class ViewSettings:
     """The values of the panel; each is named as its control is.
 
     Attributes
@@ -78,7 +78,7 @@ class Looks:
     curve: str = AUTO
     around: str = "gradient"
     backdrop: Color = BACKDROP
-    lamps: tuple[Lamp, ...] = ()
+    lamps: tuple[LightControl, ...] = ()
     material: str = OWN
     color_by: str = OWN
     color: Color = (0.8, 0.8, 0.8)
@@ -94,23 +94,23 @@ class Looks:
     cuts: tuple[Cut, Cut, Cut] = (Cut(), Cut(), Cut())
 
     @classmethod
-    def of(cls, subject: Subject, scene: Scene) -> Looks:
-        """How a subject's scene looks by itself."""
-        settings = subject.settings
-        looks = cls(
+    def of(cls, shared: SharedScene, scene: Scene) -> ViewSettings:
+        """How a shared scene looks by itself."""
+        settings = shared.settings
+        view = cls(
             base=replace(settings, time_limit=None, noise=None, denoise=False),
             integrator=settings.integrator,
             samples=max(settings.spp, 64),
             max_depth=settings.depth,
             shadows=settings.shadows,
             levels=settings.levels,
-            exposes=subject.exposes,
-            exposure=subject.exposure,
-            curve=AUTO if subject.exposes else subject.curve,
+            exposes=shared.exposes,
+            exposure=shared.exposure,
+            curve=AUTO if shared.exposes else shared.curve,
         )
-        return replace(looks, lamps=lamps_of(scene, subject.up)).before(scene)
+        return replace(view, lamps=light_controls_of(scene, shared.up)).before(scene)
 
-    def before(self, scene: Scene) -> Looks:
+    def before(self, scene: Scene) -> ViewSettings:
         """With the background that a scene has."""
         if scene.shows_sky:
             return replace(self, around="sky")
@@ -119,12 +119,12 @@ class Looks:
         r, g, b = linear_to_srgb(np.clip(scene.background, 0, 1)).tolist()
         return replace(self, around="color", backdrop=(r, g, b))
 
-    def dressed_like(self, other: Looks) -> bool:
+    def same_scene(self, other: ViewSettings) -> bool:
         """Whether the scene is dressed the same way; by identity, as lights may hold arrays."""
         names = [field.name for field in fields(self) if field.name not in PICTURE]
         return all(getattr(self, name) is getattr(other, name) for name in names)
 
-    def with_value(self, name: str, value: Any) -> Looks:
+    def with_value(self, name: str, value: Any) -> ViewSettings:
         """With another value of a control: a field's, or one of a lamp or a cut, like "lamps.0.color"."""
         field, _, rest = name.partition(".")
         if not rest:
@@ -135,11 +135,11 @@ class Looks:
         changed: dict[str, Any] = {field: tuple(parts)}
         return replace(self, **changed)
 
-    def with_lamp(self, kind: str, scene: Scene, up: Vector) -> Looks:
+    def with_lamp(self, kind: str, scene: Scene, up: Vector) -> ViewSettings:
         """With one light more."""
-        return replace(self, lamps=(*self.lamps, new_lamp(kind, scene, up)))
+        return replace(self, lamps=(*self.lamps, new_light_control(kind, scene, up)))
 
-    def without_lamp(self, number: int) -> Looks:
+    def without_lamp(self, number: int) -> ViewSettings:
         """With one light less."""
         return replace(self, lamps=self.lamps[:number] + self.lamps[number + 1 :])
 
@@ -169,8 +169,8 @@ class Looks:
         """Those that are on."""
         return [lamp.make(up) for lamp in self.lamps if lamp.on]
 
-    def dress(self, scene: Scene, up: Vector) -> Scene:
-        """The scene as it looks so, without touching the scene itself."""
+    def apply(self, scene: Scene, up: Vector) -> Scene:
+        """A copy of the scene with these settings; the scene itself is not touched."""
         dressed = scene.copy()
         dressed.lights = self.lights(up)
         dressed.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))

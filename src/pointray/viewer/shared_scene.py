@@ -39,15 +39,15 @@ class Progress:
 
 
 class Loader(Protocol):
-    """Brings a scene: `Subject.show` as often as there is more of it to see, `Subject.say` what it is at.
+    """Brings a scene: `SharedScene.show` as often as there is more of it to see, `SharedScene.say` what it is at.
 
-    Before, `Subject.outline` if there are points and no kernels yet to trace them.
+    Before, `SharedScene.outline` if there are points and no kernels yet to trace them.
     """
 
-    def __call__(self, subject: Subject) -> None: ...
+    def __call__(self, shared: SharedScene) -> None: ...
 
 
-class Subject:
+class SharedScene:
     """The scene, and who wants to know when it changes.
 
     Attributes
@@ -118,7 +118,7 @@ class Subject:
         """Another one whenever the scene is, or has changed."""
         return self._shown, 0 if self._scene is None else self._scene._version
 
-    def listen(self, listener: Callable[[], None]) -> Callable[[], None]:
+    def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
         """Have something called, from any thread, whenever anything changes; returns what ends that."""
         with self._lock:
             self._listeners.append(listener)
@@ -152,7 +152,7 @@ class Subject:
         """This is seen until there is a scene."""
         self.sketch, self.up = sketch, up
         self._shown += 1
-        self.tell()
+        self.notify()
 
     def show(self, scene: Scene, home: Camera | None = None) -> None:
         """This is what is shown from now on, and where a browser begins."""
@@ -160,7 +160,7 @@ class Subject:
         if home is not None:  # the page knows this projection only
             self.home = replace(home, projection="perspective", aperture=0.0, focus=None)
         self._shown += 1
-        self.tell()
+        self.notify()
 
     @property
     def build(self) -> Build | None:
@@ -198,7 +198,7 @@ class Subject:
                 if scene is self._scene and build is self._wanted:
                     self._built = build, made
                     self._shown += 1
-                    self.tell()
+                    self.notify()
 
     def _rebuilt(self, model: Model, build: Build, number: int, count: int) -> Model:
         def say(stage: str, share: float) -> None:
@@ -216,7 +216,7 @@ class Subject:
     def _run(self, work: Callable[[], None]) -> None:
         if self.problem:
             self.problem = ""
-            self.tell()
+            self.notify()
         try:
             work()
         except (OSError, ValueError) as error:
@@ -233,7 +233,7 @@ class Subject:
     def say(self, stage: str, share: float | None) -> None:
         """What is being done, and how much of it is."""
         self._building = Progress(stage, share, self._time_left(stage, share))
-        self.tell()
+        self.notify()
 
     def look_at_compiling(self) -> None:
         """Say how far the compiling of kernels is; several times a second."""
@@ -243,9 +243,9 @@ class Subject:
             stage = f"compiling for this processor: kernel {state.number} of {state.total}"
             self._compiling = Progress(stage, state.share, state.seconds)
         if self._compiling != before:
-            self.tell()
+            self.notify()
 
-    def tell(self) -> None:
+    def notify(self) -> None:
         """Say to all who listen that something has changed."""
         with self._lock:
             listeners = list(self._listeners)
