@@ -306,18 +306,18 @@ def test_a_process_that_lives_on_takes_away_too(tmp_path):
 
 def test_a_film_whose_first_moment_was_its_last_goes_on(tmp_path):
     """What is left of a note that was being written is no reason to refuse the folder."""
-    from pointray.cli.animate import target_of
+    from pointray.cli.animate import film_output
 
     pytest.importorskip("imageio_ffmpeg")
     folder = tmp_path / "a.mp4.frames"
     folder.mkdir()
     process = begin_writing(folder / "%04d.png.json")
     kill(process)
-    assert target_of(tmp_path / "a.mp4", "sky").pattern.parent == folder
+    assert film_output(tmp_path / "a.mp4", "sky").pattern.parent == folder
     assert names(folder) == []
     (folder / "mine.png").touch()
     with pytest.raises(ValueError, match="not of a film"):
-        target_of(tmp_path / "a.mp4", "sky")
+        film_output(tmp_path / "a.mp4", "sky")
 
 
 def test_many_writers_of_one_folder_do_not_take_each_others_files(tmp_path):

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from .keys import read_keys
 from .options import AUTO, positive
-from .stage import Stage
+from .scan_scene import ScanScene
 from .views import SceneView, View
 from .waiting import Progress, in_background, writing
 
@@ -22,7 +22,7 @@ PREVIEWS, PREVIEW, PREVIEW_SAMPLES = 8, 128, 16  # frames by which it is exposed
 TRANSPARENT = "an MP4 cannot be transparent, numbered .png can"
 
 
-class Way:
+class CameraPath:
     """The way of the camera: a turntable, or along keys. Raises what is wrong with the options at once."""
 
     def __init__(self, view: View | SceneView, fps: float, wishes: dict[str, Any]) -> None:
@@ -64,7 +64,7 @@ def _frames(count: float) -> int:
 
 
 @dataclass(frozen=True)
-class Target:
+class FilmOutput:
     """Where a film goes.
 
     Attributes
@@ -74,12 +74,12 @@ class Target:
     mp4 : bool
     """
 
-    output: Path
+    path: Path
     pattern: Path
     mp4: bool
 
 
-def target_of(output: Path, background: str) -> Target:
+def film_output(output: Path, background: str) -> FilmOutput:
     """What -o means; raises what would keep the film from being written."""
     from ..image.frames import check_pattern, note_of
     from ..image.mp4 import check_mp4
@@ -95,15 +95,15 @@ def target_of(output: Path, background: str) -> Target:
         if folder.is_dir() and any(folder.iterdir()) and not note_of(pattern).exists():
             raise ValueError(f"{folder}: not of a film that was interrupted, and its place is needed for frames")
         check_pattern(pattern)
-        return Target(output, pattern, True)
+        return FilmOutput(output, pattern, True)
     if "%" not in output.name and output.suffix and not output.is_dir():
         raise ValueError(f"{output}: a film is .mp4, or numbered pictures: a folder, or a name like %04d.png")
     pattern = output if "%" in output.name else output / "%04d.png"
     check_pattern(pattern)
-    return Target(output, pattern, False)
+    return FilmOutput(output, pattern, False)
 
 
-class Subject(NamedTuple):
+class FilmSource(NamedTuple):
     """What a film shows.
 
     Attributes
@@ -131,64 +131,65 @@ class Subject(NamedTuple):
     backdrop: Any = None
 
 
-def scan_subject(stage: Stage, view: View, picture: Any, exposure: float | str) -> Subject:
+def scan_source(scan_scene: ScanScene, view: View, picture: Any, exposure: float | str) -> FilmSource:
     """A film of a scan: the whole of it stays in the picture, where the view says nothing else."""
 
     def build(progress: Progress) -> tuple[Any, Any]:
-        scene, _, scan = stage.build(progress)
+        scene, _, scan = scan_scene.build(progress)
         return scene, view.turning(scan)
 
-    leveled = picture.levels and stage.is_plain
-    return Subject(build, picture, exposure, AUTO, stage.settings, leveled, stage.backdrop)
+    leveled = picture.levels and scan_scene.is_plain
+    return FilmSource(build, picture, exposure, AUTO, scan_scene.settings, leveled, scan_scene.backdrop)
 
 
-def animate(target: Target, way: Way, subject: Subject) -> str:
+def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource) -> str:
     """Render the frames that are not there yet, and write the film; returns a line that says what was done."""
     from ..image.frames import Frames
     from ..image.mp4 import even, write_mp4
     from ..image.write import SHOWN_BYTES
     from ..rendering.picture import check_picture, picture_bytes
 
-    size = way.view.size
-    check_picture(size, picture_bytes(subject.picture, written=SHOWN_BYTES))
-    frames = Frames(target.pattern, _settings(way, subject), way.count, size)
+    size = camera_path.view.size
+    check_picture(size, picture_bytes(source.picture, written=SHOWN_BYTES))
+    frames = Frames(output.pattern, _settings(camera_path, source), camera_path.count, size)
     missing, other = frames.find()
     if other:
         differ = ", ".join(name.replace("_", " ") for name in other)
         warnings.warn(f"{frames.pattern}: all frames are rendered anew: not as before: {differ}", stacklevel=2)
-    with Progress(subject.picture if missing else None) as progress:
+    with Progress(source.picture if missing else None) as progress:
         try:
             if missing:
-                _render(frames, missing, way, subject, progress)
-            if target.mp4:
+                _render(frames, missing, camera_path, source, progress)
+            if output.mp4:
                 progress.show("writing the film", 1.0)
-                with writing(target.output):
-                    write_mp4(target.output, target.pattern, way.count, way.fps, size)
+                with writing(output.path):
+                    write_mp4(output.path, output.pattern, camera_path.count, camera_path.fps, size)
         except KeyboardInterrupt:
-            warnings.warn(f"{target.output}: the same command goes on where this one stopped", stacklevel=2)
+            warnings.warn(f"{output.path}: the same command goes on where this one stopped", stacklevel=2)
             raise
-    with writing(target.output):
-        if target.mp4:
-            shutil.rmtree(target.pattern.parent)
+    with writing(output.path):
+        if output.mp4:
+            shutil.rmtree(output.pattern.parent)
         else:
             frames.finish()
     shape = f"{size[0]}x{size[1]}"
-    if target.mp4 and even(size) != size:
+    if output.mp4 and even(size) != size:
         shape += " (an MP4 has even sides: {}x{})".format(*even(size))
-    before = way.count - len(missing)
+    before = camera_path.count - len(missing)
     known = f", {before:,} of them from before" if before else ""
-    return f"{target.output}: {shape}, {way.count:,} frames{known}, {way.count / way.fps:.3g} seconds"
+    seconds = camera_path.count / camera_path.fps
+    return f"{output.path}: {shape}, {camera_path.count:,} frames{known}, {seconds:.3g} seconds"
 
 
-def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progress: Progress) -> None:
+def _render(frames: Any, missing: list[int], camera_path: CameraPath, source: FilmSource, progress: Progress) -> None:
     """Render frames, one after the other: each is kept before the next one begins."""
     from ..rendering.lod import is_far
     from ..rendering.picture import render
 
-    scene, first = subject.build(progress)
-    cameras = way.cameras(first)
-    for model in scene.models if subject.leveled else ():
-        if not model.levels and any(is_far(model, camera, subject.picture.most) for camera in cameras):
+    scene, first = source.build(progress)
+    cameras = camera_path.cameras(first)
+    for model in scene.models if source.leveled else ():
+        if not model.levels and any(is_far(model, camera, source.picture.most) for camera in cameras):
             in_background(partial(model.make_levels, progress.show))
 
     def picture(camera: Any, done: int) -> Any:
@@ -196,18 +197,18 @@ def _render(frames: Any, missing: list[int], way: Way, subject: Subject, progres
             progress.show(f"frame {done + 1} of {len(missing)}", (done + share) / len(missing))
 
         show(0.0)
-        return render(scene, camera, subject.picture, show)
+        return render(scene, camera, source.picture, show)
 
-    exposure, curve = subject.exposure, "srgb" if subject.curve == AUTO else subject.curve
+    exposure, curve = source.exposure, "srgb" if source.curve == AUTO else source.curve
     if isinstance(exposure, str):
         progress.show("choosing the exposure", 0.0)
-        exposure, curve = in_background(lambda: _exposure(scene, cameras, subject.picture))
+        exposure, curve = in_background(lambda: _exposure(scene, cameras, source.picture))
     with writing(frames.pattern):
         frames.begin()
     for done, k in enumerate(missing):
         image = in_background(partial(picture, cameras[k], done))
         with writing(frames.path(k)):
-            frames.keep(k, image, exposure, curve, subject.backdrop)
+            frames.keep(k, image, exposure, curve, source.backdrop)
 
 
 def _exposure(scene: Any, cameras: list[Any], picture: Any) -> tuple[float, str]:
@@ -229,10 +230,15 @@ def _exposure(scene: Any, cameras: list[Any], picture: Any) -> tuple[float, str]
     return min(auto_exposure(image, curve) for image in images), curve
 
 
-def _settings(way: Way, subject: Subject) -> dict[str, Any]:
+def _settings(camera_path: CameraPath, source: FilmSource) -> dict[str, Any]:
     """All that the pictures depend on; not the threads, which make no difference."""
     from .. import __version__
 
-    picture = {name: value for name, value in asdict(subject.picture).items() if name != "threads"}
-    film = {"version": __version__, "frames": way.count, "size": way.view.size, "exposure": subject.exposure}
-    return {**film, **way.settings, **picture, **subject.settings}
+    picture = {name: value for name, value in asdict(source.picture).items() if name != "threads"}
+    film = {
+        "version": __version__,
+        "frames": camera_path.count,
+        "size": camera_path.view.size,
+        "exposure": source.exposure,
+    }
+    return {**film, **camera_path.settings, **picture, **source.settings}

@@ -113,8 +113,8 @@ def render(
 ) -> None:
     """Render a scan to a picture, camera and light place themselves; or what a scene file describes."""
     from .outputs import Shown, check_fits, check_output, is_layered, write_picture
-    from .scenes import is_scene, render_scene
-    from .stage import staged
+    from .scan_scene import staged
+    from .scene_file import is_scene, render_scene
 
     stops = exposure_of(exposure, integrator.value)
     check_output(output, exposure != AUTO and stops != 0, legend)
@@ -123,12 +123,12 @@ def render(
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
-    seen, settings, stage = staged(file, context.params, is_layered(output))
+    seen, settings, scan_scene = staged(file, context.params, is_layered(output))
     check_fits(output, seen.size, settings, legend)
     with Progress(settings) as progress:
-        scene, model, scan = stage.build(progress)
+        scene, model, scan = scan_scene.build(progress)
         camera = seen.camera(scan)
-        look = Shown(stops, AUTO, stage.legend if legend else None, stage.backdrop)
+        look = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop)
         what = write_picture(output, (scene, camera, settings), look, progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
     if seen.framed and scan.found:
@@ -185,18 +185,18 @@ def animate(
     color_by: ColorByOption = None,
 ) -> None:
     """A film of a scan or a scene file, on a turntable or along keys; an interrupted one goes on when started again."""
-    from .animate import Way, scan_subject, target_of
+    from .animate import CameraPath, film_output, scan_source
     from .animate import animate as work
-    from .scenes import animate_scene, is_scene
-    from .stage import staged
+    from .scan_scene import staged
+    from .scene_file import animate_scene, is_scene
 
-    goal = target_of(output, background)
+    goal = film_output(output, background)
     if is_scene(file):
         print(animate_scene(file, goal, given(context), fps))
         return
-    seen, settings, stage = staged(file, context.params)
-    film = Way(seen, fps, context.params)
-    print(work(goal, film, scan_subject(stage, seen, settings, exposure_of(exposure, integrator.value))))
+    seen, settings, scan_scene = staged(file, context.params)
+    film = CameraPath(seen, fps, context.params)
+    print(work(goal, film, scan_source(scan_scene, seen, settings, exposure_of(exposure, integrator.value))))
 
 
 @app.command()
@@ -226,7 +226,7 @@ def view(
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
     from ..rendering.settings import Settings
     from ..staging.studio import with_contact
-    from .view import serve, subject_of
+    from .serve import serve, shared_scene_of
 
     use_threads(threads)
     settings = with_contact(Settings(integrator=integrator.value, levels=levels))
@@ -234,8 +234,8 @@ def view(
     look = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     positive(radius_scale, "--radius-scale")
     place["normals"] = normals.value
-    subject, loader = subject_of(files, given(context), place, look)
-    serve(subject, loader, host, port, open_browser)
+    shared, loader = shared_scene_of(files, given(context), place, look)
+    serve(shared, loader, host, port, open_browser)
 
 
 @app.command()
@@ -294,7 +294,7 @@ def info(
     """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
     from .prepare import read_scan
     from .report import describe, describe_model, show_table
-    from .stage import check_scan
+    from .scan_scene import check_scan
 
     check_scan(file)
     with Progress() as progress:

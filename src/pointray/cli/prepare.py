@@ -15,7 +15,7 @@ from ..model_file import SAVED
 from ..points.trust import trusted
 from ..splats.radii import radii_in
 from .options import AUTO
-from .stage import check_saved, check_scan
+from .scan_scene import check_saved, check_scan
 from .waiting import Progress, in_background, writing
 
 

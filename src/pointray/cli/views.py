@@ -67,7 +67,7 @@ class View:
     def turning(self, scan: Any) -> Any:
         """The camera for a `Scan` that turns; where the options say nothing, it stays in the picture all the way.
 
-        Not for a panorama, which is all around the camera: `Way` has refused its turntable, keys do without this one.
+        Not for a panorama, which is all around the camera: `CameraPath` has refused its turntable, and keys do without.
         """
         if self.framed and self.lens["projection"] != "panorama":
             framed = scan.turning(self._frame)

@@ -13,15 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from .options import AUTO, background_of, light_of
-from .scenes import SceneStage, is_scene
-from .stage import PLAIN, check_saved, check_scan, fill_of, ground_under, lights_for
+from .scan_scene import PLAIN, check_saved, check_scan, fill_of, ground_under, lights_for
+from .scene_file import DescribedScene, is_scene
 from .views import View
 
 M_ARENA_MAX = -8  # of glibc's mallopt
 SERVING = ("host", "port", "open_browser")  # options that are about neither the scene nor the picture
 
 
-def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, Any], surface: dict[str, Any]) -> Any:
+def shared_scene_of(
+    files: Sequence[Path], options: dict[str, Any], place: dict[str, Any], surface: dict[str, Any]
+) -> Any:
     """What is viewed, and what brings it. Raises what is wrong with files and options at once.
 
     options : those that the user has typed; place : settings, up, light, background, ground and normals;
@@ -35,7 +37,7 @@ def subject_of(files: Sequence[Path], options: dict[str, Any], place: dict[str, 
         if len(files) > 1:
             raise ValueError("a scene file is viewed alone")
         typed = {name: value for name, value in options.items() if name != "files"}
-        plan = SceneStage(files[0], typed, SERVING).plan
+        plan = DescribedScene(files[0], typed, SERVING).plan
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
         return SharedScene(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
     choice = View("1x1", place["up"]).choice

@@ -37,12 +37,12 @@ def check_saved(file: Path, is_plain: bool) -> None:
 
 SHAPE = ("samples", "radius_scale")
 LENS = ("fov", "projection", "aperture", "focus")
-WAY = ("eye", "target", "view", "azimuth", "elevation", "zoom")
+FRAMING = ("eye", "target", "view", "azimuth", "elevation", "zoom")
 EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels")
 PLACE = ("light", "fill", "background", "ground", "material", "color", "color_by")
 
 
-def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[View, Any, Stage]:
+def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[View, Any, ScanScene]:
     """How a scan is seen, rendered and lit, by all options of `render` or `animate`. Raises what is wrong at once.
 
     layers : whether the result is numbers for other programs, not a picture to look at
@@ -51,14 +51,16 @@ def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[V
 
     check_scan(file)
     plain = {name: getattr(value, "value", value) for name, value in options.items()}
-    lens, way, effort, shape, place = ({k: plain[k] for k in names} for names in (LENS, WAY, EFFORT, SHAPE, PLACE))
-    seen = View(plain["size"], plain["up"], lens, **way)
+    lens, framing, effort, shape, place = (
+        {k: plain[k] for k in names} for names in (LENS, FRAMING, EFFORT, SHAPE, PLACE)
+    )
+    seen = View(plain["size"], plain["up"], lens, **framing)
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
     surface = {"surface": plain["surface"], **shape}
-    return seen, settings, Stage(file, surface, place, seen.choice, layers, plain["normals"])
+    return seen, settings, ScanScene(file, surface, place, seen.choice, layers, plain["normals"])
 
 
-class Stage:
+class ScanScene:
     """The scan under its lights. Raises what is wrong with an option at once, before the file is read.
 
     Parameters

@@ -12,7 +12,7 @@ from .views import SceneView
 from .waiting import Progress, in_background
 
 if TYPE_CHECKING:
-    from .animate import Subject, Target
+    from .animate import FilmOutput, FilmSource
 
 VECTORS = ("eye", "target")
 CAMERA = (*VECTORS, "up", "fov", "size", "projection", "aperture", "focus")
@@ -26,7 +26,7 @@ def is_scene(file: Path) -> bool:
     return file.suffix.lower() == ".toml"
 
 
-class SceneStage:
+class DescribedScene:
     """A scene file, and the options that were given with it. Raises what is wrong with either at once.
 
     Parameters
@@ -73,21 +73,21 @@ class SceneStage:
         files = [(str(path.resolve()), fact.st_size, fact.st_mtime_ns) for path, fact in facts]
         return {"scene": files, "background": self.plan.background}
 
-    def subject(self) -> Subject:
+    def source(self) -> FilmSource:
         """What a film of it shows."""
-        from .animate import Subject
+        from .animate import FilmSource
 
         def build(progress: Progress) -> tuple[Any, Any]:
             made = in_background(lambda: plan.build(progress.show))
             return made.scene, made.camera
 
         plan = self.plan
-        return Subject(build, plan.settings, plan.exposure, plan.curve, self.settings)
+        return FilmSource(build, plan.settings, plan.exposure, plan.curve, self.settings)
 
 
 def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     """Render what a scene file describes; returns a line that says what was done."""
-    plan = SceneStage(file, options).plan
+    plan = DescribedScene(file, options).plan
     check_fits(output, SceneView(plan.camera).size, plan.settings)
     with Progress(plan.settings) as progress:
         made = in_background(lambda: plan.build(progress.show))
@@ -96,12 +96,12 @@ def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     return f"{output}: {width}x{height}{what}"
 
 
-def animate_scene(file: Path, goal: Target, options: dict[str, Any], fps: float) -> str:
+def animate_scene(file: Path, goal: FilmOutput, options: dict[str, Any], fps: float) -> str:
     """A film of what a scene file describes; returns a line that says what was done."""
-    from .animate import TRANSPARENT, Way, animate
+    from .animate import TRANSPARENT, CameraPath, animate
 
-    stage = SceneStage(file, options, FILM)
-    if goal.mp4 and stage.plan.background is None:
-        raise stage.plan.error("background", f"{TRANSPARENT}; or say --background")
+    described = DescribedScene(file, options, FILM)
+    if goal.mp4 and described.plan.background is None:
+        raise described.plan.error("background", f"{TRANSPARENT}; or say --background")
     wishes = {name: options.get(name) for name in ("seconds", "turns", "keys", "eye", "target")}
-    return animate(goal, Way(SceneView(stage.plan.camera), fps, wishes), stage.subject())
+    return animate(goal, CameraPath(SceneView(described.plan.camera), fps, wishes), described.source())
