@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..jit import borrow, kernel, next_tile, run
+from ..jit import borrow, f32, kernel, next_tile, run
 from ..simd import float_bits
 from .tone import linear_to_srgb, tone
 
@@ -16,8 +16,8 @@ Levels = NDArray[np.uint8]
 ROWS = 16  # that a thread takes at a time
 # The table has an entry for each value of the exponent and the first 9 bits behind it: from 2^-14, which is level 0, to
 # 2^8, which is white on any curve; the level is off by 0.1 at most, and so wrong by one where the 10th bit decides.
-DARKEST, BRIGHTEST = np.float32(2.0**-14), np.float32(2.0**8)
-WHITEST = BRIGHTEST * np.float32(0.999)  # within the table
+DARKEST, BRIGHTEST = f32(2.0**-14), f32(2.0**8)
+WHITEST = BRIGHTEST * f32(0.999)  # within the table
 SHIFT = 14
 _FIRST, _LAST = (int(np.array(x).view(np.int32)) >> SHIFT for x in (DARKEST, BRIGHTEST))
 
@@ -38,7 +38,7 @@ def _levels(work, image, backdrop, gain, table, out):  # type: ignore[no-untyped
     while block >= 0:
         for y in range(block * ROWS, min((block + 1) * ROWS, height)):
             for x in range(width):
-                rest = np.float32(1.0) - image[y, x, 3]
+                rest = f32(1.0) - image[y, x, 3]
                 for c in range(3):
                     value = (image[y, x, c] * gain) + backdrop[y, c] * rest
                     value = value if value > DARKEST else DARKEST  # NaN too; `max` may keep it
@@ -69,6 +69,6 @@ def levels_of(
     """
     out = np.empty((*image.shape[:2], 3), np.uint8)
     behind = np.broadcast_to(np.asarray(backdrop, np.float32), (len(image), 3)).copy()
-    gain = np.float32(2.0**exposure)
+    gain = f32(2.0**exposure)
     run(_levels, -(-len(image) // ROWS), image, behind, gain, _table(curve), out)
     return out

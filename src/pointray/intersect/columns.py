@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..jit import inline
+from ..jit import f32, inline
 from ..kernels.records import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB
 from ..simd import (
+    INF,
+    ONE,
+    ZERO,
     bits,
     broadcast16,
     fours,
@@ -22,11 +23,10 @@ from ..simd import (
     vmin,
 )
 from ..tree.columns import across
-from .surface import INF, ONE, ZERO
 
-FLAT = np.float32(1e-6)  # the least rise that a slab test divides by
-THIN = np.float32(1e-20)  # the least width of a column that is divided by
-LAST = np.float32(COLUMNS - 1)
+FLAT = f32(1e-6)  # the least rise that a slab test divides by
+THIN = f32(1e-20)  # the least width of a column that is divided by
+LAST = f32(COLUMNS - 1)
 MOST = 2 * COLUMNS - 1  # columns that a ray can pass
 
 
@@ -41,7 +41,7 @@ def axes_of(tree, leaf):  # type: ignore[no-untyped-def]
 def _edge(tree, leaf, axis):  # type: ignore[no-untyped-def]
     """Where a leaf's voxel begins along an axis, and the width of its columns."""
     low, high = tree.leaves[leaf * LEAF + CELL + axis], tree.leaves[leaf * LEAF + CELL + 3 + axis]
-    return low, (high - low) * np.float32(1.0 / COLUMNS) + THIN
+    return low, (high - low) * f32(1.0 / COLUMNS) + THIN
 
 
 @inline
@@ -89,7 +89,7 @@ def narrow(tree, leaf, axes, rays, interval):  # type: ignore[no-untyped-def]
     (i, side_u, next_u, end_u), (j, side_v, next_v, end_v) = _begin(u, iu), _begin(v, iv)
     inside, first, last = broadcast16(ZERO), broadcast16(INF), broadcast16(-INF)
     for _ in range(MOST):
-        at = np.float32(COLUMNS) * i + j
+        at = f32(COLUMNS) * i + j
         slopes = permute16(tree.patches, patch + PATCH_B, at), permute16(tree.patches, patch + PATCH_C, at)
         borders = permute16(tree.patches, patch + PATCH_LOW, at), permute16(tree.patches, patch + PATCH_HIGH, at)
         # Beyond the outermost columns the voxel ends, but for rounding.
@@ -129,7 +129,7 @@ def narrow_one(tree, leaf, axes, ray, interval):  # type: ignore[no-untyped-def]
         return interval
     enter, length = interval[0], interval[1] - interval[0]
     place, d, inverse = _in_columns(tree, leaf, axes, ray, enter)
-    two, three = np.float32(2.0), np.float32(3.0)
+    two, three = f32(2.0), f32(3.0)
     enter_u, leave_u = _across(place[0], inverse[0], quarters(ZERO, ONE, two, three))
     enter_v, leave_v = _across(place[1], inverse[1], fours(ZERO, ONE, two, three))
     slopes = load16(tree.patches, patch + PATCH_B), load16(tree.patches, patch + PATCH_C)

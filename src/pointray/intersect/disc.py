@@ -9,17 +9,14 @@ Rays of a camera or a caller start on none: which part of them is looked at chan
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..jit import inline
+from ..jit import f32, i64, inline
 from ..kernels.records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit
 from ..kernels.scratch import COUNT_NEAR
-from ..simd import bits, count_trailing_zeros, lane, repeat4
+from ..simd import INF, ONE, ZERO, bits, count_trailing_zeros, lane, repeat4
 
-ONE, INF, ZERO = np.float32(1.0), np.float32(np.inf), np.float32(0.0)
-NEAR2 = np.float32(2.0**2)  # squared radii: beside a disc's rim a ray would meet its underside
-FLAT2 = np.float32(0.25**2)  # squared radii: two discs on a sphere of R are r / R apart, half of which is each one's
-STEEP = np.float32(-0.35)  # cosine: as much may neighbours' normals differ where a ray leaves almost along the sheet
+NEAR2 = f32(2.0**2)  # squared radii: beside a disc's rim a ray would meet its underside
+FLAT2 = f32(0.25**2)  # squared radii: two discs on a sphere of R are r / R apart, half of which is each one's
+STEEP = f32(-0.35)  # cosine: as much may neighbours' normals differ where a ray leaves almost along the sheet
 
 
 @inline
@@ -32,9 +29,9 @@ def search_discs(tree, leaf, scratch, frame, enter, leave):  # type: ignore[no-u
     on_surface, ahead = ray.t_min >= ZERO, ray.t_min - start
     ox, oy, oz = ahead * ray.dx, ahead * ray.dy, ahead * ray.dz
     nearest = INF
-    nx = ny = nz = np.float32(0.0)
+    nx = ny = nz = f32(0.0)
     for k in range(scratch.counts[COUNT_NEAR]):
-        slot = np.int64(scratch.near[k]) * BLOCK
+        slot = i64(scratch.near[k]) * BLOCK
         qx, qy, qz = (
             repeat4(tree.blocks, slot + PX) - place[0],
             repeat4(tree.blocks, slot + PY) - place[1],

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inline, routine
+from ..jit import f32, f64, i64, inline, routine
 from ..kernels.records import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ
 from ..kernels.scratch import (
     AT_DX,
@@ -28,6 +28,9 @@ from ..kernels.scratch import (
     slot_of,
 )
 from ..simd import (
+    INF,
+    ONE,
+    ZERO,
     bits,
     broadcast16,
     broadcast_from,
@@ -43,10 +46,10 @@ from ..simd import (
     vmin,
     vsqrt,
 )
-from .surface import HALF, INF, ONE, ZERO
+from .surface import HALF
 
-SLACK = np.float32(1.01)  # of radii: what rounding may do to them and to rays' places
-SURE = np.float32(1.0 - 1e-6)  # of squared distances from a segment's middle, which cancel where radii are far smaller
+SLACK = f32(1.01)  # of radii: what rounding may do to them and to rays' places
+SURE = f32(1.0 - 1e-6)  # of squared distances from a segment's middle, which cancel where radii are far smaller
 NEAR = SLACK * SLACK  # of squared radii
 
 
@@ -81,7 +84,7 @@ def around(part, ends, frame, half, active):  # type: ignore[no-untyped-def]
     i, j = ends
     px, py, pz = part[AT_X + i] + part[AT_X + j], part[AT_Y + i] + part[AT_Y + j], part[AT_Z + i] + part[AT_Z + j]
     ax, ay, az = part[AT_DX + i] + part[AT_DX + j], part[AT_DY + i] + part[AT_DY + j], part[AT_DZ + i] + part[AT_DZ + j]
-    scale = ONE / np.float32(math.sqrt(ax * ax + ay * ay + az * az))
+    scale = ONE / f32(math.sqrt(ax * ax + ay * ay + az * az))
     px, py, pz, ax, ay, az = HALF * px, HALF * py, HALF * pz, ax * scale, ay * scale, az * scale
     # Middles and half lengths, across the axis and along it.
     x, y, z = frame.x - px, frame.y - py, frame.z - pz
@@ -113,12 +116,12 @@ def list_blocks(tree, leaf, capsule, scratch):  # type: ignore[no-untyped-def]
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     n = 0
     for group in range(first, first + count):
-        at = np.int64(group) * GROUP
+        at = i64(group) * GROUP
         square = _distances(
             capsule, load16(tree.spheres, at), load16(tree.spheres, at + 16), load16(tree.spheres, at + 32)
         )
         reach = SLACK * load16(tree.spheres, at + 48) + capsule.spread  # NaN in an empty slot
-        n += pack(square < reach * reach, tree.refs, np.int64(group) * 16, scratch.near, n)
+        n += pack(square < reach * reach, tree.refs, i64(group) * 16, scratch.near, n)
     scratch.counts[COUNT_NEAR] = n
 
 
@@ -128,17 +131,17 @@ def nearest_slot(tree, leaf, x, y, z):  # type: ignore[no-untyped-def]
 
     It stands for the one of most weight where none has any: a hit that rounding has moved to the rim of all supports.
     """
-    best, nearest = np.int64(-1), np.inf
+    best, nearest = i64(-1), np.inf
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
-    for k in range(16 * np.int64(first), 16 * (np.int64(first) + count)):
+    for k in range(16 * i64(first), 16 * (i64(first) + count)):
         group, place = k // 16 * GROUP, k % 16
         if np.isnan(tree.spheres[group + 48 + place]):
             continue  # an empty place
-        block = np.int64(tree.refs[k])
+        block = i64(tree.refs[k])
         for j in range(4):
             at = block * BLOCK + j
             dx, dy, dz = tree.blocks[at + PX] - x, tree.blocks[at + PY] - y, tree.blocks[at + PZ] - z
-            away = np.float64(dx * dx + dy * dy + dz * dz) * np.float64(tree.blocks[at + INV_R2])
+            away = f64(dx * dx + dy * dy + dz * dz) * f64(tree.blocks[at + INV_R2])
             away = away if tree.blocks[at + PX] < FAR else np.inf
             if best < 0 or away < nearest:
                 best, nearest = 4 * block + j, away
@@ -149,7 +152,7 @@ def nearest_slot(tree, leaf, x, y, z):  # type: ignore[no-untyped-def]
 def lists_sheets(tree, scratch):  # type: ignore[no-untyped-def]
     """Whether any of the listed splats is of a sheet with another one close by."""
     for k in range(scratch.counts[COUNT_SPLATS]):
-        at = 3 * slot_of(scratch, np.int64(scratch.listed[k]))
+        at = 3 * slot_of(scratch, i64(scratch.listed[k]))
         if (tree.facing[at] | tree.facing[at + 1] | tree.facing[at + 2]) != 0:
             return True
     return False
@@ -164,7 +167,7 @@ def keep_sheet(tree, scratch, frame, way, rays):  # type: ignore[no-untyped-def]
     """
     first, n = count_trailing_zeros(rays), 0
     for k in range(scratch.counts[COUNT_SPLATS]):
-        place = np.int64(scratch.listed[k])
+        place = i64(scratch.listed[k])
         at = 3 * slot_of(scratch, place)
         along = frame.dx * tree.facing[at] + frame.dy * tree.facing[at + 1] + frame.dz * tree.facing[at + 2]
         seeing = bits(along * way <= ZERO)
@@ -183,7 +186,7 @@ def gather(tree, scratch):  # type: ignore[no-untyped-def]
     """Copy the listed blocks' splats to where 16 of them can be tested at once; empty places are far away."""
     n = scratch.counts[COUNT_NEAR]
     for k in range(n):
-        block, at = np.int64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
+        block, at = i64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
         for row in range(7):
             move4(tree.blocks, block + 4 * row, scratch.splats, at + 16 * row)
     for k in range(n, (n + 3) // 4 * 4):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..jit import inline
+from ..jit import i64, inline
 from ..kernels.records import DISC, LEAF, SHEETED, SURFACE, Hit
 from ..kernels.scratch import (
     AT_BEGIN,
@@ -44,6 +42,9 @@ from ..kernels.scratch import (
     TILE,
 )
 from ..simd import (
+    INF,
+    ONE,
+    ZERO,
     bits,
     broadcast16,
     count_bits,
@@ -60,9 +61,9 @@ from .disc import search_discs
 from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
 from .march import Reach, lattice, search, search_one, span
 from .refine import Frame
-from .surface import HALF, INF, ONE, ZERO
+from .surface import HALF
 
-BEYOND = np.int64(-(2**63))  # a bit behind those of all rays but the last one: where no ray is left
+BEYOND = i64(-(2**63))  # a bit behind those of all rays but the last one: where no ray is left
 
 
 @inline
@@ -146,7 +147,7 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
 
     Not those that miss the surface in every column, nor those that float32 cannot follow.
     """
-    rows, part, n, taken = scratch.model, scratch.part, 0, np.int64(0)
+    rows, part, n, taken = scratch.model, scratch.part, 0, i64(0)
     axes = axes_of(tree, leaf)
     for v in range(0, TILE, LANES):
         word = (passing >> v) & 0xFFFF
@@ -226,7 +227,7 @@ def _keep(leaf, found, asked, rays, at, scratch):  # type: ignore[no-untyped-def
     rays : the numbers of the four in the tile, as bits; if these are fewer, the others have found nothing. Four steps
         whatever their number, so that lanes are known when it is compiled: 1 to 2% of the time
     """
-    rows, part, lifted = scratch.model, scratch.part, np.int64(0)
+    rows, part, lifted = scratch.model, scratch.part, i64(0)
     hits, lifts = bits(found.t < repeat4(part, AT_LENGTH + at)) & asked, bits(found.lift > ZERO) & asked
     for i in range(4):
         k = count_trailing_zeros(rays | BEYOND)
@@ -246,13 +247,13 @@ def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-de
     Of two sheets close together each ray sees one at a time, see `search_alone`: those that see the same go together.
     """
     left = _take(tree, leaf, passing, scratch)
-    part, lifted, at = scratch.part, np.int64(0), 0
+    part, lifted, at = scratch.part, i64(0), 0
     none = broadcast16(ZERO)
     sheeted = tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
         if at % LANES == 0:
             _gather_for(tree, leaf, at, min(count_bits(left), LANES), scratch)
-        four = np.int64(0)
+        four = i64(0)
         for _ in range(4):
             four |= left & -left
             left &= left - 1

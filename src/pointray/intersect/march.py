@@ -30,12 +30,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from ..jit import inline
+from ..jit import f32, inline
 from ..kernels.records import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM
 from ..kernels.scratch import COUNT_SPLATS
 from ..simd import (
+    INF,
+    ONE,
+    ZERO,
     bits,
     broadcast16,
     count_trailing_zeros,
@@ -67,16 +68,16 @@ from .refine import (
     sample,
     unit,
 )
-from .surface import INF, NAN, ONE, ZERO, local_radius, overhang, value
+from .surface import NAN, local_radius, overhang, value
 
-START, START_UNREFINED = np.float32(0.01), np.float32(0.05)  # radii; the latter where refine is 0
-BORDER_SHARE = np.float32(0.4)  # of the weight: from here on a hit counts as one on a border
-GRAZING = np.float32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
+START, START_UNREFINED = f32(0.01), f32(0.05)  # radii; the latter where refine is 0
+BORDER_SHARE = f32(0.4)  # of the weight: from here on a hit counts as one on a border
+GRAZING = f32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
-JUMP, JUMP_UNREFINED = np.float32(0.05), np.float32(0.25)
-MOST_STEPS = np.float32(2.0**22)  # from where a ray enters the model's bounds
-BEHIND = np.float32(1e-30)  # instead of 0 where a ray begins, so that it has a sign, see `scratch.BEGIN`
-CREVICE = np.float32(0.1)  # radii: how low |f| must be to be looked into without an estimate
+JUMP, JUMP_UNREFINED = f32(0.05), f32(0.25)
+MOST_STEPS = f32(2.0**22)  # from where a ray enters the model's bounds
+BEHIND = f32(1e-30)  # instead of 0 where a ray begins, so that it has a sign, see `scratch.BEGIN`
+CREVICE = f32(0.1)  # radii: how low |f| must be to be looked into without an estimate
 
 
 class Reach(NamedTuple):
@@ -174,7 +175,7 @@ def _events(tree, leaf, a, b):  # type: ignore[no-untyped-def]
     # A lowest place between them: rare, so that the rest is done only then. One slope tells where |f| changes by
     # less than 3/4 of what it foresees.
     falls, rises = f_a * slope_a < ZERO, f * slope > ZERO
-    gain, part = vabs(f) - vabs(f_a), np.float32(0.75) * (t - t_a)
+    gain, part = vabs(f) - vabs(f_a), f32(0.75) * (t - t_a)
     early, late = falls & (gain > vabs(slope_a) * (ZERO - part)), rises & (gain < vabs(slope) * part)
     # And where support begins or ends between them, close to the surface.
     begins, ends = rises & (vabs(f) < vabs(slope) * (t - t_a)), falls & (vabs(f_a) < vabs(slope_a) * (t - t_a))
@@ -227,7 +228,7 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
     step = tree.leaves[leaf * LEAF + STEP]
     starts, high = bits(reach.begin >= ZERO), reach.last * step
     t_before = f_before = slope_before = broadcast16(NAN)
-    k = reach.first + quarters(ZERO, ONE, np.float32(2.0), np.float32(3.0))
+    k = reach.first + quarters(ZERO, ONE, f32(2.0), f32(3.0))
     left = rays if scratch.counts[COUNT_SPLATS] > 0 else 0
     while left != 0:
         t = vmin(k * step, high)
@@ -267,7 +268,7 @@ def search(tree, leaf, frame, reach, rays, limits, scratch):  # type: ignore[no-
         settled = fold(bits(f >= lift)) & left
         lift = select(all_samples(settled), none, lift)
         t_before, f_before, slope_before = t, f, slope
-        k = k + np.float32(4.0)
+        k = k + f32(4.0)
         left &= bits(k <= reach.last)
     return Found(t_hit, nx, ny, nz, lift)
 
@@ -293,7 +294,7 @@ def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-un
     low, high = select(lift > ZERO, begin, none), reach.last * step
     between = lane(reach.begin, 0) > ZERO
     t_before = f_before = slope_before = broadcast16(NAN)
-    two, three, four = np.float32(2.0), np.float32(3.0), np.float32(4.0)
+    two, three, four = f32(2.0), f32(3.0), f32(4.0)
     k = reach.first + (four * quarters(ZERO, ONE, two, three) + fours(ZERO, ONE, two, three))
     while True:
         t = begin if between else vmin(vmax(k * step, low), high)
@@ -332,6 +333,6 @@ def search_one(tree, leaf, frame, reach, limits, scratch):  # type: ignore[no-un
                     return Found(lane(root.t, i), lane(nx, i), lane(ny, i), lane(nz, i), lane(raised, i))
         lift = none if settled != 0 else lift
         t_before, f_before, slope_before = t, f, slope
-        k = k + np.float32(16.0)
+        k = k + f32(16.0)
         if not lane(k, 0) <= last:
             return Found(INF, ZERO, ZERO, ZERO, lane(lift, 0))

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from ..jit import inline
+from ..jit import f32, inline
 from ..kernels.records import REFINE, SURFACE
 from ..simd import (
+    INF,
+    ONE,
+    ZERO,
     bits,
     broadcast16,
     last_quarter,
@@ -24,16 +25,16 @@ from ..simd import (
     vmin,
     vsqrt,
 )
-from .surface import HALF, INF, ONE, TWO, ZERO, sums, value
+from .surface import HALF, TWO, sums, value
 
 # Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
 # interpolation is exact to a thousandth of the radius, and two farther out for where the estimate is off.
-CLOSE = np.float32(0.02), np.float32(0.12)
-MORE = np.float32(3.0)  # secant steps after an estimate that was off
-EVEN = np.float32(0.1), np.float32(0.3)  # about the middle of the bracket: where there is no estimate
+CLOSE = f32(0.02), f32(0.12)
+MORE = f32(3.0)  # secant steps after an estimate that was off
+EVEN = f32(0.1), f32(0.3)  # about the middle of the bracket: where there is no estimate
 # The squared length of a mean of unit normals below which rounding decides where it points.
-CANCELLED = np.float32(1e-12)
-FAINT = np.float32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
+CANCELLED = f32(1e-12)
+FAINT = f32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
 
 
 class Frame(NamedTuple):
@@ -213,7 +214,7 @@ def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[
     foot = Foot(none, none, none, none)
     joined = 0
     while True:
-        go = (step < steps) | ((step < most) & (tb - ta > np.float32(3.0) * CLOSE[0] * span))
+        go = (step < steps) | ((step < most) & (tb - ta > f32(3.0) * CLOSE[0] * span))
         doing = bits(go) & (todo * 0x1111)
         if doing == 0:
             break

@@ -19,15 +19,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import f32, i64, inline
 from ..kernels.records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
 from ..kernels.scratch import COUNT_SPLATS, slot_of
-from ..simd import broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
+from ..simd import ONE, ZERO, broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
 
-ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
-QUARTER = np.float32(0.25)
-NAN, INF = np.float32(np.nan), np.float32(np.inf)
-TINIEST = np.float32(1e-35)  # of squared lengths, the least that is divided by
+HALF, TWO = f32(0.5), f32(2.0)
+QUARTER = f32(0.25)
+NAN = f32(np.nan)
+TINIEST = f32(1e-35)  # of squared lengths, the least that is divided by
 
 
 class Means(NamedTuple):
@@ -54,7 +54,7 @@ def sums(scratch, x, y, z):  # type: ignore[no-untyped-def]
     qx_sum = qy_sum = qz_sum = nx_sum = ny_sum = nz_sum = qn_sum = qq_sum = w_sum
     splats, listed = scratch.splats, scratch.listed
     for k in range(scratch.counts[COUNT_SPLATS]):
-        at = np.int64(listed[k])
+        at = i64(listed[k])
         qx, qy, qz = (
             broadcast_from(splats, at + 4 * PX) - x,
             broadcast_from(splats, at + 4 * PY) - y,
@@ -126,7 +126,7 @@ def local_radius(scratch, x, y, z):  # type: ignore[no-untyped-def]
     """Support radius at points: r^2 averaged with the surface's weights (1 / r^2 trims where radii differ much)."""
     weight = square = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_SPLATS]):
-        at = np.int64(scratch.listed[k])
+        at = i64(scratch.listed[k])
         w = _weight(scratch, at, x, y, z)
         weight = weight + w
         square = square + w * (ONE / broadcast_from(scratch.splats, at + 4 * INV_R2))
@@ -139,11 +139,11 @@ def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
 
     The distance is the weighted mean of (x - p).b over those splats, b the direction out of the surface.
     """
-    total = share = broadcast16(np.float32(1e-30))
+    total = share = broadcast16(f32(1e-30))
     out = broadcast16(ZERO)
     splats = scratch.splats
     for k in range(scratch.counts[COUNT_SPLATS]):
-        at = np.int64(scratch.listed[k])
+        at = i64(scratch.listed[k])
         w = _weight(scratch, at, x, y, z)
         total = total + w
         row = 3 * slot_of(scratch, at)
@@ -155,14 +155,14 @@ def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
                 y - broadcast_from(splats, at + 4 * PY),
                 z - broadcast_from(splats, at + 4 * PZ),
             )
-            out = out + w * (qx * np.float32(bx) + qy * np.float32(by) + qz * np.float32(bz))
-    return share / total, out / (np.float32(127.0) * share)
+            out = out + w * (qx * f32(bx) + qy * f32(by) + qz * f32(bz))
+    return share / total, out / (f32(127.0) * share)
 
 
 @inline
 def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
     """Weights of one block's splats at a point, repeated in the quarters, or at four, a quarter each."""
-    slot = np.int64(block) * BLOCK
+    slot = i64(block) * BLOCK
     qx = repeat4(tree.blocks, slot + PX) - x
     qy = repeat4(tree.blocks, slot + PY) - y
     qz = repeat4(tree.blocks, slot + PZ) - z
@@ -180,7 +180,7 @@ def weights_seen(tree, block, places, sheet, part):  # type: ignore[no-untyped-d
     w = weights_of_block(tree, block, x, y, z)
     if sheet[0]:
         for j in range(4):
-            at, v = 3 * (4 * np.int64(block) + j), sheet[1]
+            at, v = 3 * (4 * i64(block) + j), sheet[1]
             along = tree.facing[at] * v[0] + tree.facing[at + 1] * v[1] + tree.facing[at + 2] * v[2]
             part[j] = ONE if along >= 0.0 else ZERO
         w = w * repeat4(part, 0)

@@ -12,12 +12,12 @@ intrinsic: Any = _intrinsic  # its type describes the definition, not the call i
 
 
 @intrinsic
-def fetch_add(typingctx, array, index, value):  # type: ignore[no-untyped-def]
+def fetch_add(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
     """array[index] += value as one atomic step; returns the value before."""
     if not (isinstance(array, types.Array) and array.dtype == types.int64):
         return None
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
         pointer = builder.gep(data, [args[1]])
         return builder.atomic_rmw("add", pointer, args[2], "monotonic")
@@ -26,10 +26,10 @@ def fetch_add(typingctx, array, index, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def peek(typingctx, array, index):  # type: ignore[no-untyped-def]
+def peek(typingctx: Any, array: Any, index: Any) -> Any:
     """array[index], read afresh from memory."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
         pointer = builder.gep(data, [args[1]])
         return builder.load_atomic(pointer, "monotonic", 8, typ=llvmlite.ir.IntType(64))
@@ -38,11 +38,11 @@ def peek(typingctx, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def array_at(typingctx, address, length, like):  # type: ignore[no-untyped-def]
+def array_at(typingctx: Any, address: Any, length: Any, like: Any) -> Any:
     """The one-dimensional array of `length` items of the type of `like` that lies at an address; owns nothing."""
     array = types.Array(like, 1, "C")
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         item = context.get_abi_sizeof(context.get_data_type(array.dtype))
         size = context.get_constant(types.intp, item)
         out = context.make_array(array)(context, builder)
@@ -61,14 +61,14 @@ def array_at(typingctx, address, length, like):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def borrow(typingctx, array):  # type: ignore[no-untyped-def]
+def borrow(typingctx: Any, array: Any) -> Any:
     """The same array without a reference to its memory, which its owner must keep alive.
 
     Numba counts references with atomic additions at every use of an array that owns its memory; two threads that share
     one then wait for each other. Rays that meet nothing took 160 ns before and 35 ns without.
     """
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         out = context.make_array(signature.return_type)(context, builder, args[0])
         out.meminfo = cgutils.get_null_value(out.meminfo.type)
         out.parent = cgutils.get_null_value(out.parent.type)
@@ -78,10 +78,10 @@ def borrow(typingctx, array):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def keep_alive(typingctx, value):  # type: ignore[no-untyped-def]
+def keep_alive(typingctx: Any, value: Any) -> Any:
     """Keeps arrays alive up to here: the last line of a kernel that lends out arrays it made."""
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return context.get_dummy_value()
 
     return types.none(value), codegen

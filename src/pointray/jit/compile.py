@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import event, types
@@ -21,25 +21,27 @@ FASTMATH = {"nsz", "arcp", "contract", "afn"}
 
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH, "boundscheck": CHECK}
 
+Function = TypeVar("Function", bound=Callable[..., Any])
+
 KERNELS: dict[str, Any] = {}
 BACKLOG = Backlog()
 
 
-def kernel(function: Callable[..., Any]) -> Any:
+def kernel(function: Function) -> Function:
     """Compile a function that Python calls: without the interpreter lock, cached on disk, one signature."""
     dispatcher = njit(**_OPTIONS)(function)
     if cache_folder() is not None:
         dispatcher._cache = KernelCache(function)
     KERNELS[f"{function.__module__}.{function.__qualname__}"] = dispatcher
-    return dispatcher
+    return cast(Function, dispatcher)
 
 
-def inline(function: Callable[..., Any]) -> Any:
+def inline(function: Function) -> Function:
     """Compile a piece of a kernel; LLVM inlines it where it is called."""
     return _piece(function, inlined=True)
 
 
-def routine(function: Callable[..., Any]) -> Any:
+def routine(function: Function) -> Function:
     """Compile a piece of a kernel that is too large, or called from too many places, to be inlined."""
     return _piece(function, inlined=False)
 
@@ -54,7 +56,7 @@ class _PieceLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-def _piece(function: Callable[..., Any], inlined: bool) -> Any:
+def _piece(function: Function, inlined: bool) -> Function:
     """Compile for other compiled code only: no wrappers for Python and C, no machine code of its own.
 
     The render kernel has 80 pieces: it takes 12 s to compile, and 48 s if each piece is optimized and becomes machine
@@ -85,7 +87,12 @@ def _piece(function: Callable[..., Any], inlined: bool) -> Any:
     dispatcher._compiler._customize_flags = customize
     dispatcher.add_overload = add
     dispatcher.get_call_template = without_constants
-    return dispatcher
+    return cast(Function, dispatcher)
+
+
+def uncompiled(function: Function) -> Function:
+    """What a kernel or a piece of one was compiled from: for Python, where it is a line."""
+    return cast(Function, cast(Any, function).py_func)
 
 
 def compilations() -> int:

@@ -13,6 +13,7 @@ import numpy as np
 from .arrays import fetch_add, peek
 from .beside import wait_for
 from .compile import inline
+from .numbers import Array
 
 # What a kernel and its caller share: int64 slots, a cache line apart.
 NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24
@@ -38,7 +39,7 @@ class Cancel:
 
 
 @inline
-def next_tile(work):  # type: ignore[no-untyped-def]
+def next_tile(work: Array) -> int:
     """The number of the next tile, or -1: none left, or cancelled."""
     if peek(work, CANCEL) != 0:
         return -1
@@ -47,7 +48,7 @@ def next_tile(work):  # type: ignore[no-untyped-def]
 
 
 @inline
-def cancelled(work):  # type: ignore[no-untyped-def]
+def cancelled(work: Array) -> bool:
     """Whether the caller wants the kernel to stop."""
     return peek(work, CANCEL) != 0
 

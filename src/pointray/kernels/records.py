@@ -15,16 +15,13 @@ What 'none' means
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..jit import array_at, borrow, inline
+from ..jit import Array, array_at, borrow, f32, i32, inline
 
-Array = NDArray[Any]
-
-EMPTY, FAR = np.float32(1e15), np.float32(1e14)
+EMPTY, FAR = f32(1e15), f32(1e14)
 
 # A block: 4 splats in structure-of-arrays order, 7 rows of 4 float32 (28 bytes a splat).
 BLOCK = 28
@@ -46,7 +43,7 @@ SHEETED = 15  # 1 where one of them belongs to two sheets that face away from ea
 COLUMNS = 4
 PATCH = 4 * COLUMNS * COLUMNS
 PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH = 0, 16, 32, 48
-NO_SURFACE = np.float32(1e30)
+NO_SURFACE = f32(1e30)
 
 # A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.
 WIDTH = 8
@@ -103,7 +100,7 @@ class Tree(NamedTuple):
     colors: Array
 
 
-_F32, _I32, _I8 = np.float32(0), np.int32(0), np.int8(0)
+_F32, _I32, _I8 = f32(0), i32(0), np.int8(0)
 ROW = 2 * len(Tree._fields)  # a model in the table: the address and the length of each array
 
 

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import borrow, inline
-from .records import Array
+from ..jit import Array, borrow, i64, inline
 
 # A tile: 64 rays that are traced together, in vectors of 16. Its rows hold one number of each ray.
 LANES, TILE = 16, 64
@@ -186,4 +185,4 @@ def borrow_scratch(s):  # type: ignore[no-untyped-def]
 def slot_of(scratch, place):  # type: ignore[no-untyped-def]
     """Which splat of the tree lies at a place of the gathered ones."""
     k = place // GATHERED * LANES + place % GATHERED
-    return np.int64(scratch.near[k // 4]) * 4 + k % 4
+    return i64(scratch.near[k // 4]) * 4 + k % 4

@@ -3,88 +3,92 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
-from ..jit import inline
+from ..jit import Array, inline
+
+Vec3: TypeAlias = tuple[float, float, float]
+Matrix3: TypeAlias = tuple[Vec3, Vec3, Vec3]  # rows
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear sRGB
 
 
 @inline
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a: Vec3, b: Vec3) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inline
-def add(a, b):  # type: ignore[no-untyped-def]
+def add(a: Vec3, b: Vec3) -> Vec3:
     """Sum."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inline
-def sub(a, b):  # type: ignore[no-untyped-def]
+def sub(a: Vec3, b: Vec3) -> Vec3:
     """Difference."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inline
-def scale(a, s):  # type: ignore[no-untyped-def]
+def scale(a: Vec3, s: float) -> Vec3:
     """a times a number."""
     return a[0] * s, a[1] * s, a[2] * s
 
 
 @inline
-def multiply(a, b):  # type: ignore[no-untyped-def]
+def multiply(a: Vec3, b: Vec3) -> Vec3:
     """Product of each component: colours."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @inline
-def luminance(a):  # type: ignore[no-untyped-def]
+def luminance(a: Vec3) -> float:
     """How bright a linear colour is."""
     return LUMINANCE[0] * a[0] + LUMINANCE[1] * a[1] + LUMINANCE[2] * a[2]
 
 
 @inline
-def cross(a, b):  # type: ignore[no-untyped-def]
+def cross(a: Vec3, b: Vec3) -> Vec3:
     """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inline
-def length(a):  # type: ignore[no-untyped-def]
+def length(a: Vec3) -> float:
     """Euclidean length."""
     return math.sqrt(dot(a, a))
 
 
 @inline
-def unit(a):  # type: ignore[no-untyped-def]
+def unit(a: Vec3) -> Vec3:
     """The vector of length 1; a zero vector stays zero."""
     n = length(a)
     return scale(a, 1.0 / n) if n > 0.0 else scale(a, 0.0)
 
 
 @inline
-def load3_flat(array, i):  # type: ignore[no-untyped-def]
+def load3_flat(array: Array, i: int) -> Vec3:
     """Three neighbours of a flat array."""
     return array[i], array[i + 1], array[i + 2]
 
 
 @inline
-def either(first, a, b):  # type: ignore[no-untyped-def]
+def either(first: bool, a: Vec3, b: Vec3) -> Vec3:
     """a or b, component by component: no branch."""
     return a[0] if first else b[0], a[1] if first else b[1], a[2] if first else b[2]
 
 
 @inline
-def transform(matrix, a):  # type: ignore[no-untyped-def]
+def transform(matrix: Matrix3, a: Vec3) -> Vec3:
     """A vector by the 3x3 part of a matrix in rows."""
     return dot(matrix[0], a), dot(matrix[1], a), dot(matrix[2], a)
 
 
 @inline
-def transform_transposed(matrix, a):  # type: ignore[no-untyped-def]
+def transform_transposed(matrix: Matrix3, a: Vec3) -> Vec3:
     """A vector by the transposed 3x3 part of a matrix in rows: normals."""
     return (
         matrix[0][0] * a[0] + matrix[1][0] * a[1] + matrix[2][0] * a[2],
@@ -94,7 +98,7 @@ def transform_transposed(matrix, a):  # type: ignore[no-untyped-def]
 
 
 @inline
-def tangents(n):  # type: ignore[no-untyped-def]
+def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
     """Two unit vectors across a unit vector and each other (Duff et al. 2017)."""
     sign = 1.0 if n[2] >= 0.0 else -1.0
     a = -1.0 / (sign + n[2])
@@ -103,13 +107,13 @@ def tangents(n):  # type: ignore[no-untyped-def]
 
 
 @inline
-def mirrored(a, n):  # type: ignore[no-untyped-def]
+def mirrored(a: Vec3, n: Vec3) -> Vec3:
     """A vector turned half around a unit vector: where light from a goes that a mirror with normal n reflects."""
     return sub(scale(n, 2.0 * dot(n, a)), a)
 
 
 @inline
-def around(axis, cosine, turn):  # type: ignore[no-untyped-def]
+def around(axis: Vec3, cosine: float, turn: float) -> Vec3:
     """The unit vector at an angle of that cosine from a unit vector; turn : 0..1, how far around it."""
     s, t = tangents(axis)
     sine, angle = math.sqrt(max(1.0 - cosine * cosine, 0.0)), 2.0 * math.pi * turn
@@ -117,13 +121,13 @@ def around(axis, cosine, turn):  # type: ignore[no-untyped-def]
 
 
 @inline
-def along_curve(k):  # type: ignore[no-untyped-def]
+def along_curve(k: int) -> tuple[int, int]:
     """(x, y) of place k on a Morton curve, 0..255: the even and the odd bits."""
     return _even_bits(k), _even_bits(k >> 1)
 
 
 @inline
-def _even_bits(k):  # type: ignore[no-untyped-def]
+def _even_bits(k: int) -> int:
     k = k & 0x5555
     k = (k | k >> 1) & 0x3333
     k = (k | k >> 2) & 0x0F0F

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import f32, inline
 from ..kernels.records import LENS_RADIUS, ORTHOGRAPHIC, PANORAMA, PERSPECTIVE, PROJECTION
 from ..kernels.sampling import ON_LENS, on_disc, pixel_key, sample_pair
 from ..kernels.scratch import (
@@ -146,7 +146,7 @@ def round_sums(sample, first, scratch):  # type: ignore[no-untyped-def]
     """
     if sample > first and (sample % LONGEST_PASS == 0 or (sample < LONGEST_PASS and sample & (sample - 1) == 0)):
         for k in range(scratch.sums.size):
-            scratch.sums[k] = np.float32(scratch.sums[k])
+            scratch.sums[k] = f32(scratch.sums[k])
 
 
 @inline

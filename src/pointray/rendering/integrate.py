@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import borrow, cancelled, inline, keep_alive, kernel, next_tile
+from ..jit import borrow, cancelled, i64, inline, keep_alive, kernel, next_tile
 from ..kernels.records import borrow_world
 from ..kernels.scratch import (
     CAUGHT,
@@ -124,7 +124,7 @@ def _direct(world, how, look, background, scratch):  # type: ignore[no-untyped-d
     how : depth, shadows, sky_shows: whether a camera's ray that meets nothing sees the sky; look : see
     `find_sky_seen`. Returns the rays that have met anything (bits).
     """
-    met = np.int64(0)
+    met = i64(0)
     most, shadows, sky_shows = how
     begin_radiance(scratch)
     begin_specular(scratch)
@@ -134,7 +134,7 @@ def _direct(world, how, look, background, scratch):  # type: ignore[no-untyped-d
         for i in range(TILE):
             hit = is_shaded(scratch, i)
             if first and (hit or sky_shows):
-                met |= np.int64(1) << i
+                met |= i64(1) << i
             if not hit and (sky_shows or not first):
                 d = load3(scratch.world, DIRECTION + i)
                 add_radiance(scratch, i, sky_radiance(world, d) if has_sky(world) or sky_shows else background)
@@ -206,11 +206,11 @@ def _occlusion(world, sample, reach, sky_shows, scratch):  # type: ignore[no-unt
     """Ambient occlusion along the tile's rays; returns those that have met anything (bits), if only the sky."""
     trace_tile(world, scratch)
     describe_tile(world, scratch)
-    met = np.int64(0)
+    met = i64(0)
     store_shading_points(scratch)
     for i in range(TILE):
         hit = is_shaded(scratch, i)
-        met |= np.int64(hit or sky_shows) << i
+        met |= i64(hit or sky_shows) << i
         if not hit and sky_shows:
             add_radiance(scratch, i, sky_radiance(world, load3(scratch.world, DIRECTION + i)))
     caught = find_caught(world, scratch)

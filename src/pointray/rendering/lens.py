@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import Array, inline
 from ..kernels.records import (
     ACROSS,
     EYE,
@@ -21,7 +21,6 @@ from ..kernels.records import (
     PANORAMA,
     PROJECTION,
     UPWARD,
-    Array,
 )
 from ..kernels.sampling import IN_PIXEL, sample_pair
 from ..kernels.vec import add, dot, load3_flat, scale, sub, unit

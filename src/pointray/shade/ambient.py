@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..jit import inline
+from ..jit import i64, inline
 from ..kernels.sampling import DIRECTION_OF, ON_PATH, sample_pair
 from ..kernels.scratch import KEY, SHADING_NORMAL, SHADING_POINT, SHADING_SIDE, SKY_SEEN, TILE, load3
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
@@ -15,13 +13,13 @@ from .shading_points import add_radiance, is_shaded, shading_point
 @inline
 def _look_up(sample, reach, scratch):  # type: ignore[no-untyped-def]
     """The tile's rays leave its surface points, each in a direction chosen by the cosine; returns which do (bits)."""
-    points, asked = scratch.shading_points, np.int64(0)
+    points, asked = scratch.shading_points, i64(0)
     for i in range(TILE):
         if is_shaded(scratch, i):
             u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
             d = sample_diffuse(load3(points, SHADING_NORMAL + i), u, v)
             set_ray_from(scratch, i, (load3(points, SHADING_POINT + i), d, 0.0, reach), points[SHADING_SIDE + i])
-            asked |= np.int64(1) << i
+            asked |= i64(1) << i
         else:
             set_ray(scratch, i, NO_RAY)
     return asked

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import i64, inline
 from ..kernels.records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND
 from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
 from ..kernels.scratch import (
@@ -43,12 +43,12 @@ from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
 @inline
 def find_caught(world, scratch):  # type: ignore[no-untyped-def]
     """Put down in CAUGHT which of the tile's surface points, the camera's first, are a catcher's; also returned."""
-    bits, points = np.int64(0), scratch.shading_points
+    bits, points = i64(0), scratch.shading_points
     if world.catchers > 0:
         for i in range(TILE):
             instance = int(points[SHADING_INSTANCE + i])
             if instance >= 0 and world.instances[instance * INSTANCE + KIND] == CATCHER:
-                bits |= np.int64(1) << i
+                bits |= i64(1) << i
                 points[UNLIT + i] = points[LIT + i] = 0.0
     scratch.counts[CAUGHT] = bits
     return bits
@@ -197,4 +197,4 @@ def show_caught(world, sky_shows, scratch):  # type: ignore[no-untyped-def]
             add_radiance(
                 scratch, i, scale(behind, points[LIT + i] / points[UNLIT + i] if points[UNLIT + i] > 0.0 else 1.0)
             )
-    return np.int64(0)
+    return i64(0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import i64, inline
 from ..kernels.records import LIGHT
 from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, ROULETTE, WHICH, sample_pair
 from ..kernels.scratch import (
@@ -82,7 +82,7 @@ def receive(world, depth, sky_shows, scratch):  # type: ignore[no-untyped-def]
 
     sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
     """
-    points, met = scratch.shading_points, np.int64(0)
+    points, met = scratch.shading_points, i64(0)
     store_shading_points(scratch)
     for i in range(TILE):
         weight = load3(points, THROUGHPUT + i)
@@ -96,14 +96,14 @@ def receive(world, depth, sky_shows, scratch):  # type: ignore[no-untyped-def]
             radiance = light_radiance(world, light)
             add_radiance(scratch, i, scale(radiance, mis_weight(points[PDF + i], chosen)))
             points[SHADING_INSTANCE + i] = -1.0
-            met |= np.int64(1) << i
+            met |= i64(1) << i
         elif hit.instance < 0:
             if depth > 0 or sky_shows:
                 _add_distant(world, i, ray, scratch)
-                met |= np.int64(1) << i
+                met |= i64(1) << i
         else:
             add_radiance(scratch, i, emitted(world, shading_point(world, scratch, i)[0]))
-            met |= np.int64(1) << i
+            met |= i64(1) << i
     return met
 
 
@@ -194,7 +194,7 @@ def trace_paths(world, sample, most, sky_shows, scratch):  # type: ignore[no-unt
 
     most : scatterings
     """
-    covered = np.int64(0)
+    covered = i64(0)
     for depth in range(most + 1):
         trace_tile(world, scratch)
         describe_tile(world, scratch)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import f64, inline
 from ..kernels.records import (
     NO_SKY,
     PICTURE_SKY,
@@ -59,7 +59,7 @@ def _pixel(world, row, column):  # type: ignore[no-untyped-def]
     row = min(max(row, 0), height - 1)
     column = column % width
     at = 3 * (row * width + column)
-    return np.float64(world.sky_colors[at]), np.float64(world.sky_colors[at + 1]), np.float64(world.sky_colors[at + 2])
+    return f64(world.sky_colors[at]), f64(world.sky_colors[at + 1]), f64(world.sky_colors[at + 2])
 
 
 @inline

@@ -44,8 +44,17 @@ from .memory import (
     store,
     store_packed,
 )
+from .vector import F8, F16, INF, ONE, ZERO, Bits, Mask, Real
 
 __all__ = [
+    "Bits",
+    "F16",
+    "F8",
+    "INF",
+    "Mask",
+    "ONE",
+    "Real",
+    "ZERO",
     "bits",
     "count_bits",
     "float_bits",

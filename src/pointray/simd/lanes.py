@@ -14,8 +14,8 @@ from .vector import F4, F8, F16, FLAGS, INT, Vector, broadcast, shuffle
 def _maker(vector: Vector, doc: str) -> Any:
     scalar = types.float32 if vector.kind == "float" else types.int32
 
-    def make(typingctx, value):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def make(typingctx: Any, value: Any) -> Any:
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return broadcast(builder, args[0], vector)
 
         return vector(scalar), codegen
@@ -29,10 +29,10 @@ broadcast16 = _maker(F16, "The number in all 16 lanes.")
 
 
 @intrinsic
-def quarters(typingctx, a, b, c, d):  # type: ignore[no-untyped-def]
+def quarters(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Four numbers, each in the four lanes of one quarter."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         four = ir.Constant(F4.llvm, ir.Undefined)
         for lane, value in enumerate(args):
             four = builder.insert_element(four, value, INT(lane))
@@ -42,10 +42,10 @@ def quarters(typingctx, a, b, c, d):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def fours(typingctx, a, b, c, d):  # type: ignore[no-untyped-def]
+def fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Four numbers in four lanes, the same in all quarters."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         four = ir.Constant(F4.llvm, ir.Undefined)
         for lane, value in enumerate(args):
             four = builder.insert_element(four, value, INT(lane))
@@ -55,13 +55,13 @@ def fours(typingctx, a, b, c, d):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def vmin(typingctx, a, b):  # type: ignore[no-untyped-def]
+def vmin(typingctx: Any, a: Any, b: Any) -> Any:
     """The lesser of each pair of lanes; where one is NaN, the second (one instruction on x86)."""
     return _choose("<", a, b)
 
 
 @intrinsic
-def vmax(typingctx, a, b):  # type: ignore[no-untyped-def]
+def vmax(typingctx: Any, a: Any, b: Any) -> Any:
     """The greater of each pair of lanes; where one is NaN, the second."""
     return _choose(">", a, b)
 
@@ -69,15 +69,15 @@ def vmax(typingctx, a, b):  # type: ignore[no-untyped-def]
 def _choose(symbol: str, a: Any, b: Any) -> Any:
     vector = a if isinstance(a, Vector) else b
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered(symbol, *args), *args)
 
     return vector(vector, vector), codegen
 
 
 def _llvm_unary(name: str, doc: str) -> Any:
-    def make(typingctx, a):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def make(typingctx: Any, a: Any) -> Any:
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             vector = sig.args[0]
             kind = ir.FunctionType(vector.llvm, [vector.llvm])
             function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{vector.lanes}f32")
@@ -94,10 +94,10 @@ vsqrt = _llvm_unary("sqrt", "Square roots; NaN of what is negative.")
 
 
 @intrinsic
-def trunc(typingctx, a):  # type: ignore[no-untyped-def]
+def trunc(typingctx: Any, a: Any) -> Any:
     """Numbers without their fractions. None may be beyond int32: no call to a library, on any processor."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vector = sig.args[0]
         return builder.sitofp(builder.fptosi(args[0], ir.VectorType(INT, vector.lanes)), vector.llvm)
 
@@ -105,21 +105,21 @@ def trunc(typingctx, a):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def select(typingctx, mask, a, b):  # type: ignore[no-untyped-def]
+def select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
     """Lane of a where the mask holds, else of b."""
     vector = a if isinstance(a, Vector) else b
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.select(*args)
 
     return vector(mask, vector, vector), codegen
 
 
 @intrinsic
-def bits(typingctx, mask):  # type: ignore[no-untyped-def]
+def bits(typingctx: Any, mask: Any) -> Any:
     """The mask as an integer, lane 0 lowest."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         word = builder.bitcast(args[0], ir.IntType(sig.args[0].lanes))
         return builder.zext(word, ir.IntType(64))
 
@@ -127,10 +127,10 @@ def bits(typingctx, mask):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def mask16(typingctx, word):  # type: ignore[no-untyped-def]
+def mask16(typingctx: Any, word: Any) -> Any:
     """The lowest 16 bits of an integer as a mask."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         word = builder.trunc(args[0], ir.IntType(16))
         return builder.bitcast(word, ir.VectorType(ir.IntType(1), 16))
 
@@ -138,52 +138,51 @@ def mask16(typingctx, word):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def float_bits(typingctx, value):  # type: ignore[no-untyped-def]
+def float_bits(typingctx: Any, value: Any) -> Any:
     """The 32 bits of a float32 as an int32."""
     if value != types.float32:
         return None
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.bitcast(args[0], ir.IntType(32))
 
     return types.int32(value), codegen
 
 
 @intrinsic
-def count_bits(typingctx, word):  # type: ignore[no-untyped-def]
+def count_bits(typingctx: Any, word: Any) -> Any:
     """How many bits of an integer are set."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.ctpop(args[0])
 
     return types.int64(types.int64), codegen
 
 
 @intrinsic
-def count_trailing_zeros(typingctx, word):  # type: ignore[no-untyped-def]
+def count_trailing_zeros(typingctx: Any, word: Any) -> Any:
     """Number of the lowest set bit; the word must not be 0."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
     return types.int64(types.int64), codegen
 
 
-# Whether the processor packs lanes in one instruction; elsewhere the set bits are walked.
 @intrinsic
-def lane(typingctx, vector, index):  # type: ignore[no-untyped-def]
+def lane(typingctx: Any, vector: Any, index: Any) -> Any:
     """One lane as a number."""
     scalar = types.float32 if vector.kind == "float" else types.int32
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.extract_element(args[0], args[1])
 
     return scalar(vector, types.int64), codegen
 
 
 def _reducer(name: str, doc: str) -> Any:
-    def reduce(typingctx, vector):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def reduce(typingctx: Any, vector: Any) -> Any:
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             kind = ir.FunctionType(ir.FloatType(), [vector.llvm])
             function = cgutils.get_or_insert_function(
                 builder.module, kind, f"llvm.vector.reduce.{name}.v{vector.lanes}f32"
@@ -201,8 +200,8 @@ reduce_max = _reducer("fmax", "The greatest lane; none may be NaN.")
 
 
 def _folder(steps: tuple[int, int], doc: str) -> Any:
-    def fold(typingctx, vector):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def fold(typingctx: Any, vector: Any) -> Any:
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             value = args[0]
             for step in steps:
                 swapped = shuffle(builder, value, value, [lane ^ step for lane in range(16)])
@@ -219,8 +218,8 @@ sum_over_quarters = _folder((4, 8), "The sum of the four quarters, lane by lane,
 
 
 def _picker(quarter: int, doc: str) -> Any:
-    def pick(typingctx, vector):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def pick(typingctx: Any, vector: Any) -> Any:
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return shuffle(builder, args[0], args[0], [4 * quarter + lane % 4 for lane in range(16)])
 
         return F16(F16), codegen
@@ -234,20 +233,20 @@ last_quarter = _picker(3, "The last quarter in all four.")
 
 
 @intrinsic
-def shift_lane(typingctx, before, vector):  # type: ignore[no-untyped-def]
+def shift_lane(typingctx: Any, before: Any, vector: Any) -> Any:
     """The vector moved up by one lane, the last lane of `before` coming in."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(15, 31)))
 
     return F16(F16, F16), codegen
 
 
 @intrinsic
-def shift_quarter(typingctx, before, vector):  # type: ignore[no-untyped-def]
+def shift_quarter(typingctx: Any, before: Any, vector: Any) -> Any:
     """The vector moved up by one quarter, the last quarter of `before` coming in: each sample's predecessor."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(12, 28)))
 
     return F16(F16, F16), codegen

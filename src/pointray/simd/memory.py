@@ -18,17 +18,17 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any
 
 
 def _loader(vector: Vector, doc: str) -> Any:
-    def raw(typingctx, array, index):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def read(typingctx: Any, array: Any, index: Any) -> Any:
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             pointer = _pointer(context, builder, sig.args[0], args[0], args[1], vector)
             return builder.load(pointer, align=4)
 
         return vector(array, types.intp), codegen
 
-    raw = intrinsic(raw)
+    raw = intrinsic(read)
     lanes = vector.lanes
 
-    def load(array, index):  # type: ignore[no-untyped-def]
+    def load(array: Any, index: Any) -> Any:
         if CHECK:
             _check(array, index, lanes)
         return raw(array, index)
@@ -38,13 +38,13 @@ def _loader(vector: Vector, doc: str) -> Any:
 
 
 @inline
-def _check(array, index, lanes):  # type: ignore[no-untyped-def]
+def _check(array: Any, index: Any, lanes: Any) -> None:
     """Raise where a vector would be read or written outside of the array."""
     if index < 0 or index + lanes > array.size:
         raise IndexError("a vector reaches beyond its array")
 
 
-PACKS = "+avx512f" in cpu_features()
+PACKS = "+avx512f" in cpu_features()  # lanes in one instruction; elsewhere the set bits are walked
 
 load8 = _loader(F8, "Lanes 0..7: array[index + lane] of a flat float32 array.")
 load16 = _loader(F16, "Lanes 0..15: array[index + lane] of a flat float32 array.")
@@ -53,8 +53,8 @@ _load_int16 = _loader(Vector("int", 16), "Lanes 0..15: array[index + lane] of a 
 
 
 @intrinsic
-def _store(typingctx, array, index, vector):  # type: ignore[no-untyped-def]
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         builder.store(args[2], _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[2]), align=4)
         return context.get_dummy_value()
 
@@ -62,10 +62,10 @@ def _store(typingctx, array, index, vector):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]
+def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
     """Ask for the cache line of array[index], which will be read soon; nothing happens if it does not exist."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
         pointer = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
         kind = ir.FunctionType(ir.VoidType(), [pointer.type, INT, INT, INT])
@@ -77,17 +77,17 @@ def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _width(typingctx, vector):  # type: ignore[no-untyped-def]
+def _width(typingctx: Any, vector: Any) -> Any:
     """Number of lanes, known when compiling."""
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return context.get_constant(types.intp, sig.args[0].lanes)
 
     return types.intp(vector), codegen
 
 
 @inline
-def store(array, index, vector):  # type: ignore[no-untyped-def]
+def store(array: Any, index: Any, vector: Any) -> None:
     """array[index + lane] = lane."""
     if CHECK:
         _check(array, index, _width(vector))
@@ -95,8 +95,8 @@ def store(array, index, vector):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _broadcast_from(typingctx, array, index):  # type: ignore[no-untyped-def]
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def _broadcast_from(typingctx: Any, array: Any, index: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
         return broadcast(builder, builder.load(builder.gep(data, [args[1]])), F16)
 
@@ -104,7 +104,7 @@ def _broadcast_from(typingctx, array, index):  # type: ignore[no-untyped-def]
 
 
 @inline
-def broadcast_from(array, index):  # type: ignore[no-untyped-def]
+def broadcast_from(array: Any, index: Any) -> Any:
     """array[index] in all 16 lanes: part of the instruction that uses it. (Numba would look for negative indices.)"""
     if CHECK:
         _check(array, index, 1)
@@ -112,22 +112,22 @@ def broadcast_from(array, index):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _each_quarter(typingctx, four):  # type: ignore[no-untyped-def]
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def _each_quarter(typingctx: Any, four: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[0], [lane % 4 for lane in range(16)])
 
     return F16(F4), codegen
 
 
 @inline
-def repeat4(array, index):  # type: ignore[no-untyped-def]
+def repeat4(array: Any, index: Any) -> Any:
     """array[index : index + 4] in every quarter: one broadcasting load."""
     return _each_quarter(_load4(array, index))
 
 
 @intrinsic
-def _permute(typingctx, array, index, places):  # type: ignore[no-untyped-def]
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def _permute(typingctx: Any, array: Any, index: Any, places: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         where = builder.fptosi(args[2], ir.VectorType(INT, 16))
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], F16)
         if PACKS:
@@ -145,7 +145,7 @@ def _permute(typingctx, array, index, places):  # type: ignore[no-untyped-def]
 
 
 @inline
-def permute16(array, index, places):  # type: ignore[no-untyped-def]
+def permute16(array: Any, index: Any, places: Any) -> Any:
     """array[index + place] of each lane's place, a float32 from 0 to 15."""
     if CHECK:
         _check(array, index, 16)
@@ -154,7 +154,7 @@ def permute16(array, index, places):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _check_places(places):  # type: ignore[no-untyped-def]
+def _check_places(places: Any) -> None:
     """Raise where one is not from 0 to 15."""
     for k in range(16):
         if not 0 <= lane(places, k) < 16:
@@ -162,14 +162,14 @@ def _check_places(places):  # type: ignore[no-untyped-def]
 
 
 @inline
-def move4(source, index, target, at):  # type: ignore[no-untyped-def]
+def move4(source: Any, index: Any, target: Any, at: Any) -> None:
     """target[at : at + 4] = source[index : index + 4]."""
     store(target, at, _load4(source, index))
 
 
 @intrinsic
-def _compress(typingctx, mask, vector):  # type: ignore[no-untyped-def]
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+def _compress(typingctx: Any, mask: Any, vector: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = sig.return_type.llvm
         name = f"llvm.experimental.vector.compress.v16{'f32' if sig.return_type.kind == 'float' else 'i32'}"
         compress = cgutils.get_or_insert_function(
@@ -181,7 +181,7 @@ def _compress(typingctx, mask, vector):  # type: ignore[no-untyped-def]
 
 
 @inline
-def pack(mask, source, index, target, at):  # type: ignore[no-untyped-def]
+def pack(mask: Any, source: Any, index: Any, target: Any, at: Any) -> int:
     """Append source[index + lane] of each set lane of a 16-lane mask to target[at:], int32; returns how many.
 
     Whatever lies in the 16 places from target[at] on may be overwritten.
@@ -202,7 +202,7 @@ def pack(mask, source, index, target, at):  # type: ignore[no-untyped-def]
 
 
 @inline
-def store_packed(target, at, mask, vector):  # type: ignore[no-untyped-def]
+def store_packed(target: Any, at: Any, mask: Any, vector: Any) -> None:
     """Store the set lanes of a float32 vector one after the other; the rest of target[at : at + 16] is undefined."""
     if PACKS:
         store(target, at, _compress(mask, vector))

@@ -6,6 +6,7 @@ import operator
 from typing import Any
 
 import llvmlite.ir as ir
+import numpy as np
 from numba.core import types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin, lower_cast, models, register_model
@@ -48,7 +49,7 @@ def shuffle(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
 
 
 @lower_cast(types.Number, Vector)
-def _number_to_vector(context, builder, fromty, toty, value):  # type: ignore[no-untyped-def]
+def _number_to_vector(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
     scalar = types.float32 if toty.kind == "float" else types.int32
     return broadcast(builder, context.cast(builder, value, fromty, scalar), toty)
 
@@ -57,7 +58,7 @@ def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -
     """Register one operator for vectors, and for a vector with a number."""
 
     class Template(AbstractTemplate):  # type: ignore[misc]
-        def generic(self, args, kws):  # type: ignore[no-untyped-def]
+        def generic(self, args: Any, kws: Any) -> Any:
             vectors = [a for a in args if isinstance(a, Vector)]
             if not vectors or vectors[0].kind not in kinds:
                 return None
@@ -70,7 +71,7 @@ def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -
     infer_global(op)(Template)
 
     @lower_builtin(op, Vector, Vector)
-    def lower(context, builder, sig, args):  # type: ignore[no-untyped-def]
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return emit(builder, sig.args[0].kind, *args)
 
 
@@ -103,3 +104,6 @@ _binary(operator.or_, ("mask",), lambda builder, kind, a, b: builder.or_(a, b))
 _binary(operator.xor, ("mask",), lambda builder, kind, a, b: builder.xor(a, b))
 
 F4, F8, F16 = Vector("float", 4), Vector("float", 8), Vector("float", 16)
+
+Mask, Real, Bits = Vector("mask", 16), Any, int  # names of annotations, see `__init__.pyi`
+ZERO, ONE, INF = np.float32(0.0), np.float32(1.0), np.float32(np.inf)

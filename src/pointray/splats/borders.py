@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, next_tile, run
+from ..jit import borrow, f64, inline, kernel, next_tile, run
 from ..kernels.vec import tangents
 
 GAP = math.radians(115)  # a straight border leaves 180 degrees; of 20 random directions, one set in 75 leaves this
@@ -57,7 +57,7 @@ def _find_gaps(work, positions, normals, rows, near, out):  # type: ignore[no-un
     while tile >= 0:
         for at in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             i = rows[at]
-            n = (np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2]))
+            n = (f64(normals[i, 0]), f64(normals[i, 1]), f64(normals[i, 2]))
             axes = tangents(n)
             count = _closed_angles(positions, normals, i, near[i], axes, angles)
             found = np.sort(angles[:count])

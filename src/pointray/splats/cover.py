@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import cancelled, inline, kernel, routine, run
+from ..jit import cancelled, f32, f64, i32, inline, kernel, routine, run, u64
 from .grow import Cloud, Splats
 from .heap import pop, push
 
@@ -26,7 +26,7 @@ def _choose(work, splats, area, times):  # type: ignore[no-untyped-def]
     keys, rows = np.empty(len(splats.seeds), np.float32), np.empty(len(splats.seeds), np.int32)
     size = number = 0
     for s in range(len(splats.seeds)):
-        size = push(keys, rows, size, -_gain(splats, s, area, times), np.int32(s))
+        size = push(keys, rows, size, -_gain(splats, s, area, times), i32(s))
     chosen = np.empty(len(splats.seeds), np.int32)
     while size > 0 and not cancelled(work):
         s = rows[0]
@@ -44,9 +44,9 @@ def _choose(work, splats, area, times):  # type: ignore[no-untyped-def]
 @inline
 def _gain(splats, s, area, times):  # type: ignore[no-untyped-def]
     """The area that splat s would newly cover."""
-    gain = np.float32(0.0)
+    gain = f32(0.0)
     for k in range(splats.starts[s], splats.starts[s + 1]):
-        gain += area[splats.members[k]] if times[splats.members[k]] == 0 else np.float32(0.0)
+        gain += area[splats.members[k]] if times[splats.members[k]] == 0 else f32(0.0)
     return gain
 
 
@@ -82,11 +82,11 @@ def _invert(work, splats, heads, owners):  # type: ignore[no-untyped-def]
 def _random(state):  # type: ignore[no-untyped-def]
     """From 0 to 1 (xorshift)."""
     x = state[0]
-    x ^= x << np.uint64(13)
-    x ^= x >> np.uint64(7)
-    x ^= x << np.uint64(17)
+    x ^= x << u64(13)
+    x ^= x >> u64(7)
+    x ^= x << u64(17)
     state[0] = x
-    return np.float32(np.float64(x >> np.uint64(11)) * 2.0**-53)
+    return f32(f64(x >> u64(11)) * 2.0**-53)
 
 
 @routine
@@ -137,13 +137,13 @@ def _gains(over, area, bare, seen, gain, found):  # type: ignore[no-untyped-def]
 @routine
 def _best(gain, found, count, state):  # type: ignore[no-untyped-def]
     """The splat of most gain, but for the noise, or -1, and how many still gain anything."""
-    best, most, left = -1, np.float32(0.0), 0
+    best, most, left = -1, f32(0.0), 0
     for t in range(count):
         q = found[t]
-        if gain[q] > np.float32(1e-30):
+        if gain[q] > f32(1e-30):
             found[left] = q
             left += 1
-            g = gain[q] * (np.float32(1.0) + np.float32(NOISE) * _random(state))
+            g = gain[q] * (f32(1.0) + f32(NOISE) * _random(state))
             if g > most:
                 best, most = q, g
     return best, left
@@ -190,8 +190,8 @@ def _relax(work, splats, over, area, cover, order, most, seed):  # type: ignore[
             break
         if not on[order[step]]:
             continue
-        number, count = _take_away(splats, over, order[step], cover, (met, np.int32(2 * step)), crowd, bare)
-        listed = _gains(over, area, bare[:count], (met, np.int32(2 * step + 1)), gain, found)
+        number, count = _take_away(splats, over, order[step], cover, (met, i32(2 * step)), crowd, bare)
+        listed = _gains(over, area, bare[:count], (met, i32(2 * step + 1)), gain, found)
         room = (listed, count, number, state, added)
         new, left = _cover_again(splats, over, area, cover, gain, found, room)
         if left == 0 and won + number - new <= most:

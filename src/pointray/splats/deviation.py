@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, next_tile, routine, run
+from ..jit import borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ..kernels.vec import add, dot, length, scale
 from ..neighbors import morton_order, neighbors
 from .grow import Floats, at
@@ -71,7 +71,7 @@ def _find(splats, boxes, box, stack, found):  # type: ignore[no-untyped-def]
         for j in range(node * WIDE, min(node * WIDE + WIDE, len(radii))):
             square = 0.0
             for c in range(3):
-                gap = max(max(box[c] - centers[j, c], centers[j, c] - box[c + 3]), np.float32(0.0))
+                gap = max(max(box[c] - centers[j, c], centers[j, c] - box[c + 3]), f32(0.0))
                 square += gap * gap
             if square < radii[j] * radii[j]:
                 found[count] = j
@@ -90,7 +90,7 @@ def _evaluate(splats, near, x, n):  # type: ignore[no-untyped-def]
         if sheets[j] != 0 and a * n[0] + b * n[1] + c * n[2] < 0.0:
             continue
         px, py, pz = px - x[0], py - x[1], pz - x[2]
-        square, widest = px * px + py * py + pz * pz, np.float64(radii[j]) * radii[j]
+        square, widest = px * px + py * py + pz * pz, f64(radii[j]) * radii[j]
         w = max(1.0 - square / widest, 0.0)
         w *= w
         total, square_radius, qq = total + w, square_radius + w * widest, qq + w * square
@@ -187,4 +187,4 @@ def deviations(
     gated = (*sorted_splats, none if sheets is None else sheets)
     run(_survey, -(-len(out) // (TILE * BLOCK)), positions, normals, gated, boxes, float(close), out, hollow)
     bare: NDArray[Any] = ~(hollow <= HOLLOW)
-    return np.where(bare, np.float32(0), out), bare
+    return np.where(bare, f32(0), out), bare

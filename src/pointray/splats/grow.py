@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, kernel, next_tile, run
+from ..jit import borrow, f32, i32, inline, kernel, next_tile, run
 from .heap import pop, push
 
 AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many
@@ -91,9 +91,9 @@ def _grow_one(cloud, seed, bounds, stamp, queue, out):  # type: ignore[no-untype
     (px, py, pz), (nx, ny, nz) = at(cloud.positions, seed), at(cloud.normals, seed)
     widest, spread = bounds[0] * bounds[0], 2.0 * bounds[1]
     small, low, high = (SMALL * bounds[1]) ** 2, 0.0, 0.0
-    size = push(keys, rows, 0, np.float32(0.0), seed)
+    size = push(keys, rows, 0, f32(0.0), seed)
     met[seed] = mark
-    count, last = 0, np.float32(0.0)
+    count, last = 0, f32(0.0)
     while size > 0 and count < len(out):
         square, j = keys[0], rows[0]
         size = pop(keys, rows, size)
@@ -153,7 +153,7 @@ def _grow(work, cloud, seeds, bound, error):  # type: ignore[no-untyped-def]
     tile = next_tile(work)
     while tile >= 0:
         for s in range(tile * TILE, min((tile + 1) * TILE, len(seeds))):
-            count, last = _grow_one(lent, seeds[s], (bound[seeds[s]], error), (met, np.int32(s)), queue, one)
+            count, last = _grow_one(lent, seeds[s], (bound[seeds[s]], error), (met, i32(s)), queue, one)
             members = _roomy(members, used, count)
             members[used : used + count] = one[:count]
             which[done], counts[done], radii[done] = s, count, math.sqrt(last)
@@ -202,7 +202,7 @@ def _grade(work, sizes, cloud, slope):  # type: ignore[no-untyped-def]
     keys, rows = np.empty(2 * n + 64, np.float32), np.empty(2 * n + 64, np.int32)
     count = 0
     for i in range(n):
-        count = push(keys, rows, count, sizes[i], np.int32(i))
+        count = push(keys, rows, count, sizes[i], i32(i))
     while count > 0:
         key, i = keys[0], rows[0]
         count = pop(keys, rows, count)
@@ -213,7 +213,7 @@ def _grade(work, sizes, cloud, slope):  # type: ignore[no-untyped-def]
             j = cloud.near[i, k]
             x, y, z = at(cloud.positions, j)
             distance = math.sqrt((x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz))
-            size = np.float32(key + slope * distance)
+            size = f32(key + slope * distance)
             if size < sizes[j]:
                 sizes[j] = size
                 keys, rows = _roomy(keys, count, 1), _roomy(rows, count, 1)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, kernel, next_tile, run
+from ..jit import borrow, i64, kernel, next_tile, run
 from ..kernels.vec import dot, load3_flat, sub
 
 OPPOSED = math.cos(math.radians(150))  # cosine of two normals beyond which they are of two sheets
@@ -28,8 +28,8 @@ def _find(work, positions, normals, radii, near, out):  # type: ignore[no-untype
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             at, n = load3_flat(positions, 3 * i), load3_flat(normals, 3 * i)
             for j in near[i]:
-                if dot(n, load3_flat(normals, 3 * np.int64(j))) < OPPOSED:
-                    d = sub(load3_flat(positions, 3 * np.int64(j)), at)
+                if dot(n, load3_flat(normals, 3 * i64(j))) < OPPOSED:
+                    d = sub(load3_flat(positions, 3 * i64(j)), at)
                     both, height = radii[i] + radii[j], dot(d, n)
                     if dot(d, d) < both * both and abs(height) < max(radii[i], radii[j]):
                         out[i] = out[j] = 1

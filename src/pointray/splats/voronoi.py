@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, inline, keep_alive, kernel, next_tile, run
+from ..jit import borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ..kernels.vec import add, cross, dot, length, load3_flat, scale, sub, tangents
 from .borders import FOLD
 
@@ -35,7 +35,7 @@ def _unfolded(positions, normals, i, j, axes):  # type: ignore[no-untyped-def]
     (p_j - p_i).(n_j - n_i) / sin(angle), in the direction that n_j leans.
     """
     at = load3_flat(positions, 3 * j)
-    d = sub((np.float64(at[0]), np.float64(at[1]), np.float64(at[2])), load3_flat(positions, 3 * i))
+    d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
     n, m = load3_flat(normals, 3 * i), load3_flat(normals, 3 * j)
     cosine = dot(n, m)
     flat_u, flat_v = dot(d, axes[0]), dot(d, axes[1])
@@ -84,16 +84,16 @@ def _cut(polygons, which, count, a, b, j):  # type: ignore[no-untyped-def]
 def _cell(positions, normals, i, axes, hood, polygons):  # type: ignore[no-untyped-def]
     """Which of the polygons is point i's cell, the number of its corners, and the square of the farthest's distance."""
     distances, near = hood
-    side = np.float64(distances[len(near) - 1])
+    side = f64(distances[len(near) - 1])
     for k in range(4):
         polygons[0, k, 0] = side if k == 0 or k == 3 else -side
         polygons[0, k, 1] = side if k < 2 else -side
         polygons[0, k, 2] = -1.0
     which, count, square = 0, 4, 2.0 * side * side
     for k in range(1, len(near)):
-        if np.float64(distances[k]) ** 2 > 4.0 * square:
+        if f64(distances[k]) ** 2 > 4.0 * square:
             break
-        a, b = _unfolded(positions, normals, i, np.int64(near[k]), axes)
+        a, b = _unfolded(positions, normals, i, i64(near[k]), axes)
         if a != 0.0 or b != 0.0:
             count = _cut(polygons, which, count, a, b, near[k])
             which, square = 1 - which, 0.0
@@ -138,7 +138,7 @@ def _up_to_seam(cloud, i, one, other, distance):  # type: ignore[no-untyped-def]
     if dot(n, a) > FOLD or dot(n, b) > FOLD or dot(a, b) > FOLD:
         return distance
     at, p, q = load3_flat(positions, 3 * i), load3_flat(positions, 3 * one), load3_flat(positions, 3 * other)
-    here = np.float64(at[0]), np.float64(at[1]), np.float64(at[2])
+    here = f64(at[0]), f64(at[1]), f64(at[2])
     d, e, seam = sub(p, here), sub(q, here), cross(a, b)
     volume = dot(n, seam)
     if abs(volume) < FLAT * length(seam):
@@ -164,7 +164,7 @@ def _reach(cloud, i, corners, count, known, ahead):  # type: ignore[no-untyped-d
         last, after = (k - 1 if k > 0 else count - 1), (k + 1 if k + 1 < count else 0)
         x, y = corners[k, 0], corners[k, 1]
         distance, at, here = math.sqrt(x * x + y * y), own, 0.0
-        one, other = np.int64(corners[last, 2]), np.int64(corners[k, 2])
+        one, other = i64(corners[last, 2]), i64(corners[k, 2])
         if other >= 0:
             b, here = _mirror(corners, k, after)
             beyond = max(beyond, min(here, void * own))
@@ -173,7 +173,7 @@ def _reach(cloud, i, corners, count, known, ahead):  # type: ignore[no-untyped-d
         if one >= 0 and other >= 0:
             distance = _up_to_seam(cloud, i, one, other, distance)
             if len(usual) > 0:
-                at = max(at, np.float64(usual[one]), np.float64(usual[other]))
+                at = max(at, f64(usual[one]), f64(usual[other]))
             if distance <= void * at:
                 beyond = max(beyond, distance)
                 a, _ = _mirror(corners, last, k)
@@ -199,20 +199,20 @@ def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[
     tile = next_tile(work)
     while tile >= 0:
         for at in range(tile * TILE, min((tile + 1) * TILE, len(reach))):
-            i = np.int64(rows[at])
+            i = i64(rows[at])
             n = load3_flat(normals, 3 * i)
-            axes = tangents((np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
+            axes = tangents((f64(n[0]), f64(n[1]), f64(n[2])))
             hood_here = distances[at], near[at]
             which, count, square = _cell(positions, normals, i, axes, hood_here, polygons)
             own, ahead = np.inf, (0.0, 0.0)
             if len(usual) > 0:
                 gap = load3_flat(gaps, 3 * i)
                 ahead = dot(gap, axes[0]), dot(gap, axes[1])
-                own = np.float64(usual[i])
+                own = f64(usual[i])
             said = own, usual, known[2]
             reach[at], closed[at] = _reach((positions, normals), i, polygons[which], count, said, ahead)
             if len(usual) == 0:
-                closed[at] = 4.0 * square <= np.float64(distances[at, near.shape[1] - 1]) ** 2
+                closed[at] = 4.0 * square <= f64(distances[at, near.shape[1] - 1]) ** 2
         tile = next_tile(work)
     keep_alive(memory)
     return 0
@@ -223,7 +223,7 @@ def _gather_sorted(values, normals, i, near, limit, found):  # type: ignore[no-u
     """The values of point i and the USUAL next ones with normals of at least that cosine to its own, ascending."""
     n, count = load3_flat(normals, 3 * i), 0
     for j in near:
-        if count < len(found) and dot(n, load3_flat(normals, 3 * np.int64(j))) >= limit:
+        if count < len(found) and dot(n, load3_flat(normals, 3 * i64(j))) >= limit:
             k, value = count, values[j]
             while k > 0 and found[k - 1] > value:
                 found[k] = found[k - 1]
@@ -245,7 +245,7 @@ def _medians(work, values, normals, near, own, out):  # type: ignore[no-untyped-
             count = _gather_sorted(values, normals, i, near[i, 1 - own :], OTHER_SHEET, found)
             if count < USUAL // 2:  # it has no sheet to speak of
                 count = _gather_sorted(values, normals, i, near[i, 1 - own :], -2.0, found)
-            out[i] = np.float32(0.5) * (found[(count - 1) // 2] + found[count // 2])
+            out[i] = f32(0.5) * (found[(count - 1) // 2] + found[count // 2])
         tile = next_tile(work)
     keep_alive(memory)
     return 0

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..intersect.gather import list_blocks, segment
 from ..intersect.surface import weights_of_block
-from ..jit import borrow, inline, keep_alive, kernel, next_tile, run
-from ..kernels.records import INSTANCE, SHAPE_ROW, Array, World, borrow_world, tree_at
+from ..jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
+from ..kernels.records import INSTANCE, SHAPE_ROW, World, borrow_world, tree_at
 from ..kernels.scratch import COUNT_NEAR, DIRECTION, NEAREST, T_MIN, TILE, borrow_scratch, load3, new_scratch, store3
 from ..kernels.vec import add, along_curve, dot, load3_flat, scale
 from ..simd import lane
@@ -131,7 +131,7 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
                     local[3 * i + c] = hit.local[c]
                 point[i] = -1
                 if hit.slot >= 0:
-                    tree = tree_at(world.table, np.int64(world.instances[hit.instance * INSTANCE + SHAPE_ROW]))
+                    tree = tree_at(world.table, i64(world.instances[hit.instance * INSTANCE + SHAPE_ROW]))
                     point[i] = tree.order[hit.slot]
         batch = next_tile(work)
     keep_alive(memory)
@@ -168,7 +168,7 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
     memory = new_scratch(world.longest)
     scratch, world = borrow_scratch(memory), borrow_world(world)
     tree = tree_at(world.table, model)
-    f32, zero, one = np.float32, np.float32(0.0), np.float32(1.0)
+    zero, one = f32(0.0), f32(1.0)
     block = next_tile(work)
     while block >= 0:
         for h in range(block * BATCH, min((block + 1) * BATCH, hits.size)):
@@ -184,9 +184,9 @@ def _blend_attribute(work, world, places, values, width, out):  # type: ignore[n
                     w = lane(weights, j)
                     if w > 0.0:
                         total += w
-                        row = tree.order[np.int64(scratch.near[k]) * 4 + j]
+                        row = tree.order[i64(scratch.near[k]) * 4 + j]
                         for c in range(width):
-                            out[h * width + c] += w * values[np.int64(row) * width + c]
+                            out[h * width + c] += w * values[i64(row) * width + c]
             for c in range(width):
                 known = total > 0.0
                 out[h * width + c] = out[h * width + c] / total if known else values[point[i] * width + c]

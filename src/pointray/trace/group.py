@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from ..intersect.surface import ONE, ZERO
-from ..jit import inline
+from ..jit import f32, i64, inline
 from ..kernels.scratch import ASIDE, BEGIN, DX, END, FOUND, FOUND_ASIDE, IX, LANES, LENGTH, NX, NY, NZ, OX, SIDE, TILE
 from ..simd import (
+    ONE,
+    ZERO,
     bits,
     broadcast16,
     count_bits,
@@ -27,10 +26,10 @@ from ..simd import (
 )
 from .tile import range_of
 
-WIDEST = np.float32(0.2)  # by how much components of the directions may differ
+WIDEST = f32(0.2)  # by how much components of the directions may differ
 # And those of the origins, in edges of a leaf: rays far apart have no leaves in common. As a share of the bounds, 0.1,
 # 24 statues of a million points were 5% slower, with levels of detail 8%; with 2 and 16 edges 4 and 35% slower.
-SCATTERED = np.float32(4.0)
+SCATTERED = f32(4.0)
 FEWEST = 4  # rays of a group
 BROUGHT = (*range(OX, LENGTH, TILE), END, SIDE, BEGIN)  # rows: what a ray brings with it, besides LENGTH
 FOUND_ROWS = (LENGTH, NX, NY, NZ)
@@ -41,7 +40,7 @@ FAILURES = 4  # after so many rays that few are like the others go alone: they g
 def leaf_edge(tree):  # type: ignore[no-untyped-def]
     """How wide leaves are, about: as if they covered the bounds."""
     x, y, z = tree.head[3] - tree.head[0], tree.head[4] - tree.head[1], tree.head[5] - tree.head[2]
-    return np.float32(math.sqrt(np.float32(4.0) * (x * y + y * z + z * x) / np.float32(tree.spans.size)))
+    return f32(math.sqrt(f32(4.0) * (x * y + y * z + z * x) / f32(tree.spans.size)))
 
 
 @inline
@@ -63,8 +62,8 @@ def coherent(edge, rows):  # type: ignore[no-untyped-def]
 @inline
 def alike(edge, rows, left):  # type: ignore[no-untyped-def]
     """Of some rays (bits) that stand aside those that may go together with the first of them."""
-    i, some = ASIDE + count_trailing_zeros(left), np.int64(0)
-    far, wide = np.float32(0.5) * SCATTERED * edge, np.float32(0.5) * WIDEST
+    i, some = ASIDE + count_trailing_zeros(left), i64(0)
+    far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
     for v in range(0, TILE, LANES):
         word, at = (left >> v) & 0xFFFF, ASIDE + v
         if word == 0:
@@ -97,7 +96,7 @@ def set_aside(scratch):  # type: ignore[no-untyped-def]
 @inline
 def _bring_row(rows, row, some, last):  # type: ignore[no-untyped-def]
     """Bring one row of some rays that stand aside together; what is left of the last 16 places gets `last`."""
-    n = np.int64(0)
+    n = i64(0)
     for v in range(0, TILE, LANES):
         word = (some >> v) & 0xFFFF
         store_packed(rows, row + n, mask16(word), load16(rows, ASIDE + row + v))
@@ -125,7 +124,7 @@ def bring(some, scratch):  # type: ignore[no-untyped-def]
 @inline
 def take_back(some, lifted, scratch):  # type: ignore[no-untyped-def]
     """Set aside what some rays (bits) have found; returns those of them that were lifted, given by their place."""
-    rows, numbers, k, back = scratch.model, scratch.numbers, 0, np.int64(0)
+    rows, numbers, k, back = scratch.model, scratch.numbers, 0, i64(0)
     while some != 0:
         i = count_trailing_zeros(some)
         some &= some - 1

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..intersect.gather import Capsule, list_blocks, nearest_slot
-from ..intersect.surface import ONE, ZERO, weights_seen
-from ..jit import inline, routine
+from ..intersect.surface import weights_seen
+from ..jit import f32, f64, i64, inline, routine
 from ..kernels.records import (
     INSTANCE,
     LEAF,
@@ -37,7 +37,19 @@ from ..kernels.scratch import (
     store3,
 )
 from ..kernels.vec import transform
-from ..simd import broadcast16, count_trailing_zeros, quarters, reduce_max, repeat4, select, store, vmax, vsqrt
+from ..simd import (
+    ONE,
+    ZERO,
+    broadcast16,
+    count_trailing_zeros,
+    quarters,
+    reduce_max,
+    repeat4,
+    select,
+    store,
+    vmax,
+    vsqrt,
+)
 from .paint import paint_four
 from .space import matrix_at
 
@@ -48,7 +60,7 @@ def tile_hit(scratch, i):  # type: ignore[no-untyped-def]
     wide, numbers, zero = scratch.world, scratch.numbers, (0.0, 0.0, 0.0)
     instance = numbers[INSTANCE_OF + i]
     if instance < 0:
-        return WorldHit(np.inf, zero, zero, -1, np.int64(-1), np.int64(-1), zero)
+        return WorldHit(np.inf, zero, zero, -1, i64(-1), i64(-1), zero)
     normal, color, local = load3(wide, NORMAL + i), load3(wide, COLOR + i), load3(wide, LOCAL + i)
     return WorldHit(wide[NEAREST + i], normal, color, instance, numbers[SLOT_OF + i], numbers[LEAF_OF + i], local)
 
@@ -91,9 +103,9 @@ def _weigh(tree, places, sheet, tone, scratch):  # type: ignore[no-untyped-def]
     part = scratch.part
     most = block_of_most = red = green = blue = total = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
-        block = np.int64(scratch.near[k])
+        block = i64(scratch.near[k])
         w = weights_seen(tree, block, places, sheet, part)
-        block_of_most = select(w > most, broadcast16(np.float32(k)), block_of_most)
+        block_of_most = select(w > most, broadcast16(f32(k)), block_of_most)
         most = vmax(w, most)
         if tree.colors.size > 0:
             for j in range(4):
@@ -115,7 +127,7 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     at = numbers[INSTANCE_OF + four[0]] * INSTANCE
-    tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
+    tree = tree_at(world.table, i64(world.instances[at + SHAPE_ROW]))
     v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
     if sheeted:
         v = transform(matrix_at(world, at), load3(wide, NORMAL + four[0]))
@@ -131,15 +143,15 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
             red, green = red + part[2 * LANES + k], green + part[3 * LANES + k]
             blue, total = blue + part[4 * LANES + k], total + part[5 * LANES + k]
         if part[best] > ZERO:
-            numbers[SLOT_OF + i] = np.int64(scratch.near[int(part[LANES + best])]) * 4 + best % 4
+            numbers[SLOT_OF + i] = i64(scratch.near[int(part[LANES + best])]) * 4 + best % 4
         else:
             x = load3(wide, LOCAL + i)
-            slot = nearest_slot(tree, numbers[LEAF_OF + i], np.float32(x[0]), np.float32(x[1]), np.float32(x[2]))
+            slot = nearest_slot(tree, numbers[LEAF_OF + i], f32(x[0]), f32(x[1]), f32(x[2]))
             numbers[SLOT_OF + i] = slot
             if tree.colors.size > 0:
                 packed, total = tree.colors[slot], 1.0
-                red, green = np.float64(world.tone[packed & 255]), np.float64(world.tone[(packed >> 8) & 255])
-                blue = np.float64(world.tone[(packed >> 16) & 255])
+                red, green = f64(world.tone[packed & 255]), f64(world.tone[(packed >> 8) & 255])
+                blue = f64(world.tone[(packed >> 16) & 255])
         store3(wide, COLOR + i, (red / total, green / total, blue / total) if 0.0 < total < np.inf else (1.0, 1.0, 1.0))
     if world.instances[at + PAINT] >= 0.0:
         paint_four(world, four, places, (sheeted, v), scratch)
@@ -157,7 +169,7 @@ def _shows_colors(world, instance):  # type: ignore[no-untyped-def]
     if world.materials[material_at(world, instance) + OWN_COLOR] == 0.0:
         return False
     at = instance * INSTANCE
-    tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
+    tree = tree_at(world.table, i64(world.instances[at + SHAPE_ROW]))
     return world.instances[at + PAINT] >= 0.0 or tree.colors.size > 0
 
 
@@ -168,25 +180,25 @@ def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
     Neighbours that have hit the same leaf go together, four at a time: in 0.6 of the time of one by one.
     """
     scratch, world = borrow_scratch(scratch), borrow_world(world)
-    numbers, left = scratch.numbers, np.int64(0)
+    numbers, left = scratch.numbers, i64(0)
     for i in range(TILE):
         numbers[SLOT_OF + i] = -1
         if numbers[INSTANCE_OF + i] >= 0 and numbers[LEAF_OF + i] >= 0:
             if scratch.counts[SEEN_ONLY] == 0 or _shows_colors(world, numbers[INSTANCE_OF + i]):
-                left |= np.int64(1) << i
+                left |= i64(1) << i
             else:
                 store3(scratch.world, COLOR + i, (1.0, 1.0, 1.0))
     while left != 0:
         a = count_trailing_zeros(left)
         left &= left - 1
-        tree = tree_at(world.table, np.int64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + SHAPE_ROW]))
+        tree = tree_at(world.table, i64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + SHAPE_ROW]))
         b = c = d = a
         # Of two sheets close together each ray sees its own.
         if tree.leaves[numbers[LEAF_OF + a] * LEAF + SHEETED] == ZERO:
             b = _next_of_leaf(numbers, left, a)
-            left &= ~(np.int64(1) << b)
+            left &= ~(i64(1) << b)
             c = _next_of_leaf(numbers, left, a)
-            left &= ~(np.int64(1) << c)
+            left &= ~(i64(1) << c)
             d = _next_of_leaf(numbers, left, a)
-            left &= ~(np.int64(1) << d)
+            left &= ~(i64(1) << d)
         _describe(world, (a, b, c, d), scratch)

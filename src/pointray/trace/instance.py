@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ..intersect.march import BEHIND
-from ..intersect.surface import ONE, ZERO
-from ..jit import inline
+from ..jit import f32, f64, i64, inline
 from ..kernels.records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, tree_at
 from ..kernels.scratch import (
     ANYWHERE,
@@ -41,7 +38,7 @@ from ..kernels.scratch import (
     store3,
 )
 from ..kernels.vec import add, dot, either, scale, transform_transposed
-from ..simd import broadcast16, count_bits, count_trailing_zeros, load16, select, store
+from ..simd import ONE, ZERO, broadcast16, count_bits, count_trailing_zeros, load16, select, store
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
 from .space import into_model, matrix_at, model_bounds, of_size_one
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
@@ -66,8 +63,8 @@ def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
     store3(wide, START + i, start)
     store3(wide, HEADING + i, d)
     wide[LOW + i], wide[SPEED + i] = low, speed
-    rows[LENGTH + i] = np.float32(high - low + step[0]) if low <= high else -ONE
-    begin = np.float32(begin)
+    rows[LENGTH + i] = f32(high - low + step[0]) if low <= high else -ONE
+    begin = f32(begin)
     outside = ((low > 0.0) & (begin == ZERO)) | (wide[SIDE_OF + i] == ANYWHERE)
     elsewhere = (rows[CUT + i] > ZERO) | (discs & outside)
     rows[BEGIN + i] = -max(begin, BEHIND) if elsewhere else begin
@@ -81,21 +78,21 @@ def _narrow(i, scratch):  # type: ignore[no-untyped-def]
     store3(rows, OX + i, (ray.ox, ray.oy, ray.oz))
     store3(rows, DX + i, (ray.dx, ray.dy, ray.dz))
     store3(rows, IX + i, (ray.ix, ray.iy, ray.iz))
-    rows[END + i], rows[SIDE + i] = rows[LENGTH + i], np.float32(wide[SIDE_OF + i])
+    rows[END + i], rows[SIDE + i] = rows[LENGTH + i], f32(wide[SIDE_OF + i])
     scratch.numbers[FOUND + i] = -1
 
 
 @inline
 def _some_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
     """Put some rays (bits) into a model's space, one by one; returns those that meet its bounds."""
-    meeting = np.int64(0)
+    meeting = i64(0)
     while some != 0:
         i = count_trailing_zeros(some)
         some &= some - 1
         _enter(matrix, box, i, scratch)
         if scratch.model[LENGTH + i] >= ZERO:
             _narrow(i, scratch)
-            meeting |= np.int64(1) << i
+            meeting |= i64(1) << i
     return meeting
 
 
@@ -133,7 +130,7 @@ def _together(table, model, entered, scratch):  # type: ignore[no-untyped-def]
     whole = coherent(edge, rows)
     if not whole:
         set_aside(scratch)
-    left, alone, failures = entered, np.int64(0), 0
+    left, alone, failures = entered, i64(0), 0
     while left != 0:
         some, end = left, TILE
         if not whole:
@@ -156,9 +153,9 @@ def _together(table, model, entered, scratch):  # type: ignore[no-untyped-def]
 @inline
 def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
     """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before."""
-    model = np.int64(world.instances[at + SHAPE_ROW])
+    model = i64(world.instances[at + SHAPE_ROW])
     tree = tree_at(world.table, model)
-    step = np.float64(tree.head[LONGEST])
+    step = f64(tree.head[LONGEST])
     box = model_bounds(tree.head), (step, 1.0 / step), int(tree.head[SURFACE]) == DISC
     matrix = matrix_at(world, at)
     rows, numbers = scratch.model, scratch.numbers
@@ -192,7 +189,7 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
 def _keep_t(i, scratch):  # type: ignore[no-untyped-def]
     """Keep t of ray i's hit where it is nearer than what was hit before; else FOUND is -1."""
     wide, numbers = scratch.world, scratch.numbers
-    t = (wide[LOW + i] + np.float64(scratch.model[LENGTH + i])) / wide[SPEED + i]
+    t = (wide[LOW + i] + f64(scratch.model[LENGTH + i])) / wide[SPEED + i]
     better = (numbers[FOUND + i] >= 0) & (t <= wide[NEAREST + i])
     wide[NEAREST + i] = t if better else wide[NEAREST + i]
     numbers[FOUND + i] = numbers[FOUND + i] if better else -1
@@ -203,9 +200,9 @@ def _keep_place(matrix, i, scratch):  # type: ignore[no-untyped-def]
     """Keep normal and place of a hit that is nearer. matrix : see `of_size_one`."""
     wide, rows = scratch.world, scratch.model
     n = load3(rows, NX + i)
-    n = transform_transposed(matrix, (np.float64(n[0]), np.float64(n[1]), np.float64(n[2])))
+    n = transform_transposed(matrix, (f64(n[0]), f64(n[1]), f64(n[2])))
     n = scale(n, 1.0 / math.sqrt(dot(n, n)))
-    x = add(load3(wide, START + i), scale(load3(wide, HEADING + i), np.float64(rows[LENGTH + i])))
+    x = add(load3(wide, START + i), scale(load3(wide, HEADING + i), f64(rows[LENGTH + i])))
     better = scratch.numbers[FOUND + i] >= 0
     old_n, old_x = load3(wide, NORMAL + i), load3(wide, LOCAL + i)
     store3(wide, NORMAL + i, either(better, n, old_n))

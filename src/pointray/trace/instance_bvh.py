@@ -6,10 +6,7 @@ no worse off than alone.
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..intersect.surface import INF, ONE, ZERO
-from ..jit import inline
+from ..jit import f32, i64, inline
 from ..kernels.records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE
 from ..kernels.scratch import (
     DIRECTION,
@@ -27,7 +24,7 @@ from ..kernels.scratch import (
     store3,
 )
 from ..kernels.vec import load3_flat
-from ..simd import bits, broadcast16, load16, mask16, reduce_min, select, vmax, vmin
+from ..simd import INF, ONE, ZERO, bits, broadcast16, load16, mask16, reduce_min, select, vmax, vmin
 from .space import into_model
 from .tile import ALL, bits_of_row
 from .traverse import make_ray
@@ -62,7 +59,7 @@ def _rays_to_top(world, scratch):  # type: ignore[no-untyped-def]
         ray = make_ray(start, d, high - low, 1.0)
         store3(rows, TOP_OX + i, (ray.ox, ray.oy, ray.oz))
         store3(rows, TOP_IX + i, (ray.ix, ray.iy, ray.iz))
-        rows[TOP_LENGTH + i] = np.float32(high - low) if low <= high else -ONE
+        rows[TOP_LENGTH + i] = f32(high - low) if low <= high else -ONE
     return bits_of_row(rows, TOP_LENGTH)
 
 
@@ -72,14 +69,14 @@ def shorten(world, scratch):  # type: ignore[no-untyped-def]
     if world.top_children.size > 0:
         wide, rows = scratch.world, scratch.model
         for i in range(TILE):
-            rows[TOP_LENGTH + i] = np.float32(wide[NEAREST + i] * wide[TOP_SPEED + i] - wide[TOP_LOW + i])
+            rows[TOP_LENGTH + i] = f32(wide[NEAREST + i] * wide[TOP_SPEED + i] - wide[TOP_LOW + i])
 
 
 @inline
 def _enter(world, at, rays, scratch):  # type: ignore[no-untyped-def]
     """Which of some rays enter a box before they end, and the least t at which one does."""
     boxes, rows = world.top_boxes, scratch.model
-    entering, nearest = np.int64(0), INF
+    entering, nearest = i64(0), INF
     for v in range(0, TILE, LANES):
         word = (rays >> v) & 0xFFFF
         if word == 0:
@@ -122,7 +119,7 @@ def still_open(world, top, scratch):  # type: ignore[no-untyped-def]
     rays, near = scratch.top_rays[top], scratch.top_near[top]
     if world.top_children.size == 0:
         return rays
-    left = np.int64(0)
+    left = i64(0)
     for v in range(0, TILE, LANES):
         word = (rays >> v) & 0xFFFF
         if word != 0:

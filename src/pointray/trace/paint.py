@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..intersect.surface import ONE, ZERO, weights_seen
-from ..jit import inline
+from ..intersect.surface import weights_seen
+from ..jit import f64, i64, inline
 from ..kernels.records import (
     BLENDED,
     INSTANCE,
@@ -23,7 +23,7 @@ from ..kernels.records import (
 )
 from ..kernels.scratch import COLOR, COUNT_NEAR, DIRECTION, INSTANCE_OF, LANES, NEAREST, ORIGIN, SLOT_OF, load3, store3
 from ..kernels.vec import add, dot, load3_flat, scale
-from ..simd import broadcast16, repeat4, store
+from ..simd import ONE, ZERO, broadcast16, repeat4, store
 
 SLACK = 1e-3  # of a colour of the map: a blend of equal levels must not round down into the one before
 
@@ -44,7 +44,7 @@ def _blend(world, paint, tree, places, sheet, scratch):  # type: ignore[no-untyp
     part, first = scratch.part, int(world.paints[paint + PAINT_LEVELS])
     total = known = level = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
-        block = np.int64(scratch.near[k])
+        block = i64(scratch.near[k])
         w = weights_seen(tree, block, places, sheet, part)
         total = total + w
         for j in range(4):
@@ -81,7 +81,7 @@ def paint_four(world, four, places, sheet, scratch):  # type: ignore[no-untyped-
     """
     wide, numbers = scratch.world, scratch.numbers
     at = numbers[INSTANCE_OF + four[0]] * INSTANCE
-    tree = tree_at(world.table, np.int64(world.instances[at + SHAPE_ROW]))
+    tree = tree_at(world.table, i64(world.instances[at + SHAPE_ROW]))
     paint = int(world.instances[at + PAINT]) * PAINT_SIZE
     kind = world.paints[paint + PAINT_KIND]
     sums = broadcast16(ZERO), broadcast16(ZERO), broadcast16(ZERO)
@@ -90,7 +90,7 @@ def paint_four(world, four, places, sheet, scratch):  # type: ignore[no-untyped-
     for r in range(4):
         i, level = four[r], np.nan
         if kind != PLACED:
-            level = np.float64(world.levels[int(world.paints[paint + PAINT_LEVELS]) + numbers[SLOT_OF + i]])
+            level = f64(world.levels[int(world.paints[paint + PAINT_LEVELS]) + numbers[SLOT_OF + i]])
         if kind == BLENDED:
             level = _blended(sums, r, level, scratch)
         elif kind == PLACED:

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from ..intersect.surface import ZERO
-from ..jit import inline
+from ..jit import i64, inline
 from ..kernels.records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
 from ..kernels.scratch import (
     COLOR,
@@ -25,6 +24,7 @@ from ..kernels.scratch import (
     store3,
 )
 from ..kernels.vec import add, dot, length, load3_flat, scale, sub
+from ..simd import ZERO
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
@@ -71,4 +71,4 @@ def tile_on_plane(world, at, scratch):  # type: ignore[no-untyped-def]
             wide[NEAREST + i] = t
             store3(wide, NORMAL + i, load3_flat(world.planes, at + PLANE_NORMAL))
             store3(wide, COLOR + i, plane_color(world, at, add(o, scale(d, t))))
-            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = np.int64(world.planes[at + PLANE_INSTANCE]), -1
+            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = i64(world.planes[at + PLANE_INSTANCE]), -1

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import f64, inline
 from ..kernels.records import BOUNDS, TO_MODEL
 from ..kernels.vec import add, length, load3_flat, scale, sub, transform
 
@@ -18,8 +18,8 @@ from ..kernels.vec import add, length, load3_flat, scale, sub, transform
 def model_bounds(head):  # type: ignore[no-untyped-def]
     """A model's bounds (lo x y z, hi x y z) in float64, padded against rounding."""
     lows, highs = load3_flat(head, BOUNDS), load3_flat(head, BOUNDS + 3)
-    lows = np.float64(lows[0]), np.float64(lows[1]), np.float64(lows[2])
-    highs = np.float64(highs[0]), np.float64(highs[1]), np.float64(highs[2])
+    lows = f64(lows[0]), f64(lows[1]), f64(lows[2])
+    highs = f64(highs[0]), f64(highs[1]), f64(highs[2])
     x, y, z = abs(lows[0]) + abs(highs[0]), abs(lows[1]) + abs(highs[1]), abs(lows[2]) + abs(highs[2])
     pad = 1e-6 * x, 1e-6 * y, 1e-6 * z
     return sub(lows, pad), add(highs, pad)

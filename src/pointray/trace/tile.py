@@ -7,12 +7,9 @@ only rays that go through all three search it. Hits are those of `traverse.close
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone, search_together, together
-from ..intersect.surface import ONE, ZERO
-from ..jit import inline
+from ..jit import f32, i32, i64, inline
 from ..kernels.records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
 from ..kernels.scratch import (
     ANY_HIT,
@@ -43,6 +40,8 @@ from ..kernels.scratch import (
     TILE,
 )
 from ..simd import (
+    ONE,
+    ZERO,
     bits,
     broadcast8,
     broadcast16,
@@ -62,13 +61,13 @@ from ..simd import (
 from .traverse import far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
 
 ALL = -1  # rays as bits of an int64
-ROUNDING = np.float32(1e-6)
+ROUNDING = f32(1e-6)
 
 
 @inline
 def bits_of_row(rows, at):  # type: ignore[no-untyped-def]
     """The rays of a tile whose number in a row is not below 0."""
-    word = np.int64(0)
+    word = i64(0)
     for k in range(0, TILE, LANES):
         word |= bits(load16(rows, at + k) >= ZERO) << k
     return word
@@ -157,7 +156,7 @@ def _search(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
     if together(tree, leaf):
         return search_together(tree, leaf, passing, scratch)
     rows = scratch.model
-    lifted = np.int64(0)
+    lifted = i64(0)
     while passing != 0:
         i = count_trailing_zeros(passing)
         passing &= passing - 1
@@ -165,7 +164,7 @@ def _search(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
         interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
         hit = search_alone(tree, leaf, tile_ray(rows, i), scratch, interval)
         if scratch.lift[0] != ZERO:
-            lifted |= np.int64(1) << i
+            lifted |= i64(1) << i
         if hit.leaf >= 0 and hit.t < rows[LENGTH + i]:
             rows[LENGTH + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
             scratch.numbers[FOUND + i] = leaf
@@ -179,8 +178,8 @@ def _prefetch_search(tree, child):  # type: ignore[no-untyped-def]
         first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
         for group in range(first, first + count):
             for k in range(0, GROUP, 16):
-                prefetch(tree.spheres, np.int64(group) * GROUP + k)
-            prefetch(tree.refs, np.int64(group) * 16)
+                prefetch(tree.spheres, i64(group) * GROUP + k)
+            prefetch(tree.refs, i64(group) * 16)
         prefetch_columns(tree, ~child)
 
 
@@ -219,10 +218,10 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
     qx, qy, qz = planes[1][0] * WIDTH, planes[1][1] * WIDTH, planes[1][2] * WIDTH
     stack, stack_near = scratch.stack, scratch.stack_near
     farthest = range_of(rows, LENGTH, some)[1]
-    node, top, lifted = 0, 0, np.int64(0)
+    node, top, lifted = 0, 0, i64(0)
     while True:
         scratch.counts[COUNT_NODES] += 1
-        at = np.int64(node) * NODE
+        at = i64(node) * NODE
         ax, bx = load8(tree.boxes, at + px) - x[0], load8(tree.boxes, at + qx) - x[1]
         ay, by = load8(tree.boxes, at + py) - y[0], load8(tree.boxes, at + qy) - y[1]
         az, bz = load8(tree.boxes, at + pz) - z[0], load8(tree.boxes, at + qz) - z[1]
@@ -239,7 +238,7 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
         while left != 0:
             k = count_trailing_zeros(left)
             left &= left - 1
-            top = insert(stack, stack_near, bottom, top, np.int32(node * WIDTH + k), lane(near, k))
+            top = insert(stack, stack_near, bottom, top, i32(node * WIDTH + k), lane(near, k))
             prefetch_child(tree, tree.children[node * WIDTH + k])
         while True:
             if top == 0:
@@ -247,16 +246,16 @@ def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def
             top -= 1
             if stack_near[top] > farthest:
                 continue
-            slot = np.int64(stack[top])
+            slot = i64(stack[top])
             node = tree.children[slot]
             if node >= 0:
                 break
             scratch.counts[COUNT_LEAVES] += 1
             leaf = ~node
             if top > 0:
-                _prefetch_search(tree, tree.children[np.int64(stack[top - 1])])
+                _prefetch_search(tree, tree.children[i64(stack[top - 1])])
             box = slot // WIDTH * NODE + slot % WIDTH
-            passing = np.int64(0)
+            passing = i64(0)
             for v in range(some[0], some[1], LANES):
                 passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone
-from ..intersect.surface import INF, ONE, ZERO
-from ..jit import inline
+from ..jit import f32, i64, inline
 from ..kernels.records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
 from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES
-from ..simd import bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
+from ..simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
 
-TINY = np.float32(1e-20)
+TINY = f32(1e-20)
 
 
 @inline
@@ -26,9 +23,8 @@ def steady(d):  # type: ignore[no-untyped-def]
 @inline
 def make_ray(o, d, length, side):  # type: ignore[no-untyped-def]
     """A ray in model space of the given length, from float64 origin and unit direction."""
-    f32, one = np.float32, np.float32(1.0)
     x, y, z = steady(f32(d[0])), steady(f32(d[1])), steady(f32(d[2]))
-    return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, one / x, one / y, one / z, ZERO, f32(length), f32(side))
+    return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, ONE / x, ONE / y, ONE / z, ZERO, f32(length), f32(side))
 
 
 @inline
@@ -75,20 +71,20 @@ def _slab_interval(tree, leaf, ray, interval):  # type: ignore[no-untyped-def]
 def prefetch_child(tree, child):  # type: ignore[no-untyped-def]
     """Ask for what a walk will read of a child: rays wait for memory a quarter of their time in far views."""
     if child < 0:
-        leaf = np.int64(~child)
+        leaf = i64(~child)
         prefetch(tree.leaves, leaf * LEAF)
         prefetch(tree.spans, 2 * leaf)
     else:
         for k in range(0, NODE, 16):
-            prefetch(tree.boxes, np.int64(child) * NODE + k)
-        prefetch(tree.children, np.int64(child) * WIDTH)
+            prefetch(tree.boxes, i64(child) * NODE + k)
+        prefetch(tree.children, i64(child) * WIDTH)
 
 
 @inline
 def prefetch_columns(tree, leaf):  # type: ignore[no-untyped-def]
     """Ask for a leaf's columns: 3% of the time of bounces at a million points."""
     for k in range(0, PATCH, 16):
-        prefetch(tree.patches, np.int64(leaf) * PATCH + k)
+        prefetch(tree.patches, i64(leaf) * PATCH + k)
 
 
 @inline
@@ -112,7 +108,7 @@ def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
     node, top = 0, 0
     while True:
         scratch.counts[COUNT_NODES] += 1
-        at = np.int64(node) * NODE
+        at = i64(node) * NODE
         near = vmax(
             vmax((load8(tree.boxes, at + nx) - ray.ox) * ix, (load8(tree.boxes, at + ny) - ray.oy) * iy),
             vmax((load8(tree.boxes, at + nz) - ray.oz) * iz, broadcast8(begin)),

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..intersect.surface import ONE, ZERO
-from ..jit import inline, routine
+from ..jit import i64, inline, routine
 from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, borrow_world
 from ..kernels.scratch import (
     ANY_HIT,
@@ -26,6 +25,7 @@ from ..kernels.scratch import (
     store3,
 )
 from ..kernels.vec import dot, either, length, load3_flat
+from ..simd import ONE, ZERO
 from .instance import through_instance
 from .instance_bvh import begin_walk, open_node, shorten, still_open
 from .plane import ON_PLANE, tile_on_plane
@@ -131,7 +131,7 @@ def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
         if what >= 0:
             waiting = open_node(world, what, rays, waiting, scratch)
         else:
-            through_instance(world, np.int64(~what) * INSTANCE, rays, scratch)
+            through_instance(world, i64(~what) * INSTANCE, rays, scratch)
             if scratch.counts[ANY_HIT] != 0:
                 _end_where_hit(scratch)
             shorten(world, scratch)
@@ -154,7 +154,7 @@ def is_blocked(scratch, i):  # type: ignore[no-untyped-def]
 @inline
 def meets_nothing(scratch):  # type: ignore[no-untyped-def]
     """Whether none of the tile's rays has met anything."""
-    greatest = np.int64(-1)
+    greatest = i64(-1)
     for i in range(TILE):
         greatest = max(greatest, scratch.numbers[INSTANCE_OF + i])
     return greatest < 0

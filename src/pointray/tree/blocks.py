@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import cancelled, inline, kernel, next_tile, run
+from ..jit import cancelled, f32, inline, kernel, next_tile, run, uncompiled
 from ..kernels.records import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
@@ -41,7 +41,7 @@ def _select(rows, axis, low, high, nth):  # type: ignore[no-untyped-def]
 
 @inline
 def _widest_axis(rows, low, high):  # type: ignore[no-untyped-def]
-    best, axis = np.float32(-1.0), 0
+    best, axis = f32(-1.0), 0
     for c in range(3):
         least = greatest = rows[low, c]
         for i in range(low + 1, high):
@@ -85,7 +85,7 @@ def _spans(low: int, high: int, limit: int) -> list[tuple[int, int]]:
     """The spans that `_sort_rows` leaves behind."""
     if high - low <= limit:
         return [(low, high)]
-    middle = int(_middle.py_func(low, high))
+    middle = int(uncompiled(_middle)(low, high))
     return _spans(low, middle, limit) + _spans(middle, high, limit)
 
 
@@ -123,8 +123,8 @@ def _fill_blocks(work, order, positions, normals, radii, out):  # type: ignore[n
                 i = order[b * PER_BLOCK + k] if k < count else -1
                 for c in range(3):
                     blocks[b * BLOCK + PX + 4 * c + k] = positions[i, c] if i >= 0 else EMPTY
-                    blocks[b * BLOCK + NX + 4 * c + k] = normals[i, c] if i >= 0 else np.float32(0.0)
-                blocks[b * BLOCK + INV_R2 + k] = np.float32(1.0) / (radii[i] * radii[i]) if i >= 0 else np.float32(1.0)
+                    blocks[b * BLOCK + NX + 4 * c + k] = normals[i, c] if i >= 0 else f32(0.0)
+                blocks[b * BLOCK + INV_R2 + k] = f32(1.0) / (radii[i] * radii[i]) if i >= 0 else f32(1.0)
             for c in range(3):
                 least, greatest = np.inf, -np.inf
                 for k in range(count):

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import cancelled, inline, kernel, next_tile
-from ..kernels.records import BLOCK, FAR, INV_R2, PX, Array
+from ..jit import Array, cancelled, f32, f64, inline, kernel, next_tile
+from ..kernels.records import BLOCK, FAR, INV_R2, PX
 from .blocks import PER_BLOCK
 
 FEW = 3  # a voxel that so few blocks reach is not cut further
@@ -48,12 +48,12 @@ class Cells(NamedTuple):
 @inline
 def overlap(blocks, slot, cell):  # type: ignore[no-untyped-def]
     """Squared radius and squared distance to the cell of the splat at blocks[slot]: it overlaps where less or equal."""
-    distance = np.float32(0.0)
+    distance = f32(0.0)
     for c in range(3):
         p = blocks[slot + PX + 4 * c]
-        d = max(cell[c] - p, p - cell[3 + c], np.float32(0.0))
+        d = max(cell[c] - p, p - cell[3 + c], f32(0.0))
         distance += d * d
-    return np.float32(1.0) / blocks[slot + INV_R2], distance
+    return f32(1.0) / blocks[slot + INV_R2], distance
 
 
 @inline
@@ -65,10 +65,10 @@ def _gather(blocks, sources, cell, around, refs, start):  # type: ignore[no-unty
     the least and the greatest radius of these splats.
     """
     end = start
-    total, count, shortest, longest = 0.0, 0, np.float32(np.inf), np.float32(0.0)
+    total, count, shortest, longest = 0.0, 0, f32(np.inf), f32(0.0)
     grown = (cell[0] - around, cell[1] - around, cell[2] - around, cell[3] + around, cell[4] + around, cell[5] + around)
-    least = (np.float32(np.inf), np.float32(np.inf), np.float32(np.inf))
-    greatest = (np.float32(-np.inf), np.float32(-np.inf), np.float32(-np.inf))
+    least = (f32(np.inf), f32(np.inf), f32(np.inf))
+    greatest = (f32(-np.inf), f32(-np.inf), f32(-np.inf))
     for s in range(sources[0], sources[1]):
         b = refs[s]
         reached = False
@@ -90,14 +90,14 @@ def _gather(blocks, sources, cell, around, refs, start):  # type: ignore[no-unty
     for c in range(3):
         cell[c] = max(cell[c], least[c])
         cell[3 + c] = min(cell[3 + c], greatest[c])
-    return end, total / max(count, 1), shortest, np.float64(longest)
+    return end, total / max(count, 1), shortest, f64(longest)
 
 
 @inline
 def _area(box):  # type: ignore[no-untyped-def]
     """Half the surface of a box, in proportion to which rays meet it; 0 for an empty one."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
-    return x * y + y * z + z * x if x >= 0 and y >= 0 and z >= 0 else np.float32(0.0)
+    return x * y + y * z + z * x if x >= 0 and y >= 0 and z >= 0 else f32(0.0)
 
 
 @inline
@@ -122,8 +122,8 @@ def _decide(blocks, sources, box, mean, step, refs):  # type: ignore[no-untyped-
 
     The voxel's blocks were found with the step of the greatest radius; those that a mean step reaches stay.
     """
-    end, _, shortest, _ = _gather(blocks, sources, box.copy(), np.float32(step * mean), refs, sources[0])
-    return end, min(shortest, np.float32(mean))
+    end, _, shortest, _ = _gather(blocks, sources, box.copy(), f32(step * mean), refs, sources[0])
+    return end, min(shortest, f32(mean))
 
 
 @inline
@@ -135,7 +135,7 @@ def _halve(blocks, span, cut, around, radii, out):  # type: ignore[no-untyped-de
     """
     boxes, refs, least = out[1], out[3], out[4]
     node, first, axis = cut
-    middle = np.float32(0.5) * (boxes[node, axis] + boxes[node, 3 + axis])
+    middle = f32(0.5) * (boxes[node, axis] + boxes[node, 3 + axis])
     ends = (span[1], span[1], span[1])
     for side in range(2):
         child = first + side
@@ -156,7 +156,7 @@ def _cut_root(work, blocks, count, limits, out):  # type: ignore[no-untyped-def]
     """
     children, boxes, spans, refs, least = out
     width, step, around = limits
-    count, mean, shortest, longest = _gather(blocks, (0, count), boxes[0], np.float32(around), refs, 0)
+    count, mean, shortest, longest = _gather(blocks, (0, count), boxes[0], f32(around), refs, 0)
     least[0] = -shortest  # negative until it is decided
     top = 1
     pending = np.empty((2 * DEEPEST + 2, 4), np.int64)  # node, span of its refs in the work area, depth
@@ -179,7 +179,7 @@ def _cut_root(work, blocks, count, limits, out):  # type: ignore[no-untyped-def]
         halves = (end, end, end)
         if not leaf:
             # Before the step is decided, the greatest radius bounds it.
-            around = np.float32(step * (least[node] if least[node] > 0.0 else longest))
+            around = f32(step * (least[node] if least[node] > 0.0 else longest))
             halves = _halve(blocks, (begin, end), (node, top, axis), around, radii[waiting : waiting + 2], out)
             if edge <= width * mean:
                 parts = NODE_COST * _area(boxes[node])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..jit import uncompiled
 from ..kernels.records import (
     BLOCK,
     CELL,
@@ -170,7 +171,7 @@ def _out_of_patch(
 ) -> NDArray[np.bool_]:
     """Whether places of leaves lie outside of the slab of their column."""
     records = tree.leaves.reshape(-1, LEAF)
-    axes = np.array([across.py_func(*record[SLAB : SLAB + 3]) for record in records])[leaf]
+    axes = np.array([uncompiled(across)(*record[SLAB : SLAB + 3]) for record in records])[leaf]
     cell = records[leaf, CELL : CELL + 6].astype(np.float64)
     place = np.take_along_axis(x - cell[:, :3], axes, axis=1)
     width = np.take_along_axis(cell[:, 3:] - cell[:, :3], axes, axis=1)[:, :2] / COLUMNS

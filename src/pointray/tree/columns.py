@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ..jit import inline
+from ..jit import f64, inline
 from ..kernels.records import COLUMNS, NO_SURFACE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
 
 PAD = 0.012  # mean radii: more than the start rule's reach, so that who starts on the surface starts in its slab
@@ -83,7 +83,7 @@ def _normal_of(total, w, normal):  # type: ignore[no-untyped-def]
     length = math.sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2])
     if abs(total[w]) > STEEP * length:
         return total[0] / length, total[1] / length, total[2] / length
-    return np.float64(normal[0]), np.float64(normal[1]), np.float64(normal[2])
+    return f64(normal[0]), f64(normal[1]), f64(normal[2])
 
 
 @inline

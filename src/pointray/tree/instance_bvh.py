@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inline, kernel
+from ..jit import f32, inline, kernel
 from ..kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_PLACE
 
 FEW = 3  # so many models are tried one after the other
@@ -101,11 +101,11 @@ def _split(boxes, rows, depth):  # type: ignore[no-untyped-def]
 def _enclose(boxes, rows, out):  # type: ignore[no-untyped-def]
     """The box around some boxes."""
     for c in range(3):
-        out[c], out[3 + c] = np.float32(np.inf), np.float32(-np.inf)
+        out[c], out[3 + c] = f32(np.inf), f32(-np.inf)
     for i in rows:
         for c in range(3):
-            out[c] = min(out[c], np.float32(boxes[i, c]))
-            out[3 + c] = max(out[3 + c], np.float32(boxes[i, 3 + c]))
+            out[c] = min(out[c], f32(boxes[i, c]))
+            out[3 + c] = max(out[3 + c], f32(boxes[i, 3 + c]))
 
 
 @kernel

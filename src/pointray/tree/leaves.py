@@ -27,7 +27,7 @@ import math
 
 import numpy as np
 
-from ..jit import inline, kernel, next_tile
+from ..jit import f32, i64, inline, kernel, next_tile
 from ..kernels.records import (
     BLOCK,
     BORDERED,
@@ -163,7 +163,7 @@ def _is_marked(marks, refs, span):  # type: ignore[no-untyped-def]
     if marks.size == 0:
         return False
     for s in range(span[0], span[1]):
-        at = np.int64(refs[s]) * 3 * PER_BLOCK
+        at = i64(refs[s]) * 3 * PER_BLOCK
         for c in range(3 * PER_BLOCK):
             if marks[at + c] != 0:
                 return True
@@ -249,6 +249,6 @@ def fill_groups(work, cells, nodes, bounds, out):  # type: ignore[no-untyped-def
                     for c in range(3):
                         spheres[group * GROUP + 16 * c + k] = bounds[b * 4 + c]
                     r = bounds[b * 4 + 3]
-                    spheres[group * GROUP + 48 + k] = r if s < end else np.float32(np.nan)
+                    spheres[group * GROUP + 48 + k] = r if s < end else f32(np.nan)
         tile = next_tile(work)
     return 0

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import run
-from ..kernels.records import BLOCK, FAR, INV_R2, Array
+from ..jit import Array, run
+from ..kernels.records import BLOCK, FAR, INV_R2
 from .cells import FULL, Cells, cut_roots
 
 PER_GROUP = 64  # blocks

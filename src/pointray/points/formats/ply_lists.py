@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from ...jit import inline, kernel
+from ...jit import i64, inline, kernel
 
 UNSIGNED, SIGNED, FLOAT = range(3)
 KINDS = {"u": UNSIGNED, "i": SIGNED, "f": FLOAT}
@@ -40,7 +40,7 @@ def _length_at(data, at, big, kind, size):  # type: ignore[no-untyped-def]
     """The length of the list that begins at a byte; negative if it is none."""
     bits = 0
     for k in range(size):
-        bits = (bits << 8) | np.int64(data[at + (k if big else size - 1 - k)])
+        bits = (bits << 8) | i64(data[at + (k if big else size - 1 - k)])
     if kind == FLOAT:
         return _whole_of_float(bits, 23, 127) if size == 4 else _whole_of_float(bits, 52, 1023)
     if kind == SIGNED and bits >> (8 * size - 1) != 0:

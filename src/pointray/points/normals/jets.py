@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, inline, kernel, next_tile, routine, run
+from ...jit import borrow, f64, inline, kernel, next_tile, routine, run
 from ...kernels.vec import tangents
 from ...neighbors import neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
@@ -166,7 +166,7 @@ def _fit(work, positions, rows, near, sizes, noise, out, residuals):  # type: ig
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             for j in range(most):
                 for c in range(3):
-                    d[j, c] = np.float64(positions[near[i, j], c]) - np.float64(positions[rows[i], c])
+                    d[j, c] = f64(positions[near[i, j], c]) - f64(positions[rows[i], c])
             spacing = math.sqrt((d[most - 1, 0] ** 2 + d[most - 1, 1] ** 2 + d[most - 1, 2] ** 2) / most)
             least, settled = np.inf, False
             for k in sizes:

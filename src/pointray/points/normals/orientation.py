@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, inline, kernel, next_tile, run
+from ...jit import borrow, f64, i64, inline, kernel, next_tile, run
 
 Floats = NDArray[np.float32]
 Signs = NDArray[np.int8]
@@ -37,7 +37,7 @@ def agreement(positions, normals, i, j):  # type: ignore[no-untyped-def]
     """Signed confidence that two normals look to the same side, -1 to 1."""
     square = nm = a = b = 0.0
     for c in range(3):
-        e = np.float64(positions[j, c]) - np.float64(positions[i, c])
+        e = f64(positions[j, c]) - f64(positions[i, c])
         square += e * e
         a += normals[i, c] * e
         b += normals[j, c] * e
@@ -138,7 +138,7 @@ def _cast_votes(work, positions, normals, near, piece, sign, starts, pairs, vote
         for i in range(tile * PART, min((tile + 1) * PART, near.shape[0])):
             for q in range(1, near.shape[1]):
                 j = near[i, q]
-                a, b = np.int64(piece[i]), np.int64(piece[j])
+                a, b = i64(piece[i]), i64(piece[j])
                 if a != b:
                     pairs[t] = (min(a, b) << 32) | max(a, b)
                     votes[t] = agreement(positions, normals, i, j) * (sign[i] * sign[j])

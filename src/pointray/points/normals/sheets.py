@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, inline, kernel, next_tile, run
+from ...jit import borrow, f32, f64, inline, kernel, next_tile, run
 from .orientation import agreement
 
 Floats = NDArray[np.float32]
@@ -47,7 +47,7 @@ def _spacings(work, positions, near, out):  # type: ignore[no-untyped-def]
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             square = 0.0
             for c in range(3):
-                square += (np.float64(positions[near[i, k], c]) - np.float64(positions[i, c])) ** 2
+                square += (f64(positions[near[i, k], c]) - f64(positions[i, c])) ** 2
             out[i] = math.sqrt(math.pi * square / (k + 0.5))
         tile = next_tile(work)
     return 0
@@ -103,23 +103,23 @@ def _wind(work, rows, positions, normals, spacing, nodes, step, out):  # type: i
     positions, normals, spacing, nodes = borrow(positions), borrow(normals), borrow(spacing), borrow(nodes)
     size, n = len(nodes) // 2, len(positions)
     stack = np.empty(STACK, np.int64)
-    share = np.float32(1.0 / (4.0 * math.pi))
+    share = f32(1.0 / (4.0 * math.pi))
     tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(rows))):
             r = rows[i]
-            h = np.float32(step) * spacing[r]
-            soft = (np.float32(SOFT) * spacing[r]) ** 2
+            h = f32(step) * spacing[r]
+            soft = (f32(SOFT) * spacing[r]) ** 2
             p, q, s = positions[r, 0], positions[r, 1], positions[r, 2]
             a, b, c = h * normals[r, 0], h * normals[r, 1], h * normals[r, 2]
-            front = behind = np.float32(0.0)
+            front = behind = f32(0.0)
             stack[0], top = 1, 1
             while top > 0:
                 top -= 1
                 t = stack[top]
                 x, y, z = nodes[t, 0] - p, nodes[t, 1] - q, nodes[t, 2] - s
                 reach = nodes[t, 6] + h
-                if x * x + y * y + z * z > np.float32(FAR * FAR) * reach * reach:
+                if x * x + y * y + z * z > f32(FAR * FAR) * reach * reach:
                     u, v, w = nodes[t, 3], nodes[t, 4], nodes[t, 5]
                     front += _dipole(x - a, y - b, z - c, u, v, w, soft)
                     behind += _dipole(x + a, y + b, z + c, u, v, w, soft)
@@ -149,7 +149,7 @@ def _sides(work, rows, positions, normals, near, out):  # type: ignore[no-untype
             for j in near[r, 1:]:
                 square = height = 0.0
                 for c in range(3):
-                    way = np.float64(positions[j, c]) - np.float64(positions[r, c])
+                    way = f64(positions[j, c]) - f64(positions[r, c])
                     square += way * way
                     height += way * normals[r, c]
                 total += height / math.sqrt(max(square, 1e-300))
@@ -177,7 +177,7 @@ class _Field:
 
     def __init__(self, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> None:
         size = max(float(np.ptp(positions, axis=0).max()), 1e-30)
-        self.positions = (positions - positions[0]) / np.float32(size)  # no square is too large or too small
+        self.positions = (positions - positions[0]) / f32(size)  # no square is too large or too small
         self.normals, self.near = normals, near
         self.spacing = np.empty(len(positions), np.float32)
         run(_spacings, -(-len(positions) // TILE), self.positions, near, self.spacing)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import check_choice, check_numbers, check_whole
-from ...jit import kernel, next_tile, run
+from ...jit import f64, kernel, next_tile, run
 from .clay import COLUMNS
 from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid
@@ -102,7 +102,7 @@ def _finish(work, solid, positions, normals, colors):  # type: ignore[no-untyped
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, positions.shape[0])):
-            x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
+            x, y, z = f64(positions[i, 0]), f64(positions[i, 1]), f64(positions[i, 2])
             x, y, z = settle(solid, x, y, z, 8)
             gx, gy, gz = slope(solid, x, y, z, STENCIL)
             length = np.sqrt(gx * gx + gy * gy + gz * gz)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import inline, kernel, next_tile, run
+from ...jit import f32, f64, inline, kernel, next_tile, run, u64
 from .creases import areas as triangle_areas
 
 FIRST_DISTANCE = 0.79  # in units of sqrt(A / n)
@@ -40,16 +40,16 @@ class Bricks(NamedTuple):
 @inline
 def mix(a, b):  # type: ignore[no-untyped-def]
     """Hash of two 64-bit numbers (the finalizer of splitmix64)."""
-    z = np.uint64(a) + np.uint64(0x9E3779B97F4A7C15) * (np.uint64(b) + np.uint64(1))
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
+    z = u64(a) + u64(0x9E3779B97F4A7C15) * (u64(b) + u64(1))
+    z = (z ^ (z >> u64(30))) * u64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> u64(27))) * u64(0x94D049BB133111EB)
+    return z ^ (z >> u64(31))
 
 
 @inline
 def _unit(word, part):  # type: ignore[no-untyped-def]
     """A number in [0, 1) of one half (0 or 1) of a hash."""
-    return float((word >> np.uint64(32 * part)) & np.uint64(0xFFFFFFFF)) * (1.0 / 4294967296.0)
+    return float((word >> u64(32 * part)) & u64(0xFFFFFFFF)) * (1.0 / 4294967296.0)
 
 
 @inline
@@ -102,7 +102,7 @@ def _gather(bricks, brick, grid, dims, heads, following, local):  # type: ignore
         if other < 0:
             continue
         for p in range(bricks.slot[other], bricks.slot[other] + bricks.filled[other]):
-            x, y, z = np.float64(bricks.points[p, 0]), np.float64(bricks.points[p, 1]), np.float64(bricks.points[p, 2])
+            x, y, z = f64(bricks.points[p, 0]), f64(bricks.points[p, 1]), f64(bricks.points[p, 2])
             u, v, w = (x - grid[0]) * grid[3], (y - grid[1]) * grid[3], (z - grid[2]) * grid[3]
             if min(u, min(v, w)) >= 0.0 and max(u, max(v, w)) < dims:
                 held = _insert(x, y, z, (int(u) * dims + int(v)) * dims + int(w), heads, following, local, held)
@@ -125,7 +125,7 @@ def _dart(corners, t, word):  # type: ignore[no-untyped-def]
     x = p * corners[t, 0, 0] + q * corners[t, 1, 0] + r * corners[t, 2, 0]
     y = p * corners[t, 0, 1] + q * corners[t, 1, 1] + r * corners[t, 2, 1]
     z = p * corners[t, 0, 2] + q * corners[t, 1, 2] + r * corners[t, 2, 2]
-    return np.float64(np.float32(x)), np.float64(np.float32(y)), np.float64(np.float32(z))
+    return f64(f32(x)), f64(f32(y)), f64(f32(z))
 
 
 @kernel
@@ -226,7 +226,7 @@ def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float
         before = bricks.filled.copy()
         for color in range(8):
             turn = np.flatnonzero(colors == color)
-            key = np.uint64((seed * 1_000_003 + attempt) % 2**63)
+            key = u64((seed * 1_000_003 + attempt) % 2**63)
             run(_throw, len(turn), bricks, turn, areas, distance, rounds, key)
         distance, rounds, attempt = distance * SHRINK, LATER_ROUNDS, attempt + 1
     # too many: points of the last pass, and only those, go again
