@@ -81,7 +81,7 @@ COLD = """
 import sys, threading, time
 import numpy as np
 import pointray as pr
-from pointray import warmup
+from pointray.rendering import warmup
 from pointray.jit import BACKLOG, KERNELS, compilations, is_compiled
 
 def watch():
@@ -167,14 +167,14 @@ def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatc
     before = jit.compile_seconds()
     assert jit.wait_for(kernel, lambda: False)
     assert jit.compile_seconds() > before
-    assert jit.wait_for(jit.KERNELS["pointray.rendering.integrate.quick_frame"], lambda: True)  # nobody compiles it
+    assert jit.wait_for(jit.KERNELS["pointray.rendering.integrate.direct_frame"], lambda: True)  # nobody compiles it
 
 
 def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):
     """Killed, not ended: nothing is left behind that goes on compiling."""
     script = (
         "import os, time; from pointray.jit import beside; beside.is_compiled = lambda d: False; "
-        "from pointray import warmup; import subprocess; real = subprocess.Popen\n"
+        "from pointray.rendering import warmup; import subprocess; real = subprocess.Popen\n"
         "def start(*words, **how):\n"
         "    process = real(*words, **how)\n"
         "    print(process.pid, flush=True)\n"

@@ -9,7 +9,18 @@ from __future__ import annotations
 from .arrays import array_at, borrow, intrinsic, keep_alive
 from .backlog import Compiling
 from .beside import compile_beside, wait_for
-from .compile import BACKLOG, KERNELS, compilations, compile_seconds, inline, is_compiled, kernel, routine, uncompiled
+from .compile import (
+    BACKLOG,
+    KERNELS,
+    compilations,
+    compile_seconds,
+    inline,
+    is_compiled,
+    kernel,
+    name_of,
+    routine,
+    uncompiled,
+)
 from .disk import CHECK, cache_folder, cpu_features, cpu_name
 from .numbers import Array, f32, f64, i32, i64, u64
 from .threads import Cancel, cancelled, next_tile, run, thread_count
@@ -40,6 +51,7 @@ __all__ = [
     "keep_alive",
     "is_compiled",
     "kernel",
+    "name_of",
     "routine",
     "run",
     "next_tile",

@@ -127,8 +127,8 @@ class _Listener(event.Listener):  # type: ignore[misc]
 
     def on_start(self, event: Any) -> None:
         kernel = event.data["dispatcher"]
-        name = _name_of(kernel)
-        if name is None:
+        name = name_of(kernel)
+        if not name:
             return
         _Listener.count += 1
         _Listener.since[kernel] = time.perf_counter()
@@ -136,15 +136,15 @@ class _Listener(event.Listener):  # type: ignore[misc]
 
     def on_end(self, event: Any) -> None:
         kernel = event.data["dispatcher"]
-        start, name = _Listener.since.pop(kernel, None), _name_of(kernel)
-        if start is not None and name is not None:
+        start, name = _Listener.since.pop(kernel, None), name_of(kernel)
+        if start is not None and name:
             _Listener.seconds += time.perf_counter() - start
             BACKLOG.end(name)
 
 
-def _name_of(dispatcher: Any) -> str | None:
-    """A kernel's name; None: it is a piece of one."""
-    return next((name for name, known in KERNELS.items() if known is dispatcher), None)
+def name_of(dispatcher: Any) -> str:
+    """A kernel's name in `KERNELS`; empty: it is a piece of one."""
+    return next((name for name, known in KERNELS.items() if known is dispatcher), "")
 
 
 event.register("numba:compile", _Listener())

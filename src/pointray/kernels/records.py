@@ -119,7 +119,7 @@ def model_table(trees: list[Tree]) -> Array:
 
 
 @inline
-def tree_at(table, model):  # type: ignore[no-untyped-def]
+def tree_at(table: Array, model: int) -> Tree:
     """The tree of one model of the table."""
     i = model * ROW
     return Tree(
@@ -313,12 +313,12 @@ class World(NamedTuple):
 
 
 @inline
-def _borrow_light_tree(t):  # type: ignore[no-untyped-def]
+def _borrow_light_tree(t: LightTree) -> LightTree:
     return LightTree(borrow(t.lights), borrow(t.skips), borrow(t.boxes))
 
 
 @inline
-def borrow_world(w):  # type: ignore[no-untyped-def]
+def borrow_world(w: World) -> World:
     """The world without references to its arrays (see `jit.borrow`)."""
     return World(
         borrow(w.table),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from ..jit import inline
+from ..jit import Array, inline
 
 # The pairs of dimensions that are asked for; those of a path repeat for each scattering.
 IN_PIXEL, ON_LENS, ON_PATH = 0, 1, 2
@@ -20,7 +20,7 @@ _TO_ONE = 2.0**-32
 
 
 @inline
-def hash32(x):  # type: ignore[no-untyped-def]
+def hash32(x: int) -> int:
     """A well mixed word of 32 bits from another (the finaliser of MurmurHash3)."""
     x = ((x ^ (x >> 16)) * 0x85EBCA6B) & _WORD
     x = ((x ^ (x >> 13)) * 0xC2B2AE35) & _WORD
@@ -28,13 +28,13 @@ def hash32(x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def pixel_key(x, y, seed):  # type: ignore[no-untyped-def]
+def pixel_key(x: int, y: int, seed: int) -> int:
     """The key of a pixel's samples."""
     return hash32((hash32((hash32(x + 0x9E3779B9 & _WORD) + y) & _WORD) + seed) & _WORD)
 
 
 @inline
-def _reverse(x):  # type: ignore[no-untyped-def]
+def _reverse(x: int) -> int:
     """The 32 bits in the opposite order."""
     x = (x >> 16 | x << 16) & _WORD
     x = (x & 0x00FF00FF) << 8 | (x & 0xFF00FF00) >> 8
@@ -44,7 +44,7 @@ def _reverse(x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _permute(x, key):  # type: ignore[no-untyped-def]
+def _permute(x: int, key: int) -> int:
     """Each bit is flipped or not by a hash of the bits below it: Owen scrambling of a word with its bits reversed."""
     x = (x + key) & _WORD
     x ^= (x * 0x6C50B47C) & _WORD
@@ -54,7 +54,7 @@ def _permute(x, key):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _second(x):  # type: ignore[no-untyped-def]
+def _second(x: int) -> int:
     """Sobol's second dimension from the number of the sample, bits reversed: Pascal's triangle modulo 2."""
     x ^= (x & 0xFFFF0000) >> 16
     x ^= (x & 0xFF00FF00) >> 8
@@ -64,7 +64,7 @@ def _second(x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sample_pair(key, sample, pair):  # type: ignore[no-untyped-def]
+def sample_pair(key: int, sample: int, pair: int) -> tuple[float, float]:
     """Two numbers, 0 <= u, v < 1, for a sample of a pixel and a pair of dimensions."""
     key = hash32((key + pair * 0x9E3779B9) & _WORD)
     place = _reverse(_permute(_reverse(sample), key))
@@ -74,7 +74,7 @@ def sample_pair(key, sample, pair):  # type: ignore[no-untyped-def]
 
 
 @inline
-def on_disc(u, v):  # type: ignore[no-untyped-def]
+def on_disc(u: float, v: float) -> tuple[float, float]:
     """The point of the unit disc for a point of the square: equal areas, rings to rings (Shirley and Chiu 1997)."""
     a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
     if abs(a) > abs(b):
@@ -85,7 +85,7 @@ def on_disc(u, v):  # type: ignore[no-untyped-def]
 
 
 @inline
-def find_share(table, first, count, share):  # type: ignore[no-untyped-def]
+def find_share(table: Array, first: int, count: int, share: float) -> int:
     """The last k of a rising part of a table, of count + 1 numbers from first on, at which it is not above share."""
     low, high = 0, count
     while high - low > 1:

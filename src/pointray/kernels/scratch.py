@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import Array, borrow, i64, inline
+from .vec import Vec3
 
 # A tile: 64 rays that are traced together, in vectors of 16. Its rows hold one number of each ray.
 LANES, TILE = 16, 64
@@ -80,13 +81,13 @@ GATHERED = 7 * LANES
 
 
 @inline
-def load3(rows, i):  # type: ignore[no-untyped-def]
+def load3(rows: Array, i: int) -> Vec3:
     """Three numbers of one ray in three neighbouring rows of a tile."""
     return rows[i], rows[i + TILE], rows[i + 2 * TILE]
 
 
 @inline
-def store3(rows, i, a):  # type: ignore[no-untyped-def]
+def store3(rows: Array, i: int, a: Vec3) -> None:
     """Write three numbers of one ray to three neighbouring rows of a tile."""
     rows[i], rows[i + TILE], rows[i + 2 * TILE] = a
 
@@ -128,7 +129,7 @@ class Scratch(NamedTuple):
 
 
 @inline
-def new_scratch(longest):  # type: ignore[no-untyped-def]
+def new_scratch(longest: int) -> Scratch:
     """Working memory for models whose longest leaf knows `longest` blocks."""
     groups = longest // 4 + 1
     places = np.empty(groups * LANES, np.int32)
@@ -157,7 +158,7 @@ def new_scratch(longest):  # type: ignore[no-untyped-def]
 
 
 @inline
-def borrow_scratch(s):  # type: ignore[no-untyped-def]
+def borrow_scratch(s: Scratch) -> Scratch:
     """The working memory without references to it (see `jit.borrow`): the kernel must `keep` the original."""
     return Scratch(
         borrow(s.stack),
@@ -182,7 +183,7 @@ def borrow_scratch(s):  # type: ignore[no-untyped-def]
 
 
 @inline
-def slot_of(scratch, place):  # type: ignore[no-untyped-def]
+def slot_of(scratch: Scratch, place: int) -> int:
     """Which splat of the tree lies at a place of the gathered ones."""
     k = place // GATHERED * LANES + place % GATHERED
     return i64(scratch.near[k // 4]) * 4 + k % 4

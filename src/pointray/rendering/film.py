@@ -7,9 +7,11 @@ panoramas and logarithms of filters too, which took 75 ns a pixel, two thirds of
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
-from ..jit import f32, inline
+from ..jit import Array, f32, inline
 from ..kernels.records import LENS_RADIUS, ORTHOGRAPHIC, PANORAMA, PERSPECTIVE, PROJECTION
 from ..kernels.sampling import ON_LENS, on_disc, pixel_key, sample_pair
 from ..kernels.scratch import (
@@ -27,13 +29,18 @@ from ..kernels.scratch import (
     TOTAL_SQUARE,
     TOTAL_UNLIT,
     UNLIT,
+    Scratch,
     load3,
     store3,
 )
-from ..kernels.vec import add, along_curve, luminance, scale, unit
-from ..simd import count_trailing_zeros
+from ..kernels.vec import Vec3, add, along_curve, luminance, scale, unit
+from ..simd import Bits, count_trailing_zeros
 from ..trace.world import set_ray
 from .lens import BLACKMAN_HARRIS, BOX, GAUSSIAN, TENT, on_screen, place_in_pixel, project, through_lens
+
+Corner: TypeAlias = tuple[int, int]  # column and row of a tile's first pixel
+Size: TypeAlias = tuple[int, int]  # width and height of the image
+Background: TypeAlias = tuple[float, float, float, float]  # RGB and alpha
 
 EDGE = 8  # pixels a side of a tile
 LONGEST_PASS = 64  # samples
@@ -44,14 +51,14 @@ _ACROSS, _DOWN = DIRECTION, DIRECTION + TILE  # until rays are made: where in th
 
 
 @inline
-def pixel_of(corner, i):  # type: ignore[no-untyped-def]
+def pixel_of(corner: Corner, i: int) -> Corner:
     """(column, row) of pixel i of a tile."""
     x, y = along_curve(i)
     return corner[0] + x, corner[1] + y
 
 
 @inline
-def begin_tile(corner, size, seed, scratch):  # type: ignore[no-untyped-def]
+def begin_tile(corner: Corner, size: Size, seed: int, scratch: Scratch) -> None:
     """Keys of the samples of a tile's pixels; those beyond the image's edge repeat its last ones."""
     for i in range(TILE):
         x, y = pixel_of(corner, i)
@@ -59,14 +66,14 @@ def begin_tile(corner, size, seed, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _middles(corner, size, wide):  # type: ignore[no-untyped-def]
+def _middles(corner: Corner, size: Size, wide: Array) -> None:
     for i in range(TILE):
         x, y = pixel_of(corner, i)
         wide[_ACROSS + i], wide[_DOWN + i] = min(x, size[0] - 1) + 0.5, min(y, size[1] - 1) + 0.5
 
 
 @inline
-def _move(sample, shape, scratch):  # type: ignore[no-untyped-def]
+def _move(sample: int, shape: int, scratch: Scratch) -> None:
     """Rays leave their pixels' middles for the places of a sample."""
     for i in range(TILE):
         right, down = place_in_pixel(int(scratch.shading_points[KEY + i]), sample, shape)
@@ -75,7 +82,7 @@ def _move(sample, shape, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _project(camera, size, projection, scratch):  # type: ignore[no-untyped-def]
+def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> None:
     """Places in the image become rays, of no particular length."""
     wide = scratch.world
     for i in range(TILE):
@@ -85,7 +92,7 @@ def _project(camera, size, projection, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _blur(camera, sample, scratch):  # type: ignore[no-untyped-def]
+def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
     """Rays go through places of the lens."""
     wide = scratch.world
     for i in range(TILE):
@@ -96,12 +103,14 @@ def _blur(camera, sample, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def set_pixel_rays(camera, size, corner, sample, how, scratch):  # type: ignore[no-untyped-def]
+def set_pixel_rays(
+    camera: Array, size: Size, corner: Corner, sample: int, drawn: tuple[int, int], scratch: Scratch
+) -> None:
     """The tile's rays become those of one sample of its pixels; a single sample goes through the middles.
 
-    camera : see `records.CAMERA`; size : width, height of the image; how : seed, samples a pixel, filter
+    camera : see `records.CAMERA`; size : width, height of the image; drawn : samples a pixel, filter
     """
-    _, spp, shape = how
+    spp, shape = drawn
     _middles(corner, size, scratch.world)
     if spp > 1:
         if shape == BOX:
@@ -125,7 +134,7 @@ def set_pixel_rays(camera, size, corner, sample, how, scratch):  # type: ignore[
 
 
 @inline
-def begin_sums(corner, first, film, scratch):  # type: ignore[no-untyped-def]
+def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> None:
     """The sums of a tile's pixels so far: `first` samples. Those that the film does not keep are 0."""
     sums = scratch.sums
     sums[:] = 0.0
@@ -139,7 +148,7 @@ def begin_sums(corner, first, film, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def round_sums(sample, first, scratch):  # type: ignore[no-untyped-def]
+def round_sums(sample: int, first: int, scratch: Scratch) -> None:
     """Round the sums of a tile to float32 before a sample where a pass may begin, as a film would have rounded them.
 
     So a picture does not depend on whether it is cut into passes of 1, 1, 2, 4 and so on, or is made in one.
@@ -150,13 +159,13 @@ def round_sums(sample, first, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def add_color(scratch, i, color):  # type: ignore[no-untyped-def]
+def add_color(scratch: Scratch, i: int, color: Vec3) -> None:
     """Add a sample that has met something to pixel i's sums."""
     _add(scratch.sums, i, color, 1.0)
 
 
 @inline
-def _add(sums, i, color, met):  # type: ignore[no-untyped-def]
+def _add(sums: Array, i: int, color: Vec3, met: float) -> None:
     light = luminance(color)
     red, green, blue = load3(sums, TOTAL + i)
     store3(sums, TOTAL + i, (red + color[0], green + color[1], blue + color[2]))
@@ -165,7 +174,7 @@ def _add(sums, i, color, met):  # type: ignore[no-untyped-def]
 
 
 @inline
-def add_sample(met, scratch):  # type: ignore[no-untyped-def]
+def add_sample(met: Bits, scratch: Scratch) -> None:
     """Add a sample of the tile's radiance to its pixels. met : the rays that have met anything (bits)"""
     points, sums, caught = scratch.shading_points, scratch.sums, scratch.counts[CAUGHT]
     met &= ~caught
@@ -180,7 +189,7 @@ def add_sample(met, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _average(done, background, sums):  # type: ignore[no-untyped-def]
+def _average(done: int, background: Background, sums: Array) -> None:
     """The sums' first four rows become the means over the background, and alpha.
 
     Shadow catchers cover a pixel by the share of the light that they lack.
@@ -195,7 +204,7 @@ def _average(done, background, sums):  # type: ignore[no-untyped-def]
 
 
 @inline
-def fill_tile(corner, background, image):  # type: ignore[no-untyped-def]
+def fill_tile(corner: Corner, background: Background, image: Array) -> None:
     """Write the background into a tile of the image in which nothing is met. Its sums are 0, as a film begins."""
     for y in range(corner[1], min(corner[1] + EDGE, image.shape[0])):
         for x in range(corner[0], min(corner[0] + EDGE, image.shape[1])):
@@ -204,7 +213,7 @@ def fill_tile(corner, background, image):  # type: ignore[no-untyped-def]
 
 
 @inline
-def finish_sums(corner, done, background, film, image, scratch):  # type: ignore[no-untyped-def]
+def finish_sums(corner: Corner, done: int, background: Background, film: Array, image: Array, scratch: Scratch) -> None:
     """Keep the sums of a tile's pixels in the film, if there is one, and write the image: means over the background."""
     sums, height, width = scratch.sums, image.shape[0], image.shape[1]
     if film.size > 0:

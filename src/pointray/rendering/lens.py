@@ -23,7 +23,7 @@ from ..kernels.records import (
     UPWARD,
 )
 from ..kernels.sampling import IN_PIXEL, sample_pair
-from ..kernels.vec import add, dot, load3_flat, scale, sub, unit
+from ..kernels.vec import Vec3, add, dot, load3_flat, scale, sub, unit
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = range(4)
@@ -51,20 +51,20 @@ _QUANTILES = _quantiles()
 
 
 @inline
-def _tent(u):  # type: ignore[no-untyped-def]
+def _tent(u: float) -> float:
     """The place of a share u of the tent."""
     return math.sqrt(2.0 * u) - 1.0 if u < 0.5 else 1.0 - math.sqrt(2.0 - 2.0 * u)
 
 
 @inline
-def _gaussian(u, v):  # type: ignore[no-untyped-def]
+def _gaussian(u: float, v: float) -> tuple[float, float]:
     """A place of the Gaussian that ends on a circle (Box and Muller 1958)."""
     radius = SIGMA * math.sqrt(-2.0 * math.log(1.0 - u * _WITHIN))
     return radius * math.cos(2.0 * math.pi * v), radius * math.sin(2.0 * math.pi * v)
 
 
 @inline
-def _blackman_harris(u):  # type: ignore[no-untyped-def]
+def _blackman_harris(u: float) -> float:
     """The place of a share u of the Blackman-Harris window."""
     w = _STEPS * math.sqrt(2.0 * min(u, 1.0 - u))
     k = min(int(w), _STEPS - 1)
@@ -73,7 +73,7 @@ def _blackman_harris(u):  # type: ignore[no-untyped-def]
 
 
 @inline
-def place_in_pixel(key, sample, shape):  # type: ignore[no-untyped-def]
+def place_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
     """Where a sample lies, in pixels from the pixel's middle, to the right and down. shape : the filter's number"""
     u, v = sample_pair(key, sample, IN_PIXEL)
     if shape == TENT:
@@ -86,13 +86,13 @@ def place_in_pixel(key, sample, shape):  # type: ignore[no-untyped-def]
 
 
 @inline
-def on_screen(size, x, y):  # type: ignore[no-untyped-def]
+def on_screen(size: tuple[int, int], x: float, y: float) -> tuple[float, float]:
     """A place in an image, in pixels, as (u, v): -1 to 1 from left to right and from bottom to top."""
     return 2.0 * x / size[0] - 1.0, 1.0 - 2.0 * y / size[1]
 
 
 @inline
-def project(camera, projection, u, v):  # type: ignore[no-untyped-def]
+def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, Vec3]:
     """(o, d) through the lens's middle at (u, v) of the screen.
 
     d goes on by 1 along the view; of a panorama it is a unit vector.
@@ -110,7 +110,7 @@ def project(camera, projection, u, v):  # type: ignore[no-untyped-def]
 
 
 @inline
-def through_lens(camera, ray, place):  # type: ignore[no-untyped-def]
+def through_lens(camera: Array, ray: tuple[Vec3, Vec3], place: tuple[float, float]) -> tuple[Vec3, Vec3]:
     """A ray (o, d) through another place of the lens, on the unit disc: they meet in the plane that is sharp."""
     x, y = place[0] * camera[LENS_RADIUS], place[1] * camera[LENS_RADIUS]
     aside = add(scale(unit(load3_flat(camera, ACROSS)), x), scale(unit(load3_flat(camera, UPWARD)), y))
@@ -118,6 +118,6 @@ def through_lens(camera, ray, place):  # type: ignore[no-untyped-def]
 
 
 @inline
-def depth_of(camera, ray, t):  # type: ignore[no-untyped-def]
+def depth_of(camera: Array, ray: tuple[Vec3, Vec3], t: float) -> float:
     """How far a place on a camera ray (o, d) is along the view; in a panorama, which has none, from the eye."""
     return t if camera[PROJECTION] == PANORAMA else t * dot(ray[1], load3_flat(camera, FORWARD))

@@ -33,7 +33,7 @@ from ..scene.world import Snapshot
 from ..shade.environment import EnvironmentLight
 from .camera import Camera
 from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
-from .integrate import BLOCK, quick_frame, sampled_frame
+from .integrate import BLOCK, KERNELS, Pass
 from .lens import FILTERS
 from .lod import at_distance
 from .settings import AO, COST, INTEGRATORS, PATH, PHONG, Settings
@@ -159,7 +159,7 @@ class Picture:
         scene: Snapshot,
         camera: Camera,
         settings: Settings,
-        background: tuple[float, ...] | None = None,
+        background: tuple[float, float, float, float] | None = None,
         in_passes: bool = False,
     ) -> None:
         scene = scene.seen_by(camera.record())
@@ -168,7 +168,9 @@ class Picture:
         self._blocks = -(-width // BLOCK) * -(-height // BLOCK)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
         self._kernel = kernel_for(settings)
-        self._world, how = _plan(scene, camera, settings)
+        self._world, self._pass = _plan(scene, camera, settings)
+        if background is not None:
+            self._pass = self._pass._replace(background=background)
         catchers = self._world.catchers > 0
         check_picture(camera.size, picture_bytes(settings, catchers))
         sums = _sums(settings, catchers)
@@ -176,8 +178,6 @@ class Picture:
         without_film = self._one_pass and not settings.denoised
         self._film = np.zeros((0, 0, sums) if without_film else (height, width, sums), np.float32)
         self._done = 0  # samples
-        self._window = _window(camera, self._world, how[0])
-        self._how = how[0], how[1] if background is None else background
 
     def passes(self, progress: Progress | None) -> Iterator[float]:
         """Add samples until there are enough; yields the share done."""
@@ -205,11 +205,9 @@ class Picture:
 
         What was cancelled has samples in some tiles only: no more can be added.
         """
-        settings = self._settings
-        samples = (settings.seed, settings.most, FILTERS.index(settings.filter))
-        how = (*self._how[0], samples, (first, end), self._window, self._how[1])
-        args = (self._world, self._camera, how, self._film, self.image)
-        run(self._kernel, self._blocks, *args, threads=settings.threads, progress=progress, cancel=cancel)
+        job = self._pass._replace(first=first, end=end)
+        args = (self._world, self._camera, job, self._film, self.image)
+        run(self._kernel, self._blocks, *args, threads=self._settings.threads, progress=progress, cancel=cancel)
         self._done = end
 
     def light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -241,28 +239,34 @@ class Picture:
 
 def kernel_for(settings: Settings) -> Any:
     """The kernel that makes pictures with an integrator."""
-    return sampled_frame if settings.integrator in (INTEGRATORS[AO], INTEGRATORS[PATH]) else quick_frame
+    return KERNELS[settings.integrator]
 
 
-def _plan(
-    scene: Snapshot, camera: Camera, settings: Settings
-) -> tuple[World, tuple[tuple[Any, ...], tuple[float, ...]]]:
-    """The world, and what the kernel is told: first its own, then the background."""
+def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, Pass]:
+    """The world as the integrator needs it, and what the kernel is told of all samples."""
     world = at_distance(scene, camera, settings.most) if settings.levels else scene.world
     color = scene.background
-    background = (0.0, 0.0, 0.0, 0.0) if color is None else (*map(float, color), 1.0)
     integrator = INTEGRATORS.index(settings.integrator)
-    if integrator == AO:
-        reach = _reach(scene, settings)
-        world = _lit(world) if scene.shows_sky else world
-        return world, ((integrator, reach, 1, int(scene.shows_sky)), background)
-    if integrator == PATH:
-        return _lit(world), ((integrator, 0.0, settings.depth, int(scene.shows_sky)), background)
-    onward = min(settings.depth, MOST_ONWARD)
-    shown = int(scene.shows_sky and integrator == PHONG)
+    lit = integrator == PATH or (integrator == AO and scene.shows_sky)
+    world = _lit(world) if lit else world
     looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
-    sky_rays, reach = (settings.sky_rays, _reach(scene, settings)) if looks_up else (0, 0.0)
-    return world, ((integrator, int(settings.shadows), onward, shown, sky_rays, reach), background)
+    job = Pass(
+        integrator=integrator,
+        shadows=settings.shadows,
+        max_depth=min(settings.depth, MOST_ONWARD) if integrator == PHONG else settings.depth,
+        sky_shows=scene.shows_sky and integrator in (PHONG, AO, PATH),
+        sky_rays=settings.sky_rays if looks_up else 0,
+        reach=_reach(scene, settings) if looks_up or integrator == AO else 0.0,
+        seed=settings.seed,
+        spp=settings.most,
+        filter=FILTERS.index(settings.filter),
+        draws=settings.most > 1 or looks_up or integrator in (AO, PATH),
+        first=0,
+        end=settings.most,
+        window=EVERYWHERE,
+        background=(0.0, 0.0, 0.0, 0.0) if color is None else (float(color[0]), float(color[1]), float(color[2]), 1.0),
+    )
+    return world, job._replace(window=_window(camera, world, job))
 
 
 def _reach(scene: Snapshot, settings: Settings) -> float:
@@ -270,11 +274,10 @@ def _reach(scene: Snapshot, settings: Settings) -> float:
     return float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
 
 
-def _window(camera: Camera, world: World, how: tuple[Any, ...]) -> Window:
-    """Where in the picture something can be met: only models are known to end. how : of the kernel, see `_plan`"""
-    integrator, sky_shows = how[0], how[3]
-    lights = integrator == PATH and np.isin(world.lights[LIGHT_KIND::LIGHT], SIZED_LIGHTS).any()
-    if integrator == COST or sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
+def _window(camera: Camera, world: World, job: Pass) -> Window:
+    """Where in the picture something can be met: only models are known to end."""
+    lights = job.integrator == PATH and np.isin(world.lights[LIGHT_KIND::LIGHT], SIZED_LIGHTS).any()
+    if job.integrator == COST or job.sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
         return EVERYWHERE
     return window_of(camera, world.top)
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from ..jit import BACKLOG, KERNELS, compile_beside, is_compiled, wait_for
+from ..jit import BACKLOG, KERNELS, compile_beside, is_compiled, name_of, wait_for
 from ..scene.instances import Plane
 from ..scene.scene import Scene
 from .camera import Camera
-from .integrate import quick_frame
+from .integrate import KERNELS as INTEGRATOR_KERNELS
 from .picture import kernel_for, render
 from .settings import Settings
 
@@ -45,14 +45,20 @@ NORMALS = {
     "points.normals.sheets._build": 0.5,
     "points.normals.sheets._wind": 0.5,
 }
-QUICK, SAMPLED, CLICK = "rendering.integrate.quick_frame", "rendering.integrate.sampled_frame", "trace.cast._closest"
-PICTURES = {QUICK: 31.0, SAMPLED: 28.0, CLICK: 5.0}
+CLICK = "trace.cast._closest"
+PICTURES = {
+    "rendering.integrate.direct_frame": 30.0,
+    "rendering.integrate.first_hit_frame": 13.0,
+    "rendering.integrate.occlusion_frame": 16.0,
+    "rendering.integrate.path_frame": 27.0,
+    CLICK: 5.0,
+}
 
 
 def warm_up(settings: Settings, clicks: bool = False) -> None:
     """Begin to compile what pictures of a scan need, and perhaps what clicks do; nothing where all is compiled."""
-    wanted = [QUICK if kernel_for(settings) is quick_frame else SAMPLED, *[CLICK] * clicks]
-    compile_beside(__name__, {_full(name): PICTURES[name] for name in wanted})
+    wanted = [name_of(kernel_for(settings)), *[_full(CLICK)] * clicks]
+    compile_beside(__name__, {name: PICTURES[name.removeprefix(f"{PACKAGE}.")] for name in wanted})
     expect(BUILD)
 
 
@@ -80,13 +86,12 @@ def _compile(names: Sequence[str]) -> None:
     scene = Scene()
     scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures are the same whatever is in a scene
     camera = Camera.look_at((1, 1, 1), (0, 0, 0), size=(8, 8))
-    recipes: dict[str, Callable[[], object]] = {
-        QUICK: lambda: render(scene, camera, Settings(threads=1)),
-        SAMPLED: lambda: render(scene, camera, Settings("path", threads=1)),
-        CLICK: lambda: scene.intersect((0, 0, 1), (0, 0, -1)),
-    }
+    integrators = {name_of(kernel): integrator for integrator, kernel in INTEGRATOR_KERNELS.items()}
     for name in names:
-        recipes[name.removeprefix(f"{PACKAGE}.")]()
+        if name == _full(CLICK):
+            scene.intersect((0, 0, 1), (0, 0, -1))
+        else:
+            render(scene, camera, Settings(integrators[name], threads=1))
         print(name, flush=True)
 
 
