@@ -10,8 +10,9 @@ Rays of a camera or a caller start on none: which part of them is looked at chan
 from __future__ import annotations
 
 from ..jit import f32, i64, inline
-from ..kernels.records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit
-from ..kernels.scratch import COUNT_NEAR
+from ..kernels.records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit, Ray, Tree
+from ..kernels.scratch import COUNT_NEAR, Scratch
+from ..kernels.vec import Vec3
 from ..simd import INF, ONE, ZERO, bits, count_trailing_zeros, lane, repeat4
 
 NEAR2 = f32(2.0**2)  # squared radii: beside a disc's rim a ray would meet its underside
@@ -20,7 +21,9 @@ STEEP = f32(-0.35)  # cosine: as much may neighbours' normals differ where a ray
 
 
 @inline
-def search_discs(tree, leaf, scratch, frame, enter, leave):  # type: ignore[no-untyped-def]
+def search_discs(
+    tree: Tree, leaf: int, scratch: Scratch, frame: tuple[Vec3, float, Ray], enter: float, leave: float
+) -> Hit:
     """The nearest disc of the near blocks that the ray meets inside of the voxel: four discs at once.
 
     frame : where the first sample is, t there, and the ray

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import f32, f64, i64, inline, routine
-from ..kernels.records import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ
+from ..jit import Array, f32, f64, i64, inline, routine
+from ..kernels.records import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ, Tree
 from ..kernels.scratch import (
     AT_DX,
     AT_DY,
@@ -25,12 +25,18 @@ from ..kernels.scratch import (
     COUNT_SPLATS,
     GATHERED,
     LANES,
+    Scratch,
     slot_of,
 )
+from ..kernels.vec import Vec3
 from ..simd import (
+    F16,
     INF,
     ONE,
     ZERO,
+    Bits,
+    Mask,
+    Real,
     bits,
     broadcast16,
     broadcast_from,
@@ -46,6 +52,7 @@ from ..simd import (
     vmin,
     vsqrt,
 )
+from .refine import Frame
 from .surface import HALF
 
 SLACK = f32(1.01)  # of radii: what rounding may do to them and to rays' places
@@ -56,18 +63,18 @@ NEAR = SLACK * SLACK  # of squared radii
 class Capsule(NamedTuple):
     """All places within `spread` of the segment of half length `half` along the unit direction d about (x, y, z)."""
 
-    x: float
-    y: float
-    z: float
-    dx: float
-    dy: float
-    dz: float
-    half: float
+    x: Real
+    y: Real
+    z: Real
+    dx: Real
+    dy: Real
+    dz: Real
+    half: Real
     spread: float
 
 
 @inline
-def segment(o, d, t_low, t_high):  # type: ignore[no-untyped-def]
+def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
     """The capsule of one ray's part."""
     center = HALF * (t_low + t_high)
     x, y, z = o[0] + center * d[0], o[1] + center * d[1], o[2] + center * d[2]
@@ -75,7 +82,7 @@ def segment(o, d, t_low, t_high):  # type: ignore[no-untyped-def]
 
 
 @inline
-def around(part, ends, frame, half, active):  # type: ignore[no-untyped-def]
+def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, active: Mask) -> Capsule:
     """The capsule around parts of many rays, along the middle between two of them.
 
     ends : where these two are in `scratch.part`: along a Morton curve the first and the last are at opposite corners
@@ -102,7 +109,7 @@ def around(part, ends, frame, half, active):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _distances(capsule, x, y, z):  # type: ignore[no-untyped-def]
+def _distances(capsule: Capsule, x: F16, y: F16, z: F16) -> F16:
     """Squared distances of 16 places from a capsule's segment, at most: rounding may only make them smaller."""
     x, y, z = x - capsule.x, y - capsule.y, z - capsule.z
     along = x * capsule.dx + y * capsule.dy + z * capsule.dz
@@ -111,7 +118,7 @@ def _distances(capsule, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def list_blocks(tree, leaf, capsule, scratch):  # type: ignore[no-untyped-def]
+def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> None:
     """List the leaf's blocks whose bounding sphere meets the capsule."""
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     n = 0
@@ -126,7 +133,7 @@ def list_blocks(tree, leaf, capsule, scratch):  # type: ignore[no-untyped-def]
 
 
 @routine
-def nearest_slot(tree, leaf, x, y, z):  # type: ignore[no-untyped-def]
+def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
     """The slot of the splat that a leaf knows and that is nearest to a place, in radii.
 
     It stands for the one of most weight where none has any: a hit that rounding has moved to the rim of all supports.
@@ -149,7 +156,7 @@ def nearest_slot(tree, leaf, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def lists_sheets(tree, scratch):  # type: ignore[no-untyped-def]
+def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
     """Whether any of the listed splats is of a sheet with another one close by."""
     for k in range(scratch.counts[COUNT_SPLATS]):
         at = 3 * slot_of(scratch, i64(scratch.listed[k]))
@@ -159,7 +166,7 @@ def lists_sheets(tree, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def keep_sheet(tree, scratch, frame, way, rays):  # type: ignore[no-untyped-def]
+def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, way: float, rays: Bits) -> Bits:
     """Drop the listed splats of sheets that the first of some rays (4 bits) does not see; returns who sees the same.
 
     Of two sheets close together one is seen at a time.
@@ -182,7 +189,7 @@ def keep_sheet(tree, scratch, frame, way, rays):  # type: ignore[no-untyped-def]
 
 
 @inline
-def gather(tree, scratch):  # type: ignore[no-untyped-def]
+def gather(tree: Tree, scratch: Scratch) -> None:
     """Copy the listed blocks' splats to where 16 of them can be tested at once; empty places are far away."""
     n = scratch.counts[COUNT_NEAR]
     for k in range(n):
@@ -197,7 +204,7 @@ def gather(tree, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def list_splats(scratch, capsule):  # type: ignore[no-untyped-def]
+def list_splats(scratch: Scratch, capsule: Capsule) -> None:
     """List the gathered splats whose support meets a capsule without spread: a part of a ray."""
     n, splats = 0, scratch.splats
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
@@ -209,7 +216,7 @@ def list_splats(scratch, capsule):  # type: ignore[no-untyped-def]
 
 
 @inline
-def list_splats_of(scratch, first, end):  # type: ignore[no-untyped-def]
+def list_splats_of(scratch: Scratch, first: int, end: int) -> None:
     """List the gathered splats whose support meets one of the rays in `scratch.part`."""
     n, splats, part = 0, scratch.splats, scratch.part
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..jit import i64, inline
-from ..kernels.records import DISC, LEAF, SHEETED, SURFACE, Hit
+from ..jit import Array, i64, inline
+from ..kernels.records import DISC, LEAF, SHEETED, SURFACE, Hit, Ray, Tree
 from ..kernels.scratch import (
     AT_BEGIN,
     AT_DX,
@@ -40,11 +40,14 @@ from ..kernels.scratch import (
     OZ,
     SIDE,
     TILE,
+    Scratch,
 )
 from ..simd import (
+    F16,
     INF,
     ONE,
     ZERO,
+    Bits,
     bits,
     broadcast16,
     count_bits,
@@ -56,10 +59,10 @@ from ..simd import (
     select,
     store_packed,
 )
-from .columns import axes_of, narrow, narrow_one
+from .columns import Along, Axes, axes_of, narrow, narrow_one
 from .disc import search_discs
 from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
-from .march import Reach, lattice, search, search_one, span
+from .march import Found, Reach, lattice, search, search_one, span
 from .refine import Frame
 from .surface import HALF
 
@@ -67,13 +70,13 @@ BEYOND = i64(-(2**63))  # a bit behind those of all rays but the last one: where
 
 
 @inline
-def together(tree, leaf):  # type: ignore[no-untyped-def]
+def together(tree: Tree, leaf: int) -> bool:
     """Whether rays are searched for together in a leaf: not discs."""
     return int(tree.head[SURFACE]) != DISC
 
 
 @inline
-def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped-def]
+def search_alone(tree: Tree, leaf: int, ray: Ray, scratch: Scratch, interval: tuple[float, float, float, float]) -> Hit:
     """The first hit of a ray in a leaf's voxel.
 
     Where two sheets are close together their normals cancel, and a step may pass both. So of those the ones that face
@@ -131,7 +134,7 @@ def search_alone(tree, leaf, ray, scratch, interval):  # type: ignore[no-untyped
 
 
 @inline
-def _along(axes, rows, v):  # type: ignore[no-untyped-def]
+def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
     """16 rays of the tile, from v on, along the axes of a leaf's columns: see `narrow`."""
     x, y, z = axes[0] * TILE + v, axes[1] * TILE + v, axes[2] * TILE + v
     return (
@@ -142,7 +145,7 @@ def _along(axes, rows, v):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
+def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     """Put the rays of the tile that pass (bits) into `scratch.part`; returns them.
 
     Not those that miss the surface in every column, nor those that float32 cannot follow.
@@ -185,7 +188,7 @@ def _take(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _gather_for(tree, leaf, at, count, scratch):  # type: ignore[no-untyped-def]
+def _gather_for(tree: Tree, leaf: int, at: int, count: int, scratch: Scratch) -> None:
     """List and gather the blocks near up to 16 rays that search a leaf."""
     part = scratch.part
     frame = Frame(
@@ -204,7 +207,7 @@ def _gather_for(tree, leaf, at, count, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _four(tree, leaf, part, at):  # type: ignore[no-untyped-def]
+def _four(tree: Tree, leaf: int, part: Array, at: int) -> tuple[Frame, Reach]:
     """Rays at to at + 3 of those that search a leaf: frame and samples."""
     reach = Reach(repeat4(part, AT_FIRST + at), repeat4(part, AT_LAST + at), repeat4(part, AT_BEGIN + at))
     frame = Frame(
@@ -221,7 +224,7 @@ def _four(tree, leaf, part, at):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _keep(leaf, found, asked, rays, at, scratch):  # type: ignore[no-untyped-def]
+def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, at: int, scratch: Scratch) -> Bits:
     """Keep what those asked of four rays (4 bits) found, where it is nearer; returns who was lifted.
 
     rays : the numbers of the four in the tile, as bits; if these are fewer, the others have found nothing. Four steps
@@ -241,7 +244,7 @@ def _keep(leaf, found, asked, rays, at, scratch):  # type: ignore[no-untyped-def
 
 
 @inline
-def search_together(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
+def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     """Search a leaf for the rays of a tile that pass (bits), four by four; returns those that the start rule lifted.
 
     Of two sheets close together each ray sees one at a time, see `search_alone`: those that see the same go together.

@@ -8,11 +8,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..jit import f32, inline
-from ..kernels.records import REFINE, SURFACE
+from ..kernels.records import REFINE, SURFACE, Tree
+from ..kernels.scratch import Scratch
 from ..simd import (
+    F16,
     INF,
     ONE,
     ZERO,
+    Bits,
+    Mask,
     bits,
     broadcast16,
     last_quarter,
@@ -25,7 +29,7 @@ from ..simd import (
     vmin,
     vsqrt,
 )
-from .surface import HALF, TWO, sums, value
+from .surface import HALF, TWO, Means, sums, value
 
 # Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
 # interpolation is exact to a thousandth of the radius, and two farther out for where the estimate is off.
@@ -45,34 +49,34 @@ class Frame(NamedTuple):
     side : +1 where a ray that starts on the surface is outside, -1 where it is inside
     """
 
-    x: Any
-    y: Any
-    z: Any
-    dx: Any
-    dy: Any
-    dz: Any
-    start: Any
-    side: Any
+    x: F16
+    y: F16
+    z: F16
+    dx: F16
+    dy: F16
+    dz: F16
+    start: F16
+    side: F16
 
 
 class Pair(NamedTuple):
     """Two neighbouring samples of each ray: t, f and its slope along the ray."""
 
-    ta: Any
-    fa: Any
-    slope_a: Any
-    tb: Any
-    fb: Any
-    slope_b: Any
+    ta: F16
+    fa: F16
+    slope_a: F16
+    tb: F16
+    fb: F16
+    slope_b: F16
 
 
 class Foot(NamedTuple):
     """What is known of a place besides f: the direction in which f rises, and the squared distance |x - P(x)|^2."""
 
-    nx: Any
-    ny: Any
-    nz: Any
-    away: Any
+    nx: F16
+    ny: F16
+    nz: F16
+    away: F16
 
 
 class Root(NamedTuple):
@@ -81,26 +85,26 @@ class Root(NamedTuple):
     joined : mask, the foot is interpolated between two close samples; else it is not known
     """
 
-    t: Any
-    rise: Any
-    joined: Any
-    foot: Any
+    t: F16
+    rise: F16
+    joined: Mask
+    foot: Foot
 
 
 @inline
-def fold(word):  # type: ignore[no-untyped-def]
+def fold(word: Bits) -> Bits:
     """Which rays have a bit in any of their samples: 4 bits."""
     return (word | (word >> 4) | (word >> 8) | (word >> 12)) & 15
 
 
 @inline
-def all_samples(rays):  # type: ignore[no-untyped-def]
+def all_samples(rays: Bits) -> Mask:
     """The mask of all samples of some rays (4 bits)."""
     return mask16(rays * 0x1111)
 
 
 @inline
-def first_samples(word):  # type: ignore[no-untyped-def]
+def first_samples(word: Bits) -> Bits:
     """Of each ray's bits the one of the first sample."""
     seen = word | (word << 4)
     seen |= seen << 8
@@ -108,20 +112,20 @@ def first_samples(word):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sample(vector, one):  # type: ignore[no-untyped-def]
+def sample(vector: F16, one: Mask) -> F16:
     """Each ray's lane that a mask with one lane a ray names, in all its samples; 0 where it names none."""
     return sum_over_quarters(select(one, vector, broadcast16(ZERO)))
 
 
 @inline
-def means_at(scratch, frame, t):  # type: ignore[no-untyped-def]
+def means_at(scratch: Scratch, frame: Frame, t: F16) -> Means:
     """The weighted means at each ray's samples t."""
     s = t - frame.start
     return sums(scratch, s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z)
 
 
 @inline
-def evaluate(tree, scratch, frame, t):  # type: ignore[no-untyped-def]
+def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F16]:
     """f, counted positive on the rays' own side, and its slope along the rays."""
     means = means_at(scratch, frame, t)
     f, _ = value(int(tree.head[SURFACE]), means)
@@ -130,13 +134,13 @@ def evaluate(tree, scratch, frame, t):  # type: ignore[no-untyped-def]
 
 
 @inline
-def crossing(a, b):  # type: ignore[no-untyped-def]
+def crossing(a: F16, b: F16) -> Mask:
     """Whether the sign changes between two values that both exist (zero counts as positive)."""
     return ((a < ZERO) & (b >= ZERO)) | ((a >= ZERO) & (b < ZERO))
 
 
 @inline
-def foot_of(means, u4):  # type: ignore[no-untyped-def]
+def foot_of(means: Means, u4: F16) -> Foot:
     """The mean normals, for apss the gradient of the fitted sphere; and how far from the middle of its splats x is."""
     bend = TWO * u4
     return Foot(
@@ -148,7 +152,7 @@ def foot_of(means, u4):  # type: ignore[no-untyped-def]
 
 
 @inline
-def unit(foot):  # type: ignore[no-untyped-def]
+def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
     """Unit normals, and a mask of where there is one: not where normals cancel, and not where they are no numbers."""
     square = foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz
     scale = ONE / vsqrt(square)
@@ -156,7 +160,7 @@ def unit(foot):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _between(foot, after, share):  # type: ignore[no-untyped-def]
+def _between(foot: Foot, after: Any, share: F16) -> Foot:
     """The foot between a sample, as bits with one a ray, and the one before it; 0 for rays without such a bit."""
     before, after = mask16(after >> 4), mask16(after)
     nothing = broadcast16(ZERO)
@@ -170,7 +174,7 @@ def _between(foot, after, share):  # type: ignore[no-untyped-def]
 
 
 @inline
-def choose(mask, a, b):  # type: ignore[no-untyped-def]
+def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
     """Lane by lane the foot a where the mask holds, else b."""
     return Foot(
         select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
@@ -178,7 +182,7 @@ def choose(mask, a, b):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _places(ta, tb, around, inner, outer):  # type: ignore[no-untyped-def]
+def _places(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
     """Four places in brackets, about `around` of their lengths: two at the inner distance, two at the outer."""
     near = mask16(0x0FF0)
     sign = quarters(-ONE, -ONE, ONE, ONE)
@@ -187,7 +191,7 @@ def _places(ta, tb, around, inner, outer):  # type: ignore[no-untyped-def]
 
 
 @inline
-def look_into(tree, scratch, frame, pair, crosses, todo, lift):  # type: ignore[no-untyped-def]
+def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: Mask, todo: Bits, lift: F16) -> Root:
     """The first crossing between two samples, after the model's number of secant steps.
 
     crosses : mask, rays whose two samples have different signs; for the others four samples look for a crossing first

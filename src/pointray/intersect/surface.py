@@ -15,37 +15,41 @@ point itself, where no other reaches, q is 0 and so is u4.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..jit import f32, i64, inline
-from ..kernels.records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ
-from ..kernels.scratch import COUNT_SPLATS, slot_of
-from ..simd import ONE, ZERO, broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
+from ..jit import Array, f32, i64, inline
+from ..kernels.records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ, Tree
+from ..kernels.scratch import COUNT_SPLATS, Scratch, slot_of
+from ..kernels.vec import Vec3
+from ..simd import F16, ONE, ZERO, Real, broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
 
 HALF, TWO = f32(0.5), f32(2.0)
 QUARTER = f32(0.25)
 NAN = f32(np.nan)
 TINIEST = f32(1e-35)  # of squared lengths, the least that is divided by
 
+Places: TypeAlias = tuple[F16, F16, F16]  # four, a quarter each
+Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and the normal on the side that is seen
+
 
 class Means(NamedTuple):
     """Weighted means over splats at sixteen points: of q and n, of q.n and q.q; and the sum of the weights."""
 
-    qx: Any
-    qy: Any
-    qz: Any
-    nx: Any
-    ny: Any
-    nz: Any
-    qn: Any
-    qq: Any
-    weight: Any
+    qx: F16
+    qy: F16
+    qz: F16
+    nx: F16
+    ny: F16
+    nz: F16
+    qn: F16
+    qq: F16
+    weight: F16
 
 
 @inline
-def sums(scratch, x, y, z):  # type: ignore[no-untyped-def]
+def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
     """Weighted means over the listed splats at sixteen points: q (3), n (3), q.n, q.q, and the weight.
 
     21 vector instructions a splat. A point that no support reaches has weight 0, means NaN.
@@ -92,7 +96,7 @@ def sums(scratch, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def value(surface, means):  # type: ignore[no-untyped-def]
+def value(surface: int, means: Means) -> tuple[F16, F16]:
     """f (NaN without support) and u4, the curvature term of the fitted sphere (0 but for apss)."""
     qx, qy, qz, nx, ny, nz, qn, qq, weight = means
     plane = qx * nx + qy * ny + qz * nz
@@ -109,7 +113,7 @@ def value(surface, means):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _weight(scratch, at, x, y, z):  # type: ignore[no-untyped-def]
+def _weight(scratch: Scratch, at: int, x: F16, y: F16, z: F16) -> F16:
     """Weights of one listed splat at sixteen points."""
     splats = scratch.splats
     qx, qy, qz = (
@@ -122,7 +126,7 @@ def _weight(scratch, at, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def local_radius(scratch, x, y, z):  # type: ignore[no-untyped-def]
+def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
     """Support radius at points: r^2 averaged with the surface's weights (1 / r^2 trims where radii differ much)."""
     weight = square = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_SPLATS]):
@@ -134,7 +138,7 @@ def local_radius(scratch, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
+def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16, F16]:
     """Share of the weight at points that belongs to splats on an open border, and how far these lie out of them.
 
     The distance is the weighted mean of (x - p).b over those splats, b the direction out of the surface.
@@ -160,7 +164,7 @@ def overhang(tree, scratch, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
+def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
     """Weights of one block's splats at a point, repeated in the quarters, or at four, a quarter each."""
     slot = i64(block) * BLOCK
     qx = repeat4(tree.blocks, slot + PX) - x
@@ -171,7 +175,7 @@ def weights_of_block(tree, block, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def weights_seen(tree, block, places, sheet, part):  # type: ignore[no-untyped-def]
+def weights_seen(tree: Tree, block: int, places: Places, sheet: Sheet, part: Array) -> F16:
     """Weights of one block's splats at four places, a quarter each; 0 where a splat is of a sheet that is not seen.
 
     sheet : whether sheets are close together, and the normal of the hit, from whose side they are seen

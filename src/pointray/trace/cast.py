@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,19 @@ from ..intersect.gather import list_blocks, segment
 from ..intersect.surface import weights_of_block
 from ..jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
 from ..kernels.records import INSTANCE, SHAPE_ROW, World, borrow_world, tree_at
-from ..kernels.scratch import COUNT_NEAR, DIRECTION, NEAREST, T_MIN, TILE, borrow_scratch, load3, new_scratch, store3
-from ..kernels.vec import add, along_curve, dot, load3_flat, scale
+from ..kernels.scratch import (
+    COUNT_NEAR,
+    DIRECTION,
+    NEAREST,
+    T_MIN,
+    TILE,
+    Scratch,
+    borrow_scratch,
+    load3,
+    new_scratch,
+    store3,
+)
+from ..kernels.vec import Vec3, add, along_curve, dot, load3_flat, scale
 from ..simd import lane
 from .hits import describe_tile, tile_hit
 from .world import NO_RAY, is_blocked, occlude_tile, set_ray, trace_tile
@@ -21,9 +33,11 @@ SHORT, LONG = 1e-60, 1e60  # of a direction's square, see `_exponent`
 MOST = float(np.finfo(np.float32).max)
 BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; of a picture a square of this edge
 
+HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
+
 
 @inline
-def ray_at(shape, batch, k):  # type: ignore[no-untyped-def]
+def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
     """Number of ray k of a batch, or -1 where there is none.
 
     shape : height and width of a picture, whose squares are gone through along a Morton curve: what follows each other
@@ -46,13 +60,13 @@ def batches(shape: tuple[int, int]) -> int:
 
 
 @inline
-def _is_ordinary(square):  # type: ignore[no-untyped-def]
+def _is_ordinary(square: float) -> bool:
     """Whether a direction of such a square is traced as it is."""
     return (SHORT < square) & (square < LONG)
 
 
 @inline
-def _exponent(d):  # type: ignore[no-untyped-def]
+def _exponent(d: Vec3) -> int:
     """The power of two that a direction is divided by before it is traced, so that its square is a number.
 
     0 for lengths from 1e-30 to 1e30, and for those that are zero or not finite: they miss.
@@ -64,7 +78,7 @@ def _exponent(d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _times_power(a, exponent):  # type: ignore[no-untyped-def]
+def _times_power(a: Vec3, exponent: int) -> Vec3:
     """A vector times a power of two, in two halves: the power itself may be no number."""
     half = exponent // 2
     a = scale(a, math.ldexp(1.0, half))
@@ -72,7 +86,9 @@ def _times_power(a, exponent):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _set_rays(rays, shape, place, scratch):  # type: ignore[no-untyped-def]
+def _set_rays(
+    rays: tuple[Array, Array, Array], shape: tuple[int, int], place: tuple[int, int], scratch: Scratch
+) -> bool:
     """The next tile of rays; returns whether any of them may have an exponent.
 
     rays : origins, directions, limits; place : the batch, and where in it the tile begins
@@ -100,7 +116,9 @@ def _set_rays(rays, shape, place, scratch):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _closest(work, world, origins, directions, limits, shape, out):  # type: ignore[no-untyped-def]
+def _closest(
+    work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: HitArrays
+) -> int:
     """Closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, and place (leaf, local)."""
     t, position, normal, color, point, instance, leaf, local = out
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
@@ -139,7 +157,9 @@ def _closest(work, world, origins, directions, limits, shape, out):  # type: ign
 
 
 @kernel
-def _occluded(work, world, origins, directions, limits, shape, out):  # type: ignore[no-untyped-def]
+def _occluded(
+    work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: Array
+) -> int:
     """Occlusion: out is (n,) uint8."""
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
@@ -159,7 +179,9 @@ def _occluded(work, world, origins, directions, limits, shape, out):  # type: ig
 
 
 @kernel
-def _blend_attribute(work, world, places, values, width, out):  # type: ignore[no-untyped-def]
+def _blend_attribute(
+    work: Array, world: World, places: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
+) -> int:
     """Blend one attribute, (n * k,) float32 in the caller's order, at hits; without weights that of the hit's point.
 
     places : hits, model, leaf, local, point

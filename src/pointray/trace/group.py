@@ -8,11 +8,30 @@ from __future__ import annotations
 
 import math
 
-from ..jit import f32, i64, inline
-from ..kernels.scratch import ASIDE, BEGIN, DX, END, FOUND, FOUND_ASIDE, IX, LANES, LENGTH, NX, NY, NZ, OX, SIDE, TILE
+from ..jit import Array, f32, i64, inline
+from ..kernels.records import Tree
+from ..kernels.scratch import (
+    ASIDE,
+    BEGIN,
+    DX,
+    END,
+    FOUND,
+    FOUND_ASIDE,
+    IX,
+    LANES,
+    LENGTH,
+    NX,
+    NY,
+    NZ,
+    OX,
+    SIDE,
+    TILE,
+    Scratch,
+)
 from ..simd import (
     ONE,
     ZERO,
+    Bits,
     bits,
     broadcast16,
     count_bits,
@@ -37,14 +56,14 @@ FAILURES = 4  # after so many rays that few are like the others go alone: they g
 
 
 @inline
-def leaf_edge(tree):  # type: ignore[no-untyped-def]
+def leaf_edge(tree: Tree) -> float:
     """How wide leaves are, about: as if they covered the bounds."""
     x, y, z = tree.head[3] - tree.head[0], tree.head[4] - tree.head[1], tree.head[5] - tree.head[2]
     return f32(math.sqrt(f32(4.0) * (x * y + y * z + z * x) / f32(tree.spans.size)))
 
 
 @inline
-def coherent(edge, rows):  # type: ignore[no-untyped-def]
+def coherent(edge: float, rows: Array) -> bool:
     """Whether all rays are worth a walk together: all components of the directions have one sign, and are alike.
 
     edge : how wide a leaf is
@@ -60,7 +79,7 @@ def coherent(edge, rows):  # type: ignore[no-untyped-def]
 
 
 @inline
-def alike(edge, rows, left):  # type: ignore[no-untyped-def]
+def alike(edge: float, rows: Array, left: Bits) -> Bits:
     """Of some rays (bits) that stand aside those that may go together with the first of them."""
     i, some = ASIDE + count_trailing_zeros(left), i64(0)
     far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
@@ -77,14 +96,14 @@ def alike(edge, rows, left):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _copy(rows, source, target, row):  # type: ignore[no-untyped-def]
+def _copy(rows: Array, source: int, target: int, row: int) -> None:
     """Copy one row of all rays."""
     for v in range(0, TILE, LANES):
         store(rows, target + row + v, load16(rows, source + row + v))
 
 
 @inline
-def set_aside(scratch):  # type: ignore[no-untyped-def]
+def set_aside(scratch: Scratch) -> None:
     """Keep what the rays bring with them, and nothing found."""
     for row in BROUGHT:
         _copy(scratch.model, 0, ASIDE, row)
@@ -94,7 +113,7 @@ def set_aside(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _bring_row(rows, row, some, last):  # type: ignore[no-untyped-def]
+def _bring_row(rows: Array, row: int, some: Bits, last: float) -> None:
     """Bring one row of some rays that stand aside together; what is left of the last 16 places gets `last`."""
     n = i64(0)
     for v in range(0, TILE, LANES):
@@ -106,7 +125,7 @@ def _bring_row(rows, row, some, last):  # type: ignore[no-untyped-def]
 
 
 @inline
-def bring(some, scratch):  # type: ignore[no-untyped-def]
+def bring(some: Bits, scratch: Scratch) -> int:
     """Bring some rays (bits) together in the first places; returns where they end, a multiple of 16.
 
     Places left over hold rays that have ended, like the first one, so that they do not widen the group.
@@ -122,7 +141,7 @@ def bring(some, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def take_back(some, lifted, scratch):  # type: ignore[no-untyped-def]
+def take_back(some: Bits, lifted: Bits, scratch: Scratch) -> Bits:
     """Set aside what some rays (bits) have found; returns those of them that were lifted, given by their place."""
     rows, numbers, k, back = scratch.model, scratch.numbers, 0, i64(0)
     while some != 0:
@@ -138,7 +157,7 @@ def take_back(some, lifted, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def put_back(scratch):  # type: ignore[no-untyped-def]
+def put_back(scratch: Scratch) -> None:
     """All rays to their places, with what they have found."""
     for row in BROUGHT:
         _copy(scratch.model, ASIDE, 0, row)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..intersect.gather import Capsule, list_blocks, nearest_slot
-from ..intersect.surface import weights_seen
-from ..jit import f32, f64, i64, inline, routine
+from ..intersect.surface import Places, Sheet, weights_seen
+from ..jit import Array, f32, f64, i64, inline, routine
 from ..kernels.records import (
     INSTANCE,
     LEAF,
@@ -16,6 +16,8 @@ from ..kernels.records import (
     PAINT,
     SHAPE_ROW,
     SHEETED,
+    Tree,
+    World,
     WorldHit,
     borrow_world,
     tree_at,
@@ -32,14 +34,17 @@ from ..kernels.scratch import (
     SEEN_ONLY,
     SLOT_OF,
     TILE,
+    Scratch,
     borrow_scratch,
     load3,
     store3,
 )
 from ..kernels.vec import transform
 from ..simd import (
+    F16,
     ONE,
     ZERO,
+    Bits,
     broadcast16,
     count_trailing_zeros,
     quarters,
@@ -50,12 +55,12 @@ from ..simd import (
     vmax,
     vsqrt,
 )
-from .paint import paint_four
+from .paint import Four, paint_four
 from .space import matrix_at
 
 
 @inline
-def tile_hit(scratch, i):  # type: ignore[no-untyped-def]
+def tile_hit(scratch: Scratch, i: int) -> WorldHit:
     """The nearest hit of ray i of the tile. Colour and slot on a model are known after `describe_tile`."""
     wide, numbers, zero = scratch.world, scratch.numbers, (0.0, 0.0, 0.0)
     instance = numbers[INSTANCE_OF + i]
@@ -66,7 +71,7 @@ def tile_hit(scratch, i):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _next_of_leaf(numbers, left, i):  # type: ignore[no-untyped-def]
+def _next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
     """The first of the rays that are left (bits) if it has hit the same leaf as ray i, else i."""
     k = count_trailing_zeros(left) if left != 0 else i
     same = numbers[INSTANCE_OF + k] == numbers[INSTANCE_OF + i] and numbers[LEAF_OF + k] == numbers[LEAF_OF + i]
@@ -74,7 +79,7 @@ def _next_of_leaf(numbers, left, i):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _list_around(tree, four, scratch):  # type: ignore[no-untyped-def]
+def _list_around(tree: Tree, four: Four, scratch: Scratch) -> Places:
     """List the blocks near the places where four rays have hit a leaf; returns these, a quarter each."""
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
@@ -83,7 +88,6 @@ def _list_around(tree, four, scratch):  # type: ignore[no-untyped-def]
         load3(wide, LOCAL + four[2]),
         load3(wide, LOCAL + four[3]),
     )
-    f32 = np.float32
     x = quarters(f32(a[0]), f32(b[0]), f32(c[0]), f32(d[0]))
     y = quarters(f32(a[1]), f32(b[1]), f32(c[1]), f32(d[1]))
     z = quarters(f32(a[2]), f32(b[2]), f32(c[2]), f32(d[2]))
@@ -95,7 +99,9 @@ def _list_around(tree, four, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _weigh(tree, places, sheet, tone, scratch):  # type: ignore[no-untyped-def]
+def _weigh(
+    tree: Tree, places: Places, sheet: Sheet, tone: Array, scratch: Scratch
+) -> tuple[F16, F16, F16, F16, F16, F16]:
     """Greatest weight in each lane, of which listed block, and colours: the sums of weights and of weighted levels.
 
     Lane 4 r + j is splat j of a block at place r. sheet : see `weights_seen`
@@ -120,7 +126,7 @@ def _weigh(tree, places, sheet, tone, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
+def _describe(world: World, four: Four, scratch: Scratch) -> None:
     """Colour (by the surface's own weights; 1 without colours) and slot of most weight of four hits in one leaf.
 
     Where no splat has weight, the nearest one stands for all.
@@ -158,13 +164,13 @@ def _describe(world, four, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def material_at(world, instance):  # type: ignore[no-untyped-def]
+def material_at(world: World, instance: int) -> int:
     """Where an instance's material begins in world.materials."""
     return int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
 
 
 @inline
-def _shows_colors(world, instance):  # type: ignore[no-untyped-def]
+def _shows_colors(world: World, instance: int) -> bool:
     """Whether an instance of a model has the colours of its points, or of what they are painted by."""
     if world.materials[material_at(world, instance) + OWN_COLOR] == 0.0:
         return False
@@ -174,7 +180,7 @@ def _shows_colors(world, instance):  # type: ignore[no-untyped-def]
 
 
 @routine
-def describe_tile(world, scratch):  # type: ignore[no-untyped-def]
+def describe_tile(world: World, scratch: Scratch) -> None:
     """Colour and the splat of most weight where the tile's rays have hit a model, for `tile_hit`.
 
     Neighbours that have hit the same leaf go together, four at a time: in 0.6 of the time of one by one.

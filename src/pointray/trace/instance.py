@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 from ..intersect.march import BEHIND
-from ..jit import f32, f64, i64, inline
-from ..kernels.records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, tree_at
+from ..jit import Array, f32, f64, i64, inline
+from ..kernels.records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, World, tree_at
 from ..kernels.scratch import (
     ANYWHERE,
     BEGIN,
@@ -34,13 +35,14 @@ from ..kernels.scratch import (
     START,
     T_MIN,
     TILE,
+    Scratch,
     load3,
     store3,
 )
 from ..kernels.vec import add, dot, either, scale, transform_transposed
-from ..simd import ONE, ZERO, broadcast16, count_bits, count_trailing_zeros, load16, select, store
+from ..simd import ONE, ZERO, Bits, broadcast16, count_bits, count_trailing_zeros, load16, select, store
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
-from .space import into_model, matrix_at, model_bounds, of_size_one
+from .space import Bounds, ToModel, into_model, matrix_at, model_bounds, of_size_one
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
 from .traverse import closest, make_ray
 
@@ -49,9 +51,11 @@ from .traverse import closest, make_ray
 # statues a hundred pixels high take 1.11 times as long.
 LONELY = 24
 
+Box: TypeAlias = tuple[Bounds, tuple[float, float], bool]  # see `_enter`
+
 
 @inline
-def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
+def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
     """Ray i in a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
 
     box : the model's bounds, the longest step of the samples in it, see `into_model`, and whether it is of discs: a ray
@@ -71,7 +75,7 @@ def _enter(matrix, box, i, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _narrow(i, scratch):  # type: ignore[no-untyped-def]
+def _narrow(i: int, scratch: Scratch) -> None:
     """Ray i of the model's space as float32; nothing is found yet."""
     wide, rows = scratch.world, scratch.model
     ray = make_ray(load3(wide, START + i), load3(wide, HEADING + i), 0.0, 1.0)
@@ -83,7 +87,7 @@ def _narrow(i, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _some_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
+def _some_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
     """Put some rays (bits) into a model's space, one by one; returns those that meet its bounds."""
     meeting = i64(0)
     while some != 0:
@@ -97,7 +101,7 @@ def _some_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _all_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
+def _all_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
     """Put the tile's rays into a model's space; returns those of some (bits) that meet its bounds.
 
     No branches but for tiles of which not all do: the rays go through it as vectors.
@@ -124,7 +128,7 @@ def _all_enter(matrix, box, some, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _together(table, model, entered, scratch):  # type: ignore[no-untyped-def]
+def _together(table: Array, model: int, entered: Bits, scratch: Scratch) -> Bits:
     """Those of the tile's rays (bits) that are alike go through a model together; returns those that must go alone."""
     rows, edge = scratch.model, leaf_edge(tree_at(table, model))
     whole = coherent(edge, rows)
@@ -151,7 +155,7 @@ def _together(table, model, entered, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
+def through_instance(world: World, at: int, some: Bits, scratch: Scratch) -> None:
     """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before."""
     model = i64(world.instances[at + SHAPE_ROW])
     tree = tree_at(world.table, model)
@@ -186,7 +190,7 @@ def through_instance(world, at, some, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _keep_t(i, scratch):  # type: ignore[no-untyped-def]
+def _keep_t(i: int, scratch: Scratch) -> None:
     """Keep t of ray i's hit where it is nearer than what was hit before; else FOUND is -1."""
     wide, numbers = scratch.world, scratch.numbers
     t = (wide[LOW + i] + f64(scratch.model[LENGTH + i])) / wide[SPEED + i]
@@ -196,7 +200,7 @@ def _keep_t(i, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _keep_place(matrix, i, scratch):  # type: ignore[no-untyped-def]
+def _keep_place(matrix: ToModel, i: int, scratch: Scratch) -> None:
     """Keep normal and place of a hit that is nearer. matrix : see `of_size_one`."""
     wide, rows = scratch.world, scratch.model
     n = load3(rows, NX + i)
@@ -210,7 +214,7 @@ def _keep_place(matrix, i, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _keep_leaf(at, i, scratch):  # type: ignore[no-untyped-def]
+def _keep_leaf(at: int, i: int, scratch: Scratch) -> None:
     """Keep what a hit that is nearer belongs to."""
     numbers = scratch.numbers
     if numbers[FOUND + i] >= 0:
@@ -218,7 +222,7 @@ def _keep_leaf(at, i, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _keep_nearest(matrix, at, scratch):  # type: ignore[no-untyped-def]
+def _keep_nearest(matrix: ToModel, at: int, scratch: Scratch) -> None:
     """Of the hits in a model keep those that are nearer than what was hit before. No branches: the rays as vectors."""
     found = False
     for i in range(TILE):

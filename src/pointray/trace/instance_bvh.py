@@ -7,7 +7,7 @@ no worse off than alone.
 from __future__ import annotations
 
 from ..jit import f32, i64, inline
-from ..kernels.records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE
+from ..kernels.records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE, Ray, World
 from ..kernels.scratch import (
     DIRECTION,
     LANES,
@@ -20,18 +20,19 @@ from ..kernels.scratch import (
     TOP_LOW,
     TOP_OX,
     TOP_SPEED,
+    Scratch,
     load3,
     store3,
 )
 from ..kernels.vec import load3_flat
-from ..simd import INF, ONE, ZERO, bits, broadcast16, load16, mask16, reduce_min, select, vmax, vmin
-from .space import into_model
+from ..simd import INF, ONE, ZERO, Bits, bits, broadcast16, load16, mask16, reduce_min, select, vmax, vmin
+from .space import WorldRay, into_model
 from .tile import ALL, bits_of_row
 from .traverse import make_ray
 
 
 @inline
-def begin_walk(world, scratch):  # type: ignore[no-untyped-def]
+def begin_walk(world: World, scratch: Scratch) -> int:
     """Put the first entries on the stack: the root, or all models where there are few. Returns their number."""
     if world.top_children.size > 0:
         rays = _rays_to_top(world, scratch)
@@ -46,13 +47,14 @@ def begin_walk(world, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _rays_to_top(world, scratch):  # type: ignore[no-untyped-def]
+def _rays_to_top(world: World, scratch: Scratch) -> Bits:
     """Put the tile's rays into the tree's space, from where they enter all bounds on; returns those that do."""
     x, y, z = load3_flat(world.top, TOP_CENTER)
     matrix = (1.0, 0.0, 0.0, -x), (0.0, 1.0, 0.0, -y), (0.0, 0.0, 1.0, -z)
     bounds = load3_flat(world.top, TOP_BOUNDS), load3_flat(world.top, TOP_BOUNDS + 3)
     wide, rows = scratch.world, scratch.model
     for i in range(TILE):
+        ray: WorldRay | Ray
         ray = (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
         start, d, low, high, speed, _ = into_model(matrix, bounds, ray, (0.0, 0.0))
         wide[TOP_LOW + i], wide[TOP_SPEED + i] = low, speed
@@ -64,7 +66,7 @@ def _rays_to_top(world, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def shorten(world, scratch):  # type: ignore[no-untyped-def]
+def shorten(world: World, scratch: Scratch) -> None:
     """After hits in an instance: rays end there."""
     if world.top_children.size > 0:
         wide, rows = scratch.world, scratch.model
@@ -73,7 +75,7 @@ def shorten(world, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _enter(world, at, rays, scratch):  # type: ignore[no-untyped-def]
+def _enter(world: World, at: int, rays: Bits, scratch: Scratch) -> tuple[Bits, float]:
     """Which of some rays enter a box before they end, and the least t at which one does."""
     boxes, rows = world.top_boxes, scratch.model
     entering, nearest = i64(0), INF
@@ -96,7 +98,7 @@ def _enter(world, at, rays, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def open_node(world, node, rays, top, scratch):  # type: ignore[no-untyped-def]
+def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -> int:
     """Put the children of a node that some rays enter on the stack, the nearer one last; returns the new top."""
     at = node * TOP_NODE
     a, near_a = _enter(world, at, rays, scratch)
@@ -114,7 +116,7 @@ def open_node(world, node, rays, top, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def still_open(world, top, scratch):  # type: ignore[no-untyped-def]
+def still_open(world: World, top: int, scratch: Scratch) -> Bits:
     """The rays of a stack's entry that have not ended before its box begins."""
     rays, near = scratch.top_rays[top], scratch.top_near[top]
     if world.top_children.size == 0:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
-from ..intersect.surface import weights_seen
+from ..intersect.surface import Places, Sheet, weights_seen
 from ..jit import f64, i64, inline
 from ..kernels.records import (
     BLENDED,
@@ -19,17 +21,33 @@ from ..kernels.records import (
     PAINT_START,
     PLACED,
     SHAPE_ROW,
+    Tree,
+    World,
     tree_at,
 )
-from ..kernels.scratch import COLOR, COUNT_NEAR, DIRECTION, INSTANCE_OF, LANES, NEAREST, ORIGIN, SLOT_OF, load3, store3
-from ..kernels.vec import add, dot, load3_flat, scale
-from ..simd import ONE, ZERO, broadcast16, repeat4, store
+from ..kernels.scratch import (
+    COLOR,
+    COUNT_NEAR,
+    DIRECTION,
+    INSTANCE_OF,
+    LANES,
+    NEAREST,
+    ORIGIN,
+    SLOT_OF,
+    Scratch,
+    load3,
+    store3,
+)
+from ..kernels.vec import Vec3, add, dot, load3_flat, scale
+from ..simd import F16, ONE, ZERO, broadcast16, repeat4, store
 
 SLACK = 1e-3  # of a colour of the map: a blend of equal levels must not round down into the one before
 
+Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
+
 
 @inline
-def _map_color(world, paint, level):  # type: ignore[no-untyped-def]
+def _map_color(world: World, paint: int, level: float) -> Vec3:
     """The map's colour at a level; NaN has the one behind the map."""
     count, first = int(world.paints[paint + PAINT_COUNT]), int(world.paints[paint + PAINT_COLORS])
     k = count
@@ -39,7 +57,9 @@ def _map_color(world, paint, level):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _blend(world, paint, tree, places, sheet, scratch):  # type: ignore[no-untyped-def]
+def _blend(
+    world: World, paint: int, tree: Tree, places: Places, sheet: Sheet, scratch: Scratch
+) -> tuple[F16, F16, F16]:
     """Sums in each lane over the listed blocks: weights, those of splats with a level, and the weighted levels."""
     part, first = scratch.part, int(world.paints[paint + PAINT_LEVELS])
     total = known = level = broadcast16(ZERO)
@@ -57,7 +77,7 @@ def _blend(world, paint, tree, places, sheet, scratch):  # type: ignore[no-untyp
 
 
 @inline
-def _blended(sums, r, own, scratch):  # type: ignore[no-untyped-def]
+def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -> float:
     """The level at place r of four from the sums; NaN where splats without one have most of the weight.
 
     own : of the splat that stands for all where none has weight
@@ -74,7 +94,7 @@ def _blended(sums, r, own, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def paint_four(world, four, places, sheet, scratch):  # type: ignore[no-untyped-def]
+def paint_four(world: World, four: Four, places: Places, sheet: Sheet, scratch: Scratch) -> None:
     """Colours of four hits on one instance that has a paint, whose slots are found and whose blocks are listed.
 
     places, sheet : see `surface.weights_seen`

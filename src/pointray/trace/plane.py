@@ -7,7 +7,16 @@ import math
 import numpy as np
 
 from ..jit import i64, inline
-from ..kernels.records import PLANE_CHECKER, PLANE_COLOR, PLANE_INSTANCE, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
+from ..kernels.records import (
+    PLANE_CHECKER,
+    PLANE_COLOR,
+    PLANE_INSTANCE,
+    PLANE_NORMAL,
+    PLANE_POINT,
+    PLANE_U,
+    PLANE_V,
+    World,
+)
 from ..kernels.scratch import (
     COLOR,
     CUT,
@@ -20,17 +29,19 @@ from ..kernels.scratch import (
     SIDE_OF,
     T_MIN,
     TILE,
+    Scratch,
     load3,
     store3,
 )
-from ..kernels.vec import add, dot, length, load3_flat, scale, sub
+from ..kernels.vec import Vec3, add, dot, length, load3_flat, scale, sub
 from ..simd import ZERO
+from .space import WorldRay
 
 ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 
 
 @inline
-def _plane_hit(world, at, ray, start_rule):  # type: ignore[no-untyped-def]
+def _plane_hit(world: World, at: int, ray: WorldRay, start_rule: tuple[float, float]) -> float:
     """t of a ray with a plane.
 
     start_rule : the side of it that a ray is on which starts on the plane; not 0 if the ray was only cut there
@@ -46,7 +57,7 @@ def _plane_hit(world, at, ray, start_rule):  # type: ignore[no-untyped-def]
 
 
 @inline
-def plane_color(world, at, x):  # type: ignore[no-untyped-def]
+def plane_color(world: World, at: int, x: Vec3) -> Vec3:
     """A plane's colour at a point: plain, or a checker with every other square at half."""
     color = load3_flat(world.planes, at + PLANE_COLOR)
     edge = world.planes[at + PLANE_CHECKER]
@@ -60,7 +71,7 @@ def plane_color(world, at, x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def tile_on_plane(world, at, scratch):  # type: ignore[no-untyped-def]
+def tile_on_plane(world: World, at: int, scratch: Scratch) -> None:
     """Nearest hits of the tile's rays with a plane."""
     wide, numbers = scratch.world, scratch.numbers
     for i in range(TILE):

@@ -7,15 +7,21 @@ is below 0 enters a whole number of the longest steps before its origin, so that
 
 from __future__ import annotations
 
+from typing import Any, TypeAlias
+
 import numpy as np
 
-from ..jit import f64, inline
-from ..kernels.records import BOUNDS, TO_MODEL
-from ..kernels.vec import add, length, load3_flat, scale, sub, transform
+from ..jit import Array, f64, inline
+from ..kernels.records import BOUNDS, TO_MODEL, World
+from ..kernels.vec import Vec3, add, length, load3_flat, scale, sub, transform
+
+WorldRay: TypeAlias = tuple[Vec3, Vec3, float, float]  # origin, direction, t_min, t_max
+Bounds: TypeAlias = tuple[Vec3, Vec3]  # lo x y z, hi x y z
+ToModel: TypeAlias = tuple[Any, Any, Any]  # three rows of four; `vec.transform` reads three of each
 
 
 @inline
-def model_bounds(head):  # type: ignore[no-untyped-def]
+def model_bounds(head: Array) -> Bounds:
     """A model's bounds (lo x y z, hi x y z) in float64, padded against rounding."""
     lows, highs = load3_flat(head, BOUNDS), load3_flat(head, BOUNDS + 3)
     lows = f64(lows[0]), f64(lows[1]), f64(lows[2])
@@ -26,7 +32,7 @@ def model_bounds(head):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _clip(span, edges, o, d):  # type: ignore[no-untyped-def]
+def _clip(span: tuple[float, float], edges: tuple[float, float], o: float, d: float) -> tuple[float, float]:
     """The part of a span of a ray between two planes across an axis, where o and d are its components."""
     inverse = 1.0 / (d if abs(d) > 1e-300 else 1e-300)
     a, b = (edges[0] - o) * inverse, (edges[1] - o) * inverse
@@ -35,7 +41,7 @@ def _clip(span, edges, o, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def matrix_at(world, at):  # type: ignore[no-untyped-def]
+def matrix_at(world: World, at: int) -> ToModel:
     """An instance's transform from the world to its model: three rows of four."""
     m, k = world.instances, at + TO_MODEL
     return (
@@ -46,7 +52,7 @@ def matrix_at(world, at):  # type: ignore[no-untyped-def]
 
 
 @inline
-def of_size_one(matrix):  # type: ignore[no-untyped-def]
+def of_size_one(matrix: ToModel) -> ToModel:
     """A transform over its greatest component, so that squares of what it turns are numbers."""
     most = 0.0
     for r in range(3):
@@ -62,7 +68,9 @@ def of_size_one(matrix):  # type: ignore[no-untyped-def]
 
 
 @inline
-def into_model(matrix, bounds, ray, step):  # type: ignore[no-untyped-def]
+def into_model(
+    matrix: ToModel, bounds: Bounds, ray: WorldRay, step: tuple[float, float]
+) -> tuple[Vec3, Vec3, float, float, float, float]:
     """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
 
     Returns (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone, search_together, together
-from ..jit import f32, i32, i64, inline
-from ..kernels.records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, tree_at
+from ..jit import Array, f32, i32, i64, inline
+from ..kernels.records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, Tree, tree_at
 from ..kernels.scratch import (
     ANY_HIT,
     BEGIN,
@@ -38,10 +38,12 @@ from ..kernels.scratch import (
     OZ,
     SIDE,
     TILE,
+    Scratch,
 )
 from ..simd import (
     ONE,
     ZERO,
+    Bits,
     bits,
     broadcast8,
     broadcast16,
@@ -58,14 +60,14 @@ from ..simd import (
     vmax,
     vmin,
 )
-from .traverse import far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
+from .traverse import Planes, far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
 
 ALL = -1  # rays as bits of an int64
 ROUNDING = f32(1e-6)
 
 
 @inline
-def bits_of_row(rows, at):  # type: ignore[no-untyped-def]
+def bits_of_row(rows: Array, at: int) -> Bits:
     """The rays of a tile whose number in a row is not below 0."""
     word = i64(0)
     for k in range(0, TILE, LANES):
@@ -74,7 +76,7 @@ def bits_of_row(rows, at):  # type: ignore[no-untyped-def]
 
 
 @inline
-def range_of(rows, at, some):  # type: ignore[no-untyped-def]
+def range_of(rows: Array, at: int, some: tuple[int, int]) -> tuple[float, float]:
     """Least and greatest number of some rays, (first, end), in a row."""
     low = high = load16(rows, at + some[0])
     for k in range(some[0] + LANES, some[1], LANES):
@@ -84,7 +86,7 @@ def range_of(rows, at, some):  # type: ignore[no-untyped-def]
 
 
 @inline
-def bounds_of_planes(rows, at, inverse, some):  # type: ignore[no-untyped-def]
+def bounds_of_planes(rows: Array, at: int, inverse: int, some: tuple[int, int]) -> tuple[float, float, float, float]:
     """(origin for near planes, origin for far planes, least inverse, greatest inverse) of one axis."""
     low, high = range_of(rows, at, some)
     slow, fast = range_of(rows, inverse, some)
@@ -92,7 +94,7 @@ def bounds_of_planes(rows, at, inverse, some):  # type: ignore[no-untyped-def]
 
 
 @inline
-def tile_ray(rows, i):  # type: ignore[no-untyped-def]
+def tile_ray(rows: Array, i: int) -> Ray:
     """Ray i of the tile."""
     return Ray(
         rows[OX + i],
@@ -111,7 +113,7 @@ def tile_ray(rows, i):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _leaf_intervals(tree, leaf, box, planes, rows, v):  # type: ignore[no-untyped-def]
+def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
     """Write where 16 rays, from v on, are in the leaf's voxel and where the surface can be; returns who passes.
 
     planes : rows of those that are entered and left first, and where the walk begins
@@ -151,7 +153,7 @@ def _leaf_intervals(tree, leaf, box, planes, rows, v):  # type: ignore[no-untype
 
 
 @inline
-def _search(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
+def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     """Search a leaf for the rays that pass; returns those that the start rule lifted."""
     if together(tree, leaf):
         return search_together(tree, leaf, passing, scratch)
@@ -172,7 +174,7 @@ def _search(tree, leaf, passing, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _prefetch_search(tree, child):  # type: ignore[no-untyped-def]
+def _prefetch_search(tree: Tree, child: int) -> None:
     """Ask for what a search of the next leaf will read first."""
     if child < 0:
         first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
@@ -184,7 +186,7 @@ def _prefetch_search(tree, child):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _end_where_hit(tree, some, scratch):  # type: ignore[no-untyped-def]
+def _end_where_hit(tree: Tree, some: tuple[int, int], scratch: Scratch) -> None:
     """Rays that have met something are not traced on, where rounding leaves no doubt that it is before they end."""
     rows, step = scratch.model, tree.head[LONGEST]
     for k in range(some[0], some[1]):
@@ -193,14 +195,14 @@ def _end_where_hit(tree, some, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _walk_begin(tree, rows, some):  # type: ignore[no-untyped-def]
+def _walk_begin(tree: Tree, rows: Array, some: tuple[int, int]) -> float:
     """Where the walk of the first of some rays begins. Some may have a sign, see `scratch.BEGIN`."""
     low, high = range_of(rows, BEGIN, some)
     return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
 
 
 @inline
-def closest_of_tile(table, model, some, scratch):  # type: ignore[no-untyped-def]
+def closest_of_tile(table: Array, model: int, some: tuple[int, int], scratch: Scratch) -> Bits:
     """First hits of some of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
 
     Returns the rays (as bits) that the start rule lifted: what it did depends on the order of the leaves, so that the

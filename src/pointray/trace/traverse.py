@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone
-from ..jit import f32, i64, inline
-from ..kernels.records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, tree_at
-from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES
+from ..jit import Array, f32, i64, inline
+from ..kernels.records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, Tree, tree_at
+from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES, Scratch
+from ..kernels.vec import Vec3
 from ..simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
 
 TINY = f32(1e-20)
 
+Planes: TypeAlias = tuple[int, int, int]  # rows of a box: the plane of each axis
+
 
 @inline
-def steady(d):  # type: ignore[no-untyped-def]
+def steady(d: float) -> float:
     """A direction's component, kept away from zero so that no slab test divides by it."""
     size = abs(d)
     size = TINY if size < TINY else size
@@ -21,26 +26,26 @@ def steady(d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def make_ray(o, d, length, side):  # type: ignore[no-untyped-def]
+def make_ray(o: Vec3, d: Vec3, length: float, side: float) -> Ray:
     """A ray in model space of the given length, from float64 origin and unit direction."""
     x, y, z = steady(f32(d[0])), steady(f32(d[1])), steady(f32(d[2]))
     return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, ONE / x, ONE / y, ONE / z, ZERO, f32(length), f32(side))
 
 
 @inline
-def near_planes(ix, iy, iz):  # type: ignore[no-untyped-def]
+def near_planes(ix: float, iy: float, iz: float) -> Planes:
     """Rows of the planes of each axis that a ray of these signs enters first: an empty box then comes out empty."""
     return (0 if ix > ZERO else 3), (1 if iy > ZERO else 4), (2 if iz > ZERO else 5)
 
 
 @inline
-def far_planes(near):  # type: ignore[no-untyped-def]
+def far_planes(near: Planes) -> Planes:
     """Rows of the planes through which it leaves."""
     return 3 - near[0], 5 - near[1], 7 - near[2]
 
 
 @inline
-def _voxel_interval(tree, leaf, ray, rows, begin):  # type: ignore[no-untyped-def]
+def _voxel_interval(tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes], begin: float) -> tuple[float, float]:
     """Where the ray enters and leaves the leaf's voxel, behind begin and before it ends."""
     near, far = rows
     at, leaves = leaf * LEAF + CELL, tree.leaves
@@ -56,7 +61,7 @@ def _voxel_interval(tree, leaf, ray, rows, begin):  # type: ignore[no-untyped-de
 
 
 @inline
-def _slab_interval(tree, leaf, ray, interval):  # type: ignore[no-untyped-def]
+def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float]) -> tuple[float, float]:
     """The part of an interval inside of the leaf's slab; empty where enter > leave."""
     at = leaf * LEAF
     mx, my, mz = tree.leaves[at + SLAB], tree.leaves[at + SLAB + 1], tree.leaves[at + SLAB + 2]
@@ -68,7 +73,7 @@ def _slab_interval(tree, leaf, ray, interval):  # type: ignore[no-untyped-def]
 
 
 @inline
-def prefetch_child(tree, child):  # type: ignore[no-untyped-def]
+def prefetch_child(tree: Tree, child: int) -> None:
     """Ask for what a walk will read of a child: rays wait for memory a quarter of their time in far views."""
     if child < 0:
         leaf = i64(~child)
@@ -81,25 +86,26 @@ def prefetch_child(tree, child):  # type: ignore[no-untyped-def]
 
 
 @inline
-def prefetch_columns(tree, leaf):  # type: ignore[no-untyped-def]
+def prefetch_columns(tree: Tree, leaf: int) -> None:
     """Ask for a leaf's columns: 3% of the time of bounces at a million points."""
     for k in range(0, PATCH, 16):
         prefetch(tree.patches, i64(leaf) * PATCH + k)
 
 
 @inline
-def walk_begin(tree, begin):  # type: ignore[no-untyped-def]
+def walk_begin(tree: Tree, begin: float) -> float:
     """Where the walk of a ray begins: a step before the ray, see `intersect/march.py`."""
     return max(abs(begin) - tree.head[LONGEST], ZERO)
 
 
 @inline
-def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
+def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
     """The first hit of a ray with a model. Counts nodes and leaves."""
     tree = tree_at(table, model)
     scratch.lift[0] = ZERO
     begin = walk_begin(tree, ray.t_min)
     ix, iy, iz = ray.ix, ray.iy, ray.iz
+    rows: Planes | tuple[Planes, Planes]
     rows = near_planes(ix, iy, iz)
     rows = rows, far_planes(rows)
     nx, ny, nz = rows[0][0] * WIDTH, rows[0][1] * WIDTH, rows[0][2] * WIDTH
@@ -150,7 +156,7 @@ def closest(table, model, ray, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def insert(stack, stack_near, bottom, top, what, near):  # type: ignore[no-untyped-def]
+def insert(stack: Array, stack_near: Array, bottom: int, top: int, what: int, near: float) -> int:
     """Put a child on the stack, above bottom, so that the nearest comes out first; returns the new top."""
     j = top
     while j > bottom and stack_near[j - 1] < near:

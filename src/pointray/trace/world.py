@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import i64, inline, routine
-from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, borrow_world
+from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, World, borrow_world
 from ..kernels.scratch import (
     ANY_HIT,
     ANYWHERE,
@@ -20,34 +20,36 @@ from ..kernels.scratch import (
     SIDE_OF,
     T_MIN,
     TILE,
+    Scratch,
     borrow_scratch,
     load3,
     store3,
 )
-from ..kernels.vec import dot, either, length, load3_flat
+from ..kernels.vec import Vec3, dot, either, length, load3_flat
 from ..simd import ONE, ZERO
 from .instance import through_instance
 from .instance_bvh import begin_walk, open_node, shorten, still_open
 from .plane import ON_PLANE, tile_on_plane
+from .space import WorldRay
 
 NO_RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for places in a tile that are free
 
 
 @inline
-def is_ray(o, d, t_min, t_max):  # type: ignore[no-untyped-def]
+def is_ray(o: Vec3, d: Vec3, t_min: float, t_max: float) -> bool:
     """Whether a ray can hit anything: finite, a direction that is not zero, an interval that is not empty."""
     square = dot(d, d)
     return (square > 0.0) & (square < np.inf) & (dot(o, o) < np.inf) & (t_min <= t_max)
 
 
 @inline
-def set_ray(scratch, i, ray):  # type: ignore[no-untyped-def]
+def set_ray(scratch: Scratch, i: int, ray: WorldRay) -> None:
     """Ray i of the tile becomes (o, d, t_min, t_max), outside of what it may start on: a camera's, or a caller's."""
     set_ray_from(scratch, i, ray, ANYWHERE)
 
 
 @inline
-def set_ray_from(scratch, i, ray, side):  # type: ignore[no-untyped-def]
+def set_ray_from(scratch: Scratch, i: int, ray: WorldRay, side: float) -> None:
     """Ray i of the tile becomes (o, d, t_min, t_max), on one side of the surface that it may start on: +1, -1."""
     wide = scratch.world
     wide[SIDE_OF + i] = side
@@ -57,7 +59,7 @@ def set_ray_from(scratch, i, ray, side):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _settle(scratch):  # type: ignore[no-untyped-def]
+def _settle(scratch: Scratch) -> None:
     """Nothing is hit yet; a degenerate ray becomes one that misses everything. No branches: rays as vectors."""
     wide = scratch.world
     for i in range(TILE):
@@ -71,7 +73,7 @@ def _settle(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cut_by(world, at, scratch):  # type: ignore[no-untyped-def]
+def _cut_by(world: World, at: int, scratch: Scratch) -> None:
     """The tile's rays lose what a clip plane cuts away. No branches: rays as vectors."""
     wide = scratch.world
     normal, offset = load3_flat(world.clips, at), world.clips[at + CLIP_OFFSET]
@@ -90,7 +92,7 @@ def _cut_by(world, at, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cut(world, scratch):  # type: ignore[no-untyped-def]
+def _cut(world: World, scratch: Scratch) -> None:
     """The tile's rays lose what the scene's clip planes cut away; where nothing is left a ray misses everything."""
     wide = scratch.world
     for i in range(TILE):
@@ -103,7 +105,7 @@ def _cut(world, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _end_where_hit(scratch):  # type: ignore[no-untyped-def]
+def _end_where_hit(scratch: Scratch) -> None:
     """Rays that have met something go no farther."""
     for i in range(TILE):
         wide = scratch.world
@@ -111,7 +113,7 @@ def _end_where_hit(scratch):  # type: ignore[no-untyped-def]
 
 
 @routine
-def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
+def trace_tile(world: World, scratch: Scratch) -> None:
     """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
     # Lent once more: a routine sees that nothing owns this memory only if it is said in it.
     scratch, world = borrow_scratch(scratch), borrow_world(world)
@@ -138,7 +140,7 @@ def trace_tile(world, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def occlude_tile(world, scratch):  # type: ignore[no-untyped-def]
+def occlude_tile(world: World, scratch: Scratch) -> None:
     """Which of the tile's rays meet anything: `is_blocked`. Their hits are not known then."""
     scratch.counts[ANY_HIT] = 1
     trace_tile(world, scratch)
@@ -146,13 +148,13 @@ def occlude_tile(world, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def is_blocked(scratch, i):  # type: ignore[no-untyped-def]
+def is_blocked(scratch: Scratch, i: int) -> bool:
     """Whether ray i of the tile has met anything."""
     return scratch.numbers[INSTANCE_OF + i] >= 0
 
 
 @inline
-def meets_nothing(scratch):  # type: ignore[no-untyped-def]
+def meets_nothing(scratch: Scratch) -> bool:
     """Whether none of the tile's rays has met anything."""
     greatest = i64(-1)
     for i in range(TILE):
