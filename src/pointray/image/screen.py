@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..jit import borrow, f32, kernel, next_tile, run
+from ..jit import Array, borrow, f32, kernel, next_tile, run
 from ..simd import float_bits
 from .tone import linear_to_srgb, tone
 
@@ -30,7 +30,7 @@ def _table(curve: str) -> Levels:
 
 
 @kernel
-def _levels(work, image, backdrop, gain, table, out):  # type: ignore[no-untyped-def]
+def _levels(work: Array, image: Array, backdrop: Array, gain: float, table: Array, out: Array) -> int:
     """Levels of an image over a backdrop: (h, w, 3) uint8."""
     image, backdrop, table, out = borrow(image), borrow(backdrop), borrow(table), borrow(out)
     height, width = image.shape[:2]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from ..jit import i64, inline
+from ..kernels.records import World
 from ..kernels.sampling import DIRECTION_OF, ON_PATH, sample_pair
-from ..kernels.scratch import KEY, SHADING_NORMAL, SHADING_POINT, SHADING_SIDE, SKY_SEEN, TILE, load3
+from ..kernels.scratch import KEY, SHADING_NORMAL, SHADING_POINT, SHADING_SIDE, SKY_SEEN, TILE, Scratch, load3
+from ..simd import Bits
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .phong import sample_diffuse
 from .shading_points import add_radiance, is_shaded, shading_point
 
 
 @inline
-def _look_up(sample, reach, scratch):  # type: ignore[no-untyped-def]
+def _look_up(sample: int, reach: float, scratch: Scratch) -> Bits:
     """The tile's rays leave its surface points, each in a direction chosen by the cosine; returns which do (bits)."""
     points, asked = scratch.shading_points, i64(0)
     for i in range(TILE):
@@ -26,7 +28,7 @@ def _look_up(sample, reach, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def see_sky(world, sample, reach, scratch):  # type: ignore[no-untyped-def]
+def see_sky(world: World, sample: int, reach: float, scratch: Scratch) -> None:
     """Add the surface's colour where one direction, chosen by the cosine, is free up to the reach (Landis 2002)."""
     asked = _look_up(sample, reach, scratch)
     if asked == 0:
@@ -38,7 +40,7 @@ def see_sky(world, sample, reach, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def find_sky_seen(world, look, scratch):  # type: ignore[no-untyped-def]
+def find_sky_seen(world: World, look: tuple[int, int, float], scratch: Scratch) -> None:
     """Put down in SKY_SEEN what share of the sky the tile's surface points see. Uses the tile's rays.
 
     look : the number of the sample, how many rays it casts from each point (0: all of the sky is seen), their reach

@@ -8,8 +8,6 @@ lose n^2 where it enters a closed body and gain it where it leaves: the same pic
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from ..jit import inline
 from ..kernels.records import (
     BASE_COLOR,
@@ -22,31 +20,18 @@ from ..kernels.records import (
     PHONG,
     PRINCIPLED,
     SPECULAR,
+    World,
 )
-from ..kernels.vec import BLACK, dot, load3_flat, scale
+from ..kernels.vec import BLACK, Vec3, dot, load3_flat, scale
 from .microfacet import eval_principled, sample_principled
-from .phong import eval_diffuse, eval_phong, sample_diffuse, sample_phong
+from .phong import ShadingPoint, eval_diffuse, eval_phong, sample_diffuse, sample_phong
 from .specular import sample_specular
 
 LEAST_PDF = 1e-200  # below it a quotient by the pdf may overflow
 
 
-class ShadingPoint(NamedTuple):
-    """A surface point as a material sees it.
-
-    normal : unit, turned to the side the eye is on; wo : unit
-    color : linear RGB of the surface there, see `base_color`
-    side : +1.0 where the eye is on the outer side, to which normals point, else -1.0
-    """
-
-    normal: tuple[float, float, float]
-    wo: tuple[float, float, float]
-    color: tuple[float, float, float]
-    side: float
-
-
 @inline
-def base_color(world, at, color):  # type: ignore[no-untyped-def]
+def base_color(world: World, at: int, color: Vec3) -> Vec3:
     """The material's colour, or the surface's own, which is given."""
     if world.materials[at + OWN_COLOR] != 0.0:
         return color
@@ -54,7 +39,7 @@ def base_color(world, at, color):  # type: ignore[no-untyped-def]
 
 
 @inline
-def emitted(world, at):  # type: ignore[no-untyped-def]
+def emitted(world: World, at: int) -> Vec3:
     """Radiance that the surface emits by itself, to both sides."""
     if world.materials[at + MATERIAL_KIND] == EMISSIVE:
         return load3_flat(world.materials, at + EMITTED)
@@ -62,14 +47,14 @@ def emitted(world, at):  # type: ignore[no-untyped-def]
 
 
 @inline
-def is_specular(world, at):  # type: ignore[no-untyped-def]
+def is_specular(world: World, at: int) -> bool:
     """Whether light is scattered to one or two directions only."""
     kind = world.materials[at + MATERIAL_KIND]
     return kind in (MIRROR, DIELECTRIC)
 
 
 @inline
-def ambient(world, at, point):  # type: ignore[no-untyped-def]
+def ambient(world: World, at: int, point: ShadingPoint) -> Vec3:
     """The share of even light from all around that comes back, highlights left out."""
     if is_specular(world, at):
         return BLACK
@@ -78,7 +63,7 @@ def ambient(world, at, point):  # type: ignore[no-untyped-def]
 
 
 @inline
-def eval_bsdf(world, at, point, wi):  # type: ignore[no-untyped-def]
+def eval_bsdf(world: World, at: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec3, float]:
     """(BSDF times cosine as RGB, pdf with which `sample_bsdf` would choose this direction).
 
     wi : unit. Black and 0 where light or eye is not on the normal's side, and for specular materials.
@@ -95,7 +80,7 @@ def eval_bsdf(world, at, point, wi):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _direction(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
+def _direction(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
     """A direction chosen with the pdf that `eval_bsdf` tells; it may lie below the surface."""
     kind = world.materials[at + MATERIAL_KIND]
     if kind == PHONG:
@@ -106,7 +91,9 @@ def _direction(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sample_bsdf(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
+def sample_bsdf(
+    world: World, at: int, point: ShadingPoint, which: float, u: float, v: float
+) -> tuple[Vec3, Vec3, float, float]:
     """Choose where a path goes on: (unit direction, weight, pdf, side).
 
     which : chooses the lobe; u, v : the direction; all 0 <= x < 1

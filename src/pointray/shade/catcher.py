@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ..jit import i64, inline
-from ..kernels.records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND
+from ..kernels.records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND, World
 from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
 from ..kernels.scratch import (
     CAUGHT,
@@ -27,11 +27,12 @@ from ..kernels.scratch import (
     SHADING_WO,
     TILE,
     UNLIT,
+    Scratch,
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, dot, luminance, scale
-from ..simd import count_trailing_zeros
+from ..kernels.vec import BLACK, Vec3, dot, luminance, scale
+from ..simd import Bits, count_trailing_zeros
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .choice import meets_lamp
 from .emitters import from_middle, sample_light
@@ -41,7 +42,7 @@ from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
 
 
 @inline
-def find_caught(world, scratch):  # type: ignore[no-untyped-def]
+def find_caught(world: World, scratch: Scratch) -> Bits:
     """Put down in CAUGHT which of the tile's surface points, the camera's first, are a catcher's; also returned."""
     bits, points = i64(0), scratch.shading_points
     if world.catchers > 0:
@@ -55,13 +56,13 @@ def find_caught(world, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _ask_nothing(scratch):  # type: ignore[no-untyped-def]
+def _ask_nothing(scratch: Scratch) -> None:
     for i in range(TILE):
         set_ray(scratch, i, NO_RAY)
 
 
 @inline
-def _ask(scratch, i, light, wi, distance):  # type: ignore[no-untyped-def]
+def _ask(scratch: Scratch, i: int, light: float, wi: Vec3, distance: float) -> None:
     """Light that would arrive at catcher i, and the ray that tells whether it does."""
     scratch.shading_points[GAIN + i] = light
     if light > 0.0:
@@ -70,7 +71,7 @@ def _ask(scratch, i, light, wi, distance):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _answer(world, caught, shadows, scratch):  # type: ignore[no-untyped-def]
+def _answer(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None:
     """Add the light that was asked for to what would arrive, and where nothing is in its way to what does."""
     points = scratch.shading_points
     if shadows:
@@ -84,7 +85,7 @@ def _answer(world, caught, shadows, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _leave(caught, scratch):  # type: ignore[no-untyped-def]
+def _leave(caught: Bits, scratch: Scratch) -> None:
     """Catchers are no surface points that are shaded."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
@@ -93,7 +94,7 @@ def _leave(caught, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _unshadowed(world, i, scratch):  # type: ignore[no-untyped-def]
+def _unshadowed(world: World, i: int, scratch: Scratch) -> float:
     """Light at catcher i in which direct light has no shadows: the sky's, or a headlight."""
     if has_sky(world):
         return luminance(sky_irradiance(world, load3(scratch.shading_points, SHADING_NORMAL + i)))
@@ -101,7 +102,7 @@ def _unshadowed(world, i, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def catch_direct(world, caught, shadows, scratch):  # type: ignore[no-untyped-def]
+def catch_direct(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None:
     """Direct light at the tile's catchers (bits), each light from its middle. Uses the tile's rays."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
@@ -121,7 +122,7 @@ def catch_direct(world, caught, shadows, scratch):  # type: ignore[no-untyped-de
 
 
 @inline
-def catch_occlusion(caught, scratch):  # type: ignore[no-untyped-def]
+def catch_occlusion(caught: Bits, scratch: Scratch) -> None:
     """After the rays of ambient occlusion are traced: whether they are free."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
@@ -131,7 +132,7 @@ def catch_occlusion(caught, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _ask_lamp(world, at, i, sample, scratch):  # type: ignore[no-untyped-def]
+def _ask_lamp(world: World, at: int, i: int, sample: int, scratch: Scratch) -> None:
     """At catcher i ask for light from a place on a light."""
     x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
     u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + ON_LIGHT)
@@ -141,7 +142,7 @@ def _ask_lamp(world, at, i, sample, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _ask_sky(world, i, sample, scratch):  # type: ignore[no-untyped-def]
+def _ask_sky(world: World, i: int, sample: int, scratch: Scratch) -> None:
     """At catcher i ask for light from all around: a picture's by its own light, else by the cosine."""
     x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
     u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
@@ -155,7 +156,7 @@ def _ask_sky(world, i, sample, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def catch_paths(world, sample, sky_shows, scratch):  # type: ignore[no-untyped-def]
+def catch_paths(world: World, sample: int, sky_shows: bool, scratch: Scratch) -> Bits:
     """All light at the tile's catchers, from a place on each light and from one direction of the sky.
 
     Each light, not one by chance: what would arrive is nearly the same in all samples, so that the quotient of few sums
@@ -182,7 +183,7 @@ def catch_paths(world, sample, sky_shows, scratch):  # type: ignore[no-untyped-d
 
 
 @inline
-def show_caught(world, sky_shows, scratch):  # type: ignore[no-untyped-def]
+def show_caught(world: World, sky_shows: bool, scratch: Scratch) -> Bits:
     """Where the sky shows, catchers show what is behind them as far as they are lit, and are no longer in CAUGHT.
 
     Returns those that still are, to become alpha.

@@ -5,17 +5,17 @@ No walk goes over all: of 5,000 lamps a path asks some dozen. See `shade/tables.
 
 from __future__ import annotations
 
-from ..jit import inline
-from ..kernels.records import LIGHT
+from ..jit import Array, inline
+from ..kernels.records import LIGHT, World
 from ..kernels.sampling import find_share
-from ..kernels.vec import BLACK
+from ..kernels.vec import BLACK, Vec3
 from .emitters import intersect_light, sun_in
 
 FLAT = 1e-200  # a direction's component is no smaller, so that no box test divides by zero
 
 
 @inline
-def choose_light(world, u):  # type: ignore[no-untyped-def]
+def choose_light(world: World, u: float) -> tuple[int, float]:
     """(which light a number in 0..1 chooses, its chance): -1 and 0 if none shines.
 
     The sky's picture comes after all lights.
@@ -28,7 +28,7 @@ def choose_light(world, u):  # type: ignore[no-untyped-def]
 
 
 @inline
-def chance_of(world, which):  # type: ignore[no-untyped-def]
+def chance_of(world: World, which: int) -> float:
     """The probability with which `choose_light` chooses a light; 0 for one that does not shine."""
     if which + 1 >= world.light_shares.size:
         return 0.0
@@ -36,19 +36,19 @@ def chance_of(world, which):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sky_chance(world):  # type: ignore[no-untyped-def]
+def sky_chance(world: World) -> float:
     """The probability with which it chooses the sky's picture."""
     return chance_of(world, world.lights.size // LIGHT)
 
 
 @inline
-def _steady(x):  # type: ignore[no-untyped-def]
+def _steady(x: float) -> float:
     """A direction's component, kept away from zero."""
     return x if abs(x) >= FLAT else FLAT
 
 
 @inline
-def _enters(boxes, at, o, inverse, nearest):  # type: ignore[no-untyped-def]
+def _enters(boxes: Array, at: int, o: Vec3, inverse: Vec3, nearest: float) -> bool:
     """Whether a ray enters a box before `nearest`."""
     ax, bx = (boxes[at] - o[0]) * inverse[0], (boxes[at + 3] - o[0]) * inverse[0]
     ay, by = (boxes[at + 1] - o[1]) * inverse[1], (boxes[at + 4] - o[1]) * inverse[1]
@@ -59,7 +59,7 @@ def _enters(boxes, at, o, inverse, nearest):  # type: ignore[no-untyped-def]
 
 
 @inline
-def nearest_lamp(world, ray, nearest):  # type: ignore[no-untyped-def]
+def nearest_lamp(world: World, ray: tuple[Vec3, Vec3], nearest: float) -> tuple[float, int]:
     """(t, where its record begins) of the nearest light that a ray (o, d) meets before `nearest`; -1 for none."""
     lamps, found, k = world.lamps, -1, 0
     d = ray[1]
@@ -78,13 +78,13 @@ def nearest_lamp(world, ray, nearest):  # type: ignore[no-untyped-def]
 
 
 @inline
-def meets_lamp(world, ray, end):  # type: ignore[no-untyped-def]
+def meets_lamp(world: World, ray: tuple[Vec3, Vec3], end: float) -> bool:
     """Whether a ray (o, d) meets the front of a light before `end`."""
     return nearest_lamp(world, ray, end)[1] >= 0
 
 
 @inline
-def _is_within(boxes, at, d):  # type: ignore[no-untyped-def]
+def _is_within(boxes: Array, at: int, d: Vec3) -> bool:
     """Whether a direction points into a box."""
     x = (boxes[at] <= d[0]) & (d[0] <= boxes[at + 3])
     y = (boxes[at + 1] <= d[1]) & (d[1] <= boxes[at + 4])
@@ -92,7 +92,7 @@ def _is_within(boxes, at, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sun_after(world, k, d):  # type: ignore[no-untyped-def]
+def sun_after(world: World, k: int, d: Vec3) -> tuple[int, int, Vec3, float]:
     """The first sun, of those from entry k on, whose disk is in a unit direction.
 
     Returns the entry that follows it, 0 for none; which light it is; its radiance and its pdf.

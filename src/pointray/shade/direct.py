@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..kernels.records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT
+from ..kernels.records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT, World
 from ..kernels.scratch import (
     DIRECTION,
     GAIN,
@@ -17,6 +17,7 @@ from ..kernels.scratch import (
     SHADING_SIDE,
     SKY_SEEN,
     TILE,
+    Scratch,
     load3,
     store3,
 )
@@ -30,7 +31,7 @@ from .sky import has_sky, sky_irradiance
 
 
 @inline
-def _arrive(world, light, kind, scratch):  # type: ignore[no-untyped-def]
+def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
     """The tile's rays become those from its surface points to the middle of a light; GAIN is what arrives from there.
 
     No branches for most kinds: rays as vectors, those of no surface point too.
@@ -44,7 +45,7 @@ def _arrive(world, light, kind, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
+def _light_from(world: World, light: int, scratch: Scratch) -> bool:
     """What one light adds where nothing is in its way, and the rays that tell whether; returns whether it adds any."""
     points, lit, kind = scratch.shading_points, False, world.lights[light + LIGHT_KIND]
     if kind == POINT_LIGHT:
@@ -68,7 +69,7 @@ def _light_from(world, light, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def shade_gains(scratch):  # type: ignore[no-untyped-def]
+def shade_gains(scratch: Scratch) -> None:
     """After the shadow rays are traced: take the gain away where something is in the way. No branches."""
     points = scratch.shading_points
     for i in range(TILE):
@@ -76,7 +77,7 @@ def shade_gains(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def light_tile(world, shadows, look, scratch):  # type: ignore[no-untyped-def]
+def light_tile(world: World, shadows: bool, look: tuple[int, int, float], scratch: Scratch) -> None:
     """Add the radiance that the tile's surface points send back along its rays. Uses these as shadow rays.
 
     look : how the sky is looked for, see `find_sky_seen`. A scene without lights has a headlight: where rays begin,

@@ -24,9 +24,10 @@ from ..kernels.records import (
     POINT_LIGHT,
     SPHERE_LIGHT,
     SUN_LIGHT,
+    World,
 )
 from ..kernels.sampling import on_disc
-from ..kernels.vec import BLACK, add, dot, length, load3_flat, scale, sub, tangents
+from ..kernels.vec import BLACK, Vec3, add, dot, length, load3_flat, scale, sub, tangents
 
 TINY = 1e-300
 
@@ -39,19 +40,19 @@ class LightSample(NamedTuple):
     pdf : density per solid angle with which the direction was chosen
     """
 
-    wi: tuple[float, float, float]
+    wi: Vec3
     distance: float
-    light: tuple[float, float, float]
+    light: Vec3
     pdf: float
 
 
 @inline
-def _nothing():  # type: ignore[no-untyped-def]
+def _nothing() -> LightSample:
     return LightSample((0.0, 0.0, 1.0), 0.0, BLACK, 0.0)
 
 
 @inline
-def _in_cone(axis, missing, u, v):  # type: ignore[no-untyped-def]
+def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
     """A direction within a cone about an axis, evenly. missing : 1 - cosine of the cone's half angle."""
     x, y = on_disc(u, v)
     square = x * x + y * y
@@ -62,7 +63,7 @@ def _in_cone(axis, missing, u, v):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cone_of_sphere(world, at, x):  # type: ignore[no-untyped-def]
+def _cone_of_sphere(world: World, at: int, x: Vec3) -> tuple[Vec3, float, float]:
     """(unit direction to a sphere's middle, distance, 1 - cosine of half the angle it fills; 0 from inside of it)."""
     v = sub(load3_flat(world.lights, at + LIGHT_PLACE), x)
     distance, radius = length(v), world.lights[at + LIGHT_RADIUS]
@@ -73,7 +74,7 @@ def _cone_of_sphere(world, at, x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def from_middle(world, at, kind, x):  # type: ignore[no-untyped-def]
+def from_middle(world: World, at: int, kind: float, x: Vec3) -> LightSample:
     """What arrives at x if all of a light, of that kind, were in its middle: hard shadows."""
     place, power = load3_flat(world.lights, at + LIGHT_PLACE), load3_flat(world.lights, at + LIGHT_POWER)
     if kind == SUN_LIGHT:
@@ -96,7 +97,7 @@ def from_middle(world, at, kind, x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
+def sample_light(world: World, at: int, x: Vec3, u: float, v: float) -> LightSample:
     """What arrives at x from a place on a light that two numbers in 0..1 choose."""
     kind, power = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_POWER)
     place = load3_flat(world.lights, at + LIGHT_PLACE)
@@ -132,21 +133,21 @@ def sample_light(world, at, x, u, v):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _sun_share(irradiance, missing):  # type: ignore[no-untyped-def]
+def _sun_share(irradiance: Vec3, missing: float) -> Vec3:
     """Radiance over the pdf of directions towards the sun's disk: its projected solid angle is pi sin^2."""
     sine_square = missing * (2.0 - missing)
     return scale(irradiance, 2.0 * missing / sine_square)
 
 
 @inline
-def _flat_pdf(world, at, wi, distance):  # type: ignore[no-untyped-def]
+def _flat_pdf(world: World, at: int, wi: Vec3, distance: float) -> float:
     """The pdf of a direction to a place on a flat light at a distance; 0 behind it."""
     cosine = -dot(load3_flat(world.lights, at + LIGHT_FACING), wi)
     return distance * distance / (cosine * world.lights[at + LIGHT_AREA]) if cosine > 1e-12 else 0.0
 
 
 @inline
-def _intersect_sphere(to_middle, radius, d):  # type: ignore[no-untyped-def]
+def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
     """t of a ray of unit direction with a sphere whose middle is at to_middle, from outside; inf."""
     along = dot(to_middle, d)
     aside = sub(to_middle, scale(d, along))
@@ -156,7 +157,7 @@ def _intersect_sphere(to_middle, radius, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def intersect_light(world, at, o, d):  # type: ignore[no-untyped-def]
+def intersect_light(world: World, at: int, o: Vec3, d: Vec3) -> float:
     """t of a ray of unit direction with the side of a light that shines; inf for none, and for lights without size."""
     kind, place = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_PLACE)
     if kind in (POINT_LIGHT, SUN_LIGHT):
@@ -179,7 +180,7 @@ def intersect_light(world, at, o, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def light_pdf(world, at, o, d, t):  # type: ignore[no-untyped-def]
+def light_pdf(world: World, at: int, o: Vec3, d: Vec3, t: float) -> float:
     """The pdf with which `sample_light` at o would have chosen the direction d, in which the light is met at t."""
     if world.lights[at + LIGHT_KIND] == SPHERE_LIGHT:
         missing = _cone_of_sphere(world, at, o)[2]
@@ -188,13 +189,13 @@ def light_pdf(world, at, o, d, t):  # type: ignore[no-untyped-def]
 
 
 @inline
-def light_radiance(world, at):  # type: ignore[no-untyped-def]
+def light_radiance(world: World, at: int) -> Vec3:
     """Radiance of a light that rays meet."""
     return load3_flat(world.lights, at + LIGHT_POWER)
 
 
 @inline
-def sun_in(world, at, d):  # type: ignore[no-untyped-def]
+def sun_in(world: World, at: int, d: Vec3) -> tuple[Vec3, float]:
     """(radiance, pdf) of the sun's disk in a direction; black outside of it, and for a sun without size."""
     missing = world.lights[at + LIGHT_RADIUS]
     if world.lights[at + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:

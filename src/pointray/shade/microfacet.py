@@ -10,20 +10,20 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..kernels.records import ALPHA, COAT, METALLIC
-from ..kernels.vec import add, around, dot, load3_flat, mirrored, scale, unit
-from .phong import sample_diffuse
+from ..kernels.records import ALPHA, COAT, METALLIC, World
+from ..kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
+from .phong import ShadingPoint, sample_diffuse
 
 F0 = 0.04  # of a dielectric of index 1.5, at normal incidence
 
 
 @inline
-def _mean(color):  # type: ignore[no-untyped-def]
+def _mean(color: Vec3) -> float:
     return (color[0] + color[1] + color[2]) / 3.0
 
 
 @inline
-def _schlick(at_normal, cosine):  # type: ignore[no-untyped-def]
+def _schlick(at_normal: Vec3, cosine: float) -> Vec3:
     """Fresnel's share reflected, RGB (Schlick 1994)."""
     x = max(1.0 - cosine, 0.0)
     rise = x * x * (x * x) * x
@@ -31,25 +31,25 @@ def _schlick(at_normal, cosine):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _let_in(coat, cosine):  # type: ignore[no-untyped-def]
+def _let_in(coat: Vec3, cosine: float) -> float:
     """Share of the light from one direction that the facets of a dielectric let through to the base."""
     return 1.0 - coat[0] - coat[1] * max(1.0 - cosine, 0.0) ** coat[2]
 
 
 @inline
-def _let_in_on_average(coat):  # type: ignore[no-untyped-def]
+def _let_in_on_average(coat: Vec3) -> float:
     """The mean of `_let_in` over the hemisphere, weighted by the cosine."""
     return 1.0 - coat[0] - 2.0 * coat[1] / ((coat[2] + 1.0) * (coat[2] + 2.0))
 
 
 @inline
-def _smith(alpha, cosine):  # type: ignore[no-untyped-def]
+def _smith(alpha: float, cosine: float) -> float:
     """The root in Smith's masking: G1 = 2 cosine / (cosine + root)."""
     return math.sqrt(alpha * alpha + (1.0 - alpha * alpha) * cosine * cosine)
 
 
 @inline
-def _facets(alpha, cosine, cos_o, half):  # type: ignore[no-untyped-def]
+def _facets(alpha: float, cosine: float, cos_o: float, half: float) -> tuple[float, float]:
     """(D G2 / (4 cosine cos_o) times cosine, pdf of visible normals); cosines with the normal.
 
     D : density of the facets' normals; G2 : share of them that both eye and light see
@@ -61,7 +61,7 @@ def _facets(alpha, cosine, cos_o, half):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _share_of_facets(world, at, point, cos_o):  # type: ignore[no-untyped-def]
+def _share_of_facets(world: World, at: int, point: ShadingPoint, cos_o: float) -> float:
     """How often the facets are sampled, not the base: roughly by what they reflect."""
     metallic, through = world.materials[at + METALLIC], _let_in(load3_flat(world.materials, at + COAT), cos_o)
     gray = _mean(point.color)
@@ -70,7 +70,7 @@ def _share_of_facets(world, at, point, cos_o):  # type: ignore[no-untyped-def]
 
 
 @inline
-def eval_principled(world, at, point, wi, cosine):  # type: ignore[no-untyped-def]
+def eval_principled(world: World, at: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
     """(BRDF times cosine, pdf)."""
     metallic, coat = world.materials[at + METALLIC], load3_flat(world.materials, at + COAT)
     cos_o = dot(point.normal, point.wo)
@@ -87,7 +87,7 @@ def eval_principled(world, at, point, wi, cosine):  # type: ignore[no-untyped-de
 
 
 @inline
-def sample_principled(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
+def sample_principled(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
     """A direction by the base's cosine, or mirrored at a visible facet: that may lie below the surface."""
     normal, cos_o = point.normal, dot(point.normal, point.wo)
     if which >= _share_of_facets(world, at, point, cos_o):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import i64, inline
-from ..kernels.records import LIGHT
+from ..kernels.records import LIGHT, World
 from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, ROULETTE, WHICH, sample_pair
 from ..kernels.scratch import (
     DIRECTION,
@@ -26,17 +26,19 @@ from ..kernels.scratch import (
     SHADING_POINT,
     THROUGHPUT,
     TILE,
+    Scratch,
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, add, multiply, scale
+from ..kernels.vec import BLACK, Vec3, add, multiply, scale
+from ..simd import Bits
 from ..trace.hits import describe_tile, tile_hit
 from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from, trace_tile
 from .bsdf import emitted, eval_bsdf, is_specular, sample_bsdf
 from .catcher import catch_paths, find_caught
 from .choice import chance_of, choose_light, meets_lamp, nearest_lamp, sky_chance, sun_after
 from .direct import shade_gains
-from .emitters import light_pdf, light_radiance, sample_light
+from .emitters import LightSample, light_pdf, light_radiance, sample_light
 from .shading_points import add_radiance, is_shaded, shading_point, store_shading_points
 from .sky import sample_sky, sky_pdf, sky_radiance
 
@@ -44,14 +46,14 @@ FAINT = 0.05  # a path that carries less goes on with this much, or ends by chan
 
 
 @inline
-def begin_paths(scratch):  # type: ignore[no-untyped-def]
+def begin_paths(scratch: Scratch) -> None:
     """The tile's rays are the camera's."""
     for i in range(TILE):
         scratch.shading_points[PDF + i] = 0.0
 
 
 @inline
-def mis_weight(pdf, other):  # type: ignore[no-untyped-def]
+def mis_weight(pdf: float, other: float) -> float:
     """How much light counts that was found with one pdf and might have been with another: the power heuristic.
 
     A pdf of 0 for what was found stands for a direction that only this way can choose.
@@ -63,7 +65,7 @@ def mis_weight(pdf, other):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _add_distant(world, i, ray, scratch):  # type: ignore[no-untyped-def]
+def _add_distant(world: World, i: int, ray: tuple[Vec3, Vec3], scratch: Scratch) -> None:
     """Light from infinitely far along ray i, which has met nothing."""
     pdf = scratch.shading_points[PDF + i]
     light = scale(sky_radiance(world, ray[1]), mis_weight(pdf, sky_pdf(world, ray[1]) * sky_chance(world)))
@@ -77,7 +79,7 @@ def _add_distant(world, i, ray, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def receive(world, depth, sky_shows, scratch):  # type: ignore[no-untyped-def]
+def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits:
     """Add the light that the tile's rays have met, and put down where the paths go on.
 
     sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
@@ -108,13 +110,13 @@ def receive(world, depth, sky_shows, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _pair(scratch, i, sample, depth, which):  # type: ignore[no-untyped-def]
+def _pair(scratch: Scratch, i: int, sample: int, depth: int, which: int) -> tuple[float, float]:
     """Two numbers in 0..1 for a decision at a scattering."""
     return sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + depth * PER_SCATTERING + which)
 
 
 @inline
-def _light_at(world, i, sample, depth, which, scratch):  # type: ignore[no-untyped-def]
+def _light_at(world: World, i: int, sample: int, depth: int, which: int, scratch: Scratch) -> LightSample:
     """What arrives at surface point i from a place on a light; the sky's picture comes after all lights."""
     u, v = _pair(scratch, i, sample, depth, ON_LIGHT)
     if which * LIGHT < world.lights.size:
@@ -123,7 +125,7 @@ def _light_at(world, i, sample, depth, which, scratch):  # type: ignore[no-untyp
 
 
 @inline
-def _go_on(world, i, sample, depth, lobe, scratch):  # type: ignore[no-untyped-def]
+def _go_on(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
     """Choose where a path goes on from surface point i, and whether."""
     points = scratch.shading_points
     at, point = shading_point(world, scratch, i)
@@ -140,7 +142,7 @@ def _go_on(world, i, sample, depth, lobe, scratch):  # type: ignore[no-untyped-d
 
 
 @inline
-def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def]
+def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> None:
     """At the tile's surface points: light from a light, shadowed, and the rays on which the paths go on."""
     points, lit = scratch.shading_points, False
     for i in range(TILE):
@@ -172,7 +174,7 @@ def scatter_paths(world, sample, depth, scratch):  # type: ignore[no-untyped-def
 
 
 @inline
-def follow(scratch):  # type: ignore[no-untyped-def]
+def follow(scratch: Scratch) -> bool:
     """The tile's rays become those on which the paths go on; returns whether there is any."""
     points, some = scratch.shading_points, False
     for i in range(TILE):
@@ -189,7 +191,7 @@ def follow(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def trace_paths(world, sample, most, sky_shows, scratch):  # type: ignore[no-untyped-def]
+def trace_paths(world: World, sample: int, most: int, sky_shows: bool, scratch: Scratch) -> Bits:
     """From the tile's camera rays, which are aimed: radiance in RADIANCE; returns the rays that met anything (bits).
 
     most : scatterings

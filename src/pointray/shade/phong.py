@@ -6,33 +6,48 @@ cosine : between normal and light, positive. Pdfs are per solid angle. The formu
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from ..jit import inline
-from ..kernels.records import EXPONENT, SPECULAR
-from ..kernels.vec import add, around, dot, mirrored, scale
+from ..kernels.records import EXPONENT, SPECULAR, World
+from ..kernels.vec import Vec3, add, around, dot, mirrored, scale
+
+
+class ShadingPoint(NamedTuple):
+    """A surface point as a material sees it.
+
+    normal : unit, turned to the side the eye is on; wo : unit
+    color : linear RGB of the surface there, see `base_color`
+    side : +1.0 where the eye is on the outer side, to which normals point, else -1.0
+    """
+
+    normal: Vec3
+    wo: Vec3
+    color: Vec3
+    side: float
 
 
 @inline
-def eval_diffuse(point, cosine):  # type: ignore[no-untyped-def]
+def eval_diffuse(point: ShadingPoint, cosine: float) -> tuple[Vec3, float]:
     """(BRDF times cosine, pdf)."""
     pdf = cosine / math.pi
     return scale(point.color, pdf), pdf
 
 
 @inline
-def sample_diffuse(normal, u, v):  # type: ignore[no-untyped-def]
+def sample_diffuse(normal: Vec3, u: float, v: float) -> Vec3:
     """A direction with pdf cosine / pi: even on the disc below the hemisphere (Malley's method)."""
     return around(normal, math.sqrt(1.0 - u), v)
 
 
 @inline
-def _share_of_highlight(color, specular):  # type: ignore[no-untyped-def]
+def _share_of_highlight(color: Vec3, specular: float) -> float:
     """How often the highlight is sampled: by what each lobe reflects at most. specular > 0."""
     return specular / (specular + (1.0 - specular) * (color[0] + color[1] + color[2]) / 3.0)
 
 
 @inline
-def eval_phong(world, at, point, wi, cosine):  # type: ignore[no-untyped-def]
+def eval_phong(world: World, at: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
     """(BRDF times cosine, pdf)."""
     specular = world.materials[at + SPECULAR]
     diffuse, pdf = eval_diffuse(point, cosine)
@@ -47,7 +62,7 @@ def eval_phong(world, at, point, wi, cosine):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sample_phong(world, at, point, which, u, v):  # type: ignore[no-untyped-def]
+def sample_phong(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
     """A direction by the cosine, or by the power of the cosine about the mirrored one: that may lie below the surface.
 
     After Lafortune and Willems (1994).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..jit import inline
+from ..kernels.records import World
 from ..kernels.scratch import (
     COLOR,
     DIRECTION,
@@ -19,16 +20,18 @@ from ..kernels.scratch import (
     SHADING_WO,
     THROUGHPUT,
     TILE,
+    Scratch,
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, WHITE, add, dot, multiply, scale, unit
+from ..kernels.vec import BLACK, WHITE, Vec3, add, dot, multiply, scale, unit
 from ..trace.hits import material_at
-from .bsdf import ShadingPoint, base_color
+from .bsdf import base_color
+from .phong import ShadingPoint
 
 
 @inline
-def begin_radiance(scratch):  # type: ignore[no-untyped-def]
+def begin_radiance(scratch: Scratch) -> None:
     """The tile's rays are the camera's: nothing has come along them yet, and all that will counts."""
     for i in range(TILE):
         store3(scratch.shading_points, RADIANCE + i, BLACK)
@@ -36,14 +39,14 @@ def begin_radiance(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def add_radiance(scratch, i, light):  # type: ignore[no-untyped-def]
+def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
     """Radiance along ray i, by how much it counts in the pixel."""
     points = scratch.shading_points
     store3(points, RADIANCE + i, add(load3(points, RADIANCE + i), multiply(load3(points, THROUGHPUT + i), light)))
 
 
 @inline
-def store_shading_points(scratch):  # type: ignore[no-untyped-def]
+def store_shading_points(scratch: Scratch) -> None:
     """Put down what the tile's rays have hit: surfaces shade both sides.
 
     No branches: rays as vectors, those that have hit nothing too, of which only that counts.
@@ -64,13 +67,13 @@ def store_shading_points(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def is_shaded(scratch, i):  # type: ignore[no-untyped-def]
+def is_shaded(scratch: Scratch, i: int) -> bool:
     """Whether ray i of the tile has hit a surface."""
     return scratch.shading_points[SHADING_INSTANCE + i] >= 0.0
 
 
 @inline
-def shading_point(world, scratch, i):  # type: ignore[no-untyped-def]
+def shading_point(world: World, scratch: Scratch, i: int) -> tuple[int, ShadingPoint]:
     """(where its material begins in world.materials, the `ShadingPoint`) of a surface point."""
     points = scratch.shading_points
     at = material_at(world, int(points[SHADING_INSTANCE + i]))

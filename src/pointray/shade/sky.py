@@ -18,32 +18,33 @@ from ..kernels.records import (
     SKY_Y,
     SKY_Z,
     SKY_ZENITH,
+    World,
 )
 from ..kernels.sampling import find_share
-from ..kernels.vec import BLACK, add, dot, load3_flat, scale, sub
+from ..kernels.vec import BLACK, Vec3, add, dot, load3_flat, scale, sub
 from .emitters import LightSample
 
 
 @inline
-def has_sky(world):  # type: ignore[no-untyped-def]
+def has_sky(world: World) -> bool:
     """Whether light comes from all around."""
     return world.sky[SKY_KIND] != NO_SKY
 
 
 @inline
-def is_chosen(world):  # type: ignore[no-untyped-def]
+def is_chosen(world: World) -> bool:
     """Whether directions are chosen by the sky's light: a picture's. Of others a path's own directions are as good."""
     return world.sky[SKY_KIND] == PICTURE_SKY
 
 
 @inline
-def _size(world):  # type: ignore[no-untyped-def]
+def _size(world: World) -> tuple[int, int]:
     """Height and width of the picture."""
     return world.sky_rows.size - 1, int(world.sky[SKY_WIDTH])
 
 
 @inline
-def _place_of(world, d):  # type: ignore[no-untyped-def]
+def _place_of(world: World, d: Vec3) -> tuple[float, float]:
     """Where a unit direction is in the picture, in pixels from the upper left corner: (row, column)."""
     height, width = _size(world)
     axes = load3_flat(world.sky, SKY_X), load3_flat(world.sky, SKY_Y), load3_flat(world.sky, SKY_Z)
@@ -53,7 +54,7 @@ def _place_of(world, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _pixel(world, row, column):  # type: ignore[no-untyped-def]
+def _pixel(world: World, row: int, column: int) -> Vec3:
     """Radiance of a pixel; beyond the edge the one across it."""
     height, width = _size(world)
     row = min(max(row, 0), height - 1)
@@ -63,7 +64,7 @@ def _pixel(world, row, column):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sky_radiance(world, d):  # type: ignore[no-untyped-def]
+def sky_radiance(world: World, d: Vec3) -> Vec3:
     """Radiance that comes from a unit direction."""
     if world.sky[SKY_KIND] != PICTURE_SKY:
         if world.sky[SKY_KIND] == NO_SKY:
@@ -84,7 +85,7 @@ def sky_radiance(world, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sky_pdf(world, d):  # type: ignore[no-untyped-def]
+def sky_pdf(world: World, d: Vec3) -> float:
     """The pdf with which `sample_sky` chooses a direction; 0 where it chooses none."""
     if world.sky[SKY_KIND] != PICTURE_SKY:
         return 0.0
@@ -97,14 +98,14 @@ def sky_pdf(world, d):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _solid_angle(row, height, width):  # type: ignore[no-untyped-def]
+def _solid_angle(row: int, height: int, width: int) -> float:
     """Of a pixel of a row."""
     above, below = math.cos(row * math.pi / height), math.cos((row + 1) * math.pi / height)
     return (above - below) * 2.0 * math.pi / width
 
 
 @inline
-def sample_sky(world, u, v):  # type: ignore[no-untyped-def]
+def sample_sky(world: World, u: float, v: float) -> LightSample:
     """Light from a direction that two numbers in 0..1 choose, by the picture's own light."""
     height, width = _size(world)
     row = find_share(world.sky_rows, 0, height, v)
@@ -129,7 +130,7 @@ def sample_sky(world, u, v):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sky_irradiance(world, n):  # type: ignore[no-untyped-def]
+def sky_irradiance(world: World, n: Vec3) -> Vec3:
     """Irradiance from all around of a surface with a unit normal, nothing in the way: spherical harmonics of degree 2.
 
     Off by 1% for light from one half, by some 5% and more for small bright spots (Ramamoorthi and Hanrahan 2001).

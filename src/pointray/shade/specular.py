@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..kernels.records import IOR, MATERIAL_KIND, MIRROR
-from ..kernels.vec import WHITE, dot, mirrored, scale, sub
+from ..kernels.records import IOR, MATERIAL_KIND, MIRROR, World
+from ..kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub
+from .phong import ShadingPoint
 
 
 @inline
-def fresnel(cosine, beyond, ratio):  # type: ignore[no-untyped-def]
+def fresnel(cosine: float, beyond: float, ratio: float) -> float:
     """Share of unpolarised light that a smooth dielectric reflects.
 
     cosine, beyond : of the angles to the normal on this side and on the other, not both 0
@@ -22,7 +23,7 @@ def fresnel(cosine, beyond, ratio):  # type: ignore[no-untyped-def]
 
 
 @inline
-def glass(world, at, point):  # type: ignore[no-untyped-def]
+def glass(world: World, at: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
     """(reflected direction, refracted direction, share reflected) of a Dielectric; the rest is refracted.
 
     Total reflection, and a ray that only grazes: share 1, and the refracted direction is the reflected one.
@@ -40,7 +41,7 @@ def glass(world, at, point):  # type: ignore[no-untyped-def]
 
 
 @inline
-def sample_specular(world, at, point, which):  # type: ignore[no-untyped-def]
+def sample_specular(world: World, at: int, point: ShadingPoint, which: float) -> tuple[Vec3, Vec3, float, float]:
     """(direction, weight, pdf 0, side it leaves on) of a Mirror or a Dielectric, see `bsdf.sample_scatter`."""
     if world.materials[at + MATERIAL_KIND] == MIRROR:
         return mirrored(point.wo, point.normal), point.color, 0.0, point.side

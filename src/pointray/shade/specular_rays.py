@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inline
-from ..kernels.records import DIELECTRIC, MATERIAL_KIND
+from ..kernels.records import DIELECTRIC, MATERIAL_KIND, World
 from ..kernels.scratch import (
     MOST_WAITING,
     SHADING_DEPTH,
@@ -15,10 +15,11 @@ from ..kernels.scratch import (
     TILE,
     WAITING,
     WAITING_COUNT,
+    Scratch,
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, load3_flat, multiply, scale
+from ..kernels.vec import BLACK, Vec3, load3_flat, multiply, scale
 from ..trace.world import NO_RAY, set_ray, set_ray_from
 from .bsdf import is_specular, sample_bsdf
 from .shading_points import is_shaded, shading_point
@@ -28,7 +29,7 @@ FAINT = 1e-3  # a ray that counts less is not traced
 
 
 @inline
-def begin_specular(scratch):  # type: ignore[no-untyped-def]
+def begin_specular(scratch: Scratch) -> None:
     """Nothing waits."""
     for i in range(TILE):
         scratch.numbers[WAITING_COUNT + i] = 0
@@ -36,7 +37,7 @@ def begin_specular(scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _wait(scratch, i, d, weight, side):  # type: ignore[no-untyped-def]
+def _wait(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
     """Let a ray from surface point i wait: unit direction, how much it counts, the side of the surface it leaves on."""
     count = scratch.numbers[WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == MOST_WAITING:
@@ -49,7 +50,7 @@ def _wait(scratch, i, d, weight, side):  # type: ignore[no-untyped-def]
 
 
 @inline
-def spawn_specular(world, most, scratch):  # type: ignore[no-untyped-def]
+def spawn_specular(world: World, most: int, scratch: Scratch) -> None:
     """From the tile's specular surface points send rays on, up to a depth; both ways through glass."""
     for i in range(TILE):
         if not is_shaded(scratch, i) or scratch.shading_points[SHADING_DEPTH + i] >= most:
@@ -68,7 +69,7 @@ def spawn_specular(world, most, scratch):  # type: ignore[no-untyped-def]
 
 
 @inline
-def set_specular_rays(scratch):  # type: ignore[no-untyped-def]
+def set_specular_rays(scratch: Scratch) -> bool:
     """The tile's rays become those that wait, one of each place; returns whether there is any."""
     some = False
     for i in range(TILE):

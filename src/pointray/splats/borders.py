@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, f64, inline, kernel, next_tile, run
-from ..kernels.vec import tangents
+from ..jit import Array, borrow, f64, inline, kernel, next_tile, run
+from ..kernels.vec import Vec3, tangents
 
 GAP = math.radians(115)  # a straight border leaves 180 degrees; of 20 random directions, one set in 75 leaves this
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
@@ -24,7 +24,9 @@ TILE = 2048
 
 
 @inline
-def _closed_angles(positions, normals, i, near, axes, angles):  # type: ignore[no-untyped-def]
+def _closed_angles(
+    positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], angles: Array
+) -> int:
     """Angles in the tangent plane of splat i that its neighbours close; returns their number."""
     u, v = axes
     count = 0
@@ -49,7 +51,7 @@ def _closed_angles(positions, normals, i, near, axes, angles):  # type: ignore[n
 
 
 @kernel
-def _find_gaps(work, positions, normals, rows, near, out):  # type: ignore[no-untyped-def]
+def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> int:
     """out: the direction of the middle of the widest gap around each row's splat, zero where none is wider than GAP."""
     positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
     angles = np.empty(2 * near.shape[1])

@@ -6,12 +6,12 @@ keeps what it finds even where the number stays: so splats push each other apart
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import cancelled, f32, f64, i32, inline, kernel, routine, run, u64
+from ..jit import Array, cancelled, f32, f64, i32, inline, kernel, routine, run, u64
 from .grow import Cloud, Splats
 from .heap import pop, push
 
@@ -19,9 +19,13 @@ CROWD = 6  # splats taken away at once: 10 and 16 gain nothing more
 NOISE = 0.1  # a gain counts up to so much more, by chance: 0.05 the same, 0.3 gains less
 PASSES = 8  # over all splats: 13.4% fewer on the statue; four passes 10.7%
 
+Over: TypeAlias = tuple[Array, Array]  # the splats over each point: heads and owners, see `_invert`
+Cover: TypeAlias = tuple[Array, Array]  # how many splats are over each point; which splats of the pool are taken
+Seen: TypeAlias = tuple[Array, int]  # by which mark each splat was met last; the mark of this walk
+
 
 @kernel
-def _choose(work, splats, area, times):  # type: ignore[no-untyped-def]
+def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
     """Take the splat that newly covers most until nothing is gained; gains are looked at again when they come first."""
     keys, rows = np.empty(len(splats.seeds), np.float32), np.empty(len(splats.seeds), np.int32)
     size = number = 0
@@ -42,7 +46,7 @@ def _choose(work, splats, area, times):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _gain(splats, s, area, times):  # type: ignore[no-untyped-def]
+def _gain(splats: Splats, s: int, area: Array, times: Array) -> float:
     """The area that splat s would newly cover."""
     gain = f32(0.0)
     for k in range(splats.starts[s], splats.starts[s + 1]):
@@ -51,7 +55,7 @@ def _gain(splats, s, area, times):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _count(splats, s, times, change):  # type: ignore[no-untyped-def]
+def _count(splats: Splats, s: int, times: Array, change: int) -> None:
     """Splat s comes or goes."""
     for k in range(splats.starts[s], splats.starts[s + 1]):
         times[splats.members[k]] += change
@@ -63,7 +67,7 @@ def choose(pool: Splats, cloud: Cloud, times: NDArray[np.int32]) -> NDArray[np.i
 
 
 @kernel
-def _invert(work, splats, heads, owners):  # type: ignore[no-untyped-def]
+def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
     """The splats over each point: owners[heads[p] : heads[p + 1]]; heads comes as zeros."""
     n = len(heads) - 2
     for p in splats.members:
@@ -79,7 +83,7 @@ def _invert(work, splats, heads, owners):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _random(state):  # type: ignore[no-untyped-def]
+def _random(state: Array) -> float:
     """From 0 to 1 (xorshift)."""
     x = state[0]
     x ^= x << u64(13)
@@ -90,7 +94,9 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _take_away(splats, over, s, cover, seen, crowd, bare):  # type: ignore[no-untyped-def]
+def _take_away(
+    splats: Splats, over: Over, s: int, cover: Cover, seen: Seen, crowd: Array, bare: Array
+) -> tuple[int, int]:
     """Take away splat s and up to CROWD - 1 that share points with it.
 
     Returns how many splats are gone, and how many points are bare.
@@ -120,7 +126,7 @@ def _take_away(splats, over, s, cover, seen, crowd, bare):  # type: ignore[no-un
 
 
 @routine
-def _gains(over, area, bare, seen, gain, found):  # type: ignore[no-untyped-def]
+def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found: Array) -> int:
     """List the splats over the bare points with the area each would cover; returns their number."""
     met, mark = seen
     count = 0
@@ -135,7 +141,7 @@ def _gains(over, area, bare, seen, gain, found):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _best(gain, found, count, state):  # type: ignore[no-untyped-def]
+def _best(gain: Array, found: Array, count: int, state: Array) -> tuple[int, int]:
     """The splat of most gain, but for the noise, or -1, and how many still gain anything."""
     best, most, left = -1, f32(0.0), 0
     for t in range(count):
@@ -150,7 +156,15 @@ def _best(gain, found, count, state):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _cover_again(splats, over, area, cover, gain, found, room):  # type: ignore[no-untyped-def]
+def _cover_again(
+    splats: Splats,
+    over: Over,
+    area: Array,
+    cover: Cover,
+    gain: Array,
+    found: Array,
+    room: tuple[int, int, int, Array, Array],
+) -> tuple[int, int]:
     """Cover the bare points greedily with at most as many splats as were taken away.
 
     room : (number of found, of bare points, of splats taken away, random state, splats added); returns how many were
@@ -177,7 +191,9 @@ def _cover_again(splats, over, area, cover, gain, found, room):  # type: ignore[
 
 
 @kernel
-def _relax(work, splats, over, area, cover, order, most, seed):  # type: ignore[no-untyped-def]
+def _relax(
+    work: Array, splats: Splats, over: Over, area: Array, cover: Cover, order: Array, most: int, seed: int
+) -> int:
     """Take away and cover again around each splat of `order`, or until `most` are saved; returns how many are."""
     times, on = cover
     met = np.full(len(on), -1, np.int32)

@@ -7,13 +7,13 @@ cloud, one at a time, where rays ask four samples at once and know their voxel. 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, f32, f64, inline, kernel, next_tile, routine, run
-from ..kernels.vec import add, dot, length, scale
+from ..jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
+from ..kernels.vec import Vec3, add, dot, length, scale
 from ..neighbors import morton_order, neighbors
 from .grow import Floats, at
 from .radii import NEIGHBORS
@@ -23,6 +23,9 @@ WIDE = 8  # boxes in a box
 BLOCK = 32  # neighbouring points that look for splats together
 TILE = 64  # blocks
 HOLLOW = 0.9  # |x - P(x)| in local radii from where on a point counts as uncovered: most subsets are trimmed at 0.95
+
+Box: TypeAlias = tuple[float, float, float, float, float, float]  # low x y z, high x y z
+Gated: TypeAlias = tuple[Array, Array, Array, Array]  # splats: positions, normals, radii, 1 for those of close sheets
 
 
 class Boxes(NamedTuple):
@@ -46,14 +49,14 @@ def _box(low: Floats, high: Floats) -> Boxes:
 
 
 @inline
-def _apart(low, high, i, box):  # type: ignore[no-untyped-def]
+def _apart(low: Array, high: Array, i: int, box: Box) -> bool:
     """Whether row i of the boxes and a box do not meet."""
     (ax, ay, az), (bx, by, bz) = at(low, i), at(high, i)
     return (ax > box[3]) | (ay > box[4]) | (az > box[5]) | (bx < box[0]) | (by < box[1]) | (bz < box[2])
 
 
 @routine
-def _find(splats, boxes, box, stack, found):  # type: ignore[no-untyped-def]
+def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> int:
     """List the splats whose support meets a box (low x y z, high x y z); returns their number."""
     centers, radii = splats[0], splats[2]
     count, size = 0, 1
@@ -80,7 +83,7 @@ def _find(splats, boxes, box, stack, found):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _evaluate(splats, near, x, n):  # type: ignore[no-untyped-def]
+def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3, float]:
     """f, its gradient, and |x - P| in local radii; inf where nothing reaches. Of two sheets the one that faces n."""
     centers, normals, radii, sheets = splats
     total = square_radius = qn = qq = 0.0
@@ -108,7 +111,7 @@ def _evaluate(splats, near, x, n):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _deviation(splats, near, x, n, close):  # type: ignore[no-untyped-def]
+def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tuple[float, float]:
     """Signed distance of x from the surface, positive outside, and |x - P| in local radii.
 
     f over the length of its gradient; where that is more than `close`, the place along the normal n where f is zero,
@@ -135,7 +138,9 @@ def _deviation(splats, near, x, n, close):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _survey(work, positions, normals, splats, boxes, close, out, hollow):  # type: ignore[no-untyped-def]
+def _survey(
+    work: Array, positions: Array, normals: Array, splats: Gated, boxes: Boxes, close: float, out: Array, hollow: Array
+) -> int:
     """Fill in `out` and `hollow` for every point, a block of neighbouring points at a time."""
     positions, normals, out, hollow = borrow(positions), borrow(normals), borrow(out), borrow(hollow)
     lent = borrow(splats[0]), borrow(splats[1]), borrow(splats[2]), borrow(splats[3])

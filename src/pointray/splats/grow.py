@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, f32, i32, inline, kernel, next_tile, run
+from ..jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
+from ..kernels.vec import Vec3
 from .heap import pop, push
 
 AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many
@@ -66,7 +67,7 @@ def join(parts: list[Splats]) -> Splats:
 
 
 @kernel
-def _gather(starts, members, rows, begins, out):  # type: ignore[no-untyped-def]
+def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Array) -> None:
     """The members of some splats, one after the other."""
     for i in range(len(rows)):
         first = starts[rows[i]]
@@ -75,13 +76,20 @@ def _gather(starts, members, rows, begins, out):  # type: ignore[no-untyped-def]
 
 
 @inline
-def at(rows, i):  # type: ignore[no-untyped-def]
+def at(rows: Array, i: int) -> Vec3:
     """A row of three."""
     return rows[i, 0], rows[i, 1], rows[i, 2]
 
 
 @inline
-def _grow_one(cloud, seed, bounds, stamp, queue, out):  # type: ignore[no-untyped-def]
+def _grow_one(
+    cloud: Cloud,
+    seed: int,
+    bounds: tuple[float, float],
+    stamp: tuple[Array, int],
+    queue: tuple[Array, Array],
+    out: Array,
+) -> tuple[int, float]:
     """One splat; returns its number of members and the squared distance to the last.
 
     bounds : radius and error bound; stamp : (who has met each point, this splat); out : members.
@@ -119,7 +127,7 @@ def _grow_one(cloud, seed, bounds, stamp, queue, out):  # type: ignore[no-untype
 
 
 @inline
-def _borrowed(cloud):  # type: ignore[no-untyped-def]
+def _borrowed(cloud: Cloud) -> Cloud:
     return Cloud(
         borrow(cloud.positions),
         borrow(cloud.normals),
@@ -131,7 +139,7 @@ def _borrowed(cloud):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _roomy(array, used, more):  # type: ignore[no-untyped-def]
+def _roomy(array: Array, used: int, more: int) -> Array:
     """The array, or a copy of twice the size where there is no room for more."""
     if used + more <= len(array):
         return array
@@ -141,7 +149,7 @@ def _roomy(array, used, more):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _grow(work, cloud, seeds, bound, error):  # type: ignore[no-untyped-def]
+def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -> tuple[Array, Array, Array, Array]:
     """Splats from the seeds: which of them, number of members and radius of each, and all members."""
     lent, seeds, bound = _borrowed(cloud), borrow(seeds), borrow(bound)
     met = np.full(len(lent.positions), -1, np.int32)
@@ -196,7 +204,7 @@ def grow_pool(
 
 
 @kernel
-def _grade(work, sizes, cloud, slope):  # type: ignore[no-untyped-def]
+def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> int:
     """Lower sizes[i] to sizes[j] + slope |x_i - x_j|, from neighbour to neighbour, the least first."""
     n = len(sizes)
     keys, rows = np.empty(2 * n + 64, np.float32), np.empty(2 * n + 64, np.int32)

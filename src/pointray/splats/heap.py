@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ..jit import routine
+from ..jit import Array, routine
 
 
 @routine
-def push(keys, rows, size, key, row):  # type: ignore[no-untyped-def]
+def push(keys: Array, rows: Array, size: int, key: float, row: int) -> int:
     """Add a row with its key; returns the new size."""
     i = size
     while i > 0:
@@ -20,7 +20,7 @@ def push(keys, rows, size, key, row):  # type: ignore[no-untyped-def]
 
 
 @routine
-def pop(keys, rows, size):  # type: ignore[no-untyped-def]
+def pop(keys: Array, rows: Array, size: int) -> int:
     """Remove the first, which the caller has read; returns the new size."""
     size -= 1
     key, row = keys[size], rows[size]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, i64, kernel, next_tile, run
+from ..jit import Array, borrow, i64, kernel, next_tile, run
 from ..kernels.vec import dot, load3_flat, sub
 
 OPPOSED = math.cos(math.radians(150))  # cosine of two normals beyond which they are of two sheets
@@ -20,7 +20,7 @@ TILE = 2048
 
 
 @kernel
-def _find(work, positions, normals, radii, near, out):  # type: ignore[no-untyped-def]
+def _find(work: Array, positions: Array, normals: Array, radii: Array, near: Array, out: Array) -> int:
     """out[i]: 1 where a neighbour of splat i faces away from it and one's support reaches the other's sheet."""
     positions, normals, radii, near, out = borrow(positions), borrow(normals), borrow(radii), borrow(near), borrow(out)
     tile = next_tile(work)

@@ -8,13 +8,13 @@ of a square; a vertex on a side of the square is none, for there the surface end
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
-from ..kernels.vec import add, cross, dot, length, load3_flat, scale, sub, tangents
+from ..jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
+from ..kernels.vec import Vec3, add, cross, dot, length, load3_flat, scale, sub, tangents
 from .borders import FOLD
 
 OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals beyond which points lie on two sheets
@@ -26,9 +26,11 @@ SHARED = 1e-5  # this much of a bisector's distance beyond it a vertex is still 
 CORNERS = 64  # of a polygon; more neighbours than that never bound a cell
 TILE = 2048
 
+Vec2: TypeAlias = tuple[float, float]  # in a tangent plane
+
 
 @inline
-def _unfolded(positions, normals, i, j, axes):  # type: ignore[no-untyped-def]
+def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3, Vec3]) -> Vec2:
     """Point j in the tangent plane of point i; (0, 0) for one on another sheet.
 
     Past a fold, two planes at an angle: along the crease as it lies, across it the way over both planes, which is
@@ -53,7 +55,7 @@ def _unfolded(positions, normals, i, j, axes):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cut(polygons, which, count, a, b, j):  # type: ignore[no-untyped-def]
+def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) -> int:
     """Keep the part of a polygon that lies closer to the origin than to (a, b), the place of point j.
 
     polygons : two of them, rows x, y, and the point whose bisector the side is that begins there, -1 on the square;
@@ -81,7 +83,9 @@ def _cut(polygons, which, count, a, b, j):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cell(positions, normals, i, axes, hood, polygons):  # type: ignore[no-untyped-def]
+def _cell(
+    positions: Array, normals: Array, i: int, axes: tuple[Vec3, Vec3], hood: tuple[Array, Array], polygons: Array
+) -> tuple[int, int, float]:
     """Which of the polygons is point i's cell, the number of its corners, and the square of the farthest's distance."""
     distances, near = hood
     side = f64(distances[len(near) - 1])
@@ -103,7 +107,7 @@ def _cell(positions, normals, i, axes, hood, polygons):  # type: ignore[no-untyp
 
 
 @inline
-def _mirror(corners, k, after):  # type: ignore[no-untyped-def]
+def _mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
     """The point whose bisector the side from corner k is: the origin, mirrored; and the side's closest point to it."""
     x, y = corners[k, 0], corners[k, 1]
     dx, dy = corners[after, 0] - x, corners[after, 1] - y
@@ -113,20 +117,20 @@ def _mirror(corners, k, after):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _lies_ahead(b, ahead):  # type: ignore[no-untyped-def]
+def _lies_ahead(b: Vec2, ahead: Vec2) -> bool:
     """Whether a place lies in the direction of a gap."""
     return b[0] * ahead[0] + b[1] * ahead[1] > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1])
 
 
 @inline
-def _nearer_until(place, way, d):  # type: ignore[no-untyped-def]
+def _nearer_until(place: Vec3, way: Vec3, d: Vec3) -> float:
     """How far along a line (place, unit way) the origin stays nearer than d."""
     ahead = dot(way, d)
     return max(0.5 * dot(d, d) - dot(place, d), 0.0) / ahead if ahead > 0.0 else np.inf
 
 
 @inline
-def _up_to_seam(cloud, i, one, other, distance):  # type: ignore[no-untyped-def]
+def _up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distance: float) -> float:
     """Distance to the vertex between two neighbours; less where point i and both lie on three sheets that meet.
 
     Around the corner of a cube are 270 degrees of surface: unfolded into a plane they leave a quarter where there is
@@ -151,7 +155,9 @@ def _up_to_seam(cloud, i, one, other, distance):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _reach(cloud, i, corners, count, known, ahead):  # type: ignore[no-untyped-def]
+def _reach(
+    cloud: tuple[Array, Array], i: int, corners: Array, count: int, known: tuple[float, Array, float], ahead: Vec2
+) -> tuple[float, bool]:
     """Distance to the farthest vertex that counts, and whether the surface goes on ahead of a gap.
 
     known : how far cells usually reach around the point and around all points, and in these the widest gap that is
@@ -189,7 +195,15 @@ def _reach(cloud, i, corners, count, known, ahead):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[no-untyped-def]
+def _measure(
+    work: Array,
+    positions: Array,
+    normals: Array,
+    rows: Array,
+    hood: tuple[Array, Array],
+    known: tuple[Array, Array, float],
+    out: tuple[Array, Array],
+) -> int:
     """Measure the cell of each row; known : gaps and usual, empty or as in `measure_cells`, and void."""
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
     distances, near, gaps, usual = borrow(hood[0]), borrow(hood[1]), borrow(known[0]), borrow(known[1])
@@ -219,7 +233,7 @@ def _measure(work, positions, normals, rows, hood, known, out):  # type: ignore[
 
 
 @inline
-def _gather_sorted(values, normals, i, near, limit, found):  # type: ignore[no-untyped-def]
+def _gather_sorted(values: Array, normals: Array, i: int, near: Array, limit: float, found: Array) -> int:
     """The values of point i and the USUAL next ones with normals of at least that cosine to its own, ascending."""
     n, count = load3_flat(normals, 3 * i), 0
     for j in near:
@@ -234,7 +248,7 @@ def _gather_sorted(values, normals, i, near, limit, found):  # type: ignore[no-u
 
 
 @kernel
-def _medians(work, values, normals, near, own, out):  # type: ignore[no-untyped-def]
+def _medians(work: Array, values: Array, normals: Array, near: Array, own: int, out: Array) -> int:
     """See `medians_around`; own : 1 or 0."""
     values, normals, near, out = borrow(values), borrow(normals), borrow(near), borrow(out)
     memory = np.empty(USUAL + own, np.float32)
