@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import cancelled, f32, inline, kernel, next_tile, run, uncompiled
+from ..jit import Array, cancelled, f32, inline, kernel, next_tile, run, uncompiled
 from ..kernels.records import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
@@ -15,7 +15,7 @@ TILE = 4096  # blocks that a thread fills at a time
 
 
 @inline
-def _select(rows, axis, low, high, nth):  # type: ignore[no-untyped-def]
+def _select(rows: Array, axis: int, low: int, high: int, nth: int) -> None:
     """Partition rows[low:high] so that row `nth` has its place in the order along one axis (Hoare's quickselect)."""
     left, right = low, high - 1
     while right > left:
@@ -40,7 +40,7 @@ def _select(rows, axis, low, high, nth):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _widest_axis(rows, low, high):  # type: ignore[no-untyped-def]
+def _widest_axis(rows: Array, low: int, high: int) -> int:
     best, axis = f32(-1.0), 0
     for c in range(3):
         least = greatest = rows[low, c]
@@ -54,13 +54,13 @@ def _widest_axis(rows, low, high):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _middle(low, high):  # type: ignore[no-untyped-def]
+def _middle(low: int, high: int) -> int:
     """Where a span is cut: half of it in whole blocks."""
     return low + ((high - low + 2 * PER_BLOCK - 1) // (2 * PER_BLOCK)) * PER_BLOCK
 
 
 @kernel
-def _sort_rows(work, rows, spans, limit):  # type: ignore[no-untyped-def]
+def _sort_rows(work: Array, rows: Array, spans: Array, limit: int) -> int:
     """Cut each span of (n, 4) rows x, y, z, number at the median of its widest axis, down to spans of `limit` rows."""
     stack = np.empty((64, 2), np.int64)
     span = next_tile(work)
@@ -112,7 +112,9 @@ def sort_splats(positions: NDArray[np.float32], threads: int | None = None) -> N
 
 
 @kernel
-def _fill_blocks(work, order, positions, normals, radii, out):  # type: ignore[no-untyped-def]
+def _fill_blocks(
+    work: Array, order: Array, positions: Array, normals: Array, radii: Array, out: tuple[Array, Array]
+) -> int:
     """Copy splats into blocks and bound each block: out is (blocks, bounds (blocks * 4: centre, radius))."""
     blocks, bounds = out
     tile = next_tile(work)

@@ -9,7 +9,7 @@ the voxels: those next to a voxel's border are evaluated in full from both sides
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -26,6 +26,10 @@ FREEDOM = 2.0  # voxels may be this much narrower than asked for, where the cost
 # depend on them much (10, 30, 1, 50: within 2%); with 5, 10, 1, 20 1 million points from afar take 4% longer.
 NODE_COST, LEAF_COST, BLOCK_COST, LOOK_COST = 10.0, 10.0, 1.0, 50.0
 FULL = -1  # the number of nodes of a root whose room was too small
+
+Box: TypeAlias = tuple[float, float, float, float, float, float]
+Span: TypeAlias = tuple[int, int]  # of refs
+Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # of the arrays of `Cells`, those of one root
 
 
 class Cells(NamedTuple):
@@ -46,7 +50,7 @@ class Cells(NamedTuple):
 
 
 @inline
-def overlap(blocks, slot, cell):  # type: ignore[no-untyped-def]
+def overlap(blocks: Array, slot: int, cell: Array | Box) -> tuple[float, float]:
     """Squared radius and squared distance to the cell of the splat at blocks[slot]: it overlaps where less or equal."""
     distance = f32(0.0)
     for c in range(3):
@@ -57,7 +61,9 @@ def overlap(blocks, slot, cell):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _gather(blocks, sources, cell, around, refs, start):  # type: ignore[no-untyped-def]
+def _gather(
+    blocks: Array, sources: Span, cell: Array, around: float, refs: Array, start: int
+) -> tuple[int, float, float, float]:
     """Write the blocks of `sources` that reach the cell, or its surroundings, to refs[start:].
 
     around : by how much the cell is grown for this test
@@ -94,20 +100,20 @@ def _gather(blocks, sources, cell, around, refs, start):  # type: ignore[no-unty
 
 
 @inline
-def _area(box):  # type: ignore[no-untyped-def]
+def _area(box: Array) -> float:
     """Half the surface of a box, in proportion to which rays meet it; 0 for an empty one."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return x * y + y * z + z * x if x >= 0 and y >= 0 and z >= 0 else f32(0.0)
 
 
 @inline
-def _cost(box, count, mean, least):  # type: ignore[no-untyped-def]
+def _cost(box: Array, count: int, mean: float, least: float) -> float:
     """What a leaf with `count` blocks takes; samples are the closer, the smaller the least radius is."""
     return _area(box) * (LEAF_COST + BLOCK_COST * count + LOOK_COST * mean / max(abs(least), 1e-30))
 
 
 @inline
-def _longest_edge(box):  # type: ignore[no-untyped-def]
+def _longest_edge(box: Array) -> tuple[int, float]:
     """Its axis and its length."""
     axis = 0
     for c in range(1, 3):
@@ -117,7 +123,7 @@ def _longest_edge(box):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _decide(blocks, sources, box, mean, step, refs):  # type: ignore[no-untyped-def]
+def _decide(blocks: Array, sources: Span, box: Array, mean: float, step: float, refs: Array) -> tuple[int, float]:
     """The least radius around a voxel, which decides the step of its samples, and the end of the blocks that matter.
 
     The voxel's blocks were found with the step of the greatest radius; those that a mean step reaches stay.
@@ -127,7 +133,9 @@ def _decide(blocks, sources, box, mean, step, refs):  # type: ignore[no-untyped-
 
 
 @inline
-def _halve(blocks, span, cut, around, radii, out):  # type: ignore[no-untyped-def]
+def _halve(
+    blocks: Array, span: Span, cut: tuple[int, int, int], around: float, radii: Array, out: Parts
+) -> tuple[int, int, int]:
     """Make the two halves of a voxel, whose blocks are the span of refs; theirs follow, and are returned as three ends.
 
     cut : the voxel's node, the first half's, the axis; around : by how much they are grown for their blocks
@@ -149,7 +157,7 @@ def _halve(blocks, span, cut, around, radii, out):  # type: ignore[no-untyped-de
 
 
 @inline
-def _cut_root(work, blocks, count, limits, out):  # type: ignore[no-untyped-def]
+def _cut_root(work: Array, blocks: Array, count: int, limits: tuple[float, float, float], out: Parts) -> int:
     """Cut the voxel boxes[0], whose blocks are among the first `count` of refs; returns the number of nodes or FULL.
 
     limits : width and step, see `cut_roots`, and by how much the voxel is grown for its blocks
@@ -204,7 +212,13 @@ def _cut_root(work, blocks, count, limits, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def cut_roots(work, blocks, roots, limits, out):  # type: ignore[no-untyped-def]
+def cut_roots(
+    work: Array,
+    blocks: Array,
+    roots: tuple[Array, Array, Array],
+    limits: tuple[float, float, int],
+    out: tuple[Cells, Array],
+) -> int:
     """Cut voxels in the middle of their longest edges, each root in its own part of the arrays.
 
     roots : as in `tree/subtrees.py`: the first node, the first reference, the first of `groups`; groups; how far around

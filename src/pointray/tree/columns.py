@@ -8,20 +8,24 @@ leaf's normal is nearest to; a slab is kept as low <= w + B u + C v <= high.
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
-from ..jit import f64, inline
+from ..jit import Array, f64, inline
 from ..kernels.records import COLUMNS, NO_SURFACE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
+from ..kernels.vec import Vec3
 
 PAD = 0.012  # mean radii: more than the start rule's reach, so that who starts on the surface starts in its slab
 MARGIN = 1e-3  # of a column: splats this far out of it count as over it, against rounding
 WORTH = 0.6  # of the thickness of the leaf's slab: columns that are thicker in the mean take longer than they save
 STEEP = 0.2  # a cosine: a column whose own normal is farther from the axis takes the leaf's
 
+Limits: TypeAlias = tuple[float, float, float, float]  # see `leaves.limits_of`
+
 
 @inline
-def across(mx, my, mz):  # type: ignore[no-untyped-def]
+def across(mx: float, my: float, mz: float) -> tuple[int, int, int]:
     """The axes (u, v, w) of a leaf's columns: w is nearest to the normal of its slab."""
     x, y, z = abs(mx), abs(my), abs(mz)
     if z >= x and z >= y:
@@ -30,7 +34,7 @@ def across(mx, my, mz):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _over(members, column, out):  # type: ignore[no-untyped-def]
+def _over(members: Array, column: Array, out: Array) -> tuple[int, Vec3]:
     """Write which members' supports reach a column to `out`; returns how many, and the sum of their normals."""
     count = 0
     sx = sy = sz = 0.0
@@ -47,7 +51,7 @@ def _over(members, column, out):  # type: ignore[no-untyped-def]
 
 
 @inline
-def slab_along(members, chosen, m, limits):  # type: ignore[no-untyped-def]
+def slab_along(members: Array, chosen: Array | range, m: Vec3, limits: Limits) -> tuple[float, float]:
     """Least and greatest m.x of any surface of the chosen members: see the head of `tree/leaves.py`."""
     cosine, least, most = 1.0, np.inf, 0.0
     for k in chosen:
@@ -68,7 +72,7 @@ def slab_along(members, chosen, m, limits):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _set_column(cell, axes, i, j, column):  # type: ignore[no-untyped-def]
+def _set_column(cell: Array, axes: tuple[int, int, int], i: int, j: int, column: Array) -> None:
     """Set a box to column (i, j) of a cell."""
     for c in range(6):
         column[c] = cell[c]
@@ -78,7 +82,7 @@ def _set_column(cell, axes, i, j, column):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _normal_of(total, w, normal):  # type: ignore[no-untyped-def]
+def _normal_of(total: Vec3, w: int, normal: Array) -> Vec3:
     """The unit normal of a column's slab: of the sum of its splats' normals, or the leaf's where that is steep."""
     length = math.sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2])
     if abs(total[w]) > STEEP * length:
@@ -87,7 +91,9 @@ def _normal_of(total, w, normal):  # type: ignore[no-untyped-def]
 
 
 @inline
-def fill_patches(members, cell, mean, slab, work, out):  # type: ignore[no-untyped-def]
+def fill_patches(
+    members: Array, cell: Array, mean: float, slab: tuple[Array, float, Limits], work: tuple[Array, Array], out: Array
+) -> None:
     """Fill a leaf's patches.
 
     members : rows x, y, z, nx, ny, nz, r; mean : of their radii

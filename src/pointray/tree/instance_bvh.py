@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import f32, inline, kernel
+from ..jit import Array, f32, inline, kernel
 from ..kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_PLACE
 
 FEW = 3  # so many models are tried one after the other
@@ -20,20 +20,20 @@ PAD = 4e-6  # of the size of everything, by which boxes grow: rays are float32 t
 
 
 @inline
-def _half_area(low, high):  # type: ignore[no-untyped-def]
+def _half_area(low: Array, high: Array) -> float:
     """Half the surface of a box."""
     x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
     return x * y + y * z + z * x
 
 
 @inline
-def _bin_of(x, low, width):  # type: ignore[no-untyped-def]
+def _bin_of(x: float, low: float, width: float) -> int:
     """Which bin a box's middle falls into."""
     return min(int((x - low) * BINS / width), BINS - 1) if width > 0.0 else 0
 
 
 @inline
-def _costs(bins, out):  # type: ignore[no-untyped-def]
+def _costs(bins: tuple[Array, Array], out: Array) -> None:
     """Add the costs of all bins up to each to its place in out: area times number. bins : counts, boxes."""
     counts, boxes = bins
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -46,7 +46,7 @@ def _costs(bins, out):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _fill(boxes, rows, axis, span):  # type: ignore[no-untyped-def]
+def _fill(boxes: Array, rows: Array, axis: int, span: tuple[float, float]) -> tuple[Array, Array]:
     """Numbers and boxes of the bins along an axis. span : least middle and width."""
     counts, held = np.zeros(BINS, np.int64), np.empty((BINS, 6))
     held[:, :3], held[:, 3:] = np.inf, -np.inf
@@ -59,7 +59,7 @@ def _fill(boxes, rows, axis, span):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _split(boxes, rows, depth):  # type: ignore[no-untyped-def]
+def _split(boxes: Array, rows: Array, depth: int) -> int:
     """Put the rows in an order and return how many go to the first half: at least one, and not all."""
     best, where, along, base, size = np.inf, -1, 0, 0.0, 0.0
     widest = -1.0
@@ -98,7 +98,7 @@ def _split(boxes, rows, depth):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _enclose(boxes, rows, out):  # type: ignore[no-untyped-def]
+def _enclose(boxes: Array, rows: Array, out: Array) -> None:
     """The box around some boxes."""
     for c in range(3):
         out[c], out[3 + c] = f32(np.inf), f32(-np.inf)
@@ -109,7 +109,7 @@ def _enclose(boxes, rows, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _build(boxes, numbers, out):  # type: ignore[no-untyped-def]
+def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
     """boxes : (n, 6) float64, of instances `numbers`, n > 1; out : boxes and children of n - 1 nodes."""
     out_boxes, out_children = out
     rows = np.arange(len(boxes))

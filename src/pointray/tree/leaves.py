@@ -24,10 +24,11 @@ lies in a leaf is told more closely, column by column, by `tree/columns.py`.
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
-from ..jit import f32, i64, inline, kernel, next_tile
+from ..jit import Array, f32, i64, inline, kernel, next_tile
 from ..kernels.records import (
     BLOCK,
     BORDERED,
@@ -49,15 +50,17 @@ from ..kernels.records import (
     STEP,
 )
 from .blocks import PER_BLOCK
-from .cells import overlap
-from .columns import fill_patches, slab_along
+from .cells import Cells, overlap
+from .columns import Limits, fill_patches, slab_along
 
 BEND = 0.361  # the greatest k^2 / e^2 where e > d
 LEEWAY = 0.1  # a step may be 2**0.1 times the asked length, so that nearly equal radii share one lattice
 PAD = 1e-3  # slabs and boxes are padded by this share of the mean radius, against rounding
 
+Slab: TypeAlias = tuple[float, float, float, float, float]  # unit normal m, least and greatest m.x
 
-def limits_of(surface: str, trim: float) -> tuple[float, float, float, float]:
+
+def limits_of(surface: str, trim: float) -> Limits:
     """How far a surface leaves its splats: the greater of a + b / c^2 and d + e / c^2, see the head of this file.
 
     `apss` had (2 S)^2 before: 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15 (bounces) times
@@ -75,7 +78,7 @@ def longest_step(samples: int) -> float:
 
 
 @inline
-def _members(blocks, refs, span, cell, out):  # type: ignore[no-untyped-def]
+def _members(blocks: Array, refs: Array, span: Array, cell: Array, out: Array) -> int:
     """Rows x, y, z, nx, ny, nz, r of the splats whose support overlaps the cell; returns their number."""
     count = 0
     for s in range(span[0], span[1]):
@@ -92,7 +95,7 @@ def _members(blocks, refs, span, cell, out):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _slab(members, limits):  # type: ignore[no-untyped-def]
+def _slab(members: Array, limits: Limits) -> Slab:
     """Mean normal m, least and greatest m.x of any surface: see the head of this file."""
     mx = my = mz = 0.0
     for row in members:
@@ -108,7 +111,7 @@ def _slab(members, limits):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _farthest(m, r, low, high):  # type: ignore[no-untyped-def]
+def _farthest(m: float, r: float, low: float, high: float) -> float:
     """Greatest coordinate, along an axis whose cosine with the slab's normal is m, of a ball cut by the slab.
 
     The ball has radius r and its centre at height 0; the slab goes from low to high.
@@ -118,7 +121,7 @@ def _farthest(m, r, low, high):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _tight_box(members, slab, box):  # type: ignore[no-untyped-def]
+def _tight_box(members: Array, slab: Slab, box: Array) -> None:
     """Shrink box to the balls of the members cut by the slab."""
     mx, my, mz, low, high = slab
     for c in range(3):
@@ -135,7 +138,7 @@ def _tight_box(members, slab, box):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cut_by_slab(slab, box):  # type: ignore[no-untyped-def]
+def _cut_by_slab(slab: Slab, box: Array) -> None:
     """Shrink a box to the part of it inside of a slab, axis by axis."""
     mx, my, mz, low, high = slab
     m = (mx, my, mz)
@@ -158,7 +161,7 @@ def _cut_by_slab(slab, box):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _is_marked(marks, refs, span):  # type: ignore[no-untyped-def]
+def _is_marked(marks: Array, refs: Array, span: Array) -> bool:
     """Whether one of the splats in the blocks of a voxel is marked: marks is (blocks * 4 * 3,), or of length 0."""
     if marks.size == 0:
         return False
@@ -171,7 +174,14 @@ def _is_marked(marks, refs, span):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-untyped-def]
+def fill_leaves(
+    work: Array,
+    cells: Cells,
+    blocks: Array,
+    marks: tuple[Array, Array],
+    settings: tuple[Limits, int, float, int],
+    out: tuple[Array, Array, Array, Array],
+) -> int:
     """Fill each leaf's record and tight box. A box that comes out inverted says that the leaf is empty.
 
     marks : borders and facing, as in `Tree`
@@ -233,7 +243,7 @@ def fill_leaves(work, cells, blocks, marks, settings, out):  # type: ignore[no-u
 
 
 @kernel
-def fill_groups(work, cells, nodes, bounds, out):  # type: ignore[no-untyped-def]
+def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tuple[Array, Array, Array]) -> int:
     """Copy each leaf's references into groups of 16 bounding spheres. out : spans, spheres, refs as in `Tree`."""
     spans, spheres, refs = out
     tile = next_tile(work)

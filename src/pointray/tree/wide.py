@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline, kernel
+from ..jit import Array, inline, kernel
 from ..kernels.records import NO_CHILD, NODE, WIDTH
 
 
 @inline
-def _area(box):  # type: ignore[no-untyped-def]
+def _area(box: Array) -> float:
     """Half the surface of a box; negative for an empty one."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     if not (x >= 0.0 and y >= 0.0 and z >= 0.0):
@@ -18,7 +18,7 @@ def _area(box):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def enclose(children, leaf_of, tight, boxes):  # type: ignore[no-untyped-def]
+def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None:
     """Boxes of the binary nodes, from the leaves' tight boxes upwards: (nodes, 6) float64."""
     for node in range(len(children) - 1, -1, -1):
         box = boxes[node]
@@ -32,7 +32,7 @@ def enclose(children, leaf_of, tight, boxes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def collapse(children, leaf_of, boxes, out):  # type: ignore[no-untyped-def]
+def collapse(children: Array, leaf_of: Array, boxes: Array, out: tuple[Array, Array]) -> int:
     """Open the child of largest surface until a node has eight; returns the number of wide nodes."""
     wide_boxes, wide_children = out
     pending = np.empty(len(children) + 1, np.int32)  # binary node of each wide node, in order of their numbers

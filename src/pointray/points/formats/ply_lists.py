@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from ...jit import i64, inline, kernel
+from ...jit import Array, i64, inline, kernel
 
 UNSIGNED, SIGNED, FLOAT = range(3)
 KINDS = {"u": UNSIGNED, "i": SIGNED, "f": FLOAT}
@@ -22,7 +22,7 @@ KIND, SIZE, ITEM = range(3)
 
 
 @inline
-def _whole_of_float(bits, mantissa, bias):  # type: ignore[no-untyped-def]
+def _whole_of_float(bits: int, mantissa: int, bias: int) -> int:
     """The whole number that the bits of a float stand for; -1 if it is none, negative, or beyond 2^53."""
     fraction, power = bits & ((1 << mantissa) - 1), (bits >> mantissa) & (2 * bias + 1)
     if power == 0 and fraction == 0:
@@ -36,7 +36,7 @@ def _whole_of_float(bits, mantissa, bias):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _length_at(data, at, big, kind, size):  # type: ignore[no-untyped-def]
+def _length_at(data: Array, at: int, big: bool, kind: int, size: int) -> int:
     """The length of the list that begins at a byte; negative if it is none."""
     bits = 0
     for k in range(size):
@@ -49,7 +49,7 @@ def _length_at(data, at, big, kind, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _walk(data, start, count, big, properties, places):  # type: ignore[no-untyped-def]
+def _walk(data: Array, start: int, count: int, big: bool, properties: Array, places: Array) -> tuple[int, int]:
     """(where the last row ends, count), or (CUT_OFF or NO_LENGTH, the row in which it is).
 
     data : (bytes,) uint8; properties : (k, 3) int64; places : (count or 0, scalars) int64, where each scalar lies

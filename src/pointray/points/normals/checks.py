@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel
+from ...jit import Array, kernel
 from ...neighbors import distinct, morton_order, neighbors
 from .orientation import outward_votes
 
@@ -19,7 +19,7 @@ RUNS, RUN = 64, 2048  # stretches of the Morton curve that stand for a large clo
 
 
 @kernel
-def _count_agreement(positions, normals, rows, near):  # type: ignore[no-untyped-def]
+def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array) -> int:
     """Of the edges, how many have normals that look to opposite sides; not those between the two sides of a wall.
 
     From either side of a wall the other lies behind (of a slit, before); without signs it is as often here as there.

@@ -10,17 +10,21 @@ are lowest: there is no detail there.
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, f64, inline, kernel, next_tile, routine, run
-from ...kernels.vec import tangents
+from ...jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
+from ...kernels.vec import Vec3, tangents
 from ...neighbors import neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
 from .planes import least_axis, plane
 
 Floats = NDArray[np.float32]
+# Of one thread: weights, those by distance alone, terms and height of each point; coefficients and factor of the
+# quadric; variances and axes of the plane.
+Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 SIZES = (10, 16, 32, 64)  # neighbourhoods to choose from; the point itself is one of them
 CLEAN = 0.01  # noise in spacings below which 16 are enough
@@ -39,7 +43,7 @@ TILE = 1024
 
 
 @routine
-def _solve(terms, w, k, m, x):  # type: ignore[no-untyped-def]
+def _solve(terms: Array, w: Array, k: int, m: Array, x: Array) -> float:
     """Least squares by Cholesky: x the coefficients, m the factor below its diagonal; returns the sum of weights."""
     total = 0.0
     for a in range(TERMS):
@@ -70,7 +74,7 @@ def _solve(terms, w, k, m, x):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _residual(terms, x, j):  # type: ignore[no-untyped-def]
+def _residual(terms: Array, x: Array, j: int) -> float:
     r = terms[j, TERMS]
     for a in range(TERMS):
         r -= x[a] * terms[j, a]
@@ -78,7 +82,7 @@ def _residual(terms, x, j):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _variance(m):  # type: ignore[no-untyped-def]
+def _variance(m: Array) -> float:
     """What unit noise at unit weights does to the slope: the two entries of the inverse normal matrix."""
     total = 0.0
     y = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -95,14 +99,14 @@ def _variance(m):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _slimness(a):  # type: ignore[no-untyped-def]
+def _slimness(a: Array) -> float:
     """The second largest number on the diagonal over the largest."""
     low, high = min(a[0, 0], a[1, 1]), max(a[0, 0], a[1, 1])
     return max(low, min(high, a[2, 2])) / max(high, a[2, 2], 1e-300)
 
 
 @routine
-def _jet(d, k, slim, memory):  # type: ignore[no-untyped-def]
+def _jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, float]:
     """Normal, residual (in d's unit) and the slope's variance for unit residuals, of the quadric through k points.
 
     A first fit with weights by distance, a second one in which points far off the first count less.
@@ -145,7 +149,9 @@ def _jet(d, k, slim, memory):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fit(work, positions, rows, near, sizes, noise, out, residuals):  # type: ignore[no-untyped-def]
+def _fit(
+    work: Array, positions: Array, rows: Array, near: Array, sizes: Array, noise: float, out: Array, residuals: Array
+) -> int:
     """out[i]: the normal at positions[rows[i]] of the size with the least error, and the normal of a plane.
 
     Residuals: of the smallest size. The plane: through 16 points, or more if they are on a line.

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, f64, i64, inline, kernel, next_tile, run
+from ...jit import Array, borrow, f64, i64, inline, kernel, next_tile, run
 
 Floats = NDArray[np.float32]
 Signs = NDArray[np.int8]
@@ -33,7 +33,7 @@ LARGE = 1000  # points of a group whose outermost ones are looked at
 
 
 @inline
-def agreement(positions, normals, i, j):  # type: ignore[no-untyped-def]
+def agreement(positions: Array, normals: Array, i: int, j: int) -> float:
     """Signed confidence that two normals look to the same side, -1 to 1."""
     square = nm = a = b = 0.0
     for c in range(3):
@@ -49,7 +49,7 @@ def agreement(positions, normals, i, j):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _climb(parent, sign, i):  # type: ignore[no-untyped-def]
+def _climb(parent: Array, sign: Array, i: int) -> tuple[int, int]:
     """The root above i, and the sign between them."""
     s = 1
     while parent[i] != i:
@@ -59,7 +59,7 @@ def _climb(parent, sign, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _join_parts(work, positions, normals, near, parent, sign):  # type: ignore[no-untyped-def]
+def _join_parts(work: Array, positions: Array, normals: Array, near: Array, parent: Array, sign: Array) -> int:
     """Trees of each part's sure edges, surest first; parent[i]: the root of i's piece, sign[i]: the sign to it."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     parent, sign = borrow(parent), borrow(sign)
@@ -109,7 +109,7 @@ def _join_parts(work, positions, normals, near, parent, sign):  # type: ignore[n
 
 
 @kernel
-def _count_votes(work, near, piece, counts):  # type: ignore[no-untyped-def]
+def _count_votes(work: Array, near: Array, piece: Array, counts: Array) -> int:
     """counts[part]: edges that leave their piece."""
     tile = next_tile(work)
     while tile >= 0:
@@ -123,7 +123,17 @@ def _count_votes(work, near, piece, counts):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cast_votes(work, positions, normals, near, piece, sign, starts, pairs, votes):  # type: ignore[no-untyped-def]
+def _cast_votes(
+    work: Array,
+    positions: Array,
+    normals: Array,
+    near: Array,
+    piece: Array,
+    sign: Array,
+    starts: Array,
+    pairs: Array,
+    votes: Array,
+) -> int:
     """Those edges as pairs of pieces, lower one first, with their signed confidence."""
     positions, normals, near, piece, sign = (
         borrow(positions),
@@ -148,7 +158,7 @@ def _cast_votes(work, positions, normals, near, piece, sign, starts, pairs, vote
 
 
 @kernel
-def _join_clearest(one, other, votes, best, parent, sign):  # type: ignore[no-untyped-def]
+def _join_clearest(one: Array, other: Array, votes: Array, best: Array, parent: Array, sign: Array) -> int:
     """Join each piece with the neighbour whose vote is clearest; returns the number of joins."""
     best[:] = -1
     for t in range(len(votes)):
@@ -169,7 +179,7 @@ def _join_clearest(one, other, votes, best, parent, sign):  # type: ignore[no-un
 
 
 @kernel
-def _flatten(parent, sign):  # type: ignore[no-untyped-def]
+def _flatten(parent: Array, sign: Array) -> int:
     """Every parent becomes a root; paths are halved on the way, so that long ones cost no square."""
     for i in range(len(parent)):
         while parent[parent[i]] != parent[i]:

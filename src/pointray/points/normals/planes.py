@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
-from ...jit import inline, routine
+from ...jit import Array, inline, routine
+from ...kernels.vec import Vec3
 
 
 @inline
-def least_axis(a, v):  # type: ignore[no-untyped-def]
+def least_axis(a: Array, v: Array) -> Vec3:
     """The column of v below the least number on a's diagonal."""
     b = 1 if a[1, 1] < a[0, 0] else 0
     if a[2, 2] < a[b, b]:
@@ -17,7 +18,7 @@ def least_axis(a, v):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _least_direction(a, v):  # type: ignore[no-untyped-def]
+def _least_direction(a: Array, v: Array) -> Vec3:
     """The eigenvector of a symmetric matrix with the least eigenvalue, by Jacobi's rotations; a becomes diagonal."""
     for i in range(3):
         for j in range(3):
@@ -43,7 +44,7 @@ def _least_direction(a, v):  # type: ignore[no-untyped-def]
 
 
 @routine
-def plane(d, w, k, a, v):  # type: ignore[no-untyped-def]
+def plane(d: Array, w: Array, k: int, a: Array, v: Array) -> Vec3:
     """Normal of the plane through k weighted points."""
     total = x = y = z = 0.0
     for j in range(k):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import borrow, f32, f64, inline, kernel, next_tile, run
+from ...jit import Array, borrow, f32, f64, inline, kernel, next_tile, run
 from .orientation import agreement
 
 Floats = NDArray[np.float32]
@@ -38,7 +38,7 @@ STACK = 64
 
 
 @kernel
-def _spacings(work, positions, near, out):  # type: ignore[no-untyped-def]
+def _spacings(work: Array, positions: Array, near: Array, out: Array) -> int:
     """Roots of the points' areas."""
     positions, near, out = borrow(positions), borrow(near), borrow(out)
     k = min(AREA, near.shape[1] - 1)
@@ -54,7 +54,7 @@ def _spacings(work, positions, near, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _build(positions, normals, spacing, nodes):  # type: ignore[no-untyped-def]
+def _build(positions: Array, normals: Array, spacing: Array, nodes: Array) -> int:
     """A full binary tree over stretches of the curve; a node: middle, dipole, radius and area, children 2i, 2i + 1."""
     size, n = len(nodes) // 2, len(positions)
     nodes[:] = 0.0
@@ -85,20 +85,22 @@ def _build(positions, normals, spacing, nodes):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _distance(one, i, other, j):  # type: ignore[no-untyped-def]
+def _distance(one: Array, i: int, other: Array, j: int) -> float:
     x, y, z = one[i, 0] - other[j, 0], one[i, 1] - other[j, 1], one[i, 2] - other[j, 2]
     return math.sqrt(x * x + y * y + z * z)
 
 
 @inline
-def _dipole(x, y, z, u, v, w, soft):  # type: ignore[no-untyped-def]
+def _dipole(x: float, y: float, z: float, u: float, v: float, w: float, soft: float) -> float:
     """Solid angle of the dipole (u, v, w) seen from (-x, -y, -z), blurred."""
     square = x * x + y * y + z * z + soft
     return (x * u + y * v + z * w) / (square * math.sqrt(square))
 
 
 @kernel
-def _wind(work, rows, positions, normals, spacing, nodes, step, out):  # type: ignore[no-untyped-def]
+def _wind(
+    work: Array, rows: Array, positions: Array, normals: Array, spacing: Array, nodes: Array, step: float, out: Array
+) -> int:
     """Winding numbers a step in front of the points and a step behind, both in one walk."""
     positions, normals, spacing, nodes = borrow(positions), borrow(normals), borrow(spacing), borrow(nodes)
     size, n = len(nodes) // 2, len(positions)
@@ -139,7 +141,7 @@ def _wind(work, rows, positions, normals, spacing, nodes, step, out):  # type: i
 
 
 @kernel
-def _sides(work, rows, positions, normals, near, out):  # type: ignore[no-untyped-def]
+def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
     """Mean cosine between each point's normal and the ways to its nearest points."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)
@@ -159,7 +161,7 @@ def _sides(work, rows, positions, normals, near, out):  # type: ignore[no-untype
 
 
 @kernel
-def _votes(work, rows, positions, normals, near, out):  # type: ignore[no-untyped-def]
+def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
     """How clearly each normal agrees with its neighbours'."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import check_choice, check_numbers, check_whole
-from ...jit import f64, kernel, next_tile, run
+from ...jit import Array, f64, kernel, next_tile, run
 from .clay import COLUMNS
 from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid
@@ -97,7 +97,7 @@ def area(name: str) -> float:
 
 
 @kernel
-def _finish(work, solid, positions, normals, colors):  # type: ignore[no-untyped-def]
+def _finish(work: Array, solid: Solid, positions: Array, normals: Array, colors: Array) -> None:
     """Points moved onto the exact surface, with normals and colours there."""
     t = next_tile(work)
     while t >= 0:

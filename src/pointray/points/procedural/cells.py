@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel, next_tile, run
+from ...jit import Array, kernel, next_tile, run
 from .clay import (
     ADD,
     CARVE,
@@ -33,7 +33,7 @@ _TILE = 64
 
 
 @kernel
-def _select(work, solid, centers, parents, half, out, near):  # type: ignore[no-untyped-def]
+def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: float, out: Array, near: Array) -> None:
     """Strokes of each cell, from its parent's list, by interval arithmetic over the ball around the cell.
 
     out[i, 0] is their number, out[i, 1:] their numbers; near[i] tells whether the surface may pass through the cell.

@@ -7,8 +7,10 @@ cell can be listed exactly (`cells`), and hundreds of strokes cost no more than 
 from __future__ import annotations
 
 from math import acos, cos, sin, sqrt
+from typing import Any, TypeAlias
 
-from ...jit import inline, routine
+from ...jit import Array, inline, routine
+from ...kernels.vec import Vec3
 from .reliefs import relief
 from .smooth import blend, step
 
@@ -22,9 +24,11 @@ ADD, CARVE, CUT, RELIEF, PAINT = 0, 1, 2, 3, 4
 
 FAR = 10.0  # the field before the first stroke
 
+Solid: TypeAlias = Any  # the one of `solids`, which imports this file
+
 
 @inline
-def local(table, i, x, y, z):  # type: ignore[no-untyped-def]
+def local(table: Array, i: int, x: float, y: float, z: float) -> Vec3:
     """The point in the axes of stroke i."""
     x, y, z = x - table[i, CENTER], y - table[i, CENTER + 1], z - table[i, CENTER + 2]
     u = table[i, AXES] * x + table[i, AXES + 1] * y + table[i, AXES + 2] * z
@@ -34,7 +38,7 @@ def local(table, i, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def ellipsoid(u, v, w, a, b, c):  # type: ignore[no-untyped-def]
+def ellipsoid(u: float, v: float, w: float, a: float, b: float, c: float) -> float:
     """First-order distance to an ellipsoid: exact slope on its surface (Quilez, "Ellipsoid SDF")."""
     p, q, r = u / a, v / b, w / c
     k0 = sqrt(p * p + q * q + r * r)
@@ -44,21 +48,21 @@ def ellipsoid(u, v, w, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _box(u, v, w, a, b, c, rounding):  # type: ignore[no-untyped-def]
+def _box(u: float, v: float, w: float, a: float, b: float, c: float, rounding: float) -> float:
     u, v, w = abs(u) - a + rounding, abs(v) - b + rounding, abs(w) - c + rounding
     p, q, r = max(u, 0.0), max(v, 0.0), max(w, 0.0)
     return sqrt(p * p + q * q + r * r) + min(max(u, max(v, w)), 0.0) - rounding
 
 
 @inline
-def _drum(u, v, w, radius, height, rounding):  # type: ignore[no-untyped-def]
+def _drum(u: float, v: float, w: float, radius: float, height: float, rounding: float) -> float:
     u, w = sqrt(u * u + v * v) - radius + rounding, abs(w) - height + rounding
     p, r = max(u, 0.0), max(w, 0.0)
     return sqrt(p * p + r * r) + min(max(u, w), 0.0) - rounding
 
 
 @inline
-def _foot(a2, ab, b2, da, db):  # type: ignore[no-untyped-def]
+def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
     """Parameter of the point of a quadratic Bezier curve that is nearest to a point (Quilez, "Quadratic Bezier SDF").
 
     With p(t) = A + 2 a t + b t^2 and d = A - x, arguments are the products a.a, a.b, b.b, d.a and d.b.
@@ -93,7 +97,7 @@ def _foot(a2, ab, b2, da, db):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _tube(table, i, x, y, z):  # type: ignore[no-untyped-def]
+def _tube(table: Array, i: int, x: float, y: float, z: float) -> float:
     """A bent tube; its radius starts and ends level, so that the round caps join without a crease."""
     px, py, pz = table[i, POINTS], table[i, POINTS + 1], table[i, POINTS + 2]
     ax, ay, az = table[i, POINTS + 3] - px, table[i, POINTS + 4] - py, table[i, POINTS + 5] - pz
@@ -114,7 +118,7 @@ def _tube(table, i, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @routine
-def shape(table, i, x, y, z):  # type: ignore[no-untyped-def]
+def shape(table: Array, i: int, x: float, y: float, z: float) -> float:
     """Signed distance to the bare shape of stroke i."""
     kind = int(table[i, KIND])
     if kind == TUBE:
@@ -132,13 +136,13 @@ def shape(table, i, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def fade(d, width):  # type: ignore[no-untyped-def]
+def fade(d: float, width: float) -> float:
     """1 inside of a region, 0 beyond the width outside of it, smooth between."""
     return step(1.0 - d / width)
 
 
 @routine
-def height(table, i, x, y, z):  # type: ignore[no-untyped-def]
+def height(table: Array, i: int, x: float, y: float, z: float) -> float:
     """How far the relief of stroke i raises the surface at a point."""
     u, v, w = local(table, i, x, y, z)
     region = fade(ellipsoid(u, v, w, table[i, SIZE], table[i, SIZE + 1], table[i, SIZE + 2]), table[i, WIDTH])
@@ -149,7 +153,7 @@ def height(table, i, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def list_of(solid, x, y, z):  # type: ignore[no-untyped-def]
+def list_of(solid: Solid, x: float, y: float, z: float) -> int:
     """Number of the list of strokes for a point."""
     lists = solid.lists
     u, v, w = (x - solid.origin[0]) / solid.cell, (y - solid.origin[1]) / solid.cell, (z - solid.origin[2]) / solid.cell
@@ -159,7 +163,7 @@ def list_of(solid, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @routine
-def work_clay(solid, x, y, z):  # type: ignore[no-untyped-def]
+def work_clay(solid: Solid, x: float, y: float, z: float) -> float:
     """The field of the clay at a point: all strokes in their order."""
     table = solid.table
     which = list_of(solid, x, y, z)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import kernel, next_tile, run
+from ...jit import Array, kernel, next_tile, run
 from .solids import Solid, settle
 
 BEND = np.cos(np.radians(20.0))  # between a face and the mean of the faces at its corner
@@ -15,7 +15,7 @@ _TILE = 1024
 
 
 @kernel
-def settle_all(work, solid, points):  # type: ignore[no-untyped-def]
+def settle_all(work: Array, solid: Solid, points: Array) -> None:
     """Every point moved onto the surface."""
     t = next_tile(work)
     while t >= 0:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from math import ceil, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import inline, kernel, next_tile, run
+from ...jit import Array, inline, kernel, next_tile, run
 from .solids import Solid, field, settle
 
 BLOCK = 8  # cells along a block's edge; blocks far from the surface are skipped whole
+
+Cell: TypeAlias = tuple[int, int, int]  # its place in the grid
 
 
 class Grid(NamedTuple):
@@ -23,7 +25,7 @@ class Grid(NamedTuple):
 
 
 @kernel
-def _near(work, solid, grid, near):  # type: ignore[no-untyped-def]
+def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
     """Whether the surface may pass through each block."""
     half = 0.5 * BLOCK * grid.cell
     i = next_tile(work)
@@ -37,7 +39,7 @@ def _near(work, solid, grid, near):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill(work, solid, grid, blocks):  # type: ignore[no-untyped-def]
+def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array) -> None:
     """The field at all corners of the blocks; shared corners are written twice with the same number."""
     t = next_tile(work)
     while t >= 0:
@@ -50,7 +52,7 @@ def _fill(work, solid, grid, blocks):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _crossings(values, i, j, k):  # type: ignore[no-untyped-def]
+def _crossings(values: Array, i: int, j: int, k: int) -> tuple[int, float, float, float]:
     """Number of edges of a cell that the surface crosses, and the sum of the crossings in cells."""
     count, x, y, z = 0, 0.0, 0.0, 0.0
     for axis in range(3):
@@ -71,7 +73,9 @@ def _crossings(values, i, j, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _vertices(work, solid, grid, blocks, first, vertices, numbers):  # type: ignore[no-untyped-def]
+def _vertices(
+    work: Array, solid: Solid, grid: Grid, blocks: Array, first: Array, vertices: Array, numbers: Array
+) -> None:
     """One vertex for each cell that the surface passes; with an empty `vertices`, count them only (into `first`)."""
     t = next_tile(work)
     while t >= 0:
@@ -95,7 +99,7 @@ def _vertices(work, solid, grid, blocks, first, vertices, numbers):  # type: ign
 
 
 @inline
-def _quad(numbers, a, b, c, d, flip, faces, count):  # type: ignore[no-untyped-def]
+def _quad(numbers: Array, a: Cell, b: Cell, c: Cell, d: Cell, flip: bool, faces: Array, count: int) -> int:
     """Two triangles between the vertices of four cells around an edge."""
     p, q = numbers[a[0], a[1], a[2]], numbers[b[0], b[1], b[2]]
     r, s = numbers[c[0], c[1], c[2]], numbers[d[0], d[1], d[2]]
@@ -110,7 +114,7 @@ def _quad(numbers, a, b, c, d, flip, faces, count):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _faces(grid, blocks, numbers, faces):  # type: ignore[no-untyped-def]
+def _faces(grid: Grid, blocks: Array, numbers: Array, faces: Array) -> int:
     """Faces around every edge of the grid that the surface crosses; returns how many there are."""
     count = 0
     v = grid.values

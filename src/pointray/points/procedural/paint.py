@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from math import floor, sin, sqrt
 
-from ...jit import inline, routine
+from ...jit import Array, inline, routine
+from ...kernels.vec import Vec3
 from .clay import ADD, CARVE, COLOR, CUT, FAR, OP, PAINT, RELIEF, ROUND, VEIN, WIDTH, fade, height, list_of, shape
 from .smooth import blend
-from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS
+from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS, Solid
 
 EDGE = 0.004  # width over which one colour goes over into the next
 
 
 @inline
-def _lattice_noise(i, j, k):  # type: ignore[no-untyped-def]
+def _lattice_noise(i: int, j: int, k: int) -> float:
     h = (i * 73856093) ^ (j * 19349663) ^ (k * 83492791)
     h = ((h ^ (h >> 13)) * 1274126177) & 0x7FFFFFFF
     return ((h ^ (h >> 16)) & 0xFFFF) / 32767.5 - 1.0
 
 
 @routine
-def noise(x, y, z):  # type: ignore[no-untyped-def]
+def noise(x: float, y: float, z: float) -> float:
     """Value noise between -1 and 1, one feature per unit."""
     i, j, k = int(floor(x)), int(floor(y)), int(floor(z))
     u, v, w = x - i, y - j, z - k
@@ -34,7 +35,7 @@ def noise(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _cloud(x, y, z, scale):  # type: ignore[no-untyped-def]
+def _cloud(x: float, y: float, z: float, scale: float) -> float:
     """Three octaves of noise."""
     n = noise(x * scale, y * scale, z * scale)
     n += 0.5 * noise(2.03 * x * scale + 7.0, 2.03 * y * scale, 2.03 * z * scale)
@@ -42,7 +43,7 @@ def _cloud(x, y, z, scale):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _veins(x, y, z):  # type: ignore[no-untyped-def]
+def _veins(x: float, y: float, z: float) -> float:
     """Thin winding lines: 1 on a vein, 0 away from it."""
     bend = _cloud(x, y, z, 3.0) + 0.30 * _cloud(x, y, z, 14.0)
     line = abs(sin(5.0 * x + 3.0 * y + 9.0 * z + 4.2 * bend))
@@ -51,7 +52,7 @@ def _veins(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _over(red, green, blue, table, i, share):  # type: ignore[no-untyped-def]
+def _over(red: float, green: float, blue: float, table: Array, i: int, share: float) -> Vec3:
     """One colour laid over another."""
     red += share * (table[i, COLOR] - red)
     green += share * (table[i, COLOR + 1] - green)
@@ -60,7 +61,7 @@ def _over(red, green, blue, table, i, share):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _clay_color(solid, x, y, z):  # type: ignore[no-untyped-def]
+def _clay_color(solid: Solid, x: float, y: float, z: float) -> Vec3:
     """The colour of the stroke that reaches out furthest, then the coats of paint, shades of relief and veins."""
     table = solid.table
     which = list_of(solid, x, y, z)
@@ -101,7 +102,7 @@ def _clay_color(solid, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @routine
-def color(solid, x, y, z):  # type: ignore[no-untyped-def]
+def color(solid: Solid, x: float, y: float, z: float) -> Vec3:
     """sRGB colour at a surface point, 0 to 1."""
     if solid.kind == CLAY:
         return _clay_color(solid, x, y, z)

@@ -11,7 +11,7 @@ HAIR, FOLDS, MEANDER, FLUTES, SPIRAL = 10, 11, 12, 13, 14
 
 
 @inline
-def _hair(u, v, w, count):  # type: ignore[no-untyped-def]
+def _hair(u: float, v: float, w: float, count: float) -> float:
     """Locks combed from the forehead to the pole +v, wavy, each of several strands (a Hellenistic melon coiffure)."""
     around = atan2(u, w)
     along = atan2(sqrt(u * u + w * w), v)
@@ -26,7 +26,7 @@ def _hair(u, v, w, count):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _folds(u, v, w):  # type: ignore[no-untyped-def]
+def _folds(u: float, v: float, w: float) -> float:
     """Cloth hanging in bows between two shoulders: depth of the bow through a point, folded."""
     spread = 0.30 + 0.70 * exp(-(u * u) / 0.11)
     lean = 0.06 * sin(3.1 * u + 0.6) + 0.035 * sin(7.0 * u - 5.0 * v)
@@ -39,7 +39,7 @@ def _folds(u, v, w):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _segment(u, w, ax, az, bx, bz):  # type: ignore[no-untyped-def]
+def _segment(u: float, w: float, ax: float, az: float, bx: float, bz: float) -> float:
     """Distance to an axis-parallel segment of the plane, given by its lower and upper corner."""
     du = max(max(ax - u, u - bx), 0.0)
     dw = max(max(az - w, w - bz), 0.0)
@@ -47,7 +47,7 @@ def _segment(u, w, ax, az, bx, bz):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _meander(u, v, w, count):  # type: ignore[no-untyped-def]
+def _meander(u: float, v: float, w: float, count: float) -> float:
     """A Greek key around the axis w, `count` times, between w = -1 and 1; its lines are raised."""
     turn = atan2(v, u) * count / (2.0 * pi)
     s = (turn - floor(turn)) * 8.0
@@ -65,14 +65,14 @@ def _meander(u, v, w, count):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _flutes(u, v, w, count):  # type: ignore[no-untyped-def]
+def _flutes(u: float, v: float, w: float, count: float) -> float:
     """Ribs around the axis w that lean along it: gadroons, beads, flutes."""
     wave = cos(count * atan2(v, u) + 2.2 * w)
     return 0.8 * wave - 0.2 * wave * wave
 
 
 @inline
-def _spiral(u, v, w, count):  # type: ignore[no-untyped-def]
+def _spiral(u: float, v: float, w: float, count: float) -> float:
     """Hair wound into a knot about the axis v."""
     radius = sqrt(u * u + w * w + 0.0004)
     angle = atan2(u, w) * count + 24.0 * radius
@@ -83,7 +83,7 @@ def _spiral(u, v, w, count):  # type: ignore[no-untyped-def]
 
 
 @routine
-def relief(kind, u, v, w, count):  # type: ignore[no-untyped-def]
+def relief(kind: int, u: float, v: float, w: float, count: float) -> float:
     """Height of a pattern at a point given in the pattern's own axes and scale."""
     if kind == HAIR:
         return _hair(u, v, w, count)

@@ -8,18 +8,21 @@ finite number of darts gets to d = 0.79. The last points go into what room is le
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import f32, f64, inline, kernel, next_tile, run, u64
+from ...jit import Array, f32, f64, inline, kernel, next_tile, run, u64
+from ...kernels.vec import Vec3
 from .creases import areas as triangle_areas
 
 FIRST_DISTANCE = 0.79  # in units of sqrt(A / n)
 FIRST_ROUNDS, LATER_ROUNDS = 16, 6  # darts per d^2 of the surface
 SHRINK = 0.95
 ROOM = 1.3  # slots of a brick per expected point
+
+LocalGrid: TypeAlias = tuple[float, float, float, float]  # lower corner, 1 / distance
 
 
 class Bricks(NamedTuple):
@@ -38,7 +41,7 @@ class Bricks(NamedTuple):
 
 
 @inline
-def mix(a, b):  # type: ignore[no-untyped-def]
+def mix(a: int, b: int) -> int:
     """Hash of two 64-bit numbers (the finalizer of splitmix64)."""
     z = u64(a) + u64(0x9E3779B97F4A7C15) * (u64(b) + u64(1))
     z = (z ^ (z >> u64(30))) * u64(0xBF58476D1CE4E5B9)
@@ -47,13 +50,23 @@ def mix(a, b):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _unit(word, part):  # type: ignore[no-untyped-def]
+def _unit(word: int, part: int) -> float:
     """A number in [0, 1) of one half (0 or 1) of a hash."""
     return float((word >> u64(32 * part)) & u64(0xFFFFFFFF)) * (1.0 / 4294967296.0)
 
 
 @inline
-def _fits(x, y, z, grid, dims, heads, following, local, square):  # type: ignore[no-untyped-def]
+def _fits(
+    x: float,
+    y: float,
+    z: float,
+    grid: LocalGrid,
+    dims: int,
+    heads: Array,
+    following: Array,
+    local: Array,
+    square: float,
+) -> bool:
     """Whether no point lies within the distance; `grid` is (lower corner, 1 / distance)."""
     i, j = int((x - grid[0]) * grid[3]), int((y - grid[1]) * grid[3])
     k = int((z - grid[2]) * grid[3])
@@ -71,7 +84,7 @@ def _fits(x, y, z, grid, dims, heads, following, local, square):  # type: ignore
 
 
 @inline
-def _neighbor(bricks, brick, number):  # type: ignore[no-untyped-def]
+def _neighbor(bricks: Bricks, brick: int, number: int) -> int:
     """One of the 27 bricks at and around a brick, -1 where there is none."""
     i = bricks.places[brick, 0] + number // 9 - 1
     j = bricks.places[brick, 1] + number // 3 % 3 - 1
@@ -83,7 +96,7 @@ def _neighbor(bricks, brick, number):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _crowd(bricks, brick):  # type: ignore[no-untyped-def]
+def _crowd(bricks: Bricks, brick: int) -> int:
     """How many points a brick and its neighbours may hold at most."""
     total = 0
     for number in range(27):
@@ -94,7 +107,9 @@ def _crowd(bricks, brick):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _gather(bricks, brick, grid, dims, heads, following, local):  # type: ignore[no-untyped-def]
+def _gather(
+    bricks: Bricks, brick: int, grid: LocalGrid, dims: int, heads: Array, following: Array, local: Array
+) -> int:
     """The points of a brick and of its neighbours that lie in its local grid, put into the grid's cells."""
     held = 0
     for number in range(27):
@@ -110,7 +125,7 @@ def _gather(bricks, brick, grid, dims, heads, following, local):  # type: ignore
 
 
 @inline
-def _insert(x, y, z, cell, heads, following, local, held):  # type: ignore[no-untyped-def]
+def _insert(x: float, y: float, z: float, cell: int, heads: Array, following: Array, local: Array, held: int) -> int:
     local[held, 0], local[held, 1], local[held, 2] = x, y, z
     following[held] = heads[cell]
     heads[cell] = held
@@ -118,7 +133,7 @@ def _insert(x, y, z, cell, heads, following, local, held):  # type: ignore[no-un
 
 
 @inline
-def _dart(corners, t, word):  # type: ignore[no-untyped-def]
+def _dart(corners: Array, t: int, word: int) -> Vec3:
     """A uniform random point of triangle t, rounded to the float32 in which it is kept."""
     a, b = sqrt(_unit(word, 0)), _unit(word, 1)
     p, q, r = 1.0 - a, a * (1.0 - b), a * b
@@ -129,7 +144,7 @@ def _dart(corners, t, word):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _throw(work, bricks, turn, areas, distance, rounds, key):  # type: ignore[no-untyped-def]
+def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: float, rounds: int, key: int) -> None:
     """Throw darts at the bricks listed in `turn`; a triangle gets area / distance^2 of them in each round."""
     margin = bricks.reach + 1.01 * distance
     dims = int((bricks.edge + 2.0 * margin) / distance) + 3

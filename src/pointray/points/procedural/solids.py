@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import inline, kernel, next_tile, routine
+from ...jit import Array, inline, kernel, next_tile, routine
+from ...kernels.vec import Vec3
 from .clay import work_clay
 from .smooth import blend
 
@@ -41,7 +42,7 @@ class Solid(NamedTuple):
 
 
 @inline
-def _strut(along, across, other):  # type: ignore[no-untyped-def]
+def _strut(along: float, across: float, other: float) -> float:
     """Squared distance to the nearest of the lattice's parallel lines."""
     beyond = max(abs(along) - LATTICE_END, 0.0)
     across -= _nearest_line(across)
@@ -50,13 +51,13 @@ def _strut(along, across, other):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _nearest_line(x):  # type: ignore[no-untyped-def]
+def _nearest_line(x: float) -> float:
     line = (floor(x / LATTICE_PITCH) + 0.5) * LATTICE_PITCH
     return min(max(line, -LATTICE_END), LATTICE_END)
 
 
 @inline
-def _lattice(x, y, z):  # type: ignore[no-untyped-def]
+def _lattice(x: float, y: float, z: float) -> float:
     """A cube of 4 x 4 x 4 balls joined by round struts, every joint filleted."""
     a = sqrt(_strut(x, y, z)) - LATTICE_RADIUS
     b = sqrt(_strut(y, z, x)) - LATTICE_RADIUS
@@ -68,7 +69,7 @@ def _lattice(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @routine
-def field(solid, x, y, z):  # type: ignore[no-untyped-def]
+def field(solid: Solid, x: float, y: float, z: float) -> float:
     """A smooth function of space: zero on the surface, negative inside, its slope there near 1."""
     if solid.kind == SPHERE:
         return sqrt(x * x + y * y + z * z) - 1.0
@@ -81,7 +82,7 @@ def field(solid, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @routine
-def slope(solid, x, y, z, e):  # type: ignore[no-untyped-def]
+def slope(solid: Solid, x: float, y: float, z: float, e: float) -> Vec3:
     """Gradient of the field by central differences over 2 e."""
     s = 0.5 / e
     gx = (field(solid, x + e, y, z) - field(solid, x - e, y, z)) * s
@@ -91,7 +92,7 @@ def slope(solid, x, y, z, e):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _bracket(solid, x, y, z, f):  # type: ignore[no-untyped-def]
+def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
     """A surface point near one where Newton's method is stuck: look along the 26 directions, further each time."""
     reach = max(abs(f), 1e-5)
     while reach < 0.1:
@@ -112,7 +113,7 @@ def _bracket(solid, x, y, z, f):  # type: ignore[no-untyped-def]
 
 
 @routine
-def settle(solid, x, y, z, steps):  # type: ignore[no-untyped-def]
+def settle(solid: Solid, x: float, y: float, z: float, steps: int) -> Vec3:
     """A point near the surface moved onto it: Newton's method along the gradient.
 
     The gradient is one-sided and the field is read again with it (a chord step), which saves evaluations. After
@@ -139,7 +140,9 @@ def settle(solid, x, y, z, steps):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _slide(solid, x, y, z, p, q, r):  # type: ignore[no-untyped-def]
+def _slide(
+    solid: Solid, x: float, y: float, z: float, p: float, q: float, r: float
+) -> tuple[float, float, float, float]:
     """The surface point (p, q, r) moved along the surface to where x - p is normal to it: a nearest point of x.
 
     The tangential part of x - p is walked and settled again, which converges with distance / radius of curvature.
@@ -162,7 +165,7 @@ def _slide(solid, x, y, z, p, q, r):  # type: ignore[no-untyped-def]
 
 
 @inline
-def _look(number, a, b, c):  # type: ignore[no-untyped-def]
+def _look(number: int, a: float, b: float, c: float) -> Vec3:
     """One of `LOOKS` directions on a spiral (Fibonacci) about the unit axis (a, b, c), denser towards the axis."""
     share = (number + 0.5) / LOOKS
     along = 1.0 - 2.0 * share * share
@@ -178,7 +181,9 @@ def _look(number, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @routine
-def _nearer(solid, x, y, z, f, p, q, r, best):  # type: ignore[no-untyped-def]
+def _nearer(
+    solid: Solid, x: float, y: float, z: float, f: float, p: float, q: float, r: float, best: float
+) -> tuple[float, float, float, float]:
     """A surface point nearer to x than the one at (p, q, r), at distance `best`; with its distance, or -1."""
     reach = 0.992 * best
     for number in range(LOOKS):
@@ -196,7 +201,7 @@ def _nearer(solid, x, y, z, f, p, q, r, best):  # type: ignore[no-untyped-def]
 
 
 @routine
-def distance(solid, x, y, z):  # type: ignore[no-untyped-def]
+def distance(solid: Solid, x: float, y: float, z: float) -> float:
     """Signed Euclidean distance.
 
     Blended solids: f / |grad f| below 1e-6; further off the point below x on the surface slides to where it is
@@ -222,7 +227,7 @@ def distance(solid, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def distances(work, solid, x, out, tile):  # type: ignore[no-untyped-def]
+def distances(work: Array, solid: Solid, x: Array, out: Array, tile: int) -> None:
     """out[i] = distance at x[i]."""
     t = next_tile(work)
     while t >= 0:
