@@ -6,8 +6,8 @@ import numpy as np
 
 import pointray as pr
 from pointray.jit import kernel
+from pointray.kernels.records import ShadingPoint
 from pointray.shade.bsdf import (
-    ShadingPoint,
     base_color,
     emitted,
     eval_bsdf,

@@ -34,8 +34,8 @@ import json, resource, signal, sys
 from pathlib import Path
 import numpy as np
 import pointray as pr
-from pointray.benchmark import show
-from pointray.benchmark.frames import Row
+from pointray.cli.benchmark import show
+from pointray.cli.benchmark.frames import Row
 from pointray.image.frames import Frames
 from pointray.image.mp4 import write_mp4
 

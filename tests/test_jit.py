@@ -1,4 +1,4 @@
-"""The engine room: vectors against NumPy, the disk cache, the thread loop; and who imports what."""
+"""The engine room: the disk cache, the thread loop."""
 
 import os
 import shutil
@@ -76,7 +76,8 @@ def test_threads_are_checked(monkeypatch, text):
 
 USE = """
 import sys
-from pointray import jit, vec
+from pointray import jit
+from pointray.kernels import vec
 @jit.kernel
 def use(x):
     return vec.length((x, 0.0, 4.0))

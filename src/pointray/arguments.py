@@ -68,7 +68,7 @@ def check_path(value: Any, name: str = "path") -> Path:
 
 def check_mapping(value: Any, name: str) -> Mapping[Any, Any]:
     """A dict, or what can be looked up as one can."""
-    return check_kind(value, name, Mapping, "a dict")  # type: ignore[type-abstract]
+    return check_kind(value, name, Mapping, "a dict")
 
 
 def _plain(value: Any) -> Any:

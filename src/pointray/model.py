@@ -44,7 +44,7 @@ class Model:
     radii : (n,) array_like, optional
         Support radius of each point, in the unit of the positions. None: chosen (paper, part II).
     surface : {"paper", "imls", "apss", "disc"}, optional
-        The implicit surface, see `pointray.trace.surface`; "disc" is the flat splats of the paper's figure 1a.
+        The implicit surface, see `pointray.intersect.surface`; "disc" is the flat splats of the paper's figure 1a.
         None: "apss".
     samples : int
         Samples along a ray in the length of a support's diameter, the paper's N: steps are at most radius * 2 / N.

@@ -125,7 +125,7 @@ def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
     settings = [about.get("settings"), *_listed(about.get("levels", []))]
     if not all(isinstance(one, dict) for one in settings):
         raise ValueError("the model is damaged: its settings are none")
-    return settings  # type: ignore[return-value]
+    return settings
 
 
 def _listed(value: Any) -> list[Any]:
@@ -165,9 +165,9 @@ def _read_arrays(stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, NDArray[A
 def _next_array(stream: IO[bytes], memory: mmap.mmap, size: int, name: str) -> NDArray[Any]:
     """The array that begins where the stream is; leaves the stream behind it."""
     try:
-        if npy.read_magic(stream) != (1, 0):  # type: ignore[no-untyped-call]
+        if npy.read_magic(stream) != (1, 0):
             raise ValueError("of another version")
-        shape, fortran, dtype = npy.read_array_header_1_0(stream)  # type: ignore[no-untyped-call]
+        shape, fortran, dtype = npy.read_array_header_1_0(stream)
     except Exception as error:  # NumPy's parser lets a header's text raise nearly anything
         raise ValueError(f"the header of {name} is damaged") from error
     if fortran or dtype.hasobject or dtype.newbyteorder("=") != dtype or min(shape, default=0) < 0 or len(shape) > 2:

@@ -118,7 +118,7 @@ def is_compiled(dispatcher: Any) -> bool:
     return bool(dispatcher.overloads) or cached
 
 
-class _Listener(event.Listener):  # type: ignore[misc]
+class _Listener(event.Listener):
     """Counts and times compilations."""
 
     count, beside = 0, 0

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import Array, array_at, borrow, f32, i32, inline
+from .vec import Vec3
 
 EMPTY, FAR = f32(1e15), f32(1e14)
 
@@ -355,9 +356,23 @@ class WorldHit(NamedTuple):
     """
 
     t: float
-    normal: tuple[float, float, float]
-    color: tuple[float, float, float]
+    normal: Vec3
+    color: Vec3
     instance: int
     slot: int
     leaf: int
-    local: tuple[float, float, float]
+    local: Vec3
+
+
+class ShadingPoint(NamedTuple):
+    """A surface point as a material sees it.
+
+    normal : unit, turned to the side the eye is on; wo : unit
+    color : linear RGB of the surface there, see `base_color`
+    side : +1.0 where the eye is on the outer side, to which normals point, else -1.0
+    """
+
+    normal: Vec3
+    wo: Vec3
+    color: Vec3
+    side: float

@@ -40,6 +40,7 @@ from .lens import BLACKMAN_HARRIS, BOX, GAUSSIAN, TENT, on_screen, place_in_pixe
 
 Corner: TypeAlias = tuple[int, int]  # column and row of a tile's first pixel
 Size: TypeAlias = tuple[int, int]  # width and height of the image
+Window: TypeAlias = tuple[float, float, float, float]  # left, top, right, bottom, in pixels
 Background: TypeAlias = tuple[float, float, float, float]  # RGB and alpha
 
 EDGE = 8  # pixels a side of a tile

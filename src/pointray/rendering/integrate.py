@@ -52,6 +52,7 @@ from .film import (
     EDGE,
     Background,
     Corner,
+    Window,
     add_color,
     add_sample,
     begin_sums,
@@ -63,7 +64,6 @@ from .film import (
 )
 from .lens import depth_of
 from .settings import COLOR, COST, DEPTH, NORMAL
-from .window import Window
 
 BLOCK = 16  # pixels a side of what a thread takes at a time: 4 tiles of 8 x 8
 RayPair: TypeAlias = tuple[Vec3, Vec3]  # origin and direction, world

@@ -32,12 +32,12 @@ from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from ..shade.environment import EnvironmentLight
 from .camera import Camera
-from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
+from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS, Window
 from .integrate import BLOCK, KERNELS, Pass
 from .lens import FILTERS
 from .lod import at_distance
 from .settings import AO, COST, INTEGRATORS, PATH, PHONG, Settings
-from .window import EVERYWHERE, Window, window_of
+from .window import EVERYWHERE, window_of
 
 AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
 MOST_ONWARD = 32  # mirrors and panes one behind the other

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..kernels.records import ACROSS, EYE, FORWARD, TOP_BOUNDS, TOP_CENTER, UPWARD
 from .camera import Camera
+from .film import Window
 
 BEYOND = 4.0  # pixels: filters reach 1.5, and levels of detail go on half a pixel beyond their model
 
-Window = tuple[float, float, float, float]
 EVERYWHERE: Window = (-np.inf, -np.inf, np.inf, np.inf)
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..kernels.records import ALPHA, COAT, METALLIC, World
+from ..kernels.records import ALPHA, COAT, METALLIC, ShadingPoint, World
 from ..kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
-from .phong import ShadingPoint, sample_diffuse
+from .phong import sample_diffuse
 
 F0 = 0.04  # of a dielectric of index 1.5, at normal incidence
 

@@ -6,25 +6,10 @@ cosine : between normal and light, positive. Pdfs are per solid angle. The formu
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from ..jit import inline
-from ..kernels.records import EXPONENT, SPECULAR, World
+from ..kernels.records import EXPONENT, SPECULAR, ShadingPoint, World
 from ..kernels.vec import Vec3, add, around, dot, mirrored, scale
-
-
-class ShadingPoint(NamedTuple):
-    """A surface point as a material sees it.
-
-    normal : unit, turned to the side the eye is on; wo : unit
-    color : linear RGB of the surface there, see `base_color`
-    side : +1.0 where the eye is on the outer side, to which normals point, else -1.0
-    """
-
-    normal: Vec3
-    wo: Vec3
-    color: Vec3
-    side: float
 
 
 @inline

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..jit import inline
-from ..kernels.records import World
+from ..kernels.records import ShadingPoint, World
 from ..kernels.scratch import (
     COLOR,
     DIRECTION,
@@ -27,7 +27,6 @@ from ..kernels.scratch import (
 from ..kernels.vec import BLACK, WHITE, Vec3, add, dot, multiply, scale, unit
 from ..trace.hits import material_at
 from .bsdf import base_color
-from .phong import ShadingPoint
 
 
 @inline

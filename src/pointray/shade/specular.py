@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from ..jit import inline
-from ..kernels.records import IOR, MATERIAL_KIND, MIRROR, World
+from ..kernels.records import IOR, MATERIAL_KIND, MIRROR, ShadingPoint, World
 from ..kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub
-from .phong import ShadingPoint
 
 
 @inline
@@ -42,7 +41,7 @@ def glass(world: World, at: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float
 
 @inline
 def sample_specular(world: World, at: int, point: ShadingPoint, which: float) -> tuple[Vec3, Vec3, float, float]:
-    """(direction, weight, pdf 0, side it leaves on) of a Mirror or a Dielectric, see `bsdf.sample_scatter`."""
+    """(direction, weight, pdf 0, side it leaves on) of a Mirror or a Dielectric, see `bsdf.sample_bsdf`."""
     if world.materials[at + MATERIAL_KIND] == MIRROR:
         return mirrored(point.wo, point.normal), point.color, 0.0, point.side
     reflected, refracted, share = glass(world, at, point)

@@ -20,7 +20,7 @@ class Vector(types.Type):
 
     def __init__(self, kind: str, lanes: int) -> None:
         self.kind, self.lanes = kind, lanes
-        super().__init__(name=f"{kind}x{lanes}")  # type: ignore[no-untyped-call]
+        super().__init__(name=f"{kind}x{lanes}")
 
     @property
     def element(self) -> Any:
@@ -32,7 +32,7 @@ class Vector(types.Type):
 
 
 @register_model(Vector)
-class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
+class _VectorModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: Vector) -> None:
         super().__init__(dmm, fe_type, fe_type.llvm)  # type: ignore[no-untyped-call]
 
@@ -57,7 +57,7 @@ def _number_to_vector(context: Any, builder: Any, fromty: Any, toty: Any, value:
 def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -> None:
     """Register one operator for vectors, and for a vector with a number."""
 
-    class Template(AbstractTemplate):  # type: ignore[misc]
+    class Template(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             vectors = [a for a in args if isinstance(a, Vector)]
             if not vectors or vectors[0].kind not in kinds:

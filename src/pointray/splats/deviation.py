@@ -1,7 +1,7 @@
 """How far points lie from the blended surface of some splats: what a subset loses.
 
-The surface is `apss`, the default of a model, with the formulas of `pointray.trace.surface`; here at the points of a
-cloud, one at a time, where rays ask four samples at once and know their voxel. A test traces both.
+The surface is `apss`, the default of a model, with the formulas of `pointray.intersect.surface`; here at the points of
+a cloud, one at a time, where rays ask four samples at once and know their voxel. A test traces both.
 """
 
 from __future__ import annotations

@@ -216,7 +216,7 @@ class ViewSettings:
             "mirror": Mirror,
             "glass": lambda: Dielectric(self.ior),
         }
-        return made[self.material]()  # type: ignore[no-any-return]
+        return made[self.material]()
 
 
 _FITTING: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # found once a model: it looks at all values

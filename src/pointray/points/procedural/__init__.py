@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import check_choice, check_numbers, check_whole
 from ...jit import Array, f64, kernel, next_tile, run
-from .clay import COLUMNS
+from .clay import COLUMNS, Solid
 from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid
 from .paint import color
@@ -31,7 +31,6 @@ from .solids import (
     TORUS,
     TORUS_MAJOR,
     TORUS_MINOR,
-    Solid,
     distances,
     settle,
     slope,

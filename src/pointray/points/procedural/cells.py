@@ -21,13 +21,14 @@ from .clay import (
     SIZE,
     TUBE,
     WIDTH,
+    Solid,
     ellipsoid,
     height,
     local,
     shape,
 )
 from .smooth import blend
-from .solids import CLAY, Solid
+from .solids import CLAY
 
 _TILE = 64
 

@@ -7,7 +7,10 @@ cell can be listed exactly (`cells`), and hundreds of strokes cost no more than 
 from __future__ import annotations
 
 from math import acos, cos, sin, sqrt
-from typing import Any, TypeAlias
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...jit import Array, inline, routine
 from ...kernels.vec import Vec3
@@ -24,7 +27,21 @@ ADD, CARVE, CUT, RELIEF, PAINT = 0, 1, 2, 3, 4
 
 FAR = 10.0  # the field before the first stroke
 
-Solid: TypeAlias = Any  # the one of `solids`, which imports this file
+
+class Solid(NamedTuple):
+    """One solid, as kernels take it. `table` and the cells that follow are used by clay only.
+
+    A cell names the list of the strokes that can change the surface inside of it: `items[starts[l] : starts[l + 1]]`
+    with `l = lists[cell]`. List 0 holds every stroke and serves whatever lies outside of the cells.
+    """
+
+    kind: int
+    table: NDArray[np.float64]  # (strokes, COLUMNS)
+    lists: NDArray[np.int32]  # (nx, ny, nz)
+    starts: NDArray[np.int32]  # (number of lists + 1,)
+    items: NDArray[np.int32]  # stroke numbers
+    origin: NDArray[np.float64]  # (3,) lower corner of the cells
+    cell: float  # edge of a cell
 
 
 @inline

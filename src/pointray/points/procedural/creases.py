@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import Array, kernel, next_tile, run
-from .solids import Solid, settle
+from .clay import Solid
+from .solids import settle
 
 BEND = np.cos(np.radians(20.0))  # between a face and the mean of the faces at its corner
 SAG = 0.2  # how far the surface may be from the middle of an edge, in units of the spacing

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import Array, inline, kernel, next_tile, run
-from .solids import Solid, field, settle
+from .clay import Solid
+from .solids import field, settle
 
 BLOCK = 8  # cells along a block's edge; blocks far from the surface are skipped whole
 

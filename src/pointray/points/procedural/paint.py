@@ -6,9 +6,26 @@ from math import floor, sin, sqrt
 
 from ...jit import Array, inline, routine
 from ...kernels.vec import Vec3
-from .clay import ADD, CARVE, COLOR, CUT, FAR, OP, PAINT, RELIEF, ROUND, VEIN, WIDTH, fade, height, list_of, shape
+from .clay import (
+    ADD,
+    CARVE,
+    COLOR,
+    CUT,
+    FAR,
+    OP,
+    PAINT,
+    RELIEF,
+    ROUND,
+    VEIN,
+    WIDTH,
+    Solid,
+    fade,
+    height,
+    list_of,
+    shape,
+)
 from .smooth import blend
-from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS, Solid
+from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS
 
 EDGE = 0.004  # width over which one colour goes over into the next
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from .bust import sculpt_bust, sculpt_plinth
 from .cells import clay_solid
+from .clay import Solid
 from .head import sculpt_head
-from .solids import Solid
 from .strokes import Clay
 
 HEAD: dict[str, Any] = {"place": (0.0, -0.005, 1.315), "turn": (-3.0, 4.0, -14.0), "scale": 0.62}

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from math import cos, floor, sin, sqrt
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ...jit import Array, inline, kernel, next_tile, routine
 from ...kernels.vec import Vec3
-from .clay import work_clay
+from .clay import Solid, work_clay
 from .smooth import blend
 
 SPHERE, TORUS, LATTICE, CLAY = 0, 1, 2, 3
@@ -23,22 +19,6 @@ SETTLED = 1e-10  # a field this small is on the surface
 LOOKS = 400  # directions
 CLOSE = 0.004  # below this the surface, nowhere rounder than 0.005, has one nearest point
 STENCIL = 3e-6  # step of central differences: truncation and rounding both stay below 1e-7
-
-
-class Solid(NamedTuple):
-    """One solid, as kernels take it. `table` and the cells that follow are used by clay only.
-
-    A cell names the list of the strokes that can change the surface inside of it: `items[starts[l] : starts[l + 1]]`
-    with `l = lists[cell]`. List 0 holds every stroke and serves whatever lies outside of the cells.
-    """
-
-    kind: int
-    table: NDArray[np.float64]  # (strokes, clay.COLUMNS)
-    lists: NDArray[np.int32]  # (nx, ny, nz)
-    starts: NDArray[np.int32]  # (number of lists + 1,)
-    items: NDArray[np.int32]  # stroke numbers
-    origin: NDArray[np.float64]  # (3,) lower corner of the cells
-    cell: float  # edge of a cell
 
 
 @inline
