@@ -167,7 +167,7 @@ def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatc
     before = jit.compile_seconds()
     assert jit.wait_for(kernel, lambda: False)
     assert jit.compile_seconds() > before
-    assert jit.wait_for(jit.KERNELS["pointray.rendering.integrate.direct_frame"], lambda: True)  # nobody compiles it
+    assert jit.wait_for(jit.KERNELS["pointray.rendering.integrate.quick_frame"], lambda: True)  # nobody compiles it
 
 
 def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):

@@ -63,7 +63,7 @@ from .film import (
     set_pixel_rays,
 )
 from .lens import depth_of
-from .settings import COLOR, COST, DEPTH, NORMAL
+from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 
 BLOCK = 16  # pixels a side of what a thread takes at a time: 4 tiles of 8 x 8
 RayPair: TypeAlias = tuple[Vec3, Vec3]  # origin and direction, world
@@ -280,34 +280,39 @@ def _integrate_paths(world: World, camera: Array, job: Pass, sample: int, scratc
     add_sample(trace_paths(world, sample, job.max_depth, job.sky_shows, scratch), scratch)
 
 
+@inline
+def _integrate_quick(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
+    if job.integrator == PHONG:
+        _integrate_direct(world, camera, job, sample, scratch)
+    else:
+        _integrate_first_hit(world, camera, job, sample, scratch)
+
+
+@inline
+def _integrate_sampled(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
+    if job.integrator == AO:
+        _integrate_occlusion(world, camera, job, sample, scratch)
+    else:
+        _integrate_paths(world, camera, job, sample, scratch)
+
+
+# Two kernels, not one for each integrator: tracing is most of each, and takes some 20 seconds to compile.
 @kernel
-def first_hit_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    _render_tiles(_integrate_first_hit, work, world, camera, job, film, image)
+def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
+    """Direct light, and what is at the first hit."""
+    _render_tiles(_integrate_quick, work, world, camera, job, film, image)
     return 0
 
 
 @kernel
-def direct_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    _render_tiles(_integrate_direct, work, world, camera, job, film, image)
-    return 0
-
-
-@kernel
-def occlusion_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    _render_tiles(_integrate_occlusion, work, world, camera, job, film, image)
-    return 0
-
-
-@kernel
-def path_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    _render_tiles(_integrate_paths, work, world, camera, job, film, image)
+def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
+    """Ambient occlusion and path tracing."""
+    _render_tiles(_integrate_sampled, work, world, camera, job, film, image)
     return 0
 
 
 # By the names of `settings.INTEGRATORS`.
 KERNELS: dict[str, Any] = {
-    "phong": direct_frame,
-    "ao": occlusion_frame,
-    "path": path_frame,
-    **dict.fromkeys(("normal", "depth", "color", "cost"), first_hit_frame),
+    **dict.fromkeys(("phong", "normal", "depth", "color", "cost"), quick_frame),
+    **dict.fromkeys(("ao", "path"), sampled_frame),
 }
