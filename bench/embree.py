@@ -27,9 +27,9 @@ import numpy as np
 import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.cli.benchmark.views import far_view, near_view
-from pointray.jit import keep_alive, kernel, next_tile, run
-from pointray.kernels.records import World, borrow_world
-from pointray.kernels.scratch import TILE, borrow_scratch, new_scratch
+from pointray.jit import borrow, keep_alive, kernel, next_tile, run
+from pointray.kernels.records import World
+from pointray.kernels.scratch import TILE, new_scratch
 from pointray.kernels.vec import load3_flat
 from pointray.neighbors import neighbors
 from pointray.points.procedural import mesh, solid
@@ -46,7 +46,7 @@ BATCH = 1024
 def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
     """Closest hit of each ray, t only: what Embree is asked for."""
     memory = new_scratch(world.longest)
-    scratch, world = borrow_scratch(memory), borrow_world(world)
+    scratch, world = borrow(memory), borrow(world)
     block = next_tile(work)
     while block >= 0:
         end = min((block + 1) * BATCH, t.size)

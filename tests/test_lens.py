@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.jit import keep_alive, kernel
+from pointray.jit import borrow, keep_alive, kernel
 from pointray.kernels.sampling import pixel_key
-from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, borrow_scratch, load3, new_scratch
+from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, load3, new_scratch
 from pointray.rendering.film import EDGE, begin_tile, pixel_of, set_pixel_rays
 from pointray.rendering.lens import FILTERS, place_in_pixel
 
@@ -19,7 +19,7 @@ FORWARD = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
 @kernel
 def _camera_rays(camera, how, origins, directions):
     memory = new_scratch(1)
-    scratch = borrow_scratch(memory)
+    scratch = borrow(memory)
     height, width, spp = origins.shape[:3]
     for top in range(0, height, EDGE):
         for left in range(0, width, EDGE):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.jit import kernel
-from pointray.kernels.records import LIGHT_KIND, World, borrow_world
+from pointray.jit import borrow, kernel
+from pointray.kernels.records import LIGHT_KIND, World
 from pointray.kernels.sampling import pixel_key, sample_pair
 from pointray.shade.emitters import from_middle, intersect_light, light_pdf, sample_light, sun_in
 from pointray.shade.sky import sample_sky, sky_irradiance, sky_pdf, sky_radiance
@@ -19,7 +19,7 @@ RNG = np.random.default_rng(3)
 @kernel
 def _sample(world, x, out):
     """Samples of light 0 at x: direction, distance, light, density; then t and density of a ray that goes there."""
-    world = borrow_world(world)
+    world = borrow(world)
     x = (x[0], x[1], x[2])
     for i in range(len(out)):
         u, v = sample_pair(pixel_key(3, 4, 5), i, 1)
@@ -33,7 +33,7 @@ def _sample(world, x, out):
 
 @kernel
 def _middle(world, x, out):
-    a = from_middle(borrow_world(world), 0, world.lights[LIGHT_KIND], (x[0], x[1], x[2]))
+    a = from_middle(borrow(world), 0, world.lights[LIGHT_KIND], (x[0], x[1], x[2]))
     for c in range(3):
         out[c], out[3 + c] = a.wi[c], a.light[c]
     out[6] = a.distance
@@ -42,7 +42,7 @@ def _middle(world, x, out):
 @kernel
 def _meet(world, o, d, out):
     """t of rays with light 0, and the density of choosing them."""
-    world = borrow_world(world)
+    world = borrow(world)
     for i in range(len(out)):
         ray = (o[0], o[1], o[2]), (d[i, 0], d[i, 1], d[i, 2])
         out[i, 0] = intersect_light(world, 0, ray[0], ray[1])
@@ -51,7 +51,7 @@ def _meet(world, o, d, out):
 
 @kernel
 def _sky(world, d, out):
-    world = borrow_world(world)
+    world = borrow(world)
     for i in range(len(out)):
         v = d[i, 0], d[i, 1], d[i, 2]
         light, even = sky_radiance(world, v), sky_irradiance(world, v)
@@ -62,7 +62,7 @@ def _sky(world, d, out):
 
 @kernel
 def _sample_sky(world, out):
-    world = borrow_world(world)
+    world = borrow(world)
     for i in range(len(out)):
         u, v = sample_pair(pixel_key(3, 4, 5), i, 1)
         a = sample_sky(world, u, v)

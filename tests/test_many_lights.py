@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.jit import kernel
-from pointray.kernels.records import LIGHT, LIGHT_AREA, LIGHT_KIND, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT, borrow_world
+from pointray.jit import borrow, kernel
+from pointray.kernels.records import LIGHT, LIGHT_AREA, LIGHT_KIND, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT
 from pointray.shade.choice import chance_of, choose_light, nearest_lamp, sun_after
 from pointray.shade.emitters import intersect_light, sun_in
 
@@ -15,7 +15,7 @@ from pointray.shade.emitters import intersect_light, sun_in
 @kernel
 def _choose(world, numbers, out):
     """Which light each number chooses, and its chance, told in both ways."""
-    world = borrow_world(world)
+    world = borrow(world)
     for i in range(len(numbers)):
         which, chance = choose_light(world, numbers[i])
         out[i, 0], out[i, 1] = which, chance
@@ -25,7 +25,7 @@ def _choose(world, numbers, out):
 @kernel
 def _meet(world, o, d, out):
     """Of rays: t and number of the lamp that is met, by the tree and by a walk; density of suns, the same."""
-    world = borrow_world(world)
+    world = borrow(world)
     for i in range(len(o)):
         x, way = (o[i, 0], o[i, 1], o[i, 2]), (d[i, 0], d[i, 1], d[i, 2])
         t, at = nearest_lamp(world, (x, way), np.inf)

@@ -5,15 +5,15 @@ import pytest
 
 import pointray as pr
 from pointray.intersect.gather import gather, list_blocks, list_splats, segment
-from pointray.jit import keep_alive, kernel
+from pointray.jit import borrow, keep_alive, kernel
 from pointray.kernels.records import CELL, LEAF
-from pointray.kernels.scratch import COUNT_SPLATS, borrow_scratch, new_scratch, slot_of
+from pointray.kernels.scratch import COUNT_SPLATS, new_scratch, slot_of
 
 
 @kernel
 def _near(tree, leaf, ray, longest, out):
     memory = new_scratch(longest)
-    scratch = borrow_scratch(memory)
+    scratch = borrow(memory)
     capsule = segment((ray[0], ray[1], ray[2]), (ray[3], ray[4], ray[5]), ray[6], ray[7])
     list_blocks(tree, leaf, capsule, scratch)
     gather(tree, scratch)

@@ -76,12 +76,15 @@ def together(tree: Tree, leaf: int) -> bool:
 
 
 @inline
-def search_alone(tree: Tree, leaf: int, ray: Ray, scratch: Scratch, interval: tuple[float, float, float, float]) -> Hit:
+def search_alone(
+    tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float, float, float], lift: float, scratch: Scratch
+) -> tuple[Hit, float]:
     """The first hit of a ray in a leaf's voxel.
 
     Where two sheets are close together their normals cancel, and a step may pass both. So of those the ones that face
     the ray are searched first and then those that face away, each as if the others were not there.
     interval : where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
+    lift : what the start rule has lifted the ray by so far, see `march.py`; what it has then is returned
     """
     enter, leave, low, high = interval
     hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
@@ -90,16 +93,16 @@ def search_alone(tree: Tree, leaf: int, ray: Ray, scratch: Scratch, interval: tu
     along = (o[u], o[v], o[w]), (d[u], d[v], d[w]), (inverse[u], inverse[v])
     low, high = narrow_one(tree, leaf, axes, along, (low, high))
     if not low <= high:
-        return hit
+        return hit, lift
     reach, fine = lattice(tree, leaf, (broadcast16(enter), broadcast16(low), broadcast16(high)), broadcast16(ray.t_min))
     if bits(fine) == 0:
-        return hit
+        return hit, lift
     first, last = span(tree, leaf, reach)
     capsule, start = segment(o, d, lane(first, 0), lane(last, 0)), lane(first, 0)
     place = o[0] + start * d[0], o[1] + start * d[1], o[2] + start * d[2]
     if int(tree.head[SURFACE]) == DISC:
         list_blocks(tree, leaf, capsule, scratch)
-        return search_discs(tree, leaf, scratch, (place, start, ray), max(enter, abs(ray.t_min)), leave)
+        return search_discs(tree, leaf, scratch, (place, start, ray), max(enter, abs(ray.t_min)), leave), lift
     frame = Frame(
         broadcast16(place[0]),
         broadcast16(place[1]),
@@ -110,7 +113,7 @@ def search_alone(tree: Tree, leaf: int, ray: Ray, scratch: Scratch, interval: tu
         first,
         broadcast16(ray.side),
     )
-    lift = broadcast16(scratch.lift[0])
+    lifts = broadcast16(lift)
     way = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
     list_blocks(tree, leaf, capsule, scratch)
     gather(tree, scratch)
@@ -121,15 +124,14 @@ def search_alone(tree: Tree, leaf: int, ray: Ray, scratch: Scratch, interval: tu
         if way != ZERO:
             keep_sheet(tree, scratch, frame, way, 1)
         if scratch.counts[COUNT_SPLATS] > 0:
-            found = search_one(tree, leaf, frame, reach, (way, lift), scratch)
+            found = search_one(tree, leaf, frame, reach, (way, lifts), scratch)
             lifted = max(lifted, found.lift)
             if found.t < hit.t:
                 hit = Hit(found.t, found.nx, found.ny, found.nz, leaf)
         else:
-            lifted = max(lifted, scratch.lift[0])
+            lifted = max(lifted, lift)
         if not way > ZERO:
-            scratch.lift[0] = lifted
-            return hit
+            return hit, lifted
         way = -ONE
 
 

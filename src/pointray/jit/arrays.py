@@ -61,20 +61,31 @@ def array_at(typingctx: Any, address: Any, length: Any, like: Any) -> Any:
 
 
 @intrinsic
-def borrow(typingctx: Any, array: Any) -> Any:
-    """The same array without a reference to its memory, which its owner must keep alive.
+def borrow(typingctx: Any, value: Any) -> Any:
+    """The same array, or record of arrays, without references to its memory, which its owner must keep alive.
 
     Numba counts references with atomic additions at every use of an array that owns its memory; two threads that share
     one then wait for each other. Rays that meet nothing took 160 ns before and 35 ns without.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        out = context.make_array(signature.return_type)(context, builder, args[0])
-        out.meminfo = cgutils.get_null_value(out.meminfo.type)
-        out.parent = cgutils.get_null_value(out.parent.type)
-        return out._getvalue()
+        return _without_owner(context, builder, signature.return_type, args[0])
 
-    return array(array), codegen
+    return value(value), codegen
+
+
+def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Arrays without an owner, in tuples too; what else there is stays as it is."""
+    if isinstance(kind, types.BaseTuple):
+        for k, item in enumerate(kind):
+            part = _without_owner(context, builder, item, builder.extract_value(value, k))
+            value = builder.insert_value(value, part, k)
+    if not isinstance(kind, types.Array):
+        return value
+    out = context.make_array(kind)(context, builder, value)
+    out.meminfo = cgutils.get_null_value(out.meminfo.type)
+    out.parent = cgutils.get_null_value(out.parent.type)
+    return out._getvalue()
 
 
 @intrinsic

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import Array, array_at, borrow, f32, i32, inline
+from ..jit import Array, array_at, f32, i32, inline
 from .vec import Vec3
 
 EMPTY, FAR = f32(1e15), f32(1e14)
@@ -311,41 +311,6 @@ class World(NamedTuple):
     def __reduce__(self) -> str:
         """A copy or a pickle would hold addresses without what lies there."""
         raise TypeError("what kernels read of a scene cannot be copied: copy or pickle the scene itself")
-
-
-@inline
-def _borrow_light_tree(t: LightTree) -> LightTree:
-    return LightTree(borrow(t.lights), borrow(t.skips), borrow(t.boxes))
-
-
-@inline
-def borrow_world(w: World) -> World:
-    """The world without references to its arrays (see `jit.borrow`)."""
-    return World(
-        borrow(w.table),
-        borrow(w.instances),
-        borrow(w.planes),
-        borrow(w.top),
-        borrow(w.top_boxes),
-        borrow(w.top_children),
-        borrow(w.lights),
-        borrow(w.light_shares),
-        _borrow_light_tree(w.lamps),
-        _borrow_light_tree(w.suns),
-        borrow(w.materials),
-        borrow(w.sky),
-        borrow(w.sky_colors),
-        borrow(w.sky_rows),
-        borrow(w.sky_columns),
-        borrow(w.sky_mean),
-        borrow(w.paints),
-        borrow(w.levels),
-        borrow(w.map_colors),
-        borrow(w.tone),
-        w.longest,
-        w.catchers,
-        borrow(w.clips),
-    )
 
 
 class WorldHit(NamedTuple):

@@ -1,4 +1,32 @@
-"""One thread's working memory: where a ray or a tile of rays keeps what it knows on its way."""
+"""One thread's working memory: where a ray or a tile of rays keeps what it knows on its way.
+
+A tile is 64 rays that are traced together, in vectors of 16. A row holds one number of each ray. Rows are declared
+below, part by part: each name is where its rows begin in the part's array.
+
+| part | who writes | who reads | how long it holds |
+|---|---|---|---|
+| DIRECTION, ORIGIN, T_MIN, SIDE_OF | `set_ray`, `set_ray_from`, `film` | `trace/`, `shade/` | until rays are set anew |
+| NEAREST, NORMAL, LOCAL, INSTANCE_OF, LEAF_OF | `trace_tile` | `tile_hit`, `shade/` | until the next `trace_tile` |
+| COLOR, SLOT_OF | `describe_tile` | `tile_hit`, `shade/` | until the next `trace_tile` |
+| START, HEADING, SPEED, LOW | `instance` | `instance` | while the tile is in one model |
+| TOP_*, top_what, top_rays, top_near | `instance_bvh` | `world`, `instance_bvh` | one `trace_tile` |
+| model but TOP_*, FOUND | `instance`, `tile`, `leaf` | the same | while the tile is in one model |
+| ASIDE, FOUND_ASIDE | `group` | `group` | while a group of the rays is in one model |
+| stack, stack_near | `traverse`, `tile` | the same | one walk through a model |
+| part | `leaf` | `leaf`, `gather` | one leaf |
+| near, splats, listed, COUNT_NEAR, COUNT_SPLATS | `gather` | `surface`, `march`, `hits` | one leaf |
+| places | `new_scratch` | `gather` | always |
+| COUNT_NODES, COUNT_LEAVES | `traverse`, `tile` | `integrate` | set to 0 by who asks |
+| SHADING_* | `store_shading_points` | `shade/` | until the tile's next points |
+| RADIANCE, THROUGHPUT, KEY, PDF, SHADING_DEPTH | `shade/`, `film` | the same | one sample of the tile |
+| GAIN, SKY_SEEN, UNLIT, LIT, NEXT* | `shade/` | `shade/`, `film` | one light, look at the sky, or scattering |
+| CAUGHT | `find_caught` | `catcher`, `film` | one sample of the tile |
+| waiting, WAITING_COUNT | `specular_rays` | `specular_rays` | one sample of the tile |
+| sums | `film` | `film` | one tile of the picture |
+
+Two parts are used twice, at times that exclude each other: IMAGE_X and IMAGE_Y are the direction's rows, until there is
+a direction; COST_ORIGIN and COST_DIRECTION are rows of shading points, where there are none.
+"""
 
 from __future__ import annotations
 
@@ -6,78 +34,113 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import Array, borrow, i64, inline
+from ..jit import Array, i64, inline
 from .vec import Vec3
 
-# A tile: 64 rays that are traced together, in vectors of 16. Its rows hold one number of each ray.
 LANES, TILE = 16, 64
-DIRECTION, ORIGIN = 0, 3 * TILE  # world, float64, 3 rows each: the ray as asked for
-T_MIN, NEAREST = 6 * TILE, 7 * TILE  # where it begins; the nearest hit so far, at first where it ends
-NORMAL, COLOR, LOCAL = 8 * TILE, 11 * TILE, 14 * TILE  # of that hit, 3 rows each
-# The ray in the current model: where it begins and its unit direction, 3 rows each; the length that the direction had
-# before; where it enters the bounds.
-START, HEADING, SPEED, LOW = 17 * TILE, 20 * TILE, 23 * TILE, 24 * TILE
+
+
+class Rows:
+    """Where the rows of one array begin, as they are declared one after the other."""
+
+    def __init__(self, width: int) -> None:
+        self._width, self.size = width, 0
+
+    def __call__(self, count: int = 1) -> int:
+        """The place of so many rows, that follow those before."""
+        begin = self.size
+        self.size += count * self._width
+        return begin
+
+
+# world, float64.
+_rows = Rows(TILE)
+DIRECTION, ORIGIN = _rows(3), _rows(3)  # the ray as asked for
+T_MIN, NEAREST = _rows(), _rows()  # where it begins; the nearest hit so far, at first where it ends
+NORMAL, COLOR, LOCAL = _rows(3), _rows(3), _rows(3)  # of that hit
+# The ray in the current model: where it begins and its unit direction; the length that the direction had before; where
+# it enters the bounds.
+START, HEADING, SPEED, LOW = _rows(3), _rows(3), _rows(), _rows()
 ANYWHERE = 1.0 + 2.0**-40  # a side: +1 as float32, of a ray that a camera or a caller sends, from wherever it is
-SIDE_OF = 25 * TILE  # +1 where a ray that starts on a surface is outside of it, -1 where it is inside; or ANYWHERE
-TOP_LOW, TOP_SPEED = 26 * TILE, 27 * TILE  # the ray in the tree over the instances, as LOW and SPEED
-WORLD_ROWS = 28
-INSTANCE_OF, LEAF_OF, SLOT_OF = 0, TILE, 2 * TILE  # int64: of the nearest hit, -1 for none
-FOUND = 3 * TILE  # leaf of the hit in the current model, -1 for none
-WAITING_COUNT = 4 * TILE  # rays that wait at each place
-NUMBER_ROWS = 6
-# float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
-OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (k * TILE for k in range(9))
+SIDE_OF = _rows()  # +1 where a ray that starts on a surface is outside of it, -1 where it is inside; or ANYWHERE
+TOP_LOW, TOP_SPEED = _rows(), _rows()  # the ray in the tree over the instances, as LOW and SPEED
+WORLD_SIZE = _rows.size
+IMAGE_X, IMAGE_Y = DIRECTION, DIRECTION + TILE  # until rays are made: where in the image they go through
+
+# numbers, int64.
+_rows = Rows(TILE)
+INSTANCE_OF, LEAF_OF, SLOT_OF = _rows(), _rows(), _rows()  # of the nearest hit, -1 for none
+FOUND = _rows()  # leaf of the hit in the current model, -1 for none
+WAITING_COUNT = _rows()  # rays that wait at each place
+FOUND_ASIDE = _rows()  # FOUND of all the tile's rays, while a group of them is in the rows above
+NUMBERS_SIZE = _rows.size
+
+# model, float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
+_rows = Rows(TILE)
+OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (_rows() for _ in range(9))
 # Where its nearest hit in this model is, at first a step behind where it ends: see `intersect/march.py`; below 0 where
 # it misses the bounds.
-LENGTH = 9 * TILE
-NX, NY, NZ = 10 * TILE, 11 * TILE, 12 * TILE  # unit normal of that hit
-ENTER, LEAVE, FIRST, LAST = 13 * TILE, 14 * TILE, 15 * TILE, 16 * TILE
-END = 17 * TILE  # LENGTH as it was at first, whatever the ray hits
-SIDE = 18 * TILE  # see SIDE_OF
-TOP_OX, TOP_IX, TOP_LENGTH = 19 * TILE, 22 * TILE, 25 * TILE  # in the tree over the instances, 3, 3 and 1
+LENGTH = _rows()
+NX, NY, NZ = _rows(), _rows(), _rows()  # unit normal of that hit
+ENTER, LEAVE, FIRST, LAST = _rows(), _rows(), _rows(), _rows()  # of the leaf: its voxel, and the part that is searched
+END = _rows()  # LENGTH as it was at first, whatever the ray hits
+SIDE = _rows()  # see SIDE_OF
+TOP_OX, TOP_IX, TOP_LENGTH = _rows(3), _rows(3), _rows()  # in the tree over the instances
 # Where the ray begins, from where it enters the bounds on: nothing before counts. Negative where a clip plane has cut
 # it, so that it begins on no surface; then never 0.
-BEGIN = 26 * TILE
-CUT = 27 * TILE  # 1 where a clip plane has cut the ray, in any model; else 0
-MODEL_ROWS = 28
-# The same rows of all the tile's rays, while a group of them stands in the rows above; FOUND of these.
-ASIDE, FOUND_ASIDE = MODEL_ROWS * TILE, 5 * TILE
-# float32: of the rays that search a leaf, one after the other, see `intersect/leaf.py`: the middle of the part that is
-# looked at, the direction, where its first sample is, 3 rows each; half the part's length; the first and the last
-# sample, and where the ray begins, see `leaf.Reach`; the nearest hit; the side.
-PART = TILE + LANES  # the length of such a row: what follows the last ray is written over
-AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ, AT_FIRST_X, AT_FIRST_Y, AT_FIRST_Z = (k * PART for k in range(9))
-AT_HALF, AT_FIRST, AT_LAST, AT_BEGIN, AT_LENGTH, AT_SIDE = (k * PART for k in range(9, 15))
-PART_ROWS = 15
+BEGIN = _rows()
+CUT = _rows()  # 1 where a clip plane has cut the ray, in any model; else 0
+ASIDE = _rows(_rows.size // TILE)  # the same rows of all the tile's rays, while a group of them is in the rows above
+MODEL_SIZE = _rows.size
 
-# float64: of the surface points of a tile that are shaded, see `shade/direct.py`: where they are, the normal turned to
-# the eye, the direction to the eye, the colour, 3 rows each; the instance, -1 for none; the side of the surface the eye
-# is on; the radiance to the eye so far, and what the current light adds where nothing is in its way, 3 rows each.
-SHADING_POINT, SHADING_NORMAL, SHADING_WO, SHADING_COLOR = 0, 3 * TILE, 6 * TILE, 9 * TILE
-SHADING_INSTANCE, SHADING_SIDE, RADIANCE, GAIN = 12 * TILE, 13 * TILE, 14 * TILE, 17 * TILE
-# How much radiance along the ray counts in the pixel, RGB; how many scatterings lie behind. Of a path: the key of its
-# numbers, the pdf with which its ray's direction was chosen (0: no other way finds it); the same of the next ray.
-THROUGHPUT, SHADING_DEPTH, KEY, PDF = 20 * TILE, 23 * TILE, 24 * TILE, 25 * TILE
-NEXT, NEXT_SIDE, NEXT_THROUGHPUT, NEXT_PDF = 26 * TILE, 29 * TILE, 30 * TILE, 33 * TILE
-UNLIT, LIT = 34 * TILE, 35 * TILE  # of a shadow catcher: light that would arrive, that does
-SKY_SEEN = 36 * TILE  # share of the sky that a surface point sees, by the cosine
-SHADING_ROWS = 37
-# float64: the sums of a tile's pixels, see `rendering/film.py`: RGB; samples that met something; squares of the
-# luminance; samples that met a shadow catcher, what UNLIT and LIT were there.
-TOTAL, TOTAL_MET, TOTAL_SQUARE = 0, 3 * TILE, 4 * TILE
-TOTAL_CAUGHT, TOTAL_UNLIT, TOTAL_LIT, SUM_ROWS = 5 * TILE, 6 * TILE, 7 * TILE, 8
-# Rays that wait, see `shade/specular_rays.py`: origin, direction, how much each counts, 3 each, side, depth.
-WAITING, MOST_WAITING = 11, 33
+# part, float32: the rays that search a leaf, one after the other, see `intersect/leaf.py`. A row is longer by 16: what
+# follows the last ray is written over.
+PART = TILE + LANES
+_rows = Rows(PART)
+AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (_rows() for _ in range(6))  # the middle of what is searched; the direction
+AT_FIRST_X, AT_FIRST_Y, AT_FIRST_Z = (_rows() for _ in range(3))  # where the first sample is
+AT_HALF, AT_FIRST, AT_LAST = _rows(), _rows(), _rows()  # half the length; the first and the last sample
+AT_BEGIN, AT_LENGTH, AT_SIDE = _rows(), _rows(), _rows()  # see `march.Reach`; the nearest hit; the side
+PART_SIZE = _rows.size
 
-COUNT_NEAR = 0  # blocks listed near the current rays
-COUNT_NODES, COUNT_LEAVES = 1, 2  # visited
-COUNT_SPLATS = 3  # splats listed near the current rays
-CAUGHT = 4  # the camera's rays of the tile that have met a shadow catcher, as bits
-ANY_HIT = 5  # 1 while it matters only whether the tile's rays meet anything
-SEEN_ONLY = 6  # 1 where of hits only the colours matter, and only those that materials show
+# shading_points, float64: where the tile's rays have hit a surface.
+_rows = Rows(TILE)
+SHADING_POINT, SHADING_NORMAL, SHADING_WO = _rows(3), _rows(3), _rows(3)  # the normal is turned to the eye
+SHADING_COLOR, SHADING_INSTANCE, SHADING_SIDE = _rows(3), _rows(), _rows()  # instance: -1 for none; the eye's side
+RADIANCE, GAIN = _rows(3), _rows(3)  # to the eye so far; what the current light adds where nothing is in its way
+THROUGHPUT, SHADING_DEPTH = _rows(3), _rows()  # how much radiance counts in the pixel; scatterings that lie behind
+KEY = _rows()  # of the pixel's random numbers
+PDF = _rows()  # with which a path's ray was chosen; 0: no other way finds its direction
+NEXT, NEXT_SIDE, NEXT_THROUGHPUT, NEXT_PDF = _rows(3), _rows(), _rows(3), _rows()  # a path's next ray
+UNLIT, LIT = _rows(), _rows()  # of a shadow catcher: light that would arrive, that does
+SKY_SEEN = _rows()  # share of the sky that a surface point sees, by the cosine
+SHADING_SIZE = _rows.size
+COST_ORIGIN, COST_DIRECTION = SHADING_POINT, SHADING_WO  # of rays whose cost is counted one by one
 
-# Splats gathered from the listed blocks, 16 together: 7 rows of 16 float32, in the order of a block's.
+# sums, float64, of a tile's pixels, see `rendering/film.py`. A film keeps the first of them, in this order.
+_rows = Rows(TILE)
+TOTAL, TOTAL_MET, TOTAL_SQUARE = _rows(3), _rows(), _rows()  # light; samples that met something; squared luminance
+TOTAL_CAUGHT, TOTAL_UNLIT, TOTAL_LIT = _rows(), _rows(), _rows()  # samples that met a shadow catcher; UNLIT, LIT there
+SUMS_SIZE = _rows.size
+
+# waiting, float64, see `shade/specular_rays.py`: rays that mirrors and glass send on, on a stack at each place.
+_rows = Rows(1)
+WAIT_ORIGIN, WAIT_DIRECTION, WAIT_THROUGHPUT = _rows(3), _rows(3), _rows(3)
+WAIT_SIDE, WAIT_DEPTH = _rows(), _rows()
+WAITING = _rows.size
+MOST_WAITING = 33
+
+# counts, int64.
+_rows = Rows(1)
+COUNT_NEAR = _rows()  # blocks listed near the current rays
+COUNT_NODES, COUNT_LEAVES = _rows(), _rows()  # visited
+COUNT_SPLATS = _rows()  # splats listed near the current rays
+CAUGHT = _rows()  # the camera's rays of the tile that have met a shadow catcher, as bits
+COUNTS_SIZE = _rows.size
+
+# splats, float32: those of the listed blocks, 16 together: 7 rows of 16, in the order of a block's.
 GATHERED = 7 * LANES
+STACK, TOP_STACK = 512, 128  # children still to visit, in a model and over the instances
 
 
 @inline
@@ -93,17 +156,14 @@ def store3(rows: Array, i: int, a: Vec3) -> None:
 
 
 class Scratch(NamedTuple):
-    """One thread's working memory.
+    """One thread's working memory, part by part: see the table above.
 
     stack : (512,) int32, children still to visit; stack_near : (512,) float32, where the ray enters them
-    near : (n,) int32, blocks near the rays in the current leaf; counts : (8,) int64, see COUNT_*
-    lift : (1,) float32, the start rule's state, see `intersect/march.py`
+    near : (n,) int32, blocks near the rays in the current leaf; counts : int64, see COUNT_*
     splats : (m,) float32, the splats of these blocks, see GATHERED
     places : (4 n,) int32, where in `splats` each of them is
     listed : (4 n,) int32, the places of those near the rays that are evaluated
-    world, model, numbers : the rows of a tile, float64, float32 and int64; part : float32, of those that search a leaf
-    shading_points : float64, rows of the shading points; sums : float64, rows of the sums of a tile's pixels
-    waiting : float64, rays that mirrors and glass send on
+    world, model, numbers, part, shading_points, sums, waiting : see their rows
     top_what : (128,) int32, entries of the tree over the instances still to visit; top_rays : (128,)
     int64, the rays that enter them; top_near : (128,) float32, where the first of these does
     """
@@ -112,7 +172,6 @@ class Scratch(NamedTuple):
     stack_near: Array
     near: Array
     counts: Array
-    lift: Array
     splats: Array
     places: Array
     listed: Array
@@ -136,49 +195,23 @@ def new_scratch(longest: int) -> Scratch:
     for k in range(places.size):
         places[k] = k // LANES * GATHERED + k % LANES
     return Scratch(
-        np.empty(512, np.int32),
-        np.empty(512, np.float32),
+        np.empty(STACK, np.int32),
+        np.empty(STACK, np.float32),
         np.empty(longest + 16, np.int32),
-        np.zeros(8, np.int64),
-        np.zeros(1, np.float32),
+        np.zeros(COUNTS_SIZE, np.int64),
         np.empty(groups * GATHERED, np.float32),
         places,
         np.empty(places.size + LANES, np.int32),
-        np.zeros(WORLD_ROWS * TILE, np.float64),
-        np.zeros(2 * MODEL_ROWS * TILE, np.float32),
-        np.zeros(NUMBER_ROWS * TILE, np.int64),
-        np.zeros(PART_ROWS * PART, np.float32),
-        np.zeros(SHADING_ROWS * TILE, np.float64),
-        np.zeros(SUM_ROWS * TILE, np.float64),
+        np.zeros(WORLD_SIZE, np.float64),
+        np.zeros(MODEL_SIZE, np.float32),
+        np.zeros(NUMBERS_SIZE, np.int64),
+        np.zeros(PART_SIZE, np.float32),
+        np.zeros(SHADING_SIZE, np.float64),
+        np.zeros(SUMS_SIZE, np.float64),
         np.empty(TILE * MOST_WAITING * WAITING, np.float64),
-        np.empty(128, np.int32),
-        np.empty(128, np.int64),
-        np.empty(128, np.float32),
-    )
-
-
-@inline
-def borrow_scratch(s: Scratch) -> Scratch:
-    """The working memory without references to it (see `jit.borrow`): the kernel must `keep` the original."""
-    return Scratch(
-        borrow(s.stack),
-        borrow(s.stack_near),
-        borrow(s.near),
-        borrow(s.counts),
-        borrow(s.lift),
-        borrow(s.splats),
-        borrow(s.places),
-        borrow(s.listed),
-        borrow(s.world),
-        borrow(s.model),
-        borrow(s.numbers),
-        borrow(s.part),
-        borrow(s.shading_points),
-        borrow(s.sums),
-        borrow(s.waiting),
-        borrow(s.top_what),
-        borrow(s.top_rays),
-        borrow(s.top_near),
+        np.empty(TOP_STACK, np.int32),
+        np.empty(TOP_STACK, np.int64),
+        np.empty(TOP_STACK, np.float32),
     )
 
 

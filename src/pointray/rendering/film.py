@@ -17,6 +17,8 @@ from ..kernels.sampling import ON_LENS, on_disc, pixel_key, sample_pair
 from ..kernels.scratch import (
     CAUGHT,
     DIRECTION,
+    IMAGE_X,
+    IMAGE_Y,
     KEY,
     LIT,
     ORIGIN,
@@ -48,7 +50,6 @@ LONGEST_PASS = 64  # samples
 # Numbers of a pixel in a film: the light and how often something was met; where noise is measured, the squares too; all
 # where there are shadow catchers.
 LIGHT_SUMS, NOISE_SUMS, ALL_SUMS = 4, 5, 8
-_ACROSS, _DOWN = DIRECTION, DIRECTION + TILE  # until rays are made: where in the image they go through
 
 
 @inline
@@ -70,7 +71,7 @@ def begin_tile(corner: Corner, size: Size, seed: int, scratch: Scratch) -> None:
 def _middles(corner: Corner, size: Size, wide: Array) -> None:
     for i in range(TILE):
         x, y = pixel_of(corner, i)
-        wide[_ACROSS + i], wide[_DOWN + i] = min(x, size[0] - 1) + 0.5, min(y, size[1] - 1) + 0.5
+        wide[IMAGE_X + i], wide[IMAGE_Y + i] = min(x, size[0] - 1) + 0.5, min(y, size[1] - 1) + 0.5
 
 
 @inline
@@ -78,8 +79,8 @@ def _move(sample: int, shape: int, scratch: Scratch) -> None:
     """Rays leave their pixels' middles for the places of a sample."""
     for i in range(TILE):
         right, down = place_in_pixel(int(scratch.shading_points[KEY + i]), sample, shape)
-        scratch.world[_ACROSS + i] += right
-        scratch.world[_DOWN + i] += down
+        scratch.world[IMAGE_X + i] += right
+        scratch.world[IMAGE_Y + i] += down
 
 
 @inline
@@ -87,7 +88,7 @@ def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> No
     """Places in the image become rays, of no particular length."""
     wide = scratch.world
     for i in range(TILE):
-        u, v = on_screen(size, wide[_ACROSS + i], wide[_DOWN + i])
+        u, v = on_screen(size, wide[IMAGE_X + i], wide[IMAGE_Y + i])
         o, d = project(camera, projection, u, v)
         set_ray(scratch, i, (o, d, 0.0, np.inf))
 

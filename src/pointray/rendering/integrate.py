@@ -19,19 +19,17 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ..jit import Array, borrow, cancelled, i64, inline, keep_alive, kernel, next_tile
-from ..kernels.records import World, WorldHit, borrow_world
+from ..kernels.records import World, WorldHit
 from ..kernels.scratch import (
     CAUGHT,
+    COST_DIRECTION,
+    COST_ORIGIN,
     COUNT_LEAVES,
     COUNT_NODES,
     DIRECTION,
     ORIGIN,
-    SEEN_ONLY,
-    SHADING_POINT,
-    SHADING_WO,
     TILE,
     Scratch,
-    borrow_scratch,
     load3,
     new_scratch,
     store3,
@@ -125,8 +123,7 @@ def _render_tiles(
 ) -> None:
     """The loop of all kernels: from a tile's rays to its pixels, by an integrator."""
     memory = new_scratch(world.longest)
-    scratch, world, camera = borrow_scratch(memory), borrow_world(world), borrow(camera)
-    scratch.counts[SEEN_ONLY] = 1
+    scratch, world, camera = borrow(memory), borrow(world), borrow(camera)
     height, width = image.shape[:2]
     block = next_tile(work)
     while block >= 0:
@@ -185,10 +182,12 @@ def _add_costs(world: World, scratch: Scratch) -> None:
     points = scratch.shading_points
     for i in range(TILE):
         o, d = _tile_ray(scratch, i)
-        store3(points, SHADING_POINT + i, o)
-        store3(points, SHADING_WO + i, d)
+        store3(points, COST_ORIGIN + i, o)
+        store3(points, COST_DIRECTION + i, d)
     for i in range(TILE):
-        add_color(scratch, i, _cost(world, (load3(points, SHADING_POINT + i), load3(points, SHADING_WO + i)), scratch))
+        add_color(
+            scratch, i, _cost(world, (load3(points, COST_ORIGIN + i), load3(points, COST_DIRECTION + i)), scratch)
+        )
 
 
 @inline
@@ -201,7 +200,7 @@ def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, sc
     if meets_nothing(scratch):
         return
     if job.integrator == COLOR:
-        describe_tile(world, scratch)
+        describe_tile(world, True, scratch)
     for i in range(TILE):
         hit = tile_hit(scratch, i)
         if hit.instance >= 0:
@@ -237,7 +236,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
         if not set_specular_rays(scratch):
             break
         trace_tile(world, scratch)
-        describe_tile(world, scratch)
+        describe_tile(world, True, scratch)
         first = False
     return met
 
@@ -248,7 +247,7 @@ def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scrat
     trace_tile(world, scratch)
     if meets_nothing(scratch) and not job.sky_shows:  # background alone: empty frames in 0.6 of the time
         return
-    describe_tile(world, scratch)
+    describe_tile(world, True, scratch)
     add_sample(_direct_light(world, job, sample, scratch), scratch)
 
 
@@ -257,7 +256,7 @@ def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, sc
     """Ambient occlusion."""
     begin_radiance(scratch)
     trace_tile(world, scratch)
-    describe_tile(world, scratch)
+    describe_tile(world, True, scratch)
     met = i64(0)
     store_shading_points(scratch)
     for i in range(TILE):

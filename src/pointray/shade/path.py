@@ -199,7 +199,7 @@ def trace_paths(world: World, sample: int, most: int, sky_shows: bool, scratch: 
     covered = i64(0)
     for depth in range(most + 1):
         trace_tile(world, scratch)
-        describe_tile(world, scratch)
+        describe_tile(world, True, scratch)
         met = receive(world, depth, sky_shows, scratch)
         if depth == 0:
             covered = met

@@ -13,6 +13,11 @@ from ..kernels.scratch import (
     SHADING_SIDE,
     THROUGHPUT,
     TILE,
+    WAIT_DEPTH,
+    WAIT_DIRECTION,
+    WAIT_ORIGIN,
+    WAIT_SIDE,
+    WAIT_THROUGHPUT,
     WAITING,
     WAITING_COUNT,
     Scratch,
@@ -44,8 +49,11 @@ def _wait(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
         return
     at, x = (i * MOST_WAITING + count) * WAITING, load3(scratch.shading_points, SHADING_POINT + i)
     for c in range(3):
-        scratch.waiting[at + c], scratch.waiting[at + 3 + c], scratch.waiting[at + 6 + c] = x[c], d[c], weight[c]
-    scratch.waiting[at + 9], scratch.waiting[at + 10] = side, scratch.shading_points[SHADING_DEPTH + i] + 1.0
+        scratch.waiting[at + WAIT_ORIGIN + c] = x[c]
+        scratch.waiting[at + WAIT_DIRECTION + c] = d[c]
+        scratch.waiting[at + WAIT_THROUGHPUT + c] = weight[c]
+    scratch.waiting[at + WAIT_SIDE] = side
+    scratch.waiting[at + WAIT_DEPTH] = scratch.shading_points[SHADING_DEPTH + i] + 1.0
     scratch.numbers[WAITING_COUNT + i] = count + 1
 
 
@@ -76,15 +84,14 @@ def set_specular_rays(scratch: Scratch) -> bool:
         count = scratch.numbers[WAITING_COUNT + i] - 1
         if count < 0:
             set_ray(scratch, i, NO_RAY)
-            store3(
-                scratch.shading_points, THROUGHPUT + i, BLACK
-            )  # it meets nothing, and what is behind that does not count
+            # It meets nothing, and what is behind that does not count.
+            store3(scratch.shading_points, THROUGHPUT + i, BLACK)
             continue
         some = True
         scratch.numbers[WAITING_COUNT + i] = count
         at = (i * MOST_WAITING + count) * WAITING
-        ray = load3_flat(scratch.waiting, at), load3_flat(scratch.waiting, at + 3), 0.0, np.inf
-        set_ray_from(scratch, i, ray, scratch.waiting[at + 9])
-        store3(scratch.shading_points, THROUGHPUT + i, load3_flat(scratch.waiting, at + 6))
-        scratch.shading_points[SHADING_DEPTH + i] = scratch.waiting[at + 10]
+        o, d = load3_flat(scratch.waiting, at + WAIT_ORIGIN), load3_flat(scratch.waiting, at + WAIT_DIRECTION)
+        set_ray_from(scratch, i, (o, d, 0.0, np.inf), scratch.waiting[at + WAIT_SIDE])
+        store3(scratch.shading_points, THROUGHPUT + i, load3_flat(scratch.waiting, at + WAIT_THROUGHPUT))
+        scratch.shading_points[SHADING_DEPTH + i] = scratch.waiting[at + WAIT_DEPTH]
     return some

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..intersect.gather import list_blocks, segment
 from ..intersect.surface import weights_of_block
 from ..jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
-from ..kernels.records import INSTANCE, SHAPE_ROW, World, borrow_world, tree_at
+from ..kernels.records import INSTANCE, SHAPE_ROW, World, tree_at
 from ..kernels.scratch import (
     COUNT_NEAR,
     DIRECTION,
@@ -19,7 +19,6 @@ from ..kernels.scratch import (
     T_MIN,
     TILE,
     Scratch,
-    borrow_scratch,
     load3,
     new_scratch,
     store3,
@@ -123,13 +122,13 @@ def _closest(
     t, position, normal, color, point, instance, leaf, local = out
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
-    scratch, world = borrow_scratch(memory), borrow_world(world)
+    scratch, world = borrow(memory), borrow(world)
     batch = next_tile(work)
     while batch >= 0:
         for first in range(0, BATCH, TILE):
             odd = _set_rays((origins, directions, limits), shape, (batch, first), scratch)
             trace_tile(world, scratch)
-            describe_tile(world, scratch)
+            describe_tile(world, False, scratch)
             for k in range(TILE):
                 i = ray_at(shape, batch, first + k)
                 if i < 0:
@@ -163,7 +162,7 @@ def _occluded(
     """Occlusion: out is (n,) uint8."""
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
-    scratch, world = borrow_scratch(memory), borrow_world(world)
+    scratch, world = borrow(memory), borrow(world)
     batch = next_tile(work)
     while batch >= 0:
         for first in range(0, BATCH, TILE):
@@ -188,7 +187,7 @@ def _blend_attribute(
     """
     hits, model, leaf, local, point = places
     memory = new_scratch(world.longest)
-    scratch, world = borrow_scratch(memory), borrow_world(world)
+    scratch, world = borrow(memory), borrow(world)
     tree = tree_at(world.table, model)
     zero, one = f32(0.0), f32(1.0)
     block = next_tile(work)

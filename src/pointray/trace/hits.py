@@ -6,7 +6,7 @@ import numpy as np
 
 from ..intersect.gather import Capsule, list_blocks, nearest_slot
 from ..intersect.surface import Places, Sheet, weights_seen
-from ..jit import Array, f32, f64, i64, inline, routine
+from ..jit import Array, borrow, f32, f64, i64, inline, routine
 from ..kernels.records import (
     INSTANCE,
     LEAF,
@@ -19,7 +19,6 @@ from ..kernels.records import (
     Tree,
     World,
     WorldHit,
-    borrow_world,
     tree_at,
 )
 from ..kernels.scratch import (
@@ -31,11 +30,9 @@ from ..kernels.scratch import (
     LOCAL,
     NEAREST,
     NORMAL,
-    SEEN_ONLY,
     SLOT_OF,
     TILE,
     Scratch,
-    borrow_scratch,
     load3,
     store3,
 )
@@ -180,17 +177,19 @@ def _shows_colors(world: World, instance: int) -> bool:
 
 
 @routine
-def describe_tile(world: World, scratch: Scratch) -> None:
+def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
     """Colour and the splat of most weight where the tile's rays have hit a model, for `tile_hit`.
+
+    seen_only : whether only colours matter, and only those that materials show
 
     Neighbours that have hit the same leaf go together, four at a time: in 0.6 of the time of one by one.
     """
-    scratch, world = borrow_scratch(scratch), borrow_world(world)
+    scratch, world = borrow(scratch), borrow(world)
     numbers, left = scratch.numbers, i64(0)
     for i in range(TILE):
         numbers[SLOT_OF + i] = -1
         if numbers[INSTANCE_OF + i] >= 0 and numbers[LEAF_OF + i] >= 0:
-            if scratch.counts[SEEN_ONLY] == 0 or _shows_colors(world, numbers[INSTANCE_OF + i]):
+            if not seen_only or _shows_colors(world, numbers[INSTANCE_OF + i]):
                 left |= i64(1) << i
             else:
                 store3(scratch.world, COLOR + i, (1.0, 1.0, 1.0))

@@ -128,7 +128,7 @@ def _all_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
 
 
 @inline
-def _together(table: Array, model: int, entered: Bits, scratch: Scratch) -> Bits:
+def _together(table: Array, model: int, entered: Bits, any_hit: bool, scratch: Scratch) -> Bits:
     """Those of the tile's rays (bits) that are alike go through a model together; returns those that must go alone."""
     rows, edge = scratch.model, leaf_edge(tree_at(table, model))
     whole = coherent(edge, rows)
@@ -146,7 +146,7 @@ def _together(table: Array, model: int, entered: Bits, scratch: Scratch) -> Bits
                 left &= ~some
                 continue
             end = bring(some, scratch)
-        lifted = closest_of_tile(table, model, (0, end), scratch)
+        lifted = closest_of_tile(table, model, (0, end), any_hit, scratch)
         alone |= lifted if whole else take_back(some, lifted, scratch)
         left &= ~some
     if not whole:
@@ -155,8 +155,11 @@ def _together(table: Array, model: int, entered: Bits, scratch: Scratch) -> Bits
 
 
 @inline
-def through_instance(world: World, at: int, some: Bits, scratch: Scratch) -> None:
-    """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before."""
+def through_instance(world: World, at: int, some: Bits, any_hit: bool, scratch: Scratch) -> None:
+    """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before.
+
+    any_hit : whether it matters only whether they hit
+    """
     model = i64(world.instances[at + SHAPE_ROW])
     tree = tree_at(world.table, model)
     step = f64(tree.head[LONGEST])
@@ -169,7 +172,7 @@ def through_instance(world: World, at: int, some: Bits, scratch: Scratch) -> Non
         return
     entered = alone
     if not few:
-        alone = _together(world.table, model, entered, scratch)
+        alone = _together(world.table, model, entered, any_hit, scratch)
     while alone != 0:
         i = count_trailing_zeros(alone)
         alone &= alone - 1

@@ -12,7 +12,6 @@ from ..intersect.leaf import search_alone, search_together, together
 from ..jit import Array, f32, i32, i64, inline
 from ..kernels.records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, Tree, tree_at
 from ..kernels.scratch import (
-    ANY_HIT,
     BEGIN,
     COUNT_LEAVES,
     COUNT_NODES,
@@ -162,10 +161,9 @@ def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     while passing != 0:
         i = count_trailing_zeros(passing)
         passing &= passing - 1
-        scratch.lift[0] = ZERO
         interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
-        hit = search_alone(tree, leaf, tile_ray(rows, i), scratch, interval)
-        if scratch.lift[0] != ZERO:
+        hit, lift = search_alone(tree, leaf, tile_ray(rows, i), interval, ZERO, scratch)
+        if lift != ZERO:
             lifted |= i64(1) << i
         if hit.leaf >= 0 and hit.t < rows[LENGTH + i]:
             rows[LENGTH + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
@@ -202,7 +200,7 @@ def _walk_begin(tree: Tree, rows: Array, some: tuple[int, int]) -> float:
 
 
 @inline
-def closest_of_tile(table: Array, model: int, some: tuple[int, int], scratch: Scratch) -> Bits:
+def closest_of_tile(table: Array, model: int, some: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
     """First hits of some of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
 
     Returns the rays (as bits) that the start rule lifted: what it did depends on the order of the leaves, so that the
@@ -262,6 +260,6 @@ def closest_of_tile(table: Array, model: int, some: tuple[int, int], scratch: Sc
                 passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:
                 lifted |= _search(tree, leaf, passing, scratch)
-                if scratch.counts[ANY_HIT] != 0:
+                if any_hit:
                     _end_where_hit(tree, some, scratch)
                 farthest = range_of(rows, LENGTH, some)[1]

@@ -102,7 +102,7 @@ def walk_begin(tree: Tree, begin: float) -> float:
 def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
     """The first hit of a ray with a model. Counts nodes and leaves."""
     tree = tree_at(table, model)
-    scratch.lift[0] = ZERO
+    lift = ZERO
     begin = walk_begin(tree, ray.t_min)
     ix, iy, iz = ray.ix, ray.iy, ray.iz
     rows: Planes | tuple[Planes, Planes]
@@ -150,7 +150,7 @@ def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
             enter, leave = _voxel_interval(tree, leaf, ray, rows, begin)
             low, high = _slab_interval(tree, leaf, ray, (max(stack_near[top], enter), leave))
             if low <= high:
-                hit = search_alone(tree, leaf, ray, scratch, (enter, leave, low, high))
+                hit, lift = search_alone(tree, leaf, ray, (enter, leave, low, high), lift, scratch)
                 if hit.leaf >= 0:
                     return hit
 

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import i64, inline, routine
-from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, World, borrow_world
+from ..jit import borrow, i64, inline, routine
+from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, World
 from ..kernels.scratch import (
-    ANY_HIT,
     ANYWHERE,
     CUT,
     DIRECTION,
@@ -21,7 +20,6 @@ from ..kernels.scratch import (
     T_MIN,
     TILE,
     Scratch,
-    borrow_scratch,
     load3,
     store3,
 )
@@ -113,16 +111,16 @@ def _end_where_hit(scratch: Scratch) -> None:
 
 
 @routine
-def trace_tile(world: World, scratch: Scratch) -> None:
-    """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
-    # Lent once more: a routine sees that nothing owns this memory only if it is said in it.
-    scratch, world = borrow_scratch(scratch), borrow_world(world)
+def _trace(world: World, any_hit: bool, scratch: Scratch) -> None:
+    """The nearest hits of the tile's rays with everything in the scene, or any hits."""
+    # Borrow again: a routine cannot see that its caller already did.
+    scratch, world = borrow(scratch), borrow(world)
     _settle(scratch)
     if world.clips.size > 0:
         _cut(world, scratch)
     for plane in range(0, world.planes.size, PLANE_SIZE):
         tile_on_plane(world, plane, scratch)
-    if scratch.counts[ANY_HIT] != 0:
+    if any_hit:
         _end_where_hit(scratch)
     waiting = begin_walk(world, scratch)
     while waiting > 0:
@@ -133,18 +131,22 @@ def trace_tile(world: World, scratch: Scratch) -> None:
         if what >= 0:
             waiting = open_node(world, what, rays, waiting, scratch)
         else:
-            through_instance(world, i64(~what) * INSTANCE, rays, scratch)
-            if scratch.counts[ANY_HIT] != 0:
+            through_instance(world, i64(~what) * INSTANCE, rays, any_hit, scratch)
+            if any_hit:
                 _end_where_hit(scratch)
             shorten(world, scratch)
 
 
 @inline
+def trace_tile(world: World, scratch: Scratch) -> None:
+    """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
+    _trace(world, False, scratch)
+
+
+@inline
 def occlude_tile(world: World, scratch: Scratch) -> None:
     """Which of the tile's rays meet anything: `is_blocked`. Their hits are not known then."""
-    scratch.counts[ANY_HIT] = 1
-    trace_tile(world, scratch)
-    scratch.counts[ANY_HIT] = 0
+    _trace(world, True, scratch)
 
 
 @inline
