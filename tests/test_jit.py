@@ -6,13 +6,14 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import pointray
 from pointray import jit
-from pointray.jit import Cancel, disk, kernel, next_tile, run
+from pointray.jit import Cancel, borrow, disk, keep_alive, kernel, next_tile, run
 
 PACKAGE = Path(pointray.__file__).parent
 
@@ -31,6 +32,33 @@ def test_each_tile_is_taken_once(threads):
     out = np.zeros(10_000)
     run(_count, len(out), out, threads=threads)
     assert (out == 1).all()
+
+
+class Inner(NamedTuple):
+    values: np.ndarray
+    factor: int
+
+
+class Outer(NamedTuple):
+    inner: Inner
+    more: np.ndarray
+    pair: tuple
+
+
+@kernel
+def _sum_borrowed(outer):
+    memory = np.full(3, 7.0)
+    lent = borrow(outer)
+    mine = borrow(memory)
+    total = lent.inner.factor * lent.inner.values.sum() + lent.more.sum() + lent.pair[1] + mine.sum()
+    keep_alive(memory)
+    return total
+
+
+def test_a_record_is_borrowed_with_all_that_is_in_it():
+    outer = Outer(Inner(np.arange(4.0), 3), np.ones(5, np.int64), (1, 2))
+    assert _sum_borrowed(outer) == 3 * 6 + 5 + 2 + 21
+    assert sys.getrefcount(outer.more) == sys.getrefcount(outer.inner.values)
 
 
 def test_an_error_in_a_worker_is_raised():
