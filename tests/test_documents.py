@@ -1,0 +1,103 @@
+"""The documents: what they name is there, and ARCHITECTURE.md tells the rooms as they are."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from test_house import ARROWS, PACKAGE, TOWER
+
+ROOT = Path(__file__).resolve().parents[1]
+MOST_LINES = 150  # of ARCHITECTURE.md
+ARCHITECTURE = (ROOT / "ARCHITECTURE.md").read_text()
+DOCUMENTS = [
+    *sorted(ROOT.glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "examples").glob("*.md")),
+]
+OF_THE_CODE = [
+    path for path in DOCUMENTS if path.name not in ("README.md", "CHANGELOG.md") or path.parent.name == "decisions"
+]
+# What looks like a path: a file of code or a document, or a folder.
+PATH = re.compile(r"[\w.-]+(?:/[\w.-]+)*(?:\.(?:py|md|js|cpp)|/)")
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+
+
+def title(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def paths_in(text: str) -> set[str]:
+    """The paths that are named in backticks."""
+    return {name for name in re.findall(r"`([^`\n]+)`", text) if PATH.fullmatch(name)}
+
+
+def missing(names: set[str]) -> list[str]:
+    """Paths that are neither in the package nor in the project."""
+    return sorted(name for name in names if not ((PACKAGE / name).exists() or (ROOT / name).exists()))
+
+
+def anchors(text: str) -> set[str]:
+    """What a link may name of a document: its headings, as GitHub writes them."""
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def rooms() -> list[tuple[str, list[str]]]:
+    """The rows of the table of rooms: name, and what it may import."""
+    table = ARCHITECTURE.split("## The rooms")[1].split("\n## ")[0]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if line.startswith("| `")]
+    return [(row[0].strip("`/").removesuffix(".py"), re.findall(r"[a-z_]+", row[2])) for row in rows]
+
+
+def test_the_checks_see_what_is_wrong():
+    assert missing(paths_in("`tree/build.py`, `tree/build.p`, `bench/`, `docs/decisions/tree.md`, `x = 1`")) == []
+    assert missing(paths_in("`tree/built.py`, `house/`, `bench/none.py`")) == [
+        "bench/none.py",
+        "house/",
+        "tree/built.py",
+    ]
+    assert anchors("# Its own server, instead of viser\n") == {"its-own-server-instead-of-viser"}
+
+
+def test_the_architecture_is_short():
+    assert len(ARCHITECTURE.splitlines()) <= MOST_LINES
+
+
+def test_the_table_has_the_rooms_in_their_order():
+    assert [name for name, _ in rooms()] == TOWER
+
+
+def test_the_table_tells_what_rooms_import():
+    may = {name: set(others) - {"nothing"} for name, others in rooms()}
+    used = {name: {arrow.split(".")[0] for arrow in ARROWS[file]} for file in ARROWS for name in [file.split(".")[0]]}
+    for file, arrows in ARROWS.items():
+        used[file.split(".")[0]] |= {arrow.split(".")[0] for arrow in arrows}
+    assert {name: (used[name] & set(TOWER)) - {name} for name in may} == may
+
+
+@pytest.mark.parametrize("document", OF_THE_CODE, ids=title)
+def test_every_path_exists(document: Path):
+    assert missing(paths_in(document.read_text())) == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=title)
+def test_every_script_of_a_command_exists(document: Path):
+    assert missing(set(re.findall(r"bench/\w+\.py", document.read_text()))) == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=title)
+def test_every_link_leads_somewhere(document: Path):
+    for link in LINK.findall(document.read_text()):
+        if link.startswith(("http:", "https:")):
+            continue
+        path, _, anchor = link.partition("#")
+        target = document.parent / path if path else document
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target.read_text()), link
+
+
+def test_every_topic_is_listed():
+    folder = ROOT / "docs" / "decisions"
+    listed = re.findall(r"^\| \[(\S+\.md)\]", (folder / "README.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(path.name for path in folder.glob("*.md") if path.name != "README.md")
