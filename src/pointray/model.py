@@ -23,11 +23,11 @@ from .splats.support import CROWD, find_support
 from .tree.build import Splats, TreeSettings, build_tree
 
 SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
-TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii; see ARCHITECTURE.md
+TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii (docs/decisions/surface.md)
 LOOSE_TRIM = 0.95  # the same where the radii are too small to cover the surface: it lies in gaps
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 of the time (24)
 COARSER = 2.0  # how many times the cells of a level are those of the one before; of the first, the model's spacing
-OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii; see ARCHITECTURE.md
+OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
 SMALLEST, LARGEST = 1e-12, 1e12  # of a radius
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 STAGES = ("normals", "radii", "tree")
