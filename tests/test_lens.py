@@ -25,7 +25,7 @@ def _camera_rays(camera, how, origins, directions):
         for left in range(0, width, EDGE):
             begin_tile((left, top), (width, height), how[0], scratch)
             for sample in range(spp):
-                set_pixel_rays(camera, (width, height), (left, top), sample, how, scratch)
+                set_pixel_rays(camera, (width, height), (left, top), sample, (how[1], how[2]), scratch)
                 for i in range(TILE):
                     x, y = pixel_of((left, top), i)
                     if x < width and y < height:
