@@ -1,9 +1,9 @@
-"""Which splats lie on an open border, and which way it faces: their neighbours leave a wide gap in the tangent plane.
+"""Which splats lie on an open border, and where it faces: their neighbours leave a wide gap in the tangent plane.
 
 A neighbour closes the direction it lies in. Where the surface is folded sharply (a crest, a crevice), it goes on in the
-other sheet, which may lie on the same side as the first; so a neighbour whose normal differs much also closes the
-direction in which the fold is: the one its normal leans to where it lies below the tangent plane, the opposite one
-where it lies above.
+other sheet, which may lie on the same side as the first. So a neighbour whose normal differs much also closes the
+direction of the fold: the direction that its normal leans to if it lies below the tangent plane, the opposite direction
+if it lies above.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ..jit import Array, borrow, f64, inline, kernel, next_tile, run
 from ..kernels.vec import Vec3, tangents
 
-GAP = math.radians(115)  # a straight border leaves 180 degrees; of 20 random directions, one set in 75 leaves this
+GAP = math.radians(115)  # a straight border leaves 180 degrees; one in 75 sets of 20 random directions leaves this
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
-COMPANY = 2  # a border is a curve: at least so many of a splat's neighbours lie on it too
+COMPANY = 2  # a border is a curve: at least this many of a splat's neighbours lie on it too
 TILE = 2048
 
 
@@ -52,7 +52,7 @@ def _closed_angles(
 
 @kernel
 def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> int:
-    """out: the direction of the middle of the widest gap around each row's splat, zero where none is wider than GAP."""
+    """Write to out the direction of the middle of each splat's widest gap, or zero if it is no wider than GAP."""
     positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
     angles = np.empty(2 * near.shape[1])
     tile = next_tile(work)
@@ -91,7 +91,7 @@ def find_gaps(
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
     rows : (m,) int64
-        The points that are asked about.
+        The points to examine.
     near : (n, k) int
         Rows of each point's neighbours, itself first.
 
@@ -106,7 +106,7 @@ def find_gaps(
 
 
 def drop_lone(borders: NDArray[np.float32], near: NDArray[np.integer[Any]]) -> None:
-    """Set those to zero that have too few others among their neighbours, in place: alone, a gap is chance."""
+    """Set borders to zero, in place, where too few neighbours lie on one too: a single gap occurs by chance."""
     found: NDArray[np.bool_] = np.any(borders, axis=1)
     rows = np.flatnonzero(found)
     borders[rows[found[near[rows, 1:]].sum(axis=1) < COMPANY]] = 0

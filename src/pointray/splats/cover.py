@@ -1,7 +1,7 @@
-"""Which splats: greedily by newly covered area, then a global relaxation that needs fewer (Wu and Kobbelt 2004).
+"""The choice of splats: greedily by newly covered area, then relaxed to fewer globally (Wu and Kobbelt 2004).
 
-The relaxation takes splats away, each with those next to it, covers the bare points anew with at most as many, and
-keeps what it finds even where the number stays: so splats push each other apart until one of them is not needed.
+The relaxation removes a splat with those next to it and covers the bare points again with no more splats than before.
+It keeps the new splats even if their number is the same: splats push each other apart until one is not needed.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from ..jit import Array, cancelled, f32, f64, i32, inline, kernel, routine, run,
 from .grow import Cloud, Splats
 from .heap import pop, push
 
-CROWD = 6  # splats taken away at once: 10 and 16 gain nothing more
-NOISE = 0.1  # a gain counts up to so much more, by chance: 0.05 the same, 0.3 gains less
-PASSES = 8  # over all splats: 13.4% fewer on the statue; four passes 10.7%
+CROWD = 6  # splats removed at once: 10 and 16 gain nothing more
+NOISE = 0.1  # a gain is raised by a random share up to this: 0.05 does the same, 0.3 gains less
+PASSES = 8  # over all splats: 13.4% fewer splats on the statue; four passes, 10.7%
 
 Over: TypeAlias = tuple[Array, Array]  # the splats over each point: heads and owners, see `_invert`
-Cover: TypeAlias = tuple[Array, Array]  # how many splats are over each point; which splats of the pool are taken
-Seen: TypeAlias = tuple[Array, int]  # by which mark each splat was met last; the mark of this walk
+Cover: TypeAlias = tuple[Array, Array]  # how many splats are over each point; which splats of the pool are chosen
+Seen: TypeAlias = tuple[Array, int]  # the last mark of each splat; the mark of this traversal
 
 
 @kernel
 def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
-    """Take the splat that newly covers most until nothing is gained; gains are looked at again when they come first."""
+    """Choose the splat that newly covers most until no gain is left; a gain is recomputed when its splat comes first."""
     keys, rows = np.empty(len(splats.seeds), np.float32), np.empty(len(splats.seeds), np.int32)
     size = number = 0
     for s in range(len(splats.seeds)):
@@ -56,19 +56,19 @@ def _gain(splats: Splats, s: int, area: Array, times: Array) -> float:
 
 @inline
 def _count(splats: Splats, s: int, times: Array, change: int) -> None:
-    """Splat s comes or goes."""
+    """Count splat s in or out (change 1 or -1) at each point that it covers."""
     for k in range(splats.starts[s], splats.starts[s + 1]):
         times[splats.members[k]] += change
 
 
 def choose(pool: Splats, cloud: Cloud, times: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Splats of the pool, greedily, until each point has one; `times` (n,) counts the splats over each point."""
+    """Choose splats of the pool greedily until each point has one; `times` (n,) counts the splats over each point."""
     return np.asarray(run(_choose, 1, pool, cloud.area, times)[0])
 
 
 @kernel
 def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
-    """The splats over each point: owners[heads[p] : heads[p + 1]]; heads comes as zeros."""
+    """List the splats over each point p in owners[heads[p] : heads[p + 1]]; `heads` must be zeros before."""
     n = len(heads) - 2
     for p in splats.members:
         heads[p + 2] += 1
@@ -84,7 +84,7 @@ def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
 
 @inline
 def _random(state: Array) -> float:
-    """From 0 to 1 (xorshift)."""
+    """A random number from 0 to 1 (xorshift)."""
     x = state[0]
     x ^= x << u64(13)
     x ^= x >> u64(7)
@@ -97,9 +97,9 @@ def _random(state: Array) -> float:
 def _take_away(
     splats: Splats, over: Over, s: int, cover: Cover, seen: Seen, crowd: Array, bare: Array
 ) -> tuple[int, int]:
-    """Take away splat s and up to CROWD - 1 that share points with it.
+    """Remove splat s and up to CROWD - 1 splats that share points with it.
 
-    Returns how many splats are gone, and how many points are bare.
+    Returns how many splats were removed, and how many points are bare.
     """
     times, on = cover
     met, mark = seen
@@ -142,7 +142,7 @@ def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found:
 
 @routine
 def _best(gain: Array, found: Array, count: int, state: Array) -> tuple[int, int]:
-    """The splat of most gain, but for the noise, or -1, and how many still gain anything."""
+    """The splat with the largest gain, apart from noise, or -1; and how many splats still have a gain."""
     best, most, left = -1, f32(0.0), 0
     for t in range(count):
         q = found[t]
@@ -165,9 +165,9 @@ def _cover_again(
     found: Array,
     room: tuple[int, int, int, Array, Array],
 ) -> tuple[int, int]:
-    """Cover the bare points greedily with at most as many splats as were taken away.
+    """Cover the bare points greedily with no more splats than were removed.
 
-    room : (number of found, of bare points, of splats taken away, random state, splats added); returns how many were
+    room : (number of found, of bare points, of splats removed; random state; splats added); returns how many were
     added, and how many points are still bare.
     """
     times, on = cover
@@ -194,7 +194,7 @@ def _cover_again(
 def _relax(
     work: Array, splats: Splats, over: Over, area: Array, cover: Cover, order: Array, most: int, seed: int
 ) -> int:
-    """Take away and cover again around each splat of `order`, or until `most` are saved; returns how many are."""
+    """Remove and cover again around each splat of `order`, until `most` splats are saved; returns how many are."""
     times, on = cover
     met = np.full(len(on), -1, np.int32)
     gain, found = np.zeros(len(on), np.float32), np.empty(len(on), np.int32)
@@ -225,7 +225,7 @@ def _relax(
 def relax(
     pool: Splats, cloud: Cloud, rows: NDArray[Any], goal: int = 0, passes: int = PASSES, progress: Any = None
 ) -> NDArray[np.int64]:
-    """The rows of a pool that cover as much as the given ones and are fewer, but not fewer than `goal`."""
+    """Rows of a pool that cover as much as the given rows and are fewer, but not fewer than `goal`."""
     n, number = len(cloud.positions), len(rows)
     over = np.zeros(n + 2, np.int64), np.empty(len(pool.members), np.int32)
     run(_invert, 1, pool, *over)

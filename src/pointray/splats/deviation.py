@@ -1,7 +1,7 @@
-"""How far points lie from the blended surface of some splats: what a subset loses.
+"""How far points lie from the blended surface of splats: the error of a subset.
 
-The surface is `apss`, the default of a model, with the formulas of `pointray.intersect.surface`; here at the points of
-a cloud, one at a time, where rays ask four samples at once and know their voxel. A test traces both.
+The surface is `apss`, the default of a model, with the formulas of `pointray.intersect.surface`. Here it is evaluated
+at one point of a cloud at a time; rays evaluate four samples at once and know their voxel. A test compares both.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from .radii import NEIGHBORS
 from .sheets import find_sheets
 
 WIDE = 8  # boxes in a box
-BLOCK = 32  # neighbouring points that look for splats together
+BLOCK = 32  # neighbouring points that share one search for splats
 TILE = 64  # blocks
-HOLLOW = 0.9  # |x - P(x)| in local radii from where on a point counts as uncovered: most subsets are trimmed at 0.95
+HOLLOW = 0.9  # |x - P(x)| in local radii beyond which a point counts as uncovered: most subsets are trimmed at 0.95
 
 Box: TypeAlias = tuple[float, float, float, float, float, float]  # low x y z, high x y z
 Gated: TypeAlias = tuple[Array, Array, Array, Array]  # splats: positions, normals, radii, 1 for those of close sheets
 
 
 class Boxes(NamedTuple):
-    """Boxes around the supports of 8 splats that lie side by side, around 8 such boxes, and so on up to one."""
+    """Boxes around the supports of 8 consecutive splats, boxes around 8 of these boxes, and so on up to one box."""
 
     low: Floats  # (m, 3), finest level first
     high: Floats
@@ -50,14 +50,14 @@ def _box(low: Floats, high: Floats) -> Boxes:
 
 @inline
 def _apart(low: Array, high: Array, i: int, box: Box) -> bool:
-    """Whether row i of the boxes and a box do not meet."""
+    """Whether row i of the boxes does not overlap a box."""
     (ax, ay, az), (bx, by, bz) = at(low, i), at(high, i)
     return (ax > box[3]) | (ay > box[4]) | (az > box[5]) | (bx < box[0]) | (by < box[1]) | (bz < box[2])
 
 
 @routine
 def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> int:
-    """List the splats whose support meets a box (low x y z, high x y z); returns their number."""
+    """List the splats whose support overlaps a box (low x y z, high x y z); returns their number."""
     centers, radii = splats[0], splats[2]
     count, size = 0, 1
     stack[0, 0], stack[0, 1] = 0, len(boxes.heads) - 2
@@ -84,7 +84,7 @@ def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> 
 
 @routine
 def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3, float]:
-    """f, its gradient, and |x - P| in local radii; inf where nothing reaches. Of two sheets the one that faces n."""
+    """f, its gradient, and |x - P| in local radii; inf without support. Splats of close sheets count if they face n."""
     centers, normals, radii, sheets = splats
     total = square_radius = qn = qq = 0.0
     qx = qy = qz = nx = ny = nz = 0.0
@@ -114,9 +114,9 @@ def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3
 def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tuple[float, float]:
     """Signed distance of x from the surface, positive outside, and |x - P| in local radii.
 
-    f over the length of its gradient; where that is more than `close`, the place along the normal n where f is zero,
-    after two secant steps: at sharp edges the first is off by factors. Where there is no such place, |x - P| is inf.
-    A surface that is turned over counts, as it does for rays: points in debris have normals unlike those around.
+    The distance is f over the length of its gradient. Where that is more than `close`, two secant steps along the
+    normal n find the root of f, as the first estimate is off by factors at sharp edges. Without a root, |x - P| is inf.
+    A surface that faces the other way counts, as it does for rays: normals in debris differ from those around.
     """
     f, g, hollow = _evaluate(splats, near, x, n)
     lean = dot(g, n)
@@ -168,18 +168,18 @@ def deviations(
     Parameters
     ----------
     positions, normals : (n, 3) float32
-        Neighbours side by side.
+        Ordered so that neighbours are close in the arrays.
     splats : (m, 3), (m, 3) and (m,) float32
         Positions, normals and support radii.
     close : float
-        Distances up to this are taken from f and its gradient, which is quick; larger ones along the normal.
+        Distances up to this come from f and its gradient, which is quick; larger ones are found along the normal.
 
     Returns
     -------
     distances : (n,) float32
-        Positive where the surface lies against the point's normal; 0 where nothing covers.
+        Positive where the surface lies against the point's normal; 0 where the point is not covered.
     bare : (n,) bool
-        No support reaches the point, or only rims do, or there is no surface along its normal.
+        True where no support reaches the point, or only rims do, or there is no surface along its normal.
     """
     order = morton_order(splats[0])
     sorted_splats = [np.ascontiguousarray(array[order]) for array in splats]

@@ -1,8 +1,8 @@
 """Candidate splats: grown over the neighbours of a point, nearest first, while the cloud stays near their plane.
 
 A splat stops at the first point that would make the heights over its plane spread by more than twice the error bound,
-or whose normal turns away: a fold, or the other sheet of a thin plate. It goes from neighbour to neighbour and so
-does not jump over gaps. (Wu and Kobbelt 2004, section 3.)
+or whose normal turns away (at a fold, or on the other sheet of a thin plate). It grows from neighbour to neighbour and
+so does not jump over gaps. (Wu and Kobbelt 2004, section 3.)
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from ..kernels.vec import Vec3
 from .heap import pop, push
 
 AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many
-SMALL = 0.25  # error bounds: so wide a splat may always be, it cannot leave the bound
-MOST = 1 << 16  # points in a splat
+SMALL = 0.25  # in error bounds: a splat may always be this wide, as it cannot exceed the bound
+MOST = 1 << 16  # the most points in a splat
 TILE = 256
-FIRST_ROUND, GROWTH = 200, 1.1  # a pool is grown in rounds, first a 200th of the seeds, then each 1.1 times as many
+FIRST_ROUND, GROWTH = 200, 1.1  # a pool is grown in rounds: a 200th of the seeds first, 1.1 times as many in each next
 
 Floats = NDArray[np.float32]
 
 
 class Cloud(NamedTuple):
-    """What is to be covered: different places along a Morton curve."""
+    """The points to be covered: distinct positions along a Morton curve."""
 
     positions: Floats  # (n, 3)
     normals: Floats  # (n, 3), unit
-    near: NDArray[np.int32]  # (n, k), the neighbours of each, nearest first, without itself
-    area: Floats  # (n,), what each stands for
+    near: NDArray[np.int32]  # (n, k), the neighbours of each point, nearest first, without itself
+    area: Floats  # (n,), the area that each point stands for
     reach: Floats  # (n,), a radius with which the whole cloud covers itself
-    border: NDArray[np.bool_]  # (n,), lies on an open border
+    border: NDArray[np.bool_]  # (n,), whether the point lies on an open border
 
 
 class Splats(NamedTuple):
@@ -46,7 +46,7 @@ class Splats(NamedTuple):
     widths: Floats  # (m,), how wide each may be: the size of the surface around it
 
     def pick(self, rows: NDArray[Any]) -> Splats:
-        """Some of them."""
+        """The splats of the given rows."""
         starts = np.concatenate([[0], np.cumsum(np.diff(self.starts)[rows])])
         members = np.empty(starts[-1], np.int32)
         _gather(self.starts, self.members, np.ascontiguousarray(rows, np.int64), starts, members)
@@ -68,7 +68,7 @@ def join(parts: list[Splats]) -> Splats:
 
 @kernel
 def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Array) -> None:
-    """The members of some splats, one after the other."""
+    """Copy the members of the given splats, one splat after the other."""
     for i in range(len(rows)):
         first = starts[rows[i]]
         for k in range(begins[i + 1] - begins[i]):
@@ -90,9 +90,9 @@ def _grow_one(
     queue: tuple[Array, Array],
     out: Array,
 ) -> tuple[int, float]:
-    """One splat; returns its number of members and the squared distance to the last.
+    """Grow one splat; returns its number of members and the squared distance to the last.
 
-    bounds : radius and error bound; stamp : (who has met each point, this splat); out : members.
+    bounds : radius and error bound; stamp : (the last splat that met each point, this splat); out : members.
     """
     keys, rows = queue
     met, mark = stamp
@@ -150,7 +150,7 @@ def _roomy(array: Array, used: int, more: int) -> Array:
 
 @kernel
 def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -> tuple[Array, Array, Array, Array]:
-    """Splats from the seeds: which of them, number of members and radius of each, and all members."""
+    """Grow splats from the seeds: seed number, number of members and radius of each splat, and all members."""
     lent, seeds, bound = _borrowed(cloud), borrow(seeds), borrow(bound)
     met = np.full(len(lent.positions), -1, np.int32)
     queue = np.empty(4 * MOST, np.float32), np.empty(4 * MOST, np.int32)
@@ -172,10 +172,10 @@ def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -
 
 
 def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) -> tuple[Splats, Floats]:
-    """A splat around each of the seeds, at most `bound` (n,) wide, and the radius each reached."""
+    """A splat around each of the seeds, no wider than `bound` (n,), and the radius that each reached."""
     results = run(_grow, -(-len(seeds) // TILE), cloud, seeds, bound, float(error))
     which, counts, radii, members = (np.concatenate(column) for column in zip(*results, strict=True))
-    order = np.argsort(which)  # whichever thread took it
+    order = np.argsort(which)  # the same order whatever thread grew each splat
     starts = np.concatenate([[0], np.cumsum(counts)])
     return Splats(seeds[which], starts, members, bound[seeds[which]]).pick(order), radii[order]
 
@@ -183,10 +183,9 @@ def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) ->
 def grow_pool(
     cloud: Cloud, bound: Floats, error: float, times: int, wanted: NDArray[np.bool_] | None = None
 ) -> tuple[Splats, Floats]:
-    """So many splats that each of the wanted points lies in at least `times`, or all are seeds; and their radii.
+    """Grow splats until each wanted point lies in `times` or more, or all are seeds; returns them and their radii.
 
-    The work stays near n * times however large the splats are, where one around each point would take n times their
-    size.
+    The work stays near n * times however large the splats are. A splat around each point would take n times their size.
     """
     n = len(cloud.positions)
     rows = np.arange(n, dtype=np.int32) if wanted is None else np.flatnonzero(wanted).astype(np.int32)

@@ -1,4 +1,4 @@
-"""A heap in two arrays, least key first: what is nearest, or covers most, comes next."""
+"""A binary heap in two arrays: the row with the least key comes first."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def push(keys: Array, rows: Array, size: int, key: float, row: int) -> int:
 
 @routine
 def pop(keys: Array, rows: Array, size: int) -> int:
-    """Remove the first, which the caller has read; returns the new size."""
+    """Remove the first row, which the caller has read; returns the new size."""
     size -= 1
     key, row = keys[size], rows[size]
     i = 0

@@ -1,6 +1,6 @@
-"""Levels of detail: clouds whose points are the means of those in the cells of ever coarser grids.
+"""Levels of detail: clouds whose points are the means of the points in the cells of ever coarser grids.
 
-Not `subsample`, whose splats are as wide as the shape allows: colours, too, must keep the width of a pixel.
+`subsample` does not serve here: its splats are as wide as the shape allows, but colours need detail down to a pixel.
 """
 
 from __future__ import annotations
@@ -12,38 +12,38 @@ from numpy.typing import NDArray
 
 from ..data import Points
 
-LEAST_POINTS = 700  # of the statue 200 no longer have its shape, nor its light: pictures are 9% brighter
-LEAST_GAIN = 1.5  # how many times fewer points a level has than the one before
-# Of so many splats of a level another sheet must be close by for rays to see one side at a time: a plate thinner than
-# 1.6 radii, of which both sides cancel, was not seen at all. Of scans with fewer pictures come only 3 to 7% closer to
-# those of all points, and take 1.3 to 1.7 times as long; 1,000 statues 2.2 times.
+LEAST_POINTS = 700  # 200 points no longer show the statue's shape or shading: pictures are 9% brighter
+LEAST_GAIN = 1.5  # a level has at least this many times fewer points than the one before
+# Rays see one side at a time if at least this share of a level's splats has another sheet close by. A plate thinner
+# than 1.6 radii was invisible, as its sides cancel. For scans with a lower share, pictures come only 3 to 7% closer to
+# those of all points, and take 1.3 to 1.7 times as long; 1,000 statues take 2.2 times as long.
 THIN = 0.5
 MOST_CELLS = 2**20  # along an axis
-# Edges of a cell: the least support. A few small ones have rays take small steps everywhere: frames took 1.4 to 1.7
-# times as long. Pictures are calmer with larger ones: 1,000 statues from afar change by 0.63 (as large as covers the
-# surface), 0.50 (1.0), 0.48 (1.1), 0.46 (1.2) of what they do with all points; but 10,000 take 163, 175, 188 ms.
+# The least support, in edges of a cell. A few small supports shorten the rays' steps everywhere: frames took 1.4 to 1.7
+# times as long. Larger ones make pictures calmer: 1,000 statues from afar change by 0.63 (the smallest that cover the
+# surface), 0.50 (1.0), 0.48 (1.1), 0.46 (1.2) of the change with all points; but 10,000 take 163, 175, 188 ms.
 SUPPORT = 1.0
 
 
 def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Points, NDArray[np.float32]]:
-    """One point for each cell of a grid and each of the six ways that normals mainly look: their means.
+    """One point, the mean, for each cell of a grid and each of the six main directions that normals face.
 
     Parameters
     ----------
     points : Points
         Finite, with unit normals.
     radii : (n,) float32
-        Of their supports.
+        Support radii of the points.
     cell : float
         Edge of the cells.
 
     Returns
     -------
     points : Points
-        About the same origin, in the order of the cells. Colours are means of their squares: nearly that of light.
-        Attributes are means of finite values; NaN where these are less than half.
+        About the same origin, in the order of the cells. Colours are means of squares, which is nearly the mean of
+        light. Attributes are means of finite values; NaN where less than half of the values are finite.
     reach : (m,) float32
-        How far from each the supports of those that it stands for reach, or SUPPORT: no farther should its own.
+        Upper limit of each point's support: the reach of the supports it stands for, or SUPPORT if that is more.
     """
     assert points.normals is not None
     order, starts = _cells(points, cell)
@@ -75,7 +75,7 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
 
 
 def _cells(points: Points, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows ordered by cell and way, and where each group begins."""
+    """Rows ordered by cell and direction, and where each group begins."""
     x = points.positions
     at = np.minimum((x - x.min(axis=0)) / np.float32(cell), MOST_CELLS - 1).astype(np.int64)
     assert points.normals is not None

@@ -1,8 +1,8 @@
-"""Radii for points that come without: as small as covers the surface (paper, part II; Wu and Kobbelt 2004).
+"""Radii for points that come without: the smallest that cover the surface (paper, part II; Wu and Kobbelt 2004).
 
-A disc that reaches to the farthest vertex of its point's Voronoi cell in the tangent plane covers the cell, and all of
-them the surface. The blended surface needs more: at the edge of its support a splat weighs nothing. So much more is
-OVERLAP.
+A disc that reaches the farthest vertex of its point's Voronoi cell in the tangent plane covers the cell; all discs
+cover the surface. The blended surface needs wider supports, as a splat's weight is zero at the edge of its support:
+OVERLAP is the factor.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ Floats = NDArray[np.float32]
 OVERLAP = 1.5
 NEIGHBORS = 20  # they close the cells of even points and nine in ten of random ones
 MORE = 80  # for the cells still open: beside a gap, a step of density, between lines of a scan
-WIDE = 0.5  # distances to the 8th neighbour that a cell reaches at a border; even points' 0.46, random ones' 0.6
-BEYOND = 40  # and for those still open then, from farther ahead and behind
+WIDE = 0.5  # a cell wider than this share of the distance to the 8th neighbour may lie at a border; even points: 0.46,
+# random ones: 0.6
+BEYOND = 40  # neighbours for cells that are open even then, from farther ahead and behind
 STRAY = 2.5  # a point may be stray if its 4th neighbour is this many times farther than the cells around it reach
-# A gap that many times as wide as usual is open: 1 + CHANCE (q - 1), q the share by which the widest twentieth of the
-# cells reach farther than usual. Even points: 1.5 (the widest 1.3); a million random ones: 3 (2.7).
+# A gap is open if it is 1 + CHANCE (q - 1) times as wide as usual, within VOIDS; q is the factor by which the widest
+# twentieth of the cells exceed the usual size. Even points: 1.5 (the widest 1.3); a million random ones: 3 (2.7).
 CHANCE, VOIDS = 3.6, (1.5, 3.0)
-# No cell counts as smaller than this share of the median of those around it: the least radius decides how far the
-# samples along a ray are apart. Random points: 15% faster, with 4% more splats over a point and the same errors.
+# No cell counts as smaller than this share of the median around it, as the least radius decides the distance of the
+# samples along a ray. Random points: 15% faster, with 4% more splats over a point and the same errors.
 EVEN = 0.9
 CUT = 0.8  # share of the time after which all cells are measured once
 CLUMP = 0.1  # points this much closer than usual count as one
@@ -47,8 +48,8 @@ def choose_radii(
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Radii that cover the surface, each as small as its point's Voronoi cell and its neighbours' radii allow.
 
-    And where the surface ends. Points in a clump much smaller than the spacing count as one; a stray point gets a
-    radius like those of its nearest neighbours, see `limit_wide`.
+    The borders of the surface are found too. Points in a clump much smaller than the spacing count as one; a stray
+    point gets a radius like those of its nearest neighbours, see `limit_wide`.
 
     Parameters
     ----------
@@ -66,12 +67,12 @@ def choose_radii(
     borders : (n, 3) float32
         The direction out of the surface for points on an open border, unit, else zero.
     lone : (n,) bool
-        Which are stray: their radii were made smaller.
+        Which points are stray: their radii were made smaller.
 
     Raises
     ------
     ValueError
-        If there is one point only: nothing says how large a splat is.
+        If there is only one point: it does not tell how large a splat is.
     """
     if len(positions) < 2:
         raise ValueError("points at one place say nothing about the spacing: give radii")
@@ -88,12 +89,12 @@ def choose_radii(
 
 
 class _Cells:
-    """The points' Voronoi cells, each measured with as many neighbours as close it, or with the most asked for."""
+    """The points' Voronoi cells, each measured with as many neighbours as close it, or with the most looked up."""
 
     def __init__(self, sites: tuple[Floats, Floats], hood: Hood, progress: Progress | None) -> None:
         self._sites = sites
         self.reach, sure = measure_cells(*sites, hood)
-        # Where the surface may end: cells that are open, or wide. The others, nearly all, need no look.
+        # The surface may end at cells that are open or wide. The others, nearly all, need no search for gaps.
         rows = np.flatnonzero(~sure | (self.reach > WIDE * hood.distances[:, min(8, hood.near.shape[1] - 1)]))
         self.gaps = gaps = np.zeros_like(sites[0])
         gaps[rows] = find_gaps(*sites, rows, hood.near)
@@ -116,7 +117,7 @@ class _Cells:
         return sure
 
     def measure(self, which: NDArray[np.bool_], usual: Floats, void: float) -> NDArray[np.bool_]:
-        """Measure some cells again, see `measure_cells`; which of them the surface goes on ahead of."""
+        """Measure the cells of `which` again, see `measure_cells`; returns where the surface goes on ahead."""
         closed = np.zeros(len(which), np.bool_)
         for number, (hood, settled) in enumerate(self._settled, 1):
             here = which[hood.rows] & (settled | (number == len(self._settled)))
@@ -130,7 +131,7 @@ def _part(hood: Hood, which: NDArray[np.bool_]) -> Hood:
 
 
 def _looking_ahead(positions: Floats, hood: Hood, which: NDArray[np.bool_], gaps: Floats, tree: NeighborTree) -> Hood:
-    """The hoods with neighbours from across their gap, and behind: however many dense points lie on this side."""
+    """The hoods with neighbours from across their gap and behind, however many dense points lie on this side."""
     hood = _part(hood, which)
     here, steps = positions[hood.rows], 2 * hood.distances[:, -1:] * gaps[hood.rows]
     near = np.hstack([hood.near, tree.query(BEYOND, here + steps)[1], tree.query(BEYOND, here - steps)[1]])
@@ -146,17 +147,17 @@ def _survey(
     near: NDArray[np.int32],
     progress: Progress | None = None,
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """How far each point's cell reaches, without outliers, the borders, and which are the outliers."""
+    """How far each point's cell reaches, limited for outliers; the borders; and which points are outliers."""
     cells = _Cells((positions, normals), Hood(np.arange(len(positions)), distances, near), part_of(progress, 0.0, CUT))
     borders = cells.gaps
     around = medians_around(cells.reach, normals, near, own=False)
     fourth = distances[:, min(4, near.shape[1] - 1)]
     far = np.flatnonzero((fourth > STRAY * around) & (around > 0))
     above = far[_height(positions, normals, far, near[far, 1:5]) > 0.5]
-    usual = around.copy()  # a point beside denser ones is as usual as it is far from them
+    usual = around.copy()  # for a point beside denser ones, its distance from them defines what is usual
     usual[far] = np.float32(0.6) * fourth[far]
     usual[above] = around[above]
-    # How wide a gap may be by chance, the points say themselves.
+    # The points themselves tell how wide a gap may be by chance.
     common = float(np.quantile(cells.reach / np.maximum(usual, np.float32(1e-30)), 0.95))
     void = float(np.clip(1 + CHANCE * (common - 1), *VOIDS))
     doubtful = borders.any(axis=1) | (cells.reach > void * usual)
@@ -181,7 +182,7 @@ def _height(positions: Floats, normals: Floats, rows: NDArray[np.int64], near: N
 
 
 def check_radii(radii: ArrayLike, n: int) -> Floats:
-    """The caller's radii as (n,) float32; ValueError names the first row that is no radius."""
+    """The caller's radii as (n,) float32; ValueError names the first row that is not a valid radius."""
     array = check_numbers(radii, "radii")
     if array.shape != (n,):
         raise ValueError(f"radii must have the shape ({n},), one for each point, not {array.shape}")

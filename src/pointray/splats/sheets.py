@@ -1,6 +1,6 @@
-"""Which splats belong to sheets so close together that the supports of one reach the other: both sides of a thin wall.
+"""Which splats belong to sheets so close together that the supports of one reach the other, as at a thin wall.
 
-There the normals cancel, so rays see one side at a time (`intersect/march.py`).
+Normals of both sides cancel there, so rays see one side at a time (`intersect/march.py`).
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from ..jit import Array, borrow, i64, kernel, next_tile, run
 from ..kernels.vec import dot, load3_flat, sub
 
-OPPOSED = math.cos(math.radians(150))  # cosine of two normals beyond which they are of two sheets
+OPPOSED = math.cos(math.radians(150))  # cosine of two normals below which they are of two sheets
 BESIDE = 8  # neighbours
 TILE = 2048
 
 
 @kernel
 def _find(work: Array, positions: Array, normals: Array, radii: Array, near: Array, out: Array) -> int:
-    """out[i]: 1 where a neighbour of splat i faces away from it and one's support reaches the other's sheet."""
+    """Set out[i] to 1 where a neighbour of splat i faces away from it and one's support reaches the other's sheet."""
     positions, normals, radii, near, out = borrow(positions), borrow(normals), borrow(radii), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -60,6 +60,6 @@ def find_sheets(
     found = np.zeros(len(positions), np.int8)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
     run(_find, -(-len(found) // TILE), *flat, np.ascontiguousarray(radii), np.ascontiguousarray(near), found)
-    # And those beside them: a part of a sheet that stays while the rest is left out is seen by itself.
+    # Splats beside them are included: a fragment of a sheet whose other splats are ignored would be seen by itself.
     found |= found[near[:, : BESIDE + 1]].any(axis=1)
     return found if found.any() else None

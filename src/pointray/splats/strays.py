@@ -1,12 +1,12 @@
-"""Wide discs: strays, whose width nothing around them explains, and those that a neighbour spares.
+"""Wide discs: strays, whose width no disc around them explains, and discs that a wide neighbour makes unnecessary.
 
-A disc q times as wide as usual has to be part of a surface of such discs. Others that are about as wide, at most one a
-cell of its own size, are its company where they lie on a smooth sheet with it: on a plane or a circle's arc through
-both, the way between two points is at right angles to the sum of their normals. It takes q of them; and among many, as
-in scatter, where some fit by chance, a share that grows with q. Whose company is stray is stray.
+A disc q times as wide as usual must be part of a surface of similar discs. Other discs about as wide, counted once per
+cell of its own size, are its company if they lie on a smooth sheet with it: on a plane or a circle's arc through both,
+the line between two points is at right angles to the sum of their normals. A disc needs q such discs. Among many discs,
+as in scatter, a share that grows with q must fit, as some fit by chance. A disc whose company is stray is stray too.
 
-Where density falls at once, dense points reach across the gap as well as sparse ones do. There both would cover the
-middle, and beside an edge the dense ones' wide discs cover the other side's detail. They reach as far as is needed.
+Where the density drops sharply, dense and sparse points both reach across the gap, so both would cover the middle. At
+an edge, the wide discs of dense points would also cover detail on the other side. So they reach only as far as needed.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 
 from ..neighbors import distinct, neighbors
 
-NOTICE = 3.0  # medians: a disc so wide is noticed, and asked for
-OTHERS = 10.0  # so many others are enough, however wide a disc is: a sphere of 100 points explains itself
-COMPANY = 20  # of so many around, q fit; of more, as large a share. In scatter a third to a half fit by chance
-AROUND = 32  # others that are looked at
-WITHIN = 6.0  # reaches: how far they lie
-ALIKE = 0.5  # they reach at least so far, measured by the least reach in an octave
-CELL = 2.1  # one a cell of so many reaches counts: a scan line dense in points is no company
-SMOOTH = 0.2  # of the distance, or of LEVEL reaches where that is more: how far two points may lie off an arc
+NOTICE = 3.0  # medians of reach: a disc wider than this is examined
+OTHERS = 10.0  # this many other discs are enough however wide a disc is: a sphere of 100 points explains itself
+COMPANY = 20  # up to this many discs around, q must fit; beyond, the same share. In scatter 1/3 to 1/2 fit by chance
+AROUND = 32  # other discs that are examined
+WITHIN = 6.0  # in reaches of the disc: the greatest distance of its company
+ALIKE = 0.5  # the company reaches at least this share of the least reach in an octave
+CELL = 2.1  # in reaches: one disc counts per cell of this size, so that a dense scan line is no company
+SMOOTH = 0.2  # how far two points may lie off an arc, as a share of their distance, or of LEVEL reaches if that is more
 LEVEL = 1.5
-TURNED = 0.3  # cosine of two normals, of either sign, below which nothing says that they are of one sheet
-ROUNDS = 4  # in which the company of what has none is taken away
-BESIDE = 8  # neighbours that say how wide a stray's disc may be
-# A dense point is crowded if it reaches over CROWDED times as far as those around it. SPARED of its reach is left if a
-# sparse one, at most ACROSS reaches away, reaches as far. Beside a step of density by 30, 12 of 40,000 rays go through
-# with 0.6, none with 0.75 (but discs overlap too little), 0.85 and 1; beside Nefertiti's base 246,939 rays lose
+TURNED = 0.3  # cosine of two normals, of either sign, below which they do not count as one sheet
+ROUNDS = 4  # rounds in which strays are removed from the company of others
+BESIDE = 8  # neighbours that decide how wide a stray's disc may be
+# A dense point is crowded if it reaches over CROWDED times as far as those around it. It keeps the share SPARED of its
+# reach if a sparse point, within ACROSS reaches, reaches as far. Beside a step of density by 30, 12 of 40,000 rays pass
+# through with 0.6, none with 0.75 (but discs overlap too little), 0.85 and 1; beside Nefertiti's base 246,939 rays lose
 # 198 hits with 0.75, 324 with 0.85, 714 with 1.
 CROWDED, SPARED, ACROSS = 2.0, 0.85, 2.0
 CHUNK = 1 << 15  # rows at a time
@@ -42,10 +42,10 @@ Rows = NDArray[np.int64]
 
 
 class Company(NamedTuple):
-    """Wide discs and who is with them.
+    """Wide discs and their company.
 
     rows : (m,) int64, the discs; fit : (m, AROUND) int32, the others that lie on a smooth sheet with each, -1 for none;
-    around : (m,) int64, how many are near it at all
+    around : (m,) int64, how many others are near each disc
     """
 
     rows: Rows
@@ -56,7 +56,7 @@ class Company(NamedTuple):
 def limit_wide(
     positions: Floats, normals: Floats, reach: Floats, near: NDArray[np.int32], usual_here: Floats
 ) -> NDArray[np.bool_]:
-    """Make strays reach no farther than those beside them, and others no farther than is needed: in place.
+    """Make strays reach no farther than their neighbours, and other discs no farther than needed, in place.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def limit_wide(
         All different.
     normals : (n, 3) float32, unit
     reach : (n,) float32
-        How far each point's cell reaches; discs are as much wider as supports overlap.
+        How far each point's cell reaches; discs are wider by the overlap of the supports.
     near : (n, k) int32
         Rows of each point's neighbours, itself first.
     usual_here : (n,) float32
@@ -73,7 +73,7 @@ def limit_wide(
     Returns
     -------
     (n,) bool
-        Which are strays.
+        Which points are strays.
     """
     usual = np.float32(np.median(reach))
     stray = np.zeros(len(reach), np.bool_)
@@ -92,7 +92,7 @@ def limit_wide(
 
 
 def _find_company(positions: Floats, normals: Floats, reach: Floats, rows: Rows, usual: np.float32) -> Company:
-    """Who is with each row: octave by octave, as the others have to be as wide."""
+    """The company of each row, found octave by octave, as other discs must be about as wide."""
     company = Company(rows, np.full((len(rows), AROUND), -1, np.int32), np.zeros(len(rows), np.int64))
     octaves = np.floor(np.log2(reach[rows] / (NOTICE * usual)))
     for octave in np.unique(octaves):
@@ -115,7 +115,7 @@ def _find_company(positions: Floats, normals: Floats, reach: Floats, rows: Rows,
 def _on_one_sheet(
     positions: Floats, normals: Floats, rows: Rows, found: NDArray[np.int32], level: Floats
 ) -> NDArray[np.bool_]:
-    """Which of the points found for each row lie on an arc with it, give or take; normals may have either sign."""
+    """Which of the points found for each row lie on an arc with it, within SMOOTH; normals may have either sign."""
     away, n, m = positions[found] - positions[rows, None], normals[rows], normals[found]
     cosines = np.einsum("ijk,ik->ij", m, n)
     off = np.einsum("ijk,ik->ij", away, n) + np.copysign(1, cosines) * np.einsum("ijk,ijk->ij", away, m)
@@ -124,11 +124,11 @@ def _on_one_sheet(
 
 
 def _find_strays(reach: Floats, company: Company, usual: np.float32) -> Rows:
-    """The rows that have too little company, or such as is stray itself."""
+    """The rows that have too little company, not counting company that is stray itself."""
     rows, fit, around = company
     wanted = np.minimum(reach[rows] / usual, OTHERS)
     wanted *= np.maximum(around / COMPANY * np.sqrt(wanted / OTHERS), 1)
-    explained = np.append(np.ones(len(reach), np.bool_), False)  # the last one: row -1, nobody
+    explained = np.append(np.ones(len(reach), np.bool_), False)  # the last entry is row -1, no disc
     for _ in range(ROUNDS):
         stays = explained[fit].sum(axis=1) >= wanted
         if (stays == explained[rows]).all():
@@ -139,7 +139,7 @@ def _find_strays(reach: Floats, company: Company, usual: np.float32) -> Rows:
 
 
 def _first_medians(values: Floats, otherwise: np.float32) -> Floats:
-    """Median of the first BESIDE numbers in each row, NaN left out; where there is none, what is given."""
+    """Median of the first BESIDE numbers in each row, without NaN; `otherwise` where there is no number."""
     known = ~np.isnan(values)
     first = np.where(known & (np.cumsum(known, axis=1) <= BESIDE), values, np.float32(np.inf))
     count = np.minimum(known.sum(axis=1), BESIDE)

@@ -27,29 +27,29 @@ from .subset import (
     worst,
 )
 
-AROUND = 12  # neighbours that a splat grows to
-RANK = 8  # the neighbour that a radius reaches to where nothing can be left out
-STRAY = 4.0  # and at most this many times the usual one around it
-SHARE = 0.999  # of the points that must lie within the tolerance
+AROUND = 12  # neighbours of a point to which a splat can grow
+RANK = 8  # a radius is the distance to this neighbour where no point can be left out
+STRAY = 4.0  # upper limit of that radius, as a multiple of the usual radius around it
+SHARE = 0.999  # share of the points that must lie within the tolerance
 NOISY = "they are noisier, or the surface is sharper, than so many points can show"  # where they do not
 LEEWAY = 2.0  # error bound of the discs in tolerances: the blended surface follows curves, which the discs do not
-MENDS = 8  # rounds of mending, at most
-MARGIN = 0.8  # share of the tolerance at which splats are mended: rays find a little more than is foreseen
+MENDS = 8  # the most rounds of mending
+MARGIN = 0.8  # share of the tolerance beyond which splats are mended: rays find slightly larger errors than predicted
 ENOUGH = 1e-4  # share of points beyond the tolerance at which mending ends
-RELAXED = 0.9  # splats that the relaxation leaves, for each that was chosen
-COUNT_MENDS = 16  # the same for a count
-MENDED = 0.2  # of the splats still to spend: so many are mended at once, each of which takes some three more
-RESERVE = 0.2  # of a wanted count: kept for mending. Statue, 8,000: 0.1% are off 1.6e-3 and more; 0.06, 1.9e-3
-MOST_PASSES = 12  # of the relaxation, for a count
-ATTEMPTS = 8  # to meet a count
-MET = 0.96, 1.03  # chosen splats, once relaxed, for each that is wanted
+RELAXED = 0.9  # share of the chosen splats that the relaxation leaves
+COUNT_MENDS = 16  # the most rounds of mending for a count
+MENDED = 0.2  # share of the unspent splats that are mended at once; mending one splat adds about three
+RESERVE = 0.2  # share of a count kept for mending. Statue, 8,000: 0.1% are off 1.6e-3 and more; with 0.06, 1.9e-3
+MOST_PASSES = 12  # the most passes of the relaxation, for a count
+ATTEMPTS = 8  # the most attempts to meet a count
+MET = 0.96, 1.03  # accepted ratios of relaxed splats to wanted splats
 SAMPLE = 50_000  # points at which sizes are measured to guess the bound for a count
-DENSITY = 0.5  # splats chosen for each square of a size: 0.45 to 0.6
+DENSITY = 0.5  # splats chosen for each square of a size: between 0.45 and 0.6
 FINEST = 1e-7  # of the diagonal: the least error bound that is tried for a count
 
 
 class Subsample(NamedTuple):
-    """What `subsample` returns, and what is to be said of it."""
+    """What `subsample` returns, and what its warnings need."""
 
     points: Points
     radii: NDArray[np.float32]
@@ -58,7 +58,7 @@ class Subsample(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether so many lie within the tolerance as are promised."""
+        """Whether the promised share of the points lies within the tolerance."""
         return self.within >= SHARE
 
 
@@ -67,8 +67,8 @@ def subsample(
 ) -> tuple[Points, NDArray[np.float32]]:
     """Fewer points, and their support radii, for the same surface.
 
-    Splats are grown under an error bound, chosen by newly covered area, relaxed until fewer do, and fitted to the
-    points that they cover. Flat parts get few and large ones, fine detail keeps its points.
+    Splats are grown under an error bound, chosen by newly covered area, relaxed until fewer are enough, and fitted to
+    the points that they cover. Flat parts get few and large splats; fine detail keeps its points.
 
     Parameters
     ----------
@@ -76,25 +76,25 @@ def subsample(
         Missing normals are estimated. Rows that are not finite are left out, duplicates count once.
     tolerance : float, optional
         The distance, in the points' unit, within which 99.9% of the points have the surface of
-        `pr.Model(*pr.subsample(...))`. A warning says so where they have not: of points that are noisier than the
-        tolerance even all together have no such surface.
+        `pr.Model(*pr.subsample(...))`. A warning says so where fewer points have: points that are noisier than the
+        tolerance have no such surface, even if all of them are kept.
     count : int, optional
-        How many points are wanted, exactly; the error is as small as can be. Either this or the tolerance is given.
+        Exact number of points to return, with an error as small as possible. Give either this or the tolerance.
     progress : callable, optional
         Called with the stage's name and the share done.
 
     Returns
     -------
     points : Points
-        In no order. Positions lie amid the points that each stands for, colours and attributes are their means.
+        In no order. Each position lies amid the points that it stands for; colours and attributes are their means.
     radii : (m,) float32
         Supports, for `pr.Model(points, radii)`.
 
     Raises
     ------
     ValueError
-        If not one of tolerance and count is given, the tolerance is not between 0 and the cloud's diagonal, there are
-        fewer places than `count`, or more are needed to cover the surface at all, or all points are at one place.
+        If not exactly one of tolerance and count is given, the tolerance is not between 0 and the cloud's diagonal,
+        `count` is more than the different positions or too few to cover the surface, or all positions are equal.
 
     References
     ----------
@@ -154,7 +154,7 @@ def _check_wishes(tolerance: Any, count: Any) -> None:
 
 
 def describe_cloud(points: Points) -> Cloud:
-    """Neighbours, areas and borders of points in different places, along a Morton curve, with unit normals."""
+    """Neighbours, areas and borders of points with distinct positions, along a Morton curve, with unit normals."""
     positions, normals = points.positions, points.normals
     assert normals is not None
     distances, near = neighbors(positions, NEIGHBORS + 1)
@@ -208,7 +208,7 @@ def _as_many(cloud: Cloud, count: int, diagonal: float, say: Progress) -> Subset
 
 
 def _first(ratio: Floats, number: int) -> Floats:
-    """The so many largest ratios, in terms of the least of them and a little over 1; else 0."""
+    """The `number` largest ratios, divided by the least of them and kept a little over 1; 0 for all others."""
     first = np.argsort(-ratio, kind="stable")[:number]
     out = np.zeros_like(ratio)
     out[first] = np.maximum(ratio[first] / np.maximum(ratio[first[-1]], np.float32(1e-12)), np.float32(1.001))
@@ -216,7 +216,7 @@ def _first(ratio: Floats, number: int) -> Floats:
 
 
 def _meet(cloud: Cloud, count: int, diagonal: float, say: Progress) -> tuple[Splats, Floats, float]:
-    """Splats, at most `count` and not many fewer, their sizes, and their error bound."""
+    """No more than `count` splats, and not many fewer; their sizes; and their error bound."""
     goal = max(int((1 - RESERVE) * count), 1)
     say("sizes", 0.0)
     error = _guess(cloud, goal, diagonal)
@@ -239,7 +239,7 @@ def _meet(cloud: Cloud, count: int, diagonal: float, say: Progress) -> tuple[Spl
 
 
 def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
-    """The error bound for a number of splats, from how large they can be at some of the points."""
+    """The error bound for a number of splats, guessed from the size that they can have at a sample of the points."""
     n = len(cloud.positions)
     some = np.zeros(n, np.bool_)
     some[:: max(n // SAMPLE, 1)] = True
@@ -259,7 +259,7 @@ def _single(cloud: Cloud, rows: NDArray[Any], widths: Floats) -> Splats:
 
 
 def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
-    """So many splats more, first one for each splat, where the surface is best: elsewhere they disturb the fit."""
+    """`number` additional splats: one beside each splat first, in order of least error, as they disturb the fit."""
     splats = subset.splats
     free = np.ones(len(cloud.positions), np.bool_)
     free[splats.seeds] = False
@@ -274,7 +274,7 @@ def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
 
 
 def _averaged(points: Points, subset: Subset) -> Points:
-    """The splats as points, with the means of what the points that they cover hold."""
+    """The splats as points, with the mean colours and attributes of the points that each covers."""
     splats, at = subset.splats, subset.splats.starts[:-1]
 
     def mean(values: Floats) -> Floats:
@@ -285,7 +285,7 @@ def _averaged(points: Points, subset: Subset) -> Points:
             return np.asarray(np.add.reduceat(np.where(known, rows, 0), at, axis=0) / number, np.float32)
 
     colors = None
-    if points.colors is not None:  # the mean of squares: nearly that of light, as sRGB is nearly a square root
+    if points.colors is not None:  # the mean of squares is nearly the mean of light, as sRGB is nearly a square root
         colors = np.rint(np.sqrt(mean(points.colors.astype(np.float32) ** 2))).astype(np.uint8)
     attributes = {name: mean(values) for name, values in points.attributes.items()}
     return Points.about(points.origin, subset.positions, subset.normals, colors, attributes)

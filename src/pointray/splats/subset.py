@@ -1,8 +1,8 @@
 """Splats for a cloud under an error bound: selected, fitted to the points, and mended where the surface is too far.
 
 What counts is not the flat splats but the blended surface that is traced. So supports are OVERLAP times as wide as the
-discs that cover; neighbouring sizes differ by at most SLOPE times the distance, as a large support that reaches into
-fine detail spoils it; and centres are shifted to the middle of the heights over that surface, not over the disc.
+covering discs. Neighbouring sizes differ by at most SLOPE times the distance, as a large support that reaches into fine
+detail spoils it. Centres are shifted to the middle of the heights over that surface, not over the disc.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ Progress = Callable[[str, float], None]
 
 OVERLAP = 1.8  # support radius in disc radii: 1.6 leaves ten times as many bare points, 2.0 a third more error
 SLOPE = 0.25  # 0.2 needs a tenth more splats for the same error, 0.3 leaves a longer tail, 0.6 holes in a tenth
-SCOUTS, CANDIDATES = 4, 16  # splats over each point: to learn how large they can be, and to choose from
-LEAST = 0.3  # of the radius with which the whole cloud covers itself: each point on its own
+SCOUTS, CANDIDATES = 4, 16  # splats over each point: to learn how large splats can be, and to choose from
+LEAST = 0.3  # least size, as a share of the radius with which the whole cloud covers itself
 WIDEST = 1 / 16  # of the cloud's diagonal
 TILTS = 3  # rounds of fitting
 STEEPEST = 0.9  # cosine between a fitted normal and the point's own
-CLOSE = 0.02  # tolerances up to which a distance needs no second look: 0.3 missed half of the large ones, at creases
-BARE = 4.0  # an uncovered point counts as so many tolerances away
+CLOSE = 0.02  # in tolerances: distances up to this are not refined; 0.3 missed half of the large ones, at creases
+BARE = 4.0  # an uncovered point counts as this many tolerances away
 SHRINK = 0.5, 0.9  # least and greatest factor when splats are made smaller where the error is too large
 
 
 class Subset(NamedTuple):
-    """Chosen splats, as a model takes them, and how far the cloud is from their surface."""
+    """Chosen splats in the form that a model takes, and how far the cloud is from their surface."""
 
     splats: Splats
     positions: Floats  # (m, 3), fitted
@@ -43,7 +43,7 @@ class Subset(NamedTuple):
 
 
 def measure(cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.bool_] | None = None) -> Floats:
-    """How large splats may be at each point (n,): as they grow within the error bound, and graded."""
+    """How large splats may be at each point (n,): the size to which they grow within the error bound, graded."""
     low, high = cloud.positions.min(axis=0), cloud.positions.max(axis=0)
     widest = np.full(len(cloud.positions), WIDEST * np.linalg.norm(np.float64(high) - low), np.float32)
     pool, reached = grow_pool(cloud, widest, error, times, wanted)
@@ -53,7 +53,7 @@ def measure(cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.
 
 
 def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
-    """The sizes as neighbours allow, and not below what the cloud's spacing asks for."""
+    """The sizes, lowered as far as neighbours require, but not below what the cloud's spacing needs."""
     least = np.float32(LEAST) * cloud.reach
     return np.asarray(np.maximum(grade(np.maximum(sizes, least), cloud, SLOPE), least))
 
@@ -65,7 +65,7 @@ def select(cloud: Cloud, sizes: Floats, error: float, progress: Progress) -> Spl
 
 
 def select_greedily(cloud: Cloud, sizes: Floats, error: float) -> tuple[Splats, NDArray[np.int32]]:
-    """A pool of splats, and the rows of it that are chosen."""
+    """A pool of splats, and the rows of the chosen ones."""
     pool, _ = grow_pool(cloud, sizes, error, CANDIDATES)
     return pool, choose(pool, cloud, np.zeros(len(sizes), np.int32))
 
@@ -85,7 +85,7 @@ def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
         heights = _heights(cloud, (positions, normals, radii), error)[members]
         mean = np.add.reduceat(weights * heights, at) / total
         moment = np.stack([np.add.reduceat(weights * (heights - mean[own]) * column, at) for column in offsets.T], 1)
-        # Half of twice the moment: the full step overshoots, as neighbours tilt too.
+        # This is half of the full step, twice the moment, which overshoots, as neighbours tilt too.
         normals = _tilted(first, normals, moment / inertia[:, None])
         positions = _shifted(seeds, positions + mean[:, None] * normals, splats.widths)
     heights = _heights(cloud, (positions, normals, radii), error)[members]
@@ -96,13 +96,13 @@ def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
 
 
 def _heights(cloud: Cloud, surface: tuple[Floats, Floats, Floats], error: float) -> Floats:
-    """Distances of the points from a surface; those that are far off are no guide."""
+    """Distances of the points from a surface, clipped: large ones do not guide the fit."""
     distances, _ = deviations(cloud.positions, cloud.normals, surface)
     return np.clip(distances, -2 * error, 2 * error)
 
 
 def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) -> Floats:
-    """Unit normals less the part of the slope in their planes; where that goes too far, they stay."""
+    """Unit normals tilted by the part of the slope in their planes; a normal stays if it would tilt too far."""
     slope = slope - np.einsum("ij,ij->i", slope, normals)[:, None] * normals
     new = normals - slope
     new /= np.linalg.norm(new, axis=1, keepdims=True)
@@ -110,7 +110,7 @@ def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) ->
 
 
 def _shifted(seeds: Floats, positions: NDArray[np.floating[Any]], widths: Floats) -> Floats:
-    """The positions, at most half a width from the seeds."""
+    """The positions, moved to within half a width of the seeds."""
     offsets = positions - seeds
     length = np.linalg.norm(offsets, axis=1)
     return np.asarray(seeds + offsets * np.minimum(1, 0.5 * widths / np.maximum(length, 1e-30))[:, None], np.float32)
@@ -127,7 +127,7 @@ def worst(subset: Subset, tolerance: float) -> Floats:
 
 
 def mend(cloud: Cloud, subset: Subset, sizes: Floats, error: float, ratio: Floats) -> tuple[Splats, Floats]:
-    """Smaller splats, and sizes, where the ratio (m,) of error and tolerance is over 1; the others stay."""
+    """Smaller splats and sizes where the ratio (m,) of error to tolerance is over 1; the other splats stay."""
     splats = subset.splats
     shrunk = splats.widths * np.clip(SHRINK[1] * np.maximum(ratio, 1) ** -0.5, *SHRINK)
     least = np.where(ratio > 1, shrunk, np.float32(np.inf)).astype(np.float32)

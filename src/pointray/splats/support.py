@@ -1,4 +1,4 @@
-"""What surrounds every splat: its radius, where the surface ends beside it, and which of two close sheets it is of."""
+"""The support of every splat: its radius, whether the surface ends beside it, and whether it is of close sheets."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ..progress import Progress, part_of
 from .radii import NEIGHBORS, choose_radii
 from .sheets import find_sheets
 
-# Where over a thousandth of the radii are smaller than TIGHT times those that cover, surface lies in gaps.
+# If more than TIGHT_SHARE of the radii are smaller than TIGHT times the covering ones, the surface has gaps.
 TIGHT, TIGHT_SHARE = 0.9, 1e-3
-CROWD = 16  # splats at one place
-PLACED, FOUND, CHOSEN = 0.05, 0.75, 0.98  # shares of the time after which places, neighbours, radii are known
-HANDFUL = 1e-5  # of the points: so few lone ones are not worth a word, a mesh of 400,000 vertices has one
+CROWD = 16  # splats at one position
+PLACED, FOUND, CHOSEN = 0.05, 0.75, 0.98  # shares of the time after which positions, neighbours, radii are known
+HANDFUL = 1e-5  # share of lone points below which they are not mentioned: a mesh of 400,000 vertices has one
 
 
 class Support(NamedTuple):
-    """Of n splats.
+    """The support of n splats.
 
     radii : (n,) float32
-    borders : (n, 3) float32, the direction out of the surface on an open border, else zero; or None: not looked for
-    sheets : (n,) int8, 1 for splats of sheets close together, else 0; or None: there are none
+    borders : (n, 3) float32, the direction out of the surface on an open border, else zero; None if not searched for
+    sheets : (n,) int8, 1 for splats of sheets close together, else 0; None if there are none
     tight : whether many radii are too small to cover the surface
-    places : (n,) int64, equal for splats at one place
+    places : (n,) int64, equal for splats at one position
     lone : (n,) bool, strays whose chosen radii were made smaller
     """
 
@@ -39,7 +39,7 @@ class Support(NamedTuple):
 
     @property
     def crowded(self) -> NDArray[np.bool_]:
-        """Which splats lie where CROWD of lower numbers do: every ray past a crowd would have to look at all of it."""
+        """Which splats share their position with CROWD splats of lower numbers: rays would have to test all of them."""
         if np.bincount(self.places).max() <= CROWD:
             return np.zeros(len(self.places), np.bool_)
         order = np.argsort(self.places, kind="stable")
@@ -50,7 +50,7 @@ class Support(NamedTuple):
 
     @property
     def note(self) -> str:
-        """A word about lone points, if there are more than a handful."""
+        """A message about lone points, if there are more than a handful."""
         count = int(self.lone.sum())
         if count <= HANDFUL * len(self.lone):
             return ""
@@ -77,19 +77,19 @@ def find_support(
         Finite.
     normals : (n, 3) float32, unit
     radii : (n,) float32 or None
-        Given ones; None: as small as covers the surface, see `choose_radii`.
+        Given radii. None: the smallest that cover the surface, see `choose_radii`.
     scale : float
-        All radii times this.
+        Factor for all radii.
     borders, sheets : bool
-        What to look for besides radii; sheets only with borders. A handful of places has neither.
+        What to search for besides radii; sheets only with borders. NEIGHBORS positions or fewer have neither.
     within : (float, (n,) float32), optional
-        None is chosen smaller or larger than these.
+        Lower and upper limits of chosen radii.
     progress : callable, optional
 
     Raises
     ------
     ValueError
-        If there is one place only and no radius.
+        If all positions are equal and no radii are given.
     """
     rows, places = distinct(positions)
     given = None if radii is None else radii * np.float32(scale)
@@ -97,7 +97,7 @@ def find_support(
     none = np.zeros(len(places), np.bool_)
     if given is not None and not borders:
         return Support(given, None, None, False, places, none)
-    # Nearly always all are distinct: then no copies, at 24 million points half a GiB at the peak.
+    # Nearly always all positions are distinct; then avoiding copies saves half a GiB at the peak for 24 million points.
     sites = (positions, normals) if len(rows) == len(positions) else (positions[rows], normals[rows])
     hood = neighbors(sites[0], NEIGHBORS + 1, progress=part_of(progress, PLACED, FOUND))
     covering, ends, strays = choose_radii(*sites, *hood, part_of(progress, FOUND, CHOSEN))

@@ -1,8 +1,8 @@
-"""How far a splat must reach: to the farthest vertex of its Voronoi cell in its tangent plane (paper, part II).
+"""How wide a splat must be: it reaches the farthest vertex of its Voronoi cell in its tangent plane (paper, part II).
 
-A neighbour lies in the tangent plane where it is seen, but as far away as it is in space, so that noise brings nothing
-closer; one past a fold is unfolded. What faces the other way is another sheet and bounds no cell. The cell is cut out
-of a square; a vertex on a side of the square is none, for there the surface ends.
+A neighbour is mapped into the tangent plane: it keeps its direction and its distance in space, so that noise brings no
+neighbour closer. A neighbour past a fold is unfolded. A neighbour that faces the other way belongs to another sheet and
+bounds no cell. The cell is cut out of a square; corners on the square's sides do not count, as the surface ends there.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from ..jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next
 from ..kernels.vec import Vec3, add, cross, dot, length, load3_flat, scale, sub, tangents
 from .borders import FOLD
 
-OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals beyond which points lie on two sheets
-BORDER = 1.3  # so many times as wide as usual may a gap be where the surface may end, unless a point lies ahead
-AHEAD = math.cos(math.radians(60))  # within which it does
-USUAL = 8  # neighbours whose cells say what is usual
-FLAT = 0.05  # sine of a seam's angle to a plane below which they meet nowhere near
-SHARED = 1e-5  # this much of a bisector's distance beyond it a vertex is still on it: exact grids have four at a vertex
-CORNERS = 64  # of a polygon; more neighbours than that never bound a cell
+OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals below which points lie on two sheets
+BORDER = 1.3  # at a possible border, a gap this many times as wide as usual is closed; a wider one if a point is ahead
+AHEAD = math.cos(math.radians(60))  # a point within this angle of a gap's direction lies ahead
+USUAL = 8  # neighbours whose cells define the usual size
+FLAT = 0.05  # sine of the angle between a seam and a plane below which they meet too far away to count
+SHARED = 1e-5  # share of a bisector's distance: a vertex this close is on it; exact grids have four points at a vertex
+CORNERS = 64  # the most corners of a polygon; no cell is bounded by more neighbours
 TILE = 2048
 
 Vec2: TypeAlias = tuple[float, float]  # in a tangent plane
@@ -33,8 +33,8 @@ Vec2: TypeAlias = tuple[float, float]  # in a tangent plane
 def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3, Vec3]) -> Vec2:
     """Point j in the tangent plane of point i; (0, 0) for one on another sheet.
 
-    Past a fold, two planes at an angle: along the crease as it lies, across it the way over both planes, which is
-    (p_j - p_i).(n_j - n_i) / sin(angle), in the direction that n_j leans.
+    A fold is two planes at an angle. Along the crease the offset stays as it is. Across the crease it is the distance
+    over both planes, (p_j - p_i).(n_j - n_i) / sin(angle), in the direction that n_j leans.
     """
     at = load3_flat(positions, 3 * j)
     d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
@@ -58,8 +58,8 @@ def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3
 def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) -> int:
     """Keep the part of a polygon that lies closer to the origin than to (a, b), the place of point j.
 
-    polygons : two of them, rows x, y, and the point whose bisector the side is that begins there, -1 on the square;
-    `which` is cut, the other one is the result. (Arrays that pieces hand back and forth are freed too early.)
+    polygons : two, with rows x, y, and the point on whose bisector the side from there lies, -1 on the square; `which`
+    is cut, and the other one is the result. (Arrays that inlined functions return are freed too early.)
     """
     limit = 0.5 * (a * a + b * b)
     edge = SHARED * limit
@@ -86,7 +86,7 @@ def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) ->
 def _cell(
     positions: Array, normals: Array, i: int, axes: tuple[Vec3, Vec3], hood: tuple[Array, Array], polygons: Array
 ) -> tuple[int, int, float]:
-    """Which of the polygons is point i's cell, the number of its corners, and the square of the farthest's distance."""
+    """Which of the polygons is point i's cell, the number of its corners, and the farthest one's squared distance."""
     distances, near = hood
     side = f64(distances[len(near) - 1])
     for k in range(4):
@@ -108,7 +108,7 @@ def _cell(
 
 @inline
 def _mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
-    """The point whose bisector the side from corner k is: the origin, mirrored; and the side's closest point to it."""
+    """The origin mirrored at the side from corner k, which is their bisector; and the side's distance to the origin."""
     x, y = corners[k, 0], corners[k, 1]
     dx, dy = corners[after, 0] - x, corners[after, 1] - y
     t = -(x * dx + y * dy) / max(dx * dx + dy * dy, 1e-300)
@@ -118,13 +118,13 @@ def _mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
 
 @inline
 def _lies_ahead(b: Vec2, ahead: Vec2) -> bool:
-    """Whether a place lies in the direction of a gap."""
+    """Whether point b lies in the direction of a gap."""
     return b[0] * ahead[0] + b[1] * ahead[1] > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1])
 
 
 @inline
 def _nearer_until(place: Vec3, way: Vec3, d: Vec3) -> float:
-    """How far along a line (place, unit way) the origin stays nearer than d."""
+    """How far along a line from `place` in the unit direction `way` the origin stays nearer than d."""
     ahead = dot(way, d)
     return max(0.5 * dot(d, d) - dot(place, d), 0.0) / ahead if ahead > 0.0 else np.inf
 
@@ -133,9 +133,9 @@ def _nearer_until(place: Vec3, way: Vec3, d: Vec3) -> float:
 def _up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distance: float) -> float:
     """Distance to the vertex between two neighbours; less where point i and both lie on three sheets that meet.
 
-    Around the corner of a cube are 270 degrees of surface: unfolded into a plane they leave a quarter where there is
-    none. The surface ends at the seam of the two other sheets: it goes as far as to the corner, and to where on the
-    seam one of the neighbours is nearer.
+    Around the corner of a cube are 270 degrees of surface; unfolded into a plane, they leave a quarter without surface.
+    The surface ends at the seam of the two other sheets: the cell extends to the corner, and along the seam until one
+    of the neighbours is nearer.
     """
     positions, normals = cloud
     n, a, b = load3_flat(normals, 3 * i), load3_flat(normals, 3 * one), load3_flat(normals, 3 * other)
@@ -160,9 +160,9 @@ def _reach(
 ) -> tuple[float, bool]:
     """Distance to the farthest vertex that counts, and whether the surface goes on ahead of a gap.
 
-    known : how far cells usually reach around the point and around all points, and in these the widest gap that is
-        closed; ahead : a gap's direction, or zero. A side without a vertex that counts has one point, the one closest
-        to the origin.
+    known : the usual distance to the farthest vertex around this point and around all points, and the widest gap, in
+        units of it, that is closed; ahead : a gap's direction, or zero. Each side also contributes the point on it
+        that is closest to the origin.
     """
     own, usual, void = known
     within, beyond, closed, facing = 0.0, 0.0, True, False
@@ -234,7 +234,7 @@ def _measure(
 
 @inline
 def _gather_sorted(values: Array, normals: Array, i: int, near: Array, limit: float, found: Array) -> int:
-    """The values of point i and the USUAL next ones with normals of at least that cosine to its own, ascending."""
+    """Ascending values of the first of `near` whose normals have a cosine of `limit` or more to that of point i."""
     n, count = load3_flat(normals, 3 * i), 0
     for j in near:
         if count < len(found) and dot(n, load3_flat(normals, 3 * i64(j))) >= limit:
@@ -257,7 +257,7 @@ def _medians(work: Array, values: Array, normals: Array, near: Array, own: int, 
     while tile >= 0:
         for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
             count = _gather_sorted(values, normals, i, near[i, 1 - own :], OTHER_SHEET, found)
-            if count < USUAL // 2:  # it has no sheet to speak of
+            if count < USUAL // 2:  # too few neighbours on its sheet: any neighbour counts
                 count = _gather_sorted(values, normals, i, near[i, 1 - own :], -2.0, found)
             out[i] = f32(0.5) * (found[(count - 1) // 2] + found[count // 2])
         tile = next_tile(work)
@@ -268,7 +268,7 @@ def _medians(work: Array, values: Array, normals: Array, near: Array, own: int, 
 def medians_around(
     values: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.int32], own: bool
 ) -> NDArray[np.float32]:
-    """Median of a value of the USUAL points of its sheet next to each point.
+    """Median of a value over the USUAL nearest points of each point's own sheet.
 
     Parameters
     ----------
@@ -286,9 +286,10 @@ def medians_around(
 
 
 class Hood(NamedTuple):
-    """Neighbours of some points.
+    """Neighbours of given points.
 
-    rows : (m,) int64, the points; distances : (m, k) float32, near : (m, k) int32, nearest first, themselves first
+    rows : (m,) int64, the points; distances : (m, k) float32, near : (m, k) int32, nearest first, each point itself
+    before its neighbours
     """
 
     rows: NDArray[np.int64]
@@ -312,15 +313,15 @@ def measure_cells(
         All different.
     normals : (n, 3) float32, unit
     hood : Hood
-        The points that are asked about, and their neighbours.
+        The points to measure, and their neighbours.
     gaps : (n, 3) float32, optional
         The direction out of the surface for points on what may be a border, else zero.
     usual : (n,) float32, optional
-        How far cells usually reach around each point. None: every vertex counts; else those that are no farther than
-        `void` (ahead of a gap, BORDER) times that, here or at one of the two points that share the vertex: there the
-        surface goes on, more sparsely.
+        The usual distance to a cell's farthest vertex, around each point. None: every vertex counts. Else a vertex
+        counts if it is no farther than `void` (ahead of a gap, BORDER) times that distance, at this point or at one of
+        the two points that share the vertex: there the surface goes on, more sparsely.
     void : float
-        Gaps up to so many times as wide as usual are closed.
+        Gaps up to this many times as wide as usual are closed.
 
     Returns
     -------

@@ -16,7 +16,7 @@ TILE = 4096  # blocks that a thread fills at a time
 
 @inline
 def _select(rows: Array, axis: int, low: int, high: int, nth: int) -> None:
-    """Partition rows[low:high] so that row `nth` has its place in the order along one axis (Hoare's quickselect)."""
+    """Partition rows[low:high] so that row `nth` is where sorting along an axis would put it (Hoare's quickselect)."""
     left, right = low, high - 1
     while right > left:
         pivot = rows[(left + right) >> 1, axis]
@@ -55,13 +55,13 @@ def _widest_axis(rows: Array, low: int, high: int) -> int:
 
 @inline
 def _middle(low: int, high: int) -> int:
-    """Where a span is cut: half of it in whole blocks."""
+    """Where a span is cut in halves, rounded to whole blocks."""
     return low + ((high - low + 2 * PER_BLOCK - 1) // (2 * PER_BLOCK)) * PER_BLOCK
 
 
 @kernel
 def _sort_rows(work: Array, rows: Array, spans: Array, limit: int) -> int:
-    """Cut each span of (n, 4) rows x, y, z, number at the median of its widest axis, down to spans of `limit` rows."""
+    """Cut each span of rows (x, y, z, number) at the median of its widest axis, down to spans of `limit` rows."""
     stack = np.empty((64, 2), np.int64)
     span = next_tile(work)
     while span >= 0:
@@ -90,7 +90,7 @@ def _spans(low: int, high: int, limit: int) -> list[tuple[int, int]]:
 
 
 def sort_splats(positions: NDArray[np.float32], threads: int | None = None) -> NDArray[np.int32]:
-    """An order of the points in which every four from a multiple of 4 on are neighbours: a balanced kd-tree's leaves.
+    """An order of the points in which each block of four holds neighbours: the leaves of a balanced kd-tree.
 
     Parameters
     ----------

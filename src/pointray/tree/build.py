@@ -1,4 +1,4 @@
-"""Splats -> Tree: the whole way on one page."""
+"""Splats -> Tree: all steps on one page."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .leaves import fill_groups, fill_leaves, limits_of, longest_step
 from .subtrees import build_cells
 from .wide import collapse, enclose
 
-LEAF_WIDTH = 8.0  # a voxel's longest edge in mean support radii, at most
+LEAF_WIDTH = 8.0  # upper limit of a voxel's longest edge, in mean support radii
 
 
 class Splats(NamedTuple):
@@ -40,10 +40,10 @@ class Splats(NamedTuple):
     positions : (n, 3) float32, about the points' origin
     normals : (n, 3) float32, unit
     radii : (n,) float32, the support's radius, in the unit of the positions
-    rows : (n,) int32, the caller's row of each
+    rows : (n,) int32, the caller's row of each splat
     colors : (n, 3) uint8, sRGB, or None
-    borders : (n, 3) float32, the direction out of the surface on an open border, else zero; or None: there is none
-    sheets : (n,) int8, 1 for splats of sheets close together, else 0; or None: there are none
+    borders : (n, 3) float32, the direction out of the surface on an open border, else zero; None if there are none
+    sheets : (n,) int8, 1 for splats of sheets close together, else 0; None if there are no such sheets
     """
 
     positions: NDArray[np.float32]
@@ -56,15 +56,15 @@ class Splats(NamedTuple):
 
 
 class TreeSettings(NamedTuple):
-    """What a tree is built for.
+    """Settings of a tree.
 
     surface : 'paper', 'imls', 'apss' or 'disc'
     samples : samples in the length of a support's diameter, the paper's N
     refine : secant steps after the bracket
     trim : largest |x - P(x)| of a hit in local radii, inf for no limit
-    overhang : how far a hit may lie out of an open border, in local radii, inf for no limit
-    leaf_width : a voxel's longest edge in mean radii, or down to half of this where costs say so
-    cut : False leaves slabs unlimited and boxes as large as their voxels, to test the others against
+    overhang : how far a hit may lie beyond an open border, in local radii, inf for no limit
+    leaf_width : a voxel's longest edge in mean radii, or down to half of this where the costs favour it
+    cut : False leaves slabs unlimited and boxes as large as their voxels, for tests to compare with
     """
 
     surface: str
@@ -84,8 +84,8 @@ def build_tree(
 ) -> Tree:
     """Build the tree of a model (paper, parts III and IV).
 
-    Four splats make a block; space is cut into voxels that know every block with a splat over them; in each voxel a
-    conservative test tells where the surface can be, as a whole and column by column; the voxels' tight boxes are
+    Four splats make a block. Space is cut into voxels that list every block with a splat over them. In each voxel a
+    conservative test bounds where the surface can be, as a whole and column by column. The voxels' tight boxes are
     gathered into nodes of eight.
     """
     say = progress or (lambda share: None)
@@ -126,7 +126,7 @@ def build_tree(
     wide = collapse(cells.children, leaf_of, node_boxes, (wide_boxes, wide_children))
 
     head = np.zeros(HEAD, np.float32)
-    # Of the supports, not of the boxes: the lattice of samples starts where a ray enters, whatever the tree is like.
+    # Bounds of the supports, not of the boxes: the sample lattice starts where a ray enters them, whatever the tree.
     reach = splats.radii[:, None]
     head[BOUNDS : BOUNDS + 3] = (splats.positions - reach).min(axis=0)
     head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + reach).max(axis=0)
@@ -151,7 +151,7 @@ def build_tree(
 
 
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
-    """The normal of each slot's splat that is of a sheet, in 127ths; nothing where none is."""
+    """The normals of the slots whose splats are of close sheets, in 127ths; empty if there are no such splats."""
     if splats.sheets is None or not splats.sheets.any():
         return np.zeros(0, np.int8)
     out = np.zeros((slots, 3), np.int8)
@@ -167,7 +167,7 @@ def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDAr
 
 
 def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slots: int) -> NDArray[np.int8]:
-    """The way out of the border at each slot, in 127ths; nothing where no splat lies on one."""
+    """The direction out of the border at each slot, in 127ths; empty if no splat lies on a border."""
     if borders is None or not borders.any():
         return np.zeros(0, np.int8)
     out = np.zeros((slots, 3), np.int8)
@@ -176,7 +176,7 @@ def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slot
 
 
 def _colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: int) -> NDArray[np.int32]:
-    """The packed colour of each slot; nothing where the points have none."""
+    """The packed colour of each slot; empty if the points have no colours."""
     if colors is None:
         return np.zeros(0, np.int32)
     out = np.zeros(slots, np.int32)

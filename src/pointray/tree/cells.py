@@ -1,10 +1,10 @@
-"""The kd-tree: space is cut into voxels, each of which knows every splat whose support overlaps it (part III).
+"""The kd-tree: space is cut into voxels, and each voxel lists every splat whose support overlaps it (part III).
 
-Whether a voxel is cut is a matter of costs: what its two halves, and a node above them, take of the rays that meet
-them, in proportion to the surfaces of their boxes, against what the whole takes.
+The surface area heuristic decides whether a voxel is cut: the cost of its two halves and of a node above them, each in
+proportion to the surface of its box, is compared with the cost of the whole voxel.
 
-A voxel also knows the splats within one step of a ray's samples around it. So a ray's samples are the same whatever
-the voxels: those next to a voxel's border are evaluated in full from both sides of it.
+A voxel also lists the splats within one sample step around it. So a ray's samples do not depend on the voxels: samples
+next to a voxel's face are evaluated in full from both sides of it.
 """
 
 from __future__ import annotations
@@ -17,29 +17,30 @@ from ..jit import Array, cancelled, f32, f64, inline, kernel, next_tile
 from ..kernels.records import BLOCK, FAR, INV_R2, PX
 from .blocks import PER_BLOCK
 
-FEW = 3  # a voxel that so few blocks reach is not cut further
+FEW = 3  # a voxel with no more blocks than this is not cut further
 DEEPEST = 60  # cuts below a root
-STEP_WIDTH = 8.0  # mean radii: where a voxel's ancestor is no wider, it decides the step of the samples in it
-FREEDOM = 2.0  # voxels may be this much narrower than asked for, where the costs say so
-# What a ray that meets them takes, in nanoseconds: a node, a leaf, a block that the leaf knows, samples a least radius
-# apart. Rounded between what profiles say of rays in tiles (3, 10, 0.5, 40) and alone (35, 20, 3, 50): times do not
-# depend on them much (10, 30, 1, 50: within 2%); with 5, 10, 1, 20 1 million points from afar take 4% longer.
+STEP_WIDTH = 8.0  # mean radii: the first ancestor that is no wider than this decides the sample step in a voxel
+FREEDOM = 2.0  # voxels may be this many times narrower than asked for, where the costs favour it
+# The time that a ray spends, in nanoseconds, on a node, a leaf, a block of the leaf, and samples a least radius apart.
+# These are rounded between profiles of rays in tiles (3, 10, 0.5, 40) and single rays (35, 20, 3, 50). Render times
+# depend on them little (10, 30, 1, 50: within 2%); with 5, 10, 1, 20, 1 million points from afar take 4% longer.
 NODE_COST, LEAF_COST, BLOCK_COST, LOOK_COST = 10.0, 10.0, 1.0, 50.0
-FULL = -1  # the number of nodes of a root whose room was too small
+FULL = -1  # stands for the number of nodes of a root whose arrays were too small
 
 Box: TypeAlias = tuple[float, float, float, float, float, float]
-Span: TypeAlias = tuple[int, int]  # of refs
-Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # of the arrays of `Cells`, those of one root
+Span: TypeAlias = tuple[int, int]  # begin and end in refs
+Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # one root's parts of the arrays of `Cells`
 
 
 class Cells(NamedTuple):
     """The binary kd-tree as it is built; children come after their parent.
 
     children : (nodes, 2) int32, -1 for a leaf
-    boxes : (nodes, 6) float32, of leaves the voxel, shrunk to what the supports in it reach
+    boxes : (nodes, 6) float32; a leaf's box is its voxel, shrunk to the supports in it
     spans : (nodes, 2) int64, a leaf's part of refs
     refs : (references,) int32, numbers of blocks
-    least : (nodes,) float32, least support radius over the voxel of STEP_WIDTH around: the same for voxels of any size
+    least : (nodes,) float32, least support radius over the ancestor voxel of STEP_WIDTH, so it does not depend on
+        the size of the voxels
     """
 
     children: Array
@@ -51,7 +52,7 @@ class Cells(NamedTuple):
 
 @inline
 def overlap(blocks: Array, slot: int, cell: Array | Box) -> tuple[float, float]:
-    """Squared radius and squared distance to the cell of the splat at blocks[slot]: it overlaps where less or equal."""
+    """Squared radius of the splat at blocks[slot], and squared distance to the cell: it overlaps if that is no more."""
     distance = f32(0.0)
     for c in range(3):
         p = blocks[slot + PX + 4 * c]
@@ -64,11 +65,11 @@ def overlap(blocks: Array, slot: int, cell: Array | Box) -> tuple[float, float]:
 def _gather(
     blocks: Array, sources: Span, cell: Array, around: float, refs: Array, start: int
 ) -> tuple[int, float, float, float]:
-    """Write the blocks of `sources` that reach the cell, or its surroundings, to refs[start:].
+    """Write the blocks of `sources` whose supports overlap the grown cell to refs[start:].
 
     around : by how much the cell is grown for this test
-    Shrinks the cell to their supports; a cell that nothing reaches comes out inverted. Returns the end, and the mean,
-    the least and the greatest radius of these splats.
+    The cell is shrunk to their supports; a cell that no support overlaps becomes inverted. Returns the end in refs, and
+    the mean, the least and the greatest radius of these splats.
     """
     end = start
     total, count, shortest, longest = 0.0, 0, f32(np.inf), f32(0.0)
@@ -108,13 +109,13 @@ def _area(box: Array) -> float:
 
 @inline
 def _cost(box: Array, count: int, mean: float, least: float) -> float:
-    """What a leaf with `count` blocks takes; samples are the closer, the smaller the least radius is."""
+    """The cost of a leaf with `count` blocks; a smaller least radius brings samples closer together."""
     return _area(box) * (LEAF_COST + BLOCK_COST * count + LOOK_COST * mean / max(abs(least), 1e-30))
 
 
 @inline
 def _longest_edge(box: Array) -> tuple[int, float]:
-    """Its axis and its length."""
+    """The axis and the length of a box's longest edge."""
     axis = 0
     for c in range(1, 3):
         if box[3 + c] - box[c] > box[3 + axis] - box[axis]:
@@ -124,9 +125,9 @@ def _longest_edge(box: Array) -> tuple[int, float]:
 
 @inline
 def _decide(blocks: Array, sources: Span, box: Array, mean: float, step: float, refs: Array) -> tuple[int, float]:
-    """The least radius around a voxel, which decides the step of its samples, and the end of the blocks that matter.
+    """The end of the blocks that stay, and the least radius around a voxel, which decides the step of its samples.
 
-    The voxel's blocks were found with the step of the greatest radius; those that a mean step reaches stay.
+    The voxel's blocks were found with the step of the greatest radius; those within a step of the mean radius stay.
     """
     end, _, shortest, _ = _gather(blocks, sources, box.copy(), f32(step * mean), refs, sources[0])
     return end, min(shortest, f32(mean))
@@ -136,10 +137,10 @@ def _decide(blocks: Array, sources: Span, box: Array, mean: float, step: float, 
 def _halve(
     blocks: Array, span: Span, cut: tuple[int, int, int], around: float, radii: Array, out: Parts
 ) -> tuple[int, int, int]:
-    """Make the two halves of a voxel, whose blocks are the span of refs; theirs follow, and are returned as three ends.
+    """Make the two halves of a voxel whose blocks are `span` of refs; the halves' blocks follow it. Returns three ends.
 
-    cut : the voxel's node, the first half's, the axis; around : by how much they are grown for their blocks
-    radii : mean and greatest of each half are written here
+    cut : the voxel's node, the first half's node, the axis; around : by how much a half is grown to find its blocks
+    radii : the mean and greatest radius of each half are written here
     """
     boxes, refs, least = out[1], out[3], out[4]
     node, first, axis = cut
@@ -160,7 +161,7 @@ def _halve(
 def _cut_root(work: Array, blocks: Array, count: int, limits: tuple[float, float, float], out: Parts) -> int:
     """Cut the voxel boxes[0], whose blocks are among the first `count` of refs; returns the number of nodes or FULL.
 
-    limits : width and step, see `cut_roots`, and by how much the voxel is grown for its blocks
+    limits : width and step, see `cut_roots`, and by how much the voxel is grown to find its blocks
     """
     children, boxes, spans, refs, least = out
     width, step, around = limits
@@ -221,11 +222,11 @@ def cut_roots(
 ) -> int:
     """Cut voxels in the middle of their longest edges, each root in its own part of the arrays.
 
-    roots : as in `tree/subtrees.py`: the first node, the first reference, the first of `groups`; groups; how far around
-    limits : greatest width of the voxels in mean radii; longest step of the samples in radii; blocks of a group
-    out : a `Cells` whose boxes hold the roots', and the number of nodes of each root, or FULL
+    roots : as in `tree/subtrees.py`: first node, first reference and first group of each; groups; growth of each root
+    limits : greatest width of the voxels in mean radii; longest step of the samples in radii; blocks in a group
+    out : a `Cells` that holds the roots' boxes, and the number of nodes of each root, or FULL
 
-    Voxels are first shrunk to the supports they contain: what no support reaches is never looked at again.
+    Voxels are first shrunk to the supports they contain, so space without supports is never examined again.
     """
     firsts, groups, around = roots
     width, step, per_group = limits

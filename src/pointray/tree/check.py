@@ -1,4 +1,4 @@
-"""The validator: is a tree whole? Each rule of `kernels/records.py`, checked with NumPy, slowly and plainly."""
+"""The validator: it checks each rule of `kernels/records.py` on a tree, with NumPy, slowly and plainly."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ Floats = NDArray[np.float32]
 
 
 def check_tree(tree: Tree, places: int = 20_000, seed: int = 0) -> list[str]:
-    """What is wrong with a tree; an empty list if it is whole.
+    """What is wrong with a tree; an empty list if it is valid.
 
     Parameters
     ----------
     places : int
-        Random points near splats at which the leaves are asked for what they know.
+        Number of random positions near splats at which the leaves are checked.
     """
     problems = check_lengths(tree)
     if problems:
@@ -59,7 +59,7 @@ def check_tree(tree: Tree, places: int = 20_000, seed: int = 0) -> list[str]:
 
 
 def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
-    """Boxes of the leaves (leaves, 6), empty where a leaf hangs nowhere; every node and leaf is reached once."""
+    """Check that each node and leaf is reached once; returns the leaves' boxes (leaves, 6), empty where not reached."""
     children = tree.children.reshape(-1, WIDTH)
     rows = tree.boxes.reshape(-1, 6, WIDTH)
     leaves = tree.leaves.size // LEAF
@@ -93,7 +93,7 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
 
 
 def _splats(tree: Tree) -> tuple[Floats, NDArray[np.int64]]:
-    """Rows x y z nx ny nz r of the splats, and the block of each."""
+    """Rows x y z nx ny nz r of the splats, and the block of each splat."""
     used = np.flatnonzero(tree.order >= 0)
     rows = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used].copy()
     rows[:, 6] = 1 / np.sqrt(rows[:, 6])
@@ -101,7 +101,7 @@ def _splats(tree: Tree) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _check_spheres(tree: Tree) -> list[str]:
-    """Each bounding sphere encloses the supports of its block."""
+    """Check that each bounding sphere encloses the supports of its block."""
     rows, block = _splats(tree)
     spheres = tree.spheres.reshape(-1, 4, 16).transpose(0, 2, 1).reshape(-1, 4)
     listed = spheres[:, 3] > 0
@@ -120,7 +120,7 @@ def _check_spheres(tree: Tree) -> list[str]:
 
 
 def _check_places(tree: Tree, boxes: Floats, reached: NDArray[np.int64], places: int, seed: int) -> list[str]:
-    """At random places under splats: one voxel holds each, and its leaf knows every splat over it."""
+    """Check that one voxel holds each random position under splats, and that its leaf lists every splat over it."""
     rows, block = _splats(tree)
     rng = np.random.default_rng(seed)
     chosen = rows[rng.integers(len(rows), size=places)].astype(np.float64)
@@ -144,11 +144,11 @@ def _check_places(tree: Tree, boxes: Floats, reached: NDArray[np.int64], places:
 
 
 def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDArray[np.float64]) -> list[str]:
-    """Places of the surface lie in a leaf that is no empty one, in its slab and in its tight box."""
+    """Check that positions on the surface lie in a leaf that is not empty, in its slab and in its tight box."""
     leaf, _, _ = _voxel_of(tree, x)
     x, leaf = x[leaf >= 0], leaf[leaf >= 0]
     records, box = tree.leaves.reshape(-1, LEAF)[leaf].astype(np.float64), boxes[leaf]
-    slack = 1e-4 * records[:, RADIUS]  # a tenth of what slabs and boxes are padded by
+    slack = 1e-4 * records[:, RADIUS]  # a tenth of the padding of slabs and boxes
     height = np.einsum("ij,ij->i", records[:, SLAB : SLAB + 3], x)
     slab = (height < records[:, SLAB_LO] - slack) | (height > records[:, SLAB_HI] + slack)
     cut = ((x < box[:, :3] - slack[:, None]) | (x > box[:, 3:] + slack[:, None])).any(axis=1)
@@ -169,7 +169,7 @@ def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDA
 def _out_of_patch(
     tree: Tree, leaf: NDArray[np.int64], x: NDArray[np.float64], slack: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether places of leaves lie outside of the slab of their column."""
+    """Whether positions in leaves lie outside the slab of their column."""
     records = tree.leaves.reshape(-1, LEAF)
     axes = np.array([uncompiled(across)(*record[SLAB : SLAB + 3]) for record in records])[leaf]
     cell = records[leaf, CELL : CELL + 6].astype(np.float64)
@@ -188,7 +188,7 @@ def _out_of_patch(
 
 
 def _codes(tree: Tree) -> NDArray[np.int64]:
-    """leaf * blocks + block of everything that a leaf knows."""
+    """leaf * blocks + block, for every block that a leaf lists."""
     count = 16 * tree.spans[1::2].astype(np.int64)
     leaf = np.repeat(np.arange(len(count)), count)
     start = np.repeat(16 * tree.spans[::2].astype(np.int64) - (np.cumsum(count) - count), count)
@@ -200,7 +200,7 @@ def _codes(tree: Tree) -> NDArray[np.int64]:
 def _over(
     x: NDArray[np.float64], centers: NDArray[Any], radii: NDArray[Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All pairs (place, ball) in which the place lies in the ball."""
+    """All pairs (position, ball) in which the position lies in the ball."""
     found = cKDTree(x).query_ball_point(centers, radii)
     lengths = np.fromiter(map(len, found), np.int64, len(found))
     places = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
@@ -208,7 +208,7 @@ def _over(
 
 
 def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """The leaf strictly inside of whose voxel each place lies, or -1; whether several do; whether none touches it."""
+    """The leaf whose voxel strictly contains each position, or -1; whether several do; whether no voxel touches it."""
     cells = tree.leaves.reshape(-1, LEAF)[:, CELL : CELL + 6].astype(np.float64)
     real = np.flatnonzero((cells[:, :3] <= cells[:, 3:]).all(axis=1))
     low, high = cells[real, :3], cells[real, 3:]
@@ -223,7 +223,7 @@ def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], ND
 
 
 def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places of the tree's own surface: those of x that Newton's steps along the mean normal lead to f = 0."""
+    """Positions on the tree's surface: those of x that converge to f = 0 by Newton's steps along the mean normal."""
     f = radius = away = np.full(len(x), np.nan)
     for _ in range(6):
         f, normal, away, radius = _field(rows, x, int(tree.head[SURFACE]))
@@ -235,7 +235,7 @@ def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[n
 
 
 def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
-    """f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius at places; NaN without support."""
+    """f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius at positions; NaN without support."""
     place, splat = _over(x, rows[:, :3], rows[:, 6])
     p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
     q = p - x[place]

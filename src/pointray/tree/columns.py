@@ -1,8 +1,8 @@
 """Patches: a leaf's voxel cut into 4 x 4 columns, each with a slab of its own.
 
-A column is a splat or two wide, so that normals in it differ less and the surface bends less: its slab, proved as the
-leaf's is (see `tree/leaves.py`), is less than half as thick on smooth surfaces. Columns go along the axis w that the
-leaf's normal is nearest to; a slab is kept as low <= w + B u + C v <= high.
+A column is one or two splats wide, so its normals differ less and the surface in it bends less. Its slab is proved like
+the leaf's (see `tree/leaves.py`) and is less than half as thick on smooth surfaces. Columns run along the axis w that
+is nearest to the leaf's normal; a slab is stored as low <= w + B u + C v <= high.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from ..jit import Array, f64, inline
 from ..kernels.records import COLUMNS, NO_SURFACE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
 from ..kernels.vec import Vec3
 
-PAD = 0.012  # mean radii: more than the start rule's reach, so that who starts on the surface starts in its slab
-MARGIN = 1e-3  # of a column: splats this far out of it count as over it, against rounding
-WORTH = 0.6  # of the thickness of the leaf's slab: columns that are thicker in the mean take longer than they save
-STEEP = 0.2  # a cosine: a column whose own normal is farther from the axis takes the leaf's
+PAD = 0.012  # mean radii: more than the start rule's distance, so that a ray from the surface starts in its slab
+MARGIN = 1e-3  # column widths: a splat this far outside a column still counts as over it, against rounding
+WORTH = 0.6  # of the leaf slab's thickness: column slabs with a thicker mean cost more time than they save
+STEEP = 0.2  # a cosine: a column takes the leaf's normal where its own is farther from the axis
 
 Limits: TypeAlias = tuple[float, float, float, float]  # see `leaves.limits_of`
 
@@ -35,7 +35,7 @@ def across(mx: float, my: float, mz: float) -> tuple[int, int, int]:
 
 @inline
 def _over(members: Array, column: Array, out: Array) -> tuple[int, Vec3]:
-    """Write which members' supports reach a column to `out`; returns how many, and the sum of their normals."""
+    """Write to `out` the members whose supports overlap a column; returns how many, and the sum of their normals."""
     count = 0
     sx = sy = sz = 0.0
     for k in range(len(members)):
@@ -83,7 +83,7 @@ def _set_column(cell: Array, axes: tuple[int, int, int], i: int, j: int, column:
 
 @inline
 def _normal_of(total: Vec3, w: int, normal: Array) -> Vec3:
-    """The unit normal of a column's slab: of the sum of its splats' normals, or the leaf's where that is steep."""
+    """The unit normal of a column's slab: the sum of its splats' normals, or the leaf's normal where that is steep."""
     length = math.sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2])
     if abs(total[w]) > STEEP * length:
         return total[0] / length, total[1] / length, total[2] / length
@@ -96,9 +96,9 @@ def fill_patches(
 ) -> None:
     """Fill a leaf's patches.
 
-    members : rows x, y, z, nx, ny, nz, r; mean : of their radii
-    slab : of the leaf: its normal, float32 as rays read it, its thickness; see `leaves.limits_of`
-    work : room for as many numbers as there are members, and for a box; out : (64,) float32, see `records.PATCH`
+    members : rows x, y, z, nx, ny, nz, r; mean : the mean of their radii
+    slab : the normal of the leaf's slab, float32 as rays read it; its thickness; limits, see `leaves.limits_of`
+    work : an array with a number for each member, and one for a box; out : (64,) float32, see `records.PATCH`
     """
     normal, thickness, limits = slab
     chosen, column = work

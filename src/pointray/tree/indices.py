@@ -1,6 +1,6 @@
-"""Whether every index of a tree leads to where something is: asked of a tree from a file before the first ray.
+"""Checks that every index of a tree is valid; a tree from a file must pass them before the first ray.
 
-All arithmetic is in int64: in int32, which arrays hold, the sum of two of a file's numbers can wrap around.
+All arithmetic is in int64: the arrays hold int32, in which the sum of two numbers from a file can wrap around.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from ..kernels.records import (
     Tree,
 )
 
-DEEPEST = 64  # nodes of eight: 7 children wait on each level, and a ray's stack has room for 512
-LARGEST_SAMPLES = 64  # in a radius
+DEEPEST = 64  # levels of nodes of eight: each level leaves up to 7 children on a ray's stack, which has room for 512
+LARGEST_SAMPLES = 64  # the most samples in a radius
 
 
 def check_lengths(tree: Tree) -> list[str]:
-    """Lengths fit together and indices point inside."""
+    """Check that lengths fit together and that indices are in range."""
     leaves, groups, blocks = tree.leaves.size // LEAF, tree.refs.size // 16, tree.blocks.size // BLOCK
     wrong = []
     if tree.boxes.size * WIDTH != tree.children.size * NODE:
@@ -57,12 +57,12 @@ def check_lengths(tree: Tree) -> list[str]:
 
 
 def check_indices(tree: Tree, points: int) -> list[str]:
-    """What could lead a ray astray: out of an array, round in a circle, or past the end of its stack.
+    """Find what could lead a ray out of an array, round in a circle, or past the end of its stack.
 
     Parameters
     ----------
     points : int
-        Rows of the caller's points.
+        Number of the caller's points.
     """
     if tree.head.size != HEAD or tree.children.size == 0:
         return ["it has no head or no node"]
@@ -92,7 +92,7 @@ def check_indices(tree: Tree, points: int) -> list[str]:
 
 
 def _check_children(tree: Tree) -> list[str]:
-    """Each child is a node further on, a leaf, or none with an empty box; nodes hang together, not too deep."""
+    """Check that each child is a later node, a leaf, or none with an empty box, and that the tree is not too deep."""
     children = tree.children.reshape(-1, WIDTH).astype(np.int64)
     number = np.arange(len(children))[:, None]
     none, inner = children == NO_CHILD, children >= 0

@@ -1,6 +1,6 @@
-"""The tree over a scene's instances: a binary one of their world boxes, split by the surface area heuristic.
+"""The tree over a scene's instances: a binary tree of their world boxes, split by the surface area heuristic.
 
-It is small and built anew whenever an instance comes, goes or moves.
+It is small and is rebuilt whenever an instance is added, removed or moved.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ..jit import Array, f32, inline, kernel
 from ..kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_PLACE
 
-FEW = 3  # so many models are tried one after the other
+FEW = 3  # no more models than this are tried one after the other, without a tree
 BINS = 16
-DEEP = 48  # from here on halves of equal number, so that a walk's stack is bounded
-PAD = 4e-6  # of the size of everything, by which boxes grow: rays are float32 there
+DEEP = 48  # nodes from this depth on are split into halves of equal number, so that the traversal stack is bounded
+PAD = 4e-6  # of the size of all boxes together: boxes are grown by it, as rays are float32 there
 
 
 @inline
@@ -28,13 +28,13 @@ def _half_area(low: Array, high: Array) -> float:
 
 @inline
 def _bin_of(x: float, low: float, width: float) -> int:
-    """Which bin a box's middle falls into."""
+    """The bin that a box's centre falls into."""
     return min(int((x - low) * BINS / width), BINS - 1) if width > 0.0 else 0
 
 
 @inline
 def _costs(bins: tuple[Array, Array], out: Array) -> None:
-    """Add the costs of all bins up to each to its place in out: area times number. bins : counts, boxes."""
+    """Add to out[k] the cost, area times number, of bins 0 to k together. bins : counts, boxes."""
     counts, boxes = bins
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     number = 0
@@ -47,7 +47,7 @@ def _costs(bins: tuple[Array, Array], out: Array) -> None:
 
 @inline
 def _fill(boxes: Array, rows: Array, axis: int, span: tuple[float, float]) -> tuple[Array, Array]:
-    """Numbers and boxes of the bins along an axis. span : least middle and width."""
+    """Counts and boxes of the bins along an axis. span : least centre and width."""
     counts, held = np.zeros(BINS, np.int64), np.empty((BINS, 6))
     held[:, :3], held[:, 3:] = np.inf, -np.inf
     for i in rows:
@@ -60,7 +60,7 @@ def _fill(boxes: Array, rows: Array, axis: int, span: tuple[float, float]) -> tu
 
 @inline
 def _split(boxes: Array, rows: Array, depth: int) -> int:
-    """Put the rows in an order and return how many go to the first half: at least one, and not all."""
+    """Reorder the rows and return how many go to the first half: at least one, and not all."""
     best, where, along, base, size = np.inf, -1, 0, 0.0, 0.0
     widest = -1.0
     for axis in range(3):
@@ -82,7 +82,7 @@ def _split(boxes: Array, rows: Array, depth: int) -> int:
             cost = before[k] + after[BINS - 2 - k]
             if cost < best and 0 < counts[: k + 1].sum() < len(rows):
                 best, where, along, base, size = cost, k, axis, low, high - low
-    if where < 0:  # all in one place, or too deep: halves
+    if where < 0:  # all centres are equal, or the node is too deep: split into halves of equal number
         middles = 0.5 * (boxes[rows, along] + boxes[rows, 3 + along])
         rows[:] = rows[np.argsort(middles)]
         return len(rows) // 2
@@ -110,10 +110,10 @@ def _enclose(boxes: Array, rows: Array, out: Array) -> None:
 
 @kernel
 def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
-    """boxes : (n, 6) float64, of instances `numbers`, n > 1; out : boxes and children of n - 1 nodes."""
+    """Build the nodes. boxes : (n, 6) float64, of instances `numbers`, n > 1; out : n - 1 nodes' boxes and children."""
     out_boxes, out_children = out
     rows = np.arange(len(boxes))
-    pending = np.empty((len(boxes), 4), np.int64)  # node, the part of the rows, depth
+    pending = np.empty((len(boxes), 4), np.int64)  # node, first and end of its rows, depth
     pending[0] = (0, 0, len(boxes), 0)
     waiting, nodes = 1, 1
     while waiting > 0:
@@ -138,7 +138,7 @@ def boxes_around(to_models: NDArray[np.float64], reaches: NDArray[np.float64]) -
     Parameters
     ----------
     to_models : (n, 3, 4) float64
-        From the world to each one's model.
+        From the world to each instance's model.
     reaches : (n, 2, 3) float64
         Bounds in the model's space.
     """
@@ -152,14 +152,14 @@ def boxes_around(to_models: NDArray[np.float64], reaches: NDArray[np.float64]) -
 def build_top(
     boxes: NDArray[np.float64], numbers: NDArray[np.integer[Any]]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The tree over the world boxes of the instances that are models.
+    """Build the tree over the world boxes of the instances that are models.
 
     Parameters
     ----------
     boxes : (n, 6) float64
         lo x y z, hi x y z; n may be 0.
     numbers : (n,) int64
-        Which instances they are.
+        The number of each box's instance.
 
     Returns
     -------

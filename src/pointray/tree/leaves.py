@@ -1,7 +1,7 @@
 """Leaves: each voxel's slab and tight box, from a conservative test of where the surface can be (paper, part IV).
 
 Let m be a unit vector, S and c the largest sine and the least cosine between m and the normals of a voxel's splats,
-c > 0. At a point x let P and N be the weighted means, d^2 and v^2 the weighted variances of the places and normals,
+c > 0. At a point x let P and N be the weighted means, d^2 and v^2 the weighted variances of the positions and normals,
 e = |x - P|, and C = E[(n_i - N).(p_i - P)], whence |C| <= v d. Then
 
     paper   f = N.(x - P)
@@ -10,15 +10,15 @@ e = |x - P|, and C = E[(n_i - N).(p_i - P)], whence |C| <= v d. Then
 
 Where f = 0, x - P has a part along N, of length |K| / |N|, and one across it, at most e. So with b the angle between N
 and m, |m.(x - P)| is at most e sin b + |K| / |N|. As N lies in the unit ball, N.m >= c, and v^2 = 1 - |N|^2, this is at
-most S (e^2 + k^2 / c^2)^(1/2), k = |K| / v. With r^2 = E[r_i^2] at least d^2 + e^2 and, for hits, (e / trim)^2, its
-square is at most `limits_of` in S r: for apss where e <= d a quarter of 1 + 1 / c^2, else trim^2 (1 + BEND / c^2). And
-for imls one splat has n_i.(x - p_i) >= 0, and one <= 0: m.x is within S r_i of theirs. So with t = S times the root of
-that limit, and times q >= E[r_i^2]^(1/2) / E[r_i], all surface in the voxel lies where
+most S (e^2 + k^2 / c^2)^(1/2), k = |K| / v. Now r^2 = E[r_i^2] is at least d^2 + e^2 and, for hits, (e / trim)^2. So
+that bound, divided by S r and squared, is at most `limits_of`: for apss where e <= d, a quarter of 1 + 1 / c^2, else
+trim^2 (1 + BEND / c^2). For imls one splat has n_i.(x - p_i) >= 0 and one has <= 0: m.x is within S r_i of m.p_i of
+both. Let t be S times the root of that limit, times q >= E[r_i^2]^(1/2) / E[r_i]. Then all surface in the voxel lies at
 
     min_j (m.p_j - t r_j)  <=  m.x  <=  max_j (m.p_j + t r_j):  the slab.
 
-A slab that misses the voxel proves it empty. The tight box encloses the balls of all splats cut by slab and voxel. What
-lies in a leaf is told more closely, column by column, by `tree/columns.py`.
+A slab that misses the voxel proves it empty. The tight box encloses the balls of all splats, cut by slab and voxel.
+`tree/columns.py` bounds the surface in a leaf more closely, column by column.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from .cells import Cells, overlap
 from .columns import Limits, fill_patches, slab_along
 
 BEND = 0.361  # the greatest k^2 / e^2 where e > d
-LEEWAY = 0.1  # a step may be 2**0.1 times the asked length, so that nearly equal radii share one lattice
+LEEWAY = 0.1  # a step may be 2**0.1 times the requested length, so that nearly equal radii share one lattice
 PAD = 1e-3  # slabs and boxes are padded by this share of the mean radius, against rounding
 
 Slab: TypeAlias = tuple[float, float, float, float, float]  # unit normal m, least and greatest m.x
@@ -63,8 +63,8 @@ Slab: TypeAlias = tuple[float, float, float, float, float]  # unit normal m, lea
 def limits_of(surface: str, trim: float) -> Limits:
     """How far a surface leaves its splats: the greater of a + b / c^2 and d + e / c^2, see the head of this file.
 
-    `apss` had (2 S)^2 before: 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15 (bounces) times
-    as long, 32,000 as long as now.
+    With the earlier bound (2 S)^2 for `apss`, 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15
+    (bounces) times as long; 32,000 points took as long as now.
     """
     far = min(1.0, trim) ** 2
     if surface == "apss":
@@ -73,7 +73,7 @@ def limits_of(surface: str, trim: float) -> Limits:
 
 
 def longest_step(samples: int) -> float:
-    """The longest step of the samples, in radii of the least support around; samples : in a support's diameter."""
+    """The longest step of the samples, in least support radii; samples : how many a support's diameter has."""
     return float(2.0**LEEWAY * 2.0 / samples)
 
 
@@ -112,7 +112,7 @@ def _slab(members: Array, limits: Limits) -> Slab:
 
 @inline
 def _farthest(m: float, r: float, low: float, high: float) -> float:
-    """Greatest coordinate, along an axis whose cosine with the slab's normal is m, of a ball cut by the slab.
+    """Greatest coordinate of a ball cut by the slab, along an axis whose cosine with the slab's normal is m.
 
     The ball has radius r and its centre at height 0; the slab goes from low to high.
     """
@@ -139,7 +139,7 @@ def _tight_box(members: Array, slab: Slab, box: Array) -> None:
 
 @inline
 def _cut_by_slab(slab: Slab, box: Array) -> None:
-    """Shrink a box to the part of it inside of a slab, axis by axis."""
+    """Shrink a box to its part inside a slab, axis by axis."""
     mx, my, mz, low, high = slab
     m = (mx, my, mz)
     least = greatest = 0.0
@@ -152,7 +152,7 @@ def _cut_by_slab(slab: Slab, box: Array) -> None:
     for c in range(3):
         if abs(m[c]) < 1e-3:
             continue
-        # The other two axes contribute at least (most) this much to m.x.
+        # The other two axes contribute at least rest_least and at most rest_greatest to m.x.
         rest_least = least - min(m[c] * box[c], m[c] * box[3 + c])
         rest_greatest = greatest - max(m[c] * box[c], m[c] * box[3 + c])
         a, b = (low - rest_greatest) / m[c], (high - rest_least) / m[c]
@@ -182,7 +182,7 @@ def fill_leaves(
     settings: tuple[Limits, int, float, int],
     out: tuple[Array, Array, Array, Array],
 ) -> int:
-    """Fill each leaf's record and tight box. A box that comes out inverted says that the leaf is empty.
+    """Fill each leaf's record and tight box. An inverted box says that the leaf is empty.
 
     marks : borders and facing, as in `Tree`
     settings : see `limits_of`; samples in a support's diameter; reference radius; 0 for unlimited slabs and boxes
@@ -217,7 +217,7 @@ def fill_leaves(
             if len(members) == 0:
                 box[0], box[3] = np.inf, -np.inf
                 continue
-            # Steps are the reference's times a power of two: lattices of samples that differ are nested.
+            # Each step is the reference step times a power of two, so that different sample lattices are nested.
             record[STEP] = (
                 2.0 * reference / samples * 2.0 ** math.floor(math.log2(max(least, 1e-30) / reference) + LEEWAY)
             )

@@ -1,7 +1,7 @@
-"""The top of the kd-tree: space is cut into roots that all processors cut further, each by itself.
+"""The top of the kd-tree: space is cut into roots, and threads then cut each root further on its own.
 
-Neighbouring blocks are taken for one, a group, so that the top costs little, and so that it is the same whatever the
-number of threads.
+Neighbouring blocks are joined into groups, so that the top is quick to build. It does not depend on the number of
+threads.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from ..kernels.records import BLOCK, FAR, INV_R2
 from .cells import FULL, Cells, cut_roots
 
 PER_GROUP = 64  # blocks
-ROOTS = 128  # about how many; of fewer than PER_GROUP groups one root is made
+ROOTS = 128  # about how many roots are made; PER_GROUP groups or fewer make one root
 
 
 class Top(NamedTuple):
     """The nodes above the roots.
 
-    children : of each node two, a node or ~root
-    boxes : of each root, (6,); groups : those that reach it; around : how far around it splats matter
+    children : two for each node, a node or ~root
+    boxes : (6,) for each root; groups : those that overlap it; around : how far around it splats matter
     """
 
     children: list[list[int]]
@@ -59,7 +59,7 @@ def cut_top(blocks: Array, bounds: Array, step: float) -> Top:
     pending = [(np.arange(len(boxes)), everything, -1, 0)]
     while pending:
         rows, cell, parent, side = pending.pop()
-        # A part that nothing reaches becomes a root with an inverted box.
+        # A part that no group overlaps becomes a root with an inverted box.
         low, high = boxes[rows, :3].min(axis=0, initial=FAR), boxes[rows, 3:].max(axis=0, initial=-FAR)
         cell = np.concatenate([np.maximum(cell[:3], low), np.minimum(cell[3:], high)])
         around = step * float(longest[rows].max(initial=0.0))
@@ -122,7 +122,7 @@ def build_cells(
 
 
 def _joined(top: Top, cells: Cells, firsts: Array, used: Array) -> Cells:
-    """One tree of the top and all roots, its nodes without gaps."""
+    """Join the top and all roots into one tree whose nodes have no gaps between them."""
     above = len(top.children)
     starts = above + np.cumsum(used) - used
     count = above + int(used.sum())

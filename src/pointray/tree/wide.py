@@ -1,4 +1,4 @@
-"""The binary kd-tree collapsed into wide nodes: eight tight boxes that a ray is tested against at once."""
+"""The binary kd-tree collapsed into wide nodes: a ray is tested against the eight tight boxes of a node at once."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _area(box: Array) -> float:
 
 @kernel
 def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None:
-    """Boxes of the binary nodes, from the leaves' tight boxes upwards: (nodes, 6) float64."""
+    """Compute the boxes of the binary nodes, (nodes, 6) float64, from the leaves' tight boxes upwards."""
     for node in range(len(children) - 1, -1, -1):
         box = boxes[node]
         if children[node, 0] < 0:
@@ -33,9 +33,9 @@ def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None
 
 @kernel
 def collapse(children: Array, leaf_of: Array, boxes: Array, out: tuple[Array, Array]) -> int:
-    """Open the child of largest surface until a node has eight; returns the number of wide nodes."""
+    """Open the child with the largest surface until a node has eight children; returns the number of wide nodes."""
     wide_boxes, wide_children = out
-    pending = np.empty(len(children) + 1, np.int32)  # binary node of each wide node, in order of their numbers
+    pending = np.empty(len(children) + 1, np.int32)  # the binary node of each wide node
     pending[0] = 0
     total, node = 1, 0
     members = np.empty(WIDTH, np.int32)
