@@ -1,4 +1,4 @@
-"""The nouns that travel between the stages: shape, dtype, unit and 'none' value of each array, said once."""
+"""The data that stages pass to each other: shape, dtype, unit and 'none' value of each array, defined once."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_mapping
 
-FARTHEST = 1e12  # a coordinate beyond it is a 'no return' marker of some scanner: its square is of no use in float32
-MOST = 2**31 - 1  # rows: their numbers are int32 in trees
-SAMPLE = 20_000  # rows that stand for all when the spacing is estimated
+FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
+MOST = 2**31 - 1  # the most rows: their numbers are int32 in trees
+SAMPLE = 20_000  # rows from which the spacing is estimated
 
 
 @dataclass(frozen=True, slots=True, init=False, repr=False, eq=False)
 class Points:
-    """A point cloud: what a scanner or a file gives, one row a point.
+    """A point cloud as a scanner or a file gives it, one row for each point.
 
-    Rows with a position that is NaN or infinite are kept, so that a row's number is that of the caller; see `finite`.
+    Rows with a position that is NaN or infinite are kept, so that row numbers stay the caller's; see `finite`.
 
     Parameters
     ----------
@@ -32,15 +32,15 @@ class Points:
         sRGB, uint8 (0 to 255), uint16 (0 to 65535) or float (0 to 1); alpha is dropped. Some formats (LAS) keep 8 bits
         in uint16: give these as uint8.
     attributes : dict of str to (n,) or (n, k) array_like, optional
-        Anything else that is known of each point.
+        Any other values of each point.
     origin : (3,) array_like, optional
-        What positions are held about. None: zero, unless float32 would lose a ten-thousandth of the spacing (maps:
-        millions of metres); then a rounded place near the middle.
+        The point that stored positions are relative to. None: zero, unless float32 would lose a ten-thousandth of the
+        spacing (maps: millions of metres); then a rounded point near the middle.
 
     Attributes
     ----------
     positions : (n, 3) float32
-        C-contiguous, about `origin`: world = origin + positions.
+        C-contiguous, relative to `origin`: world = origin + positions.
     origin : (3,) float64
     normals : (n, 3) float32 or None
     colors : (n, 3) uint8 or None
@@ -79,7 +79,7 @@ class Points:
         colors: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
     ) -> Points:
-        """Points whose (n, 3) float32 positions already lie about `origin`."""
+        """Points whose (n, 3) float32 positions are already relative to `origin`."""
         points = cls.__new__(cls)
         positions = _check_positions(positions)
         points._fill(_localise(positions, np.zeros(3)), _check_origin(origin), normals, colors, attributes)
@@ -113,7 +113,7 @@ class Points:
 
     @property
     def finite(self) -> NDArray[np.bool_]:
-        """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond 1e15."""
+        """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond 1e12."""
         x, y, z = self.positions.T
         reach = np.float32(FARTHEST)
         return np.asarray((np.abs(x) <= reach) & (np.abs(y) <= reach) & (np.abs(z) <= reach))
@@ -126,7 +126,7 @@ class Points:
         return np.stack([rows.min(axis=0), rows.max(axis=0)]) + self.origin
 
     def select(self, rows: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Points:
-        """The given rows (numbers or a mask), about the same origin."""
+        """The given rows (numbers or a mask), with the same origin."""
         rows = _check_rows(rows, len(self))
         return Points.about(
             self.origin,
@@ -137,14 +137,14 @@ class Points:
         )
 
     def with_normals(self, normals: ArrayLike | None) -> Points:
-        """The same points with other normals, None: without any; the other arrays are shared."""
+        """The same points with other normals, or without any if None; the other arrays are shared."""
         return Points.about(self.origin, self.positions, normals, self.colors, self.attributes)
 
     def __len__(self) -> int:
         return len(self.positions)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """For pickles and copies: the arrays, which are checked again."""
+        """Pickles and copies hold the arrays, which are checked again."""
         return Points.about, (self.origin, self.positions, self.normals, self.colors, self.attributes)
 
     def __repr__(self) -> str:
@@ -156,7 +156,7 @@ class Points:
 
 
 def check_count(n: int) -> None:
-    """ValueError for more points than their numbers, int32 in trees, can tell apart."""
+    """ValueError for more points than int32 numbers, which trees use, can count."""
     if n > MOST:
         raise ValueError(f"{n:,} points are too many: at most {MOST:,} can be held at once")
 
@@ -196,8 +196,8 @@ def _check_rows(rows: Any, n: int) -> NDArray[Any]:
 
 
 def _float32(array: NDArray[Any]) -> NDArray[np.float32]:
-    """A writable, C-contiguous float32 array: the same memory where that is possible."""
-    with np.errstate(over="ignore"):  # becomes infinite: a row that is not finite
+    """A writable, C-contiguous float32 array, in the same memory where that is possible."""
+    with np.errstate(over="ignore"):  # too large a number becomes infinite: the row is not finite
         return np.require(array, np.float32, ["C", "W", "A"])
 
 
@@ -218,7 +218,7 @@ def _choose_origin(world: NDArray[Any]) -> NDArray[np.float64]:
     rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1)]
     if len(rows) == 0:
         return np.zeros(3)
-    # The inner 96%: a stray point (often at 0, 0, 0) must not pass for the size of the model.
+    # The inner 96%, as a stray point (often at 0, 0, 0) must not decide the size of the model.
     low, high = np.quantile(rows, [0.02, 0.98], axis=0)
     spacing = _spacing(high - low, len(world))
     rounding = np.maximum(-low, high).max() * 2.0**-24
@@ -229,7 +229,7 @@ def _choose_origin(world: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _spacing(size: NDArray[np.float64], n: int) -> float:
-    """Distance of neighbours if n points cover the sides of a box; one unit where that says nothing."""
+    """Distance between neighbours if n points cover the sides of a box; one unit if the box has no size."""
     x, y, z = size
     area = x * y + y * z + z * x
     return float(np.sqrt(area / n) or size.max() / n or 1.0)

@@ -1,4 +1,4 @@
-"""Packages that not every installation has: which `pip install` brings one is said before any work is done."""
+"""Optional packages: an error names the `pip install` that brings a missing one, before any work is done."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ def require(module: str, extra: str, what: str) -> Any:
     Parameters
     ----------
     extra : str
-        The extra of pointray that brings it.
+        The extra of pointray that installs it.
     what : str
-        What needs it, as the message begins: "a.exr".
+        What needs it; the message begins with it: "a.exr".
     """
     try:
         return importlib.import_module(module)

@@ -1,8 +1,8 @@
 """Nearest neighbours.
 
-SciPy's kd-tree, not pykdtree: of a million surface points the 9 nearest take 0.7 s with it and 0.5 s with pykdtree (two
-threads), but it keeps to the number of threads it is given, and in a forked process pykdtree's OpenMP hangs.
-What counts more is the order: along a Morton curve both are four times as fast as in random order.
+This uses SciPy's kd-tree, not pykdtree. The 9 nearest of each of a million surface points take 0.7 s with SciPy and
+0.5 s with pykdtree (two threads), but SciPy keeps to the number of threads it is given, and pykdtree's OpenMP hangs in
+a forked process. The order matters more: along a Morton curve both are four times as fast as in random order.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Rows = NDArray[np.int64]
 TREE = 0.1  # share of the time for 20 neighbours that the tree takes
 
 _CHUNK = 1 << 17  # rows of a table at a time
-_ASKED = 1 << 15  # queries at a time: SciPy answers in float64 and int64, four times what is kept
+_ASKED = 1 << 15  # queries at a time: SciPy's answers in float64 and int64 take twice the memory of the results
 
 
 class NeighborTree:
-    """Positions that can be asked for neighbours, more than once.
+    """A tree of positions for repeated neighbour queries.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class NeighborTree:
     def __init__(self, positions: Floats) -> None:
         self._positions = positions
         self._order = morton_order(positions).astype(np.int32)
-        # Half the time to build, no slower to ask.
+        # These options halve the time to build; queries are no slower.
         self._tree: Any = cKDTree(positions[self._order], balanced_tree=False, compact_nodes=False)
 
     def query(
@@ -50,9 +50,9 @@ class NeighborTree:
         Parameters
         ----------
         k : int
-            If there are fewer positions, all are given.
+            If there are fewer positions, all are returned.
         queries : (m, 3) float32, optional
-            None: the positions themselves; each is then among its own neighbours (first, but for duplicates).
+            None: the positions themselves; each is then among its own neighbours (first, unless it has duplicates).
         progress : callable, optional
 
         Returns
@@ -71,8 +71,8 @@ class NeighborTree:
             distances[rows], near = self._tree.query(path[part], ranks)
             indices[rows] = self._order[near]
 
-        # Not SciPy's own threads: what is raised in them (std::bad_alloc) is printed, and the neighbours are wrong;
-        # and they go on after an interrupt. The pool hands errors on, and is left when its last thread is done.
+        # SciPy's own threads are not used: an exception in them (std::bad_alloc) is only printed, and the neighbours
+        # are wrong; and they go on after an interrupt. The pool passes errors on and waits for its last thread.
         step = min(_ASKED, max(1, -(-len(path) // thread_count())))
         with ThreadPoolExecutor(thread_count()) as pool:
             parts = [slice(start, start + step) for start in range(0, len(path), step)]
@@ -95,7 +95,7 @@ def neighbor_chunks(
 ) -> Iterator[tuple[slice, NDArray[np.int32]]]:
     """The k nearest of each position, a part of the rows at a time: (rows, (m, min(k, n)) int32), nearest first.
 
-    For tables too large to be held at once. Along a Morton curve only (see `morton_order`) is this fast.
+    This serves tables too large to be held at once. It is fast only along a Morton curve (see `morton_order`).
     """
     tree = NeighborTree(positions)
     for start in range(0, len(positions), _CHUNK):
@@ -105,20 +105,20 @@ def neighbor_chunks(
 
 
 def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:
-    """One row for each place, and for each row the place it belongs to.
+    """One row for each distinct position, and the number of each row's position among them.
 
     Parameters
     ----------
     positions : (n, 3) float32
     cell : float
-        Size of a place: 0 takes equal positions together, else all that share a cell of this size.
+        0 groups equal positions; otherwise all positions in a grid cell of this size count as one.
 
     Returns
     -------
     rows : (m,) int64
-        The first row of each place, ascending.
+        The first row of each group, ascending.
     places : (n,) int64
-        positions[rows][places] is positions, but for the size of a cell.
+        positions[rows][places] equals positions, to within the size of a cell.
     """
     keys = np.floor(positions / np.float64(cell)) if cell else positions + np.float32(0)  # -0 is 0
     _, first, places = np.unique(_hash(keys), return_index=True, return_inverse=True)
@@ -127,7 +127,7 @@ def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:
 
 
 def _hash(keys: NDArray[Any]) -> NDArray[np.uint64]:
-    """A 64-bit number a row: one sort instead of three. Two of a million rows collide once in 10^7 models."""
+    """A 64-bit hash of each row: one sort instead of three. Two of a million rows collide once in 10^7 models."""
     code = np.zeros(len(keys), np.uint64)
     for column in keys.T:
         code ^= np.ascontiguousarray(column, np.float64).view(np.uint64)
@@ -149,7 +149,7 @@ def morton_order(positions: Floats) -> Rows:
 
 
 def _spread(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Two zeros behind each of the 21 bits."""
+    """Insert two zeros above each of the 21 bits."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),

@@ -1,10 +1,10 @@
-"""How much of some work is done, as those are told who wait for it."""
+"""Reports of how much of the work is done."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-Progress = Callable[[float], None]  # takes the share that is done, 0 to 1, from any thread
+Progress = Callable[[float], None]  # receives the share that is done, 0 to 1, from any thread
 
 
 def part_of(progress: Progress | None, begin: float, end: float) -> Progress | None:
@@ -16,6 +16,6 @@ def part_of(progress: Progress | None, begin: float, end: float) -> Progress | N
 
 
 def tell(progress: Progress | None, share: float) -> None:
-    """So much is done."""
+    """Report the share that is done."""
     if progress is not None:
         progress(share)

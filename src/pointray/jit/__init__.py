@@ -1,7 +1,7 @@
-"""The engine room: how kernels are compiled, cached on disk and run on all cores.
+"""Kernels: how they are compiled, cached on disk and run on all cores.
 
 This folder and `simd` are the only ones that import Numba. A *kernel* is called from Python and is cached on disk;
-an *inline* is a piece of a kernel and is compiled into it.
+an *inline* and a *routine* are pieces of a kernel and are compiled into it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# What mypy cannot know of `arrays`: how its functions are called in kernels.
+# What mypy cannot infer about `arrays`: how its functions are called in kernels.
 from collections.abc import Callable
 from typing import Any, TypeVar
 

@@ -1,4 +1,4 @@
-"""What is still to be compiled, in this process and in one beside it, and how long that will take."""
+"""Which kernels are still to be compiled, in this process and in a second one, and how long that will take."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import time
 from collections.abc import Iterable
 from typing import NamedTuple
 
-UNKNOWN = 1.0  # seconds that a kernel is taken to need of which nothing is known
-ENOUGH = 2.0  # seconds of compiling after which it is known how fast this machine is
+UNKNOWN = 1.0  # seconds assumed for a kernel whose compile time is not known
+ENOUGH = 2.0  # seconds of expected compiling after which this machine's speed is known
 
 
 class Compiling(NamedTuple):
-    """How far compiling is.
+    """The progress of compiling.
 
     Attributes
     ----------
     number, total : int
         The kernel that is being compiled, from 1, and how many there will be.
     share : float
-        Of the time.
+        Share of the time that is spent.
     seconds : float
-        That are left, about.
+        About how many seconds are left.
     """
 
     number: int
@@ -31,22 +31,22 @@ class Compiling(NamedTuple):
 
 
 class Backlog:
-    """Kernels by name, in two rows: of this process, and of the one beside it. Each row is compiled one by one."""
+    """Kernels by name, in two queues: of this process and of the second one. Each compiles its queue one by one."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._rows: dict[bool, dict[str, float]] = {False: {}, True: {}}  # beside? -> kernel -> seconds it should take
-        self._begun: dict[str, float] = {}  # when
-        self._done, self._should, self._took = 0, 0.0, 0.0  # kernels, and seconds: as expected, and in truth
+        self._begun: dict[str, float] = {}  # kernel -> when its compiling began
+        self._done, self._should, self._took = 0, 0.0, 0.0  # compiled kernels; their expected and actual seconds
         self._since: float | None = None
 
     def expect(self, kernels: dict[str, float], beside: bool = False) -> None:
-        """These will be compiled, and should take so many seconds each on a usual machine."""
+        """Add kernels that will be compiled, with the seconds that each should take on a usual machine."""
         with self._lock:
             self._rows[beside].update(kernels)
 
     def begin(self, name: str, beside: bool = False) -> None:
-        """One is being compiled."""
+        """Note that a kernel is being compiled."""
         with self._lock:
             self._rows[beside].setdefault(name, UNKNOWN)
             self._begun[name] = time.perf_counter()
@@ -54,7 +54,7 @@ class Backlog:
                 self._since = self._begun[name]
 
     def end(self, name: str, beside: bool = False) -> None:
-        """It is compiled."""
+        """Note that a kernel is compiled."""
         with self._lock:
             should, begun = self._rows[beside].pop(name, None), self._begun.pop(name, None)
             if should is not None and begun is not None:
@@ -62,7 +62,7 @@ class Backlog:
                 self._took += time.perf_counter() - begun
 
     def drop(self, kernels: Iterable[str], beside: bool = False) -> None:
-        """These will not be compiled there after all."""
+        """Remove kernels that will not be compiled there after all."""
         with self._lock:
             for name in kernels:
                 self._rows[beside].pop(name, None)
@@ -70,7 +70,7 @@ class Backlog:
 
     @property
     def state(self) -> Compiling | None:
-        """How far it is; None: nothing is being compiled at this moment."""
+        """The progress; None if no kernel is being compiled at this moment."""
         now = time.perf_counter()
         with self._lock:
             if not self._begun or self._since is None:
@@ -83,6 +83,6 @@ class Backlog:
             return Compiling(self._done + 1, total, spent / (spent + left), left)
 
     def _left(self, name: str, cost: float, now: float) -> float:
-        """Seconds that one still takes."""
+        """Seconds that a kernel still takes."""
         begun = self._begun.get(name)
         return cost if begun is None else max(cost - (now - begun), 0.1 * cost)

@@ -1,4 +1,4 @@
-"""Kernels compiled in a process beside this one, which goes on with other kernels and other work in the meantime."""
+"""Kernels compiled in a second process, while this process goes on with other kernels and other work."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from typing import Any
 from .compile import BACKLOG, KERNELS, count_beside, is_compiled
 from .disk import cache_folder
 
-STEP = 0.1  # seconds between two looks whether the caller still wants to wait
+STEP = 0.1  # seconds between two checks whether the caller still wants to wait
 
 _lock = threading.Lock()
-_coming: dict[str, threading.Event] = {}  # kernels that a process is compiling, or will: set when it is there
+_coming: dict[str, threading.Event] = {}  # kernels that a process compiles now or later; set when compiled
 
 
 def compile_beside(module: str, kernels: dict[str, float]) -> None:
-    """Have kernels compiled by `python -m module NAME...`, where that is not done yet; returns at once.
+    """Have kernels compiled by `python -m module NAME...`, unless they are compiled already; returns at once.
 
-    The process says the name of each kernel in a line when it is on disk, and ends when its input does. `run` waits for
-    a kernel that is on its way; if the process fails, kernels are compiled where they are used.
+    The process prints the name of each kernel on a line when it is on disk, and ends when its input ends. `run` waits
+    for a kernel that is being compiled; if the process fails, kernels are compiled where they are used.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def compile_beside(module: str, kernels: dict[str, float]) -> None:
 
 
 def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
-    """Wait until a kernel that is being compiled beside is there; False if that became unwanted before."""
+    """Wait until a kernel is compiled if a second process compiles it; False if it became unwanted before."""
     event = next((event for name, event in list(_coming.items()) if KERNELS[name] is kernel), None)
     if event is None:
         return True
@@ -59,7 +59,7 @@ def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
 
 
 def _follow(process: subprocess.Popen[str], names: list[str]) -> None:
-    """Tell those who wait what is there; at the end of the process all of it."""
+    """Wake the threads that wait for a kernel when it is compiled, and all of them when the process ends."""
     left = list(names)
     BACKLOG.begin(left[0], beside=True)
     with process, suppress(OSError, ValueError):

@@ -1,4 +1,4 @@
-"""How kernels are compiled: the decorators, and what was compiled so far."""
+"""How kernels are compiled: the decorators, and counts of the kernels compiled so far."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def routine(function: Function) -> Function:
 
 
 class _PieceLibrary(JITCodeLibrary):
-    """The code of a piece, which kernels take over as it is: optimized there, and nowhere else."""
+    """The code of a piece, linked into kernels as it is: it is optimized there and nowhere else."""
 
     def finalize(self) -> None:
         for library in dict.fromkeys(self._linking_libraries):
@@ -59,10 +59,10 @@ class _PieceLibrary(JITCodeLibrary):
 def _piece(function: Function, inlined: bool) -> Function:
     """Compile for other compiled code only: no wrappers for Python and C, no machine code of its own.
 
-    The render kernel has 80 pieces: it takes 12 s to compile, and 48 s if each piece is optimized and becomes machine
-    code by itself, twice over where an argument is once a constant and once not.
+    The render kernel has 80 pieces and takes 12 s to compile. It takes 48 s if each piece is optimized and becomes
+    machine code by itself, and twice where an argument is a constant in one call and not in another.
     """
-    # Said in so many words: a piece inherits what is not said from the one that calls it.
+    # The options are all given explicitly: a piece inherits an omitted one from its caller.
     options = {"forceinline": inlined, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     dispatcher = njit(**_OPTIONS, **options)(function)
     template = dispatcher.get_call_template
@@ -76,7 +76,7 @@ def _piece(function: Function, inlined: bool) -> Function:
         library.__class__ = _PieceLibrary
         if not inlined:
             library._final_module.get_function(result.fndesc.llvm_func_name).add_function_attribute("noinline")
-        # Callers look a piece up by its address: it has none, its Python function stands in.
+        # Callers look a piece up by its address. It has none, so its Python function serves as the key.
         result = result._replace(entry_point=function)
         result.target_context.insert_user_function(function, result.fndesc, [library])
         dispatcher.overloads[tuple(result.signature.args)] = result
@@ -91,29 +91,29 @@ def _piece(function: Function, inlined: bool) -> Function:
 
 
 def uncompiled(function: Function) -> Function:
-    """What a kernel or a piece of one was compiled from: for Python, where it is a line."""
+    """The Python function that a kernel or a piece was compiled from, for Python code that calls a short one."""
     return cast(Function, cast(Any, function).py_func)
 
 
 def compilations() -> int:
-    """Number of kernels that this process has compiled, or had compiled beside, not loaded from the cache."""
+    """Number of kernels that this process compiled, or had compiled by a second process; loaded ones do not count."""
     here = sum(sum(k.stats.cache_misses.values()) for k in KERNELS.values()) if cache_folder() else _Listener.count
     return here + _Listener.beside
 
 
 def compile_seconds() -> float:
-    """How long this process has compiled kernels, or waited for those that are compiled beside."""
+    """How long this process has compiled kernels, or waited for kernels compiled by a second process."""
     return _Listener.seconds
 
 
 def count_beside(kernels: int, waited: float) -> None:
-    """So many kernels were compiled beside, or waited for so many seconds."""
+    """Count kernels that a second process compiled, and seconds of waiting for them."""
     _Listener.beside += kernels
     _Listener.seconds += waited
 
 
 def is_compiled(dispatcher: Any) -> bool:
-    """Whether a kernel's code is there, in this process or on disk."""
+    """Whether a kernel is compiled, in this process or on disk."""
     cached = cache_folder() is not None and Path(dispatcher._cache._cache_file._index_path).exists()
     return bool(dispatcher.overloads) or cached
 
@@ -143,7 +143,7 @@ class _Listener(event.Listener):
 
 
 def name_of(dispatcher: Any) -> str:
-    """A kernel's name in `KERNELS`; empty: it is a piece of one."""
+    """A kernel's name in `KERNELS`; empty for a piece of a kernel."""
     return next((name for name, known in KERNELS.items() if known is dispatcher), "")
 
 

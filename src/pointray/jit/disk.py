@@ -1,4 +1,4 @@
-"""The disk cache: where compiled kernels lie, and what they depend on."""
+"""The disk cache: where compiled kernels are stored, and what they depend on."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ import numpy as np
 import platformdirs
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-# Check every array access and every SIMD load (slow): the suite runs once with it. Part of the cache key.
+# Check every array access and every SIMD load (slow). The test suite runs once with it; it is part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
-# What files with kernels import: an edit there compiles all kernels anew. An edit of another file compiles the kernels
-# that it holds, if any.
+# Files that files with kernels import: an edit to one of them recompiles all kernels. An edit to another file recompiles
+# the kernels in it, if any.
 SHARED = (
     *("arguments.py", "data.py", "neighbors.py", "progress.py"),
     *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),
@@ -36,7 +36,7 @@ SHARED = (
     *("shade/sky.py", "shade/specular.py", "shade/shading_points.py"),
     *("image/tone.py", "rendering/film.py", "rendering/lens.py", "rendering/settings.py"),
 )
-KEEP_CACHES = 4  # folders of other versions that are kept; older ones go
+KEEP_CACHES = 4  # folders of other versions that are kept; older ones are removed
 MARK, MARKED = ".made-by-pointray", b"compiled kernels of pointray: this folder may be removed at any time\n"
 
 
@@ -46,7 +46,7 @@ def cpu_name() -> str:
 
 
 def cpu_features() -> str:
-    """What that processor can do beyond its name, as Numba takes it: NUMBA_CPU_FEATURES may be empty."""
+    """The processor's features in Numba's format: NUMBA_CPU_FEATURES, which may be empty, or this processor's."""
     features = os.environ.get("NUMBA_CPU_FEATURES")
     if features is None and cpu_name() == "generic":
         return ""
@@ -57,7 +57,7 @@ def cpu_features() -> str:
 def source_key() -> str:
     """Name of the cache folder: a hash of everything that compiled code depends on.
 
-    Numba looks at the file of the function only, so that an edit of `kernels/vec.py` would leave stale kernels behind.
+    Numba checks only the function's own file, so an edit to `kernels/vec.py` would leave stale kernels behind.
     """
     digest = hashlib.sha256()
     root = Path(__file__).parent.parent
@@ -73,7 +73,7 @@ def source_key() -> str:
 
 @cache
 def cache_folder() -> Path | None:
-    """Folder of the compiled kernels (`POINTRAY_CACHE`, else the user's cache); None where nothing can be written."""
+    """Folder of the compiled kernels (in `POINTRAY_CACHE`, else the user's cache); None if it cannot be written."""
     base = Path(os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False))
     folder = base / f"kernels-{source_key()}"
     try:
@@ -91,14 +91,14 @@ def cache_folder() -> Path | None:
 
 
 def _prune(base: Path) -> None:
-    """Remove the oldest folders of kernels that are marked as ours; what is only called alike stays."""
+    """Remove the oldest folders of kernels that carry our mark; other folders with such names stay."""
     ours = [path for path in base.glob("kernels-*") if _is_ours(path)]
     for old in sorted(ours, key=lambda path: path.stat().st_mtime)[: -KEEP_CACHES - 1]:
         shutil.rmtree(old, ignore_errors=True)
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether pointray has made a folder, and marked it."""
+    """Whether pointray has made and marked a folder."""
     try:
         return not folder.is_symlink() and (folder / MARK).read_bytes() == MARKED
     except OSError:
@@ -106,7 +106,7 @@ def _is_ours(folder: Path) -> bool:
 
 
 class _Locator:
-    """Tells Numba where one kernel's compiled code lies: all of them in `cache_folder()`."""
+    """Tells Numba where a kernel's compiled code is stored: `cache_folder()` for all kernels."""
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._line = py_func.__code__.co_firstlineno

@@ -1,4 +1,4 @@
-"""Numbers in kernels, with so many bits. For mypy they are int and float, as arithmetic makes of them."""
+"""Numbers of fixed width in kernels. For mypy they are int and float, as the results of arithmetic are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[Any]  # of a kernel: what its numbers mean is said where the record is defined that holds it
+Array = NDArray[Any]  # an array in a kernel; the record that holds it defines what its numbers mean
 
 if TYPE_CHECKING:
 

@@ -1,4 +1,4 @@
-"""All cores: tiles from a shared counter, progress, Ctrl-C."""
+"""Running kernels on all cores: tiles from a shared counter, progress, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .beside import wait_for
 from .compile import inline
 from .numbers import Array
 
-# What a kernel and its caller share: int64 slots, a cache line apart.
+# The slots that a kernel and its caller share: int64, a cache line apart.
 NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24
 
 
 class Cancel:
-    """Ends what runs with it, between two tiles, and at once what is run with it later."""
+    """Cancels the run that it was given to, between two tiles; a run that begins later is cancelled at once."""
 
     def __init__(self) -> None:
         self.wanted = False
@@ -32,15 +32,15 @@ class Cancel:
             self._work[CANCEL] = 1
 
     def watch(self, work: np.ndarray[Any, Any]) -> None:
-        """From now on it is this run that is ended."""
+        """From now on this run is the one that is cancelled."""
         self._work = work
-        if self.wanted:  # asked for a moment before
+        if self.wanted:  # it was called before the run began
             work[CANCEL] = 1
 
 
 @inline
 def next_tile(work: Array) -> int:
-    """The number of the next tile, or -1: none left, or cancelled."""
+    """The number of the next tile; -1 if none is left, or if cancelled."""
     if peek(work, CANCEL) != 0:
         return -1
     tile = fetch_add(work, NEXT, 1)
@@ -54,7 +54,7 @@ def cancelled(work: Array) -> bool:
 
 
 def thread_count(threads: int | None = None) -> int:
-    """Threads to use: the argument, else `POINTRAY_THREADS`, else all processors this process may use."""
+    """Number of threads: the argument, else `POINTRAY_THREADS`, else all processors that this process may use."""
     if threads is None:
         text = os.environ.get("POINTRAY_THREADS", "")
         if not text:
@@ -76,10 +76,10 @@ def run(
     progress: Callable[[float], None] | None = None,
     cancel: Cancel | None = None,
 ) -> list[Any]:
-    """Run `kernel(work, *args)` in worker threads that `take(work)` tiles until none is left.
+    """Run `kernel(work, *args)` in worker threads that call `next_tile(work)` until no tile is left.
 
     The caller only waits, so that Ctrl-C gets through: it cancels the kernels between two tiles, as `cancel` does.
-    `progress` is called with the share done, some ten times a second. Returns what each worker returned.
+    `progress` is called with the share done, about ten times a second. Returns what each worker returned.
     """
     if not wait_for(kernel, lambda: cancel is not None and cancel.wanted):
         return []
@@ -104,12 +104,12 @@ def run(
     started = _start(workers)
     try:
         for _ in range(started):
-            # Not Thread.join: an interrupt in it marks the thread as ended, and nobody waits for it any more.
+            # Thread.join would not do: an interrupt in it marks the thread as ended, so a later join returns at once.
             while not done.acquire(timeout=0.1):
                 if progress is not None:
                     progress(min(work[NEXT] / max(tiles, 1), 1.0))
     except BaseException:
-        # A worker may be inside the compiler, which nothing interrupts: wait a little and leave it behind.
+        # A worker may be inside the compiler, which cannot be interrupted: wait a little and leave it behind.
         work[CANCEL] = 1
         end = time.monotonic() + 0.3
         for _ in range(started):
@@ -121,11 +121,11 @@ def run(
 
 
 def _start(workers: list[threading.Thread]) -> int:
-    """Start as many as there is memory for, one at least; returns how many."""
+    """Start as many workers as there is memory for, at least one; returns how many."""
     for started, thread in enumerate(workers):
         try:
             thread.start()
-        except RuntimeError:  # no room for its stack: the others do its work
+        except RuntimeError:  # no memory for its stack: the other workers do its work
             if started == 0:
                 raise
             return started

@@ -1,4 +1,4 @@
-# What mypy cannot know of the vectors: how kernels use them.
+# What mypy cannot infer about the vectors: how kernels use them.
 from typing import Any, TypeAlias, TypeVar
 
 from ..jit.numbers import Array
@@ -32,7 +32,7 @@ class F16(_Vector):
 class F8(_Vector):
     """8 float32."""
 
-Real: TypeAlias = Any  # a float32, or a vector of them: of functions that work on one ray as on many
+Real: TypeAlias = Any  # a float32, or a vector of them, for functions that serve one ray or many
 Bits: TypeAlias = int  # a set of lanes or of rays, lane 0 lowest
 
 ZERO: float

@@ -1,4 +1,4 @@
-"""Vectors from numbers; lane by lane; across lanes."""
+"""Vectors made from numbers, operations lane by lane, and operations across lanes."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ vsqrt = _llvm_unary("sqrt", "Square roots; NaN of what is negative.")
 
 @intrinsic
 def trunc(typingctx: Any, a: Any) -> Any:
-    """Numbers without their fractions. None may be beyond int32: no call to a library, on any processor."""
+    """Numbers without their fractions. They must be within int32, so that no processor needs a library call."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vector = sig.args[0]
@@ -106,7 +106,7 @@ def trunc(typingctx: Any, a: Any) -> Any:
 
 @intrinsic
 def select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
-    """Lane of a where the mask holds, else of b."""
+    """The lane of a where the mask is set, else the lane of b."""
     vector = a if isinstance(a, Vector) else b
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -161,7 +161,7 @@ def count_bits(typingctx: Any, word: Any) -> Any:
 
 @intrinsic
 def count_trailing_zeros(typingctx: Any, word: Any) -> Any:
-    """Number of the lowest set bit; the word must not be 0."""
+    """Index of the lowest set bit; the word must not be 0."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
@@ -234,7 +234,7 @@ last_quarter = _picker(3, "The last quarter in all four.")
 
 @intrinsic
 def shift_lane(typingctx: Any, before: Any, vector: Any) -> Any:
-    """The vector moved up by one lane, the last lane of `before` coming in."""
+    """The vector moved up by one lane; the last lane of `before` becomes the first."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(15, 31)))
@@ -244,7 +244,7 @@ def shift_lane(typingctx: Any, before: Any, vector: Any) -> Any:
 
 @intrinsic
 def shift_quarter(typingctx: Any, before: Any, vector: Any) -> Any:
-    """The vector moved up by one quarter, the last quarter of `before` coming in: each sample's predecessor."""
+    """The vector moved up by one quarter, after the last quarter of `before`: each sample's predecessor."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(12, 28)))

@@ -1,4 +1,4 @@
-"""Vectors from arrays and to arrays. With POINTRAY_CHECK=1 each access is checked."""
+"""Vectors loaded from arrays and stored in arrays. With POINTRAY_CHECK=1 each access is checked."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def _loader(vector: Vector, doc: str) -> Any:
 
 @inline
 def _check(array: Any, index: Any, lanes: Any) -> None:
-    """Raise where a vector would be read or written outside of the array."""
+    """Raise where a vector would be read or written outside the array."""
     if index < 0 or index + lanes > array.size:
         raise IndexError("a vector reaches beyond its array")
 
 
-PACKS = "+avx512f" in cpu_features()  # lanes in one instruction; elsewhere the set bits are walked
+PACKS = "+avx512f" in cpu_features()  # one instruction packs lanes; other processors loop over the set bits
 
 load8 = _loader(F8, "Lanes 0..7: array[index + lane] of a flat float32 array.")
 load16 = _loader(F16, "Lanes 0..15: array[index + lane] of a flat float32 array.")
@@ -63,7 +63,7 @@ def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
 
 @intrinsic
 def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
-    """Ask for the cache line of array[index], which will be read soon; nothing happens if it does not exist."""
+    """Prefetch the cache line of array[index], which will be read soon; an index out of range does no harm."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
@@ -88,7 +88,7 @@ def _width(typingctx: Any, vector: Any) -> Any:
 
 @inline
 def store(array: Any, index: Any, vector: Any) -> None:
-    """array[index + lane] = lane."""
+    """Store each lane of the vector: array[index + k] = lane k."""
     if CHECK:
         _check(array, index, _width(vector))
     _store(array, index, vector)
@@ -105,7 +105,7 @@ def _broadcast_from(typingctx: Any, array: Any, index: Any) -> Any:
 
 @inline
 def broadcast_from(array: Any, index: Any) -> Any:
-    """array[index] in all 16 lanes: part of the instruction that uses it. (Numba would look for negative indices.)"""
+    """array[index] in all 16 lanes, as part of the instruction that uses it, without Numba's negative indices."""
     if CHECK:
         _check(array, index, 1)
     return _broadcast_from(array, index)
@@ -146,7 +146,7 @@ def _permute(typingctx: Any, array: Any, index: Any, places: Any) -> Any:
 
 @inline
 def permute16(array: Any, index: Any, places: Any) -> Any:
-    """array[index + place] of each lane's place, a float32 from 0 to 15."""
+    """array[index + place] for each lane of `places`, which are float32 from 0 to 15."""
     if CHECK:
         _check(array, index, 16)
         _check_places(places)
@@ -155,7 +155,7 @@ def permute16(array: Any, index: Any, places: Any) -> Any:
 
 @inline
 def _check_places(places: Any) -> None:
-    """Raise where one is not from 0 to 15."""
+    """Raise if a place is not from 0 to 15."""
     for k in range(16):
         if not 0 <= lane(places, k) < 16:
             raise IndexError("a place is none of the 16")
@@ -184,7 +184,7 @@ def _compress(typingctx: Any, mask: Any, vector: Any) -> Any:
 def pack(mask: Any, source: Any, index: Any, target: Any, at: Any) -> int:
     """Append source[index + lane] of each set lane of a 16-lane mask to target[at:], int32; returns how many.
 
-    Whatever lies in the 16 places from target[at] on may be overwritten.
+    All of target[at : at + 16] may be overwritten.
     """
     if CHECK:
         _check(source, index, 16)

@@ -26,7 +26,7 @@ Seen: TypeAlias = tuple[Array, int]  # the last mark of each splat; the mark of 
 
 @kernel
 def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
-    """Choose the splat that newly covers most until no gain is left; a gain is recomputed when its splat comes first."""
+    """Choose the splat that newly covers most until no gain is left; a gain is computed anew when it comes first."""
     keys, rows = np.empty(len(splats.seeds), np.float32), np.empty(len(splats.seeds), np.int32)
     size = number = 0
     for s in range(len(splats.seeds)):
