@@ -24,7 +24,7 @@ Rows = NDArray[np.int64]
 TREE = 0.1  # share of the time for 20 neighbours that the tree takes
 
 _CHUNK = 1 << 17  # rows of a table at a time
-_ASKED = 1 << 15  # queries at a time: SciPy's answers in float64 and int64 take twice the memory of the results
+_ASKED = 1 << 15  # queries at a time: SciPy answers in float64 and int64, four times what is kept
 
 
 class NeighborTree:

@@ -22,8 +22,8 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 # Check every array access and every SIMD load (slow). The test suite runs once with it; it is part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
-# Files that files with kernels import: an edit to one of them recompiles all kernels. An edit to another file recompiles
-# the kernels in it, if any.
+# Files that files with kernels import: an edit to one of them recompiles all kernels. An edit to any other file
+# recompiles the kernels in it.
 SHARED = (
     *("arguments.py", "data.py", "neighbors.py", "progress.py"),
     *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),

@@ -12,8 +12,9 @@ Where f = 0, x - P has a part along N, of length |K| / |N|, and one across it, a
 and m, |m.(x - P)| is at most e sin b + |K| / |N|. As N lies in the unit ball, N.m >= c, and v^2 = 1 - |N|^2, this is at
 most S (e^2 + k^2 / c^2)^(1/2), k = |K| / v. Now r^2 = E[r_i^2] is at least d^2 + e^2 and, for hits, (e / trim)^2. So
 that bound, divided by S r and squared, is at most `limits_of`: for apss where e <= d, a quarter of 1 + 1 / c^2, else
-trim^2 (1 + BEND / c^2). For imls one splat has n_i.(x - p_i) >= 0 and one has <= 0: m.x is within S r_i of m.p_i of
-both. Let t be S times the root of that limit, times q >= E[r_i^2]^(1/2) / E[r_i]. Then all surface in the voxel lies at
+trim^2 (1 + BEND / c^2). For imls one splat has n_i.(x - p_i) >= 0 and one has <= 0: m.x is at least m.p_i - S r_i for
+the first and at most m.p_i + S r_i for the second. Let t be S times the root of that limit, times
+q >= E[r_i^2]^(1/2) / E[r_i]. Then all surface in the voxel lies at
 
     min_j (m.p_j - t r_j)  <=  m.x  <=  max_j (m.p_j + t r_j):  the slab.
 

@@ -1,11 +1,11 @@
-"""Points -> unit normals: directions from each point's neighbours, signs from all of them together.
+"""Points -> unit normals: directions from each point's neighbours, signs from all points together.
 
-estimate : the way on one page
+estimate : all steps on one page
 jets, planes : the direction at a point, from a fitted surface or plane
-orientation : one side for all of them
-sheets : two surfaces close to each other, told apart
-checks : whether the signs that were found can be trusted
-given : whether the normals that a file has are those of its surface
+orientation : signs that agree
+sheets : signs where two sheets of a surface lie close together
+checks : whether the signs of given normals can be trusted
+given : whether the normals in a file are those of its surface
 
 Begin with estimate.
 """

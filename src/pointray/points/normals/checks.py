@@ -1,4 +1,4 @@
-"""What can be said against the normals of a file: neighbours look to opposite sides, or all look inwards."""
+"""Checks of a file's normals: whether neighbours face opposite sides, and whether all face inwards."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ Floats = NDArray[np.float32]
 INWARD = 0.95  # share of inward votes of a flipped model: closed scans have 1, a room seen by its scanner 0.81
 DEEP = 0.2  # mean of these votes: closed scans have at least 0.36
 ACROSS = 0.1  # sine at which a point lies out of another's tangent plane
-OPPOSITE = -0.5  # cosine below which two normals look to opposite sides
+OPPOSITE = -0.5  # cosine below which two normals face opposite sides
 RUNS, RUN = 64, 2048  # stretches of the Morton curve that stand for a large cloud
 
 
 @kernel
 def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array) -> int:
-    """Of the edges, how many have normals that look to opposite sides; not those between the two sides of a wall.
+    """How many edges have normals that face opposite sides, not counting edges between the two sides of a wall.
 
-    From either side of a wall the other lies behind (of a slit, before); without signs it is as often here as there.
+    The other side of a wall lies behind from both sides, and that of a slit in front; with random signs both are equally
+    frequent.
     """
     level = before = behind = 0
     for t in range(len(rows)):
@@ -42,7 +43,7 @@ def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array)
 
 
 def agreement_share(positions: Floats, normals: Floats) -> float:
-    """Share of the three nearest neighbours that look to the opposite side; of a sample where points are many."""
+    """Share of the three nearest neighbours that face the opposite side, from a sample if there are many points."""
     order = morton_order(positions)
     if len(order) > RUNS * RUN:
         starts = np.linspace(0, len(order) - RUN, RUNS).astype(np.int64)
@@ -57,6 +58,6 @@ def agreement_share(positions: Floats, normals: Floats) -> float:
 
 
 def looks_inward(positions: Floats, normals: Floats) -> bool:
-    """Whether the outermost points look inwards in all directions: a closed model whose normals are flipped."""
+    """Whether the outermost points face inwards in all directions, as in a closed model with flipped normals."""
     votes = outward_votes(positions, normals)
     return bool((votes < 0).mean() > INWARD and votes.mean() < -DEEP)

@@ -1,4 +1,4 @@
-"""Normals: estimated where a cloud has none, mended where some are missing or disagree."""
+"""Normals: estimated if a cloud has none, and mended if some are missing or disagree."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .orientation import NEAR, orient
 from .sheets import part_sheets
 
 MENDING = 8  # good normals that stand in for a missing one
-UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before it is mentioned
-DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are set anew: real scans have up to 0.006
+UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
+DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are recomputed: real scans have up to 0.006
 
-FITTED, ORIENTED = 0.7, 0.8  # shares of the time after which normals are fitted, and turned
+FITTED, ORIENTED = 0.7, 0.8  # shares of the time after which normals are fitted, and oriented
 
 Floats = NDArray[np.float32]
 
@@ -37,12 +37,12 @@ def estimate_normals(
     ----------
     points : Points
     neighbors : int, optional
-        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, by the
-        point's noise and detail and the distance of scan lines.
+        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, chosen by
+        the point's noise and detail and the distance of scan lines.
     viewpoint : (3,) array_like, optional
-        World position of the scanner: every normal goes with a plane through its neighbours that is turned towards
-        it. None: the signs pass from point to point
-        and from part to part; what is connected is turned outward, or up where that says nothing.
+        World position of the scanner: every normal agrees with the plane through its neighbours, turned towards the
+        scanner. None: signs pass from point to point and from part to part; a connected group is turned outward, or
+        up if it has no outside.
     progress : callable, optional
         Called with the share done.
 
@@ -54,7 +54,8 @@ def estimate_normals(
     Raises
     ------
     ValueError
-        If fewer than three places are taken, `neighbors` is less than 3, or the viewpoint is not three numbers.
+        If there are fewer than three distinct positions, `neighbors` is less than 3, or the viewpoint is not three
+        numbers.
 
     References
     ----------
@@ -84,7 +85,7 @@ def estimate_normals(
 
 
 def _path(points: Points) -> tuple[Floats, NDArray[np.int64]]:
-    """The different places of the finite rows along a Morton curve, and for each of these rows its place."""
+    """The distinct positions of the finite rows along a Morton curve, and the number of each row's position."""
     positions = points.positions[points.finite]
     rows, places = distinct(positions)
     order = morton_order(positions[rows])
@@ -94,7 +95,7 @@ def _path(points: Points) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Points, str | None]:
-    """The points with unit normals wherever the position is finite, and what had to be done for it.
+    """The points with unit normals wherever the position is finite, and a message on what was mended.
 
     Parameters
     ----------
@@ -103,11 +104,11 @@ def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Poin
     Returns
     -------
     points : Points
-        A missing normal (zero, NaN or infinite) is the mean of the good ones nearest to it; if none is good, all are
-        estimated. Where neighbours look to opposite sides all over, the directions are kept and the signs set anew.
-        Normals that look inwards as a whole are kept. Rows that are not finite have the normal 0.
+        A missing normal (zero, NaN or infinite) becomes the mean of the nearest good ones; if none is good, all are
+        estimated. If neighbours all over face opposite sides, directions are kept and signs are recomputed. Normals
+        that all face inwards are kept. Rows that are not finite have the normal 0.
     message : str or None
-        One line; None: all normals were good.
+        One line; None if all normals were good.
     """
     finite = points.finite
     if points.normals is None:
@@ -152,7 +153,7 @@ def _odd_lengths(length: NDArray[np.float64]) -> int:
 
 
 def _reorient(points: Points, unit: Floats) -> Floats:
-    """The same directions with signs of their own; rows at one place look to the same side."""
+    """The same directions with recomputed signs; rows with equal positions face the same side."""
     path, places = _path(points)
     finite = np.flatnonzero(points.finite)
     first = np.empty(len(path), np.int64)
@@ -167,7 +168,7 @@ def _reorient(points: Points, unit: Floats) -> Floats:
 
 
 def _normalise(normals: Floats) -> tuple[Floats, NDArray[np.float64]]:
-    """Unit vectors, and their lengths before; 0 where a vector means nothing."""
+    """Unit vectors, and their lengths before; 0 where a vector is zero or not finite."""
     wide = normals.astype(np.float64)  # no square of a float32 is too large or too small
     length = np.sqrt(np.einsum("ij,ij->i", wide, wide))
     good = np.isfinite(length) & (length > 0)
@@ -175,7 +176,7 @@ def _normalise(normals: Floats) -> tuple[Floats, NDArray[np.float64]]:
 
 
 def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: NDArray[np.bool_]) -> Floats:
-    good = good[distinct(positions[good])[0]]  # a thousand points at one place make the search crawl
+    good = good[distinct(positions[good])[0]]  # a thousand equal positions make the search very slow
     _, near = neighbors(positions[good], MENDING, positions[lost])
     nearest = unit[good][near]
     mean, length = _normalise(nearest.mean(axis=1))

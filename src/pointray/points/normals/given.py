@@ -1,9 +1,8 @@
 """Are a file's normals those of its surface? They are compared with planes through the points' neighbours.
 
-Not normal by normal: the mean of the normals of a neighbourhood is compared with the plane through its points. Both are
-smoothed alike, so that detail finer than the points, which right normals show and planes do not, speaks against no
-file. A plane also knows how far it may be tilted itself, from how far its points lie off it; where that is much, it
-says nothing.
+The mean of a neighbourhood's normals is compared with the plane through its points. Both are smoothed alike, so detail
+finer than the points, which correct normals show and planes do not, does not count against a file. How far a plane's
+points lie off it tells how far the plane may be tilted itself; a plane that may be tilted far is not used.
 """
 
 from __future__ import annotations
@@ -18,28 +17,28 @@ from ...data import Points
 from ..nearby import Neighborhoods, find_neighborhoods
 from ..rounding import find_rounding
 
-WRONG = 15.0  # degrees: of eleven scans and meshes with right normals it is 0.4 to 3.8
-SURE = 5.0  # degrees: how far a plane that says something may be tilted
-TOLD = 0.1, 12  # share of the planes, and number, that must say something
+WRONG = 15.0  # degrees: eleven scans and meshes with correct normals have 0.4 to 3.8
+SURE = 5.0  # degrees: how far a plane that is used may be tilted
+TOLD = 0.1, 12  # least share and least number of the planes that are used
 SAMPLE = 2_000  # points that are compared
 SIZES = (12, 16, 32, 64)  # neighbourhoods to choose from
-LOCAL = 16  # how many times as many points there must be: planes through all of a torus say 24 degrees
-STEPS = 2.0  # how many steps of rounded coordinates a plane must reach: else all of its points lie on one step
+LOCAL = 16  # a cloud has at least this many times a neighbourhood's points: planes through a whole torus give 24 degrees
+STEPS = 2.0  # a plane must extend over this many steps of rounded coordinates: else its points all lie on one step
 SLIM = 0.05  # ratio of the plane's variances below which points are on a line
 
 Floats = NDArray[np.float64]
 
 
 class NormalsCheck(NamedTuple):
-    """What was found out about the normals of points.
+    """The result of checking the normals of points.
 
     Attributes
     ----------
     angle : float or None
-        Degrees between the normals and the surface's, the median; signs do not count. None: there are none, or the
-        points do not tell.
+        Median angle in degrees between the normals and the surface's; signs do not count. None if there are no
+        normals, or if the points do not tell.
     wrong : bool
-        Whether that is more than 15 degrees.
+        Whether the angle is more than 15 degrees.
     """
 
     angle: float | None
@@ -49,10 +48,10 @@ class NormalsCheck(NamedTuple):
 def check_normals(points: Points) -> NormalsCheck:
     """Compare the normals of points with planes fitted to their neighbours.
 
-    Neighbourhoods of 12 to 64 points around a sample of 2,000 are looked at, which takes a fraction of a second
-    whatever the number of points. `Model` takes the normals that points have;
-    ``pr.Model(pr.estimate_normals(points) if pr.check_normals(points).wrong else points)`` does, but for signs,
-    what the command line does.
+    Neighbourhoods of 12 to 64 points around a sample of 2,000 are examined, which takes a fraction of a second
+    whatever the number of points. `Model` uses the normals that points have;
+    ``pr.Model(pr.estimate_normals(points) if pr.check_normals(points).wrong else points)`` does the same as the
+    command line, except for signs.
 
     Parameters
     ----------
@@ -68,7 +67,7 @@ def check_normals(points: Points) -> NormalsCheck:
 
 
 def compare_normals(points: Points, step: float) -> NormalsCheck:
-    """The same, for who knows the coarsest step that coordinates were rounded to, see `find_rounding`; 0: none."""
+    """`check_normals` with a known step: the coarsest to which coordinates were rounded, see `find_rounding`, or 0."""
     if points.normals is None:
         return NormalsCheck(None, False)
     squares = np.einsum("ij,ij->i", points.normals, points.normals, dtype=np.float64)
@@ -85,9 +84,9 @@ def compare_normals(points: Points, step: float) -> NormalsCheck:
 def _median_angle(
     positions: NDArray[np.float32], normals: NDArray[np.float32], near: Neighborhoods, least: float
 ) -> float | None:
-    """Degrees between means of normals and planes, where these say something; None if they hardly do.
+    """Median angle in degrees between mean normals and planes that are sure; None if too few planes are sure.
 
-    least : how far the neighbours of a plane must reach
+    least : how far the neighbours of a plane must extend
     """
     rows = near.rows
     offsets = positions[rows].astype(np.float64) - positions[rows[:, :1]]
@@ -108,7 +107,7 @@ def _compare(offsets: Floats, unit: Floats, least: float) -> tuple[Floats, Float
     Parameters
     ----------
     offsets, unit : (m, k, 3) float64
-        Of the neighbours from the point, which is the first, and their normals.
+        Offsets of the neighbours from the point, which is the first, and their normals.
     least : float
 
     Returns
@@ -126,7 +125,7 @@ def _compare(offsets: Floats, unit: Floats, least: float) -> tuple[Floats, Float
     effective = 1 / (weights**2).sum(axis=1)  # points of full weight
     tilts = np.degrees(np.arctan(np.sqrt(thick * (1 / narrow + 1 / long) / np.maximum(effective - 3, 1))))
     tilts[(narrow < SLIM * long) | (squares[:, -1] < least * least)] = np.inf
-    # As lines: on both sides of a thin plate, and in files without signs, normals are turned to the point's own.
+    # Normals are turned to the point's own: signs differ on both sides of a thin plate, and in files without signs.
     signs = np.where(np.einsum("mki,mi->mk", unit, unit[:, 0]) < 0, -1, 1)
     mean = np.einsum("mk,mki->mi", weights * signs, unit)
     cosines = np.abs(np.einsum("mi,mi->m", mean, axes[:, :, 0])) / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)

@@ -1,10 +1,10 @@
-"""Directions of normals: a quadric fitted to each point's neighbours, as many of them as the noise asks for.
+"""Directions of normals: a quadric is fitted to each point's neighbours, as many as the noise requires.
 
 A quadric over the tangent plane (a jet of order 2; Cazals and Pouget 2003) follows the curvature that tilts a plane, so
-that more neighbours cost no accuracy on smooth surfaces. How many are taken is decided per point from two errors
-(after Mitra and Nguyen 2003): noise, which shrinks with their number, and the surface's detail, seen as residuals
-beyond the noise. The noise is estimated once, as a share of the spacing, from the residuals of small fits where they
-are lowest: there is no detail there.
+that more neighbours cost no accuracy on smooth surfaces. The number of neighbours is chosen for each point from two
+errors (after Mitra and Nguyen 2003): noise, which shrinks with the number, and the surface's detail, which shows as
+residuals beyond the noise. The noise is estimated once, as a share of the spacing, from the lowest residuals of small
+fits, where there is no detail.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ...progress import Progress, part_of, tell
 from .planes import least_axis, plane
 
 Floats = NDArray[np.float32]
-# Of one thread: weights, those by distance alone, terms and height of each point; coefficients and factor of the
-# quadric; variances and axes of the plane.
+# One thread's memory: weights, weights by distance alone, terms and height of each point; coefficients and factor of
+# the quadric; variances and axes of the plane.
 Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 SIZES = (10, 16, 32, 64)  # neighbourhoods to choose from; the point itself is one of them
@@ -32,13 +32,13 @@ DETAIL = 0.15  # weight of squared residuals beyond the noise: 1 takes noise for
 WIDTH = 1.0  # weights fall to 1/e at the rim
 SURVEY = 0.15  # share of the time after which the noise is known
 NOISE_SAMPLE, NOISE_SIZES = 5000, (12, 32, 64)
-LINED = 0.1  # share of fits that may be to points on a line; else more points are taken
-QUANTILE, AT_QUANTILE = 0.25, 0.75  # of residuals of pure noise, a quarter is below 0.75 of the mean
-SLIM = 0.2  # ratio of the plane's variances below which points are on a line or two, and more of them are taken
-LINE = 0.05  # ratio below which a plane has to do where there are no more
-SLIM_VARIANCE = 1e30  # of the slope, where no quadric was fitted
-TERMS = 6  # of a quadric over two variables
-JET_LEAST = 8  # points: of fewer, a plane
+LINED = 0.1  # share of fits that may be to points on a line; beyond it, more points are used
+QUANTILE, AT_QUANTILE = 0.25, 0.75  # a quarter of the residuals of pure noise are below 0.75 of the mean
+SLIM = 0.2  # ratio of the plane's variances below which points are on a line or two, and more points are used
+LINE = 0.05  # ratio below which a plane is fitted if there are no more points
+SLIM_VARIANCE = 1e30  # stands for the slope's variance where no quadric was fitted
+TERMS = 6  # terms of a quadric over two variables
+JET_LEAST = 8  # points; fewer are fitted by a plane
 TILE = 1024
 
 
@@ -83,7 +83,7 @@ def _residual(terms: Array, x: Array, j: int) -> float:
 
 @inline
 def _variance(m: Array) -> float:
-    """What unit noise at unit weights does to the slope: the two entries of the inverse normal matrix."""
+    """The slope's variance for unit noise at unit weights: two entries of the inverse normal matrix, summed."""
     total = 0.0
     y = (0.0, 0.0, 0.0, 0.0, 0.0)
     for t in range(1, 3):
@@ -109,7 +109,7 @@ def _slimness(a: Array) -> float:
 def _jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, float]:
     """Normal, residual (in d's unit) and the slope's variance for unit residuals, of the quadric through k points.
 
-    A first fit with weights by distance, a second one in which points far off the first count less.
+    The first fit has weights by distance; in the second, points far off the first fit count less.
     """
     w, near, terms, x, m, a, v = memory
     reach = math.sqrt(d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
@@ -152,9 +152,9 @@ def _jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, fl
 def _fit(
     work: Array, positions: Array, rows: Array, near: Array, sizes: Array, noise: float, out: Array, residuals: Array
 ) -> int:
-    """out[i]: the normal at positions[rows[i]] of the size with the least error, and the normal of a plane.
+    """Write to out[i] the normal at positions[rows[i]] from the size with the least error, and the normal of a plane.
 
-    Residuals: of the smallest size. The plane: through 16 points, or more if they are on a line.
+    Residuals are those of the smallest size. The plane is fitted to 16 points, or more if they are on a line.
     """
     positions, near, out, most = borrow(positions), borrow(near), borrow(out), near.shape[1]
     d = np.empty((most, 3))
@@ -213,7 +213,7 @@ def estimate_noise(positions: Floats) -> float:
 
 
 def _survey(positions: Floats) -> tuple[float, int]:
-    """The noise, and the largest size to choose from: where scan lines lie far apart, few points are a line."""
+    """The noise, and the largest size to choose from: where scan lines lie far apart, few points form a line."""
     if len(positions) <= NOISE_SIZES[0]:
         return 0.0, SIZES[1]
     rows = np.random.default_rng(0).permutation(len(positions))[:NOISE_SAMPLE]
@@ -242,13 +242,13 @@ def fit_normals(
     positions : (n, 3) float32
         All different, along a Morton curve.
     neighbors : int or None
-        None: of `SIZES`, what suits the point.
+        None: the best of `SIZES` for each point.
     kept : int
-        Neighbours to give back, the point itself first.
+        Number of neighbours to return, the point itself first.
     eye : (3,) float32, optional
-        Where a plane through the neighbours is turned to, and the normal with it; None: normals of either sign. The
-        plane tilts less: of exact pipes scanned with noise, 0.08% of the quadrics' normals turned to the eye were
-        flipped, 0.009% of those that go with the plane.
+        The plane through the neighbours is turned towards it, and the normal with the plane. None: normals of either
+        sign. The plane tilts less: on exact pipes scanned with noise, 0.08% of the quadrics' normals turned to the eye
+        themselves were flipped, and 0.009% of those turned with the plane.
     progress : callable, optional
 
     Returns
@@ -256,7 +256,7 @@ def fit_normals(
     normals : (n, 3) float32
     near : (n, min(kept, n)) int32
     residuals : (n,) float32
-        Of the smallest fits, in spacings; NaN: to points on a line.
+        Residuals of the smallest fits, in spacings; NaN for fits to points on a line.
     """
     n = len(positions)
     noise, most = _survey(positions) if neighbors is None else (0.0, 0)

@@ -1,12 +1,12 @@
-"""Signs of normals: from point to point inside of parts, from part to part by votes, and outward as a last resort.
+"""Signs of normals: passed from point to point inside parts, from part to part by votes, and outward as a last resort.
 
-Two points of a surface whose normals n and m and whose connecting unit vector e are right agree with the reflection
-rule (Koenig and Gumhold 2009): n - 2 (n.e) e looks as m does, around a rim too, where n.m alone misleads. Edges that
-leave the tangent planes count less: they cross a thin sheet.
+Two points with normals n and m and the connecting unit vector e obey the reflection rule (Koenig and Gumhold 2009) if
+their signs agree: n - 2 (n.e) e faces the same side as m. The rule holds around a rim too, where n.m alone misleads.
+Edges that leave the tangent planes count less, as they cross a thin sheet.
 
-No step is longer than a part: a part is a stretch of the Morton curve, its edges are sorted and joined alone. The
-pieces that come out vote on each other with all edges between them; pieces join with the neighbour they have the
-clearest vote with, round after round, and the votes of what has joined are added up.
+The work is local: a part is a stretch of the Morton curve, and its edges are sorted and joined alone. The resulting
+pieces vote on each other with all edges between them. In each round a piece joins the neighbour with the clearest
+vote, and the votes of joined pieces are added up.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ Signs = NDArray[np.int8]
 
 NEAR = 11  # neighbours that signs pass to, the point itself first: with 7 the dragon falls into 28 groups
 PART = 4096  # points
-LEVELS = 256  # of confidence, inside of a part
-SURE = 0.95  # confidence from which points of a part join without a vote: of Lucy 0.5% flipped, 1.8 to 22% at 0.5
-DIRECTIONS = 64  # in which the outermost points of a group are looked at
-RIM = 0.01  # share of the points that are outermost in a direction: single ones are trees, wires and strays
-UPWARD = 0.5  # how much more what looks up counts: terrain has no outside
-SAMPLE = 50_000  # points of a group that are looked at
-LARGE = 1000  # points of a group whose outermost ones are looked at
+LEVELS = 256  # steps of confidence inside a part
+SURE = 0.95  # confidence from which a part's points join without a vote: 0.5% of Lucy are flipped; 1.8 to 22% at 0.5
+DIRECTIONS = 64  # directions in which the outermost points of a group vote
+RIM = 0.01  # share of the points that count as outermost in a direction: single ones are trees, wires and strays
+UPWARD = 0.5  # how much more upward normals count: terrain has no outside
+SAMPLE = 50_000  # points of a group that are examined
+LARGE = 1000  # points of a group from which its outermost points vote
 
 
 @inline
 def agreement(positions: Array, normals: Array, i: int, j: int) -> float:
-    """Signed confidence that two normals look to the same side, -1 to 1."""
+    """Signed confidence that two normals face the same side, -1 to 1."""
     square = nm = a = b = 0.0
     for c in range(3):
         e = f64(positions[j, c]) - f64(positions[i, c])
@@ -60,7 +60,7 @@ def _climb(parent: Array, sign: Array, i: int) -> tuple[int, int]:
 
 @kernel
 def _join_parts(work: Array, positions: Array, normals: Array, near: Array, parent: Array, sign: Array) -> int:
-    """Trees of each part's sure edges, surest first; parent[i]: the root of i's piece, sign[i]: the sign to it."""
+    """Join each part's sure edges, surest first; parent[i]: the root of i's piece, sign[i]: the sign to it."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     parent, sign = borrow(parent), borrow(sign)
     n, k = near.shape
@@ -110,7 +110,7 @@ def _join_parts(work: Array, positions: Array, normals: Array, near: Array, pare
 
 @kernel
 def _count_votes(work: Array, near: Array, piece: Array, counts: Array) -> int:
-    """counts[part]: edges that leave their piece."""
+    """Write to counts[part] the number of edges that leave their piece."""
     tile = next_tile(work)
     while tile >= 0:
         count = 0
@@ -134,7 +134,7 @@ def _cast_votes(
     pairs: Array,
     votes: Array,
 ) -> int:
-    """Those edges as pairs of pieces, lower one first, with their signed confidence."""
+    """List the edges between pieces as pairs of pieces, lower one first, with their signed confidence."""
     positions, normals, near, piece, sign = (
         borrow(positions),
         borrow(normals),
@@ -180,7 +180,7 @@ def _join_clearest(one: Array, other: Array, votes: Array, best: Array, parent: 
 
 @kernel
 def _flatten(parent: Array, sign: Array) -> int:
-    """Every parent becomes a root; paths are halved on the way, so that long ones cost no square."""
+    """Make every parent a root; paths are halved on the way, so that long ones do not cost quadratic time."""
     for i in range(len(parent)):
         while parent[parent[i]] != parent[i]:
             sign[i] *= sign[parent[i]]
@@ -189,7 +189,7 @@ def _flatten(parent: Array, sign: Array) -> int:
 
 
 def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[Signs, NDArray[np.int64]]:
-    """Signs with which neighbouring normals agree, and the connected group that each point is of.
+    """Signs with which neighbouring normals agree, and the connected group of each point.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[
     Returns
     -------
     signs : (n,) int8
-        1 or -1; within a group, all may have to be turned.
+        1 or -1; all signs of a group together may be wrong.
     groups : (n,) int64
         From 0.
     """
@@ -221,7 +221,7 @@ def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[
 
 
 def _join_pieces(count: int, pairs: NDArray[np.int64], votes: Floats) -> tuple[NDArray[np.int64], Signs]:
-    """Of each piece the group and its sign in it: rounds of joins, each followed by a new count of the votes."""
+    """The group of each piece and its sign in it, by rounds of joins; votes are added up anew after each round."""
     group, turn = np.arange(count), np.ones(count, np.int8)
     while len(pairs):
         pairs, sums = _add_up(pairs, votes)
@@ -256,7 +256,7 @@ def even_directions(count: int) -> NDArray[np.float64]:
 
 
 def outward_votes(positions: Floats, normals: Floats) -> NDArray[np.float64]:
-    """How far out the outermost points look in each of `even_directions(DIRECTIONS)`: mean cosines, -1 to 1."""
+    """How far outward the outermost points face in each of `even_directions(DIRECTIONS)`: mean cosines, -1 to 1."""
     step = -(-len(positions) // SAMPLE)
     x, unit = positions[::step].astype(np.float64), normals[::step].astype(np.float64)
     count = max(1, int(RIM * len(x)))
@@ -270,11 +270,11 @@ def outward_votes(positions: Floats, normals: Floats) -> NDArray[np.float64]:
 
 
 def _inward_groups(positions: Floats, normals: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which groups have to be turned: votes of their outermost points, and the mean normal's way up."""
+    """Which groups must be turned, by votes of their outermost points and the mean normal's upward part."""
     order = np.argsort(groups, kind="stable")
     starts = np.flatnonzero(np.diff(groups[order], prepend=-1))
     ends = np.append(starts[1:], len(order))
-    # Small groups are many: the sum of the normals times the way from the middle, and what looks up, in one go.
+    # There are many small groups: sum the normals times the offsets from the middle, and the upward parts, at once.
     count = (ends - starts)[:, None]
     x, unit = positions[order].astype(np.float64), normals[order].astype(np.float64)
     x -= np.repeat(np.add.reduceat(x, starts) / count, ends - starts, axis=0)
@@ -290,9 +290,9 @@ def _inward_groups(positions: Floats, normals: Floats, groups: NDArray[np.int64]
 
 
 def orient(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Signs:
-    """Signs, (n,) int8, with which normals agree with their neighbours' and look outward, or up where nothing is out.
+    """Signs, (n,) int8, so that normals agree with their neighbours' and face outward, or up if there is no outside.
 
-    Positions along a Morton curve; parameters as in `agree`.
+    Positions lie along a Morton curve; parameters are as in `agree`.
     """
     signs, groups = agree(positions, normals, near)
     inward = _inward_groups(positions, normals * signs[:, None], groups)

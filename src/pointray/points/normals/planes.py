@@ -45,7 +45,7 @@ def _least_direction(a: Array, v: Array) -> Vec3:
 
 @routine
 def plane(d: Array, w: Array, k: int, a: Array, v: Array) -> Vec3:
-    """Normal of the plane through k weighted points."""
+    """Normal of the plane fitted to k weighted points."""
     total = x = y = z = 0.0
     for j in range(k):
         total += w[j]

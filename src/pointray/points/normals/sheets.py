@@ -1,11 +1,12 @@
 """Signs where two sheets of a closed surface lie closer together than their points: by winding numbers.
 
-The winding number (Barill et al. 2018) is 0 outside and 1 inside. A step in front of a point and a step behind it,
-the two add up to 1; around a thin plate to less, as both lie outside; around a thin cavity to more, and a wrong sign
-of the sheet itself hardly changes that. So a plate's normals look away from the other sheet, and a cavity's towards
-it; the other sheet is on the side of the normal that the ways to the nearest points lead to. Edges between points
-cannot tell this: most of them lead to the other sheet. A flip stays if it brings the numbers around it closer to 0
-and 1. Where the numbers do not tell, the edges do after all: most of what they lead to is right by then.
+The winding number (Barill et al. 2018) is 0 outside and 1 inside. The numbers a step in front of a point and a step
+behind it add up to 1. Around a thin plate the sum is less, as both positions lie outside; around a thin cavity it is
+more. A wrong sign of the sheet itself hardly changes that. So a plate's normals must face away from the other sheet,
+and a cavity's towards it; the mean direction to the nearest points tells on which side of the normal the other sheet
+is. Edges between points cannot tell this, as most of them lead to the other sheet. A flip stays if it brings the
+numbers around it closer to 0 and 1. Where the numbers do not decide, the edges do: by then most of the normals that
+they lead to are right.
 """
 
 from __future__ import annotations
@@ -24,22 +25,22 @@ Rows = NDArray[np.int64]
 
 AREA = 8  # the neighbour whose distance gives a point's area
 LEAF = 16  # points
-STEP = 1.5  # spacings in front and behind: of the dragon 482 rows are flipped with 1 and 453 with 1.5, without votes
-FAR = 1.5  # radii of a node and a step, from which it is one dipole: 2.0 is no better and takes twice as long
+STEP = 1.5  # spacings in front and behind: 482 rows of the dragon are flipped with 1, 453 with 1.5, without votes
+FAR = 1.5  # a node this many times its radius and a step away is one dipole: 2.0 is no better and takes twice as long
 SOFT = 0.5  # spacings within which a dipole is blurred
 THICK = 0.1  # residual in spacings above which a point may be of two sheets, as may points on a line
-SEEDS = 0.03  # share of the points, at most, that are looked at first: spread evenly over the thick
+SEEDS = 0.03  # upper limit of the share of points examined first, spread evenly over the thick ones
 SAMPLE = 500  # points that tell whether there is an inside
 CLOSED = 0.97  # share of them whose numbers must add up to 1 within LOOSE, one spacing away: the bunny's raw scans 0.96
 LOOSE = 0.4
-RINGS = 2  # of neighbours around what does not add up
+RINGS = 2  # rings of neighbours around points whose numbers do not add up
 TILE = 256
 STACK = 64
 
 
 @kernel
 def _spacings(work: Array, positions: Array, near: Array, out: Array) -> int:
-    """Roots of the points' areas."""
+    """Compute the square roots of the points' areas."""
     positions, near, out = borrow(positions), borrow(near), borrow(out)
     k = min(AREA, near.shape[1] - 1)
     tile = next_tile(work)
@@ -55,7 +56,7 @@ def _spacings(work: Array, positions: Array, near: Array, out: Array) -> int:
 
 @kernel
 def _build(positions: Array, normals: Array, spacing: Array, nodes: Array) -> int:
-    """A full binary tree over stretches of the curve; a node: middle, dipole, radius and area, children 2i, 2i + 1."""
+    """Fill a full binary tree over stretches of the curve: centre, dipole, radius, area; children are 2i, 2i + 1."""
     size, n = len(nodes) // 2, len(positions)
     nodes[:] = 0.0
     for b in range(size):
@@ -101,7 +102,7 @@ def _dipole(x: float, y: float, z: float, u: float, v: float, w: float, soft: fl
 def _wind(
     work: Array, rows: Array, positions: Array, normals: Array, spacing: Array, nodes: Array, step: float, out: Array
 ) -> int:
-    """Winding numbers a step in front of the points and a step behind, both in one walk."""
+    """Winding numbers a step in front of the points and a step behind, both in one traversal."""
     positions, normals, spacing, nodes = borrow(positions), borrow(normals), borrow(spacing), borrow(nodes)
     size, n = len(nodes) // 2, len(positions)
     stack = np.empty(STACK, np.int64)
@@ -142,7 +143,7 @@ def _wind(
 
 @kernel
 def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
-    """Mean cosine between each point's normal and the ways to its nearest points."""
+    """Mean cosine between each point's normal and the directions to its nearest points."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)
     while tile >= 0:
@@ -175,7 +176,7 @@ def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
 
 
 class _Field:
-    """The winding numbers of a cloud as its normals are now."""
+    """The winding numbers of a cloud with its current normals."""
 
     def __init__(self, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> None:
         size = max(float(np.ptp(positions, axis=0).max()), 1e-30)
@@ -191,7 +192,7 @@ class _Field:
         _build(self.positions, self.normals, self.spacing, self.nodes)
 
     def around(self, rows: Rows, step: float = STEP) -> Floats:
-        """In front and behind by so many spacings, (m, 2)."""
+        """The winding numbers `step` spacings in front and behind, (m, 2)."""
         out = np.empty((len(rows), 2), np.float32)
         tiles = -(-len(rows) // TILE)
         run(_wind, tiles, rows, self.positions, self.normals, self.spacing, self.nodes, step, out)
@@ -211,7 +212,7 @@ class _Field:
         return out
 
     def is_closed(self) -> bool:
-        """Whether the numbers add up nearly everywhere; areas are scaled to that."""
+        """Whether the numbers add up to 1 nearly everywhere; if so, areas are scaled to make the jump 1."""
         rows = np.random.default_rng(0).permutation(len(self.positions))[:SAMPLE]
         front, behind = self.around(np.sort(rows), 1.0).T
         jump = float(np.median(behind - front))
@@ -231,11 +232,11 @@ def part_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], res
     positions : (n, 3) float32
         Along a Morton curve.
     normals : (n, 3) float32, unit
-        Signs as well as edges tell them.
+        With signs from the edges.
     near : (n, k) int32
         Rows of the neighbours, the point itself first.
     residuals : (n,) float32
-        Of the fits, in spacings; NaN: to points on a line.
+        Residuals of the fits, in spacings; NaN for fits to points on a line.
     """
     thick = np.flatnonzero(~(residuals <= THICK))
     if not len(thick):
@@ -267,7 +268,7 @@ def _energy(numbers: Floats) -> Floats:
 
 
 def _turn(field: _Field, rows: Rows) -> None:
-    """Turn what looks the wrong way, and back what brings the numbers around it no closer to 0 and 1; else, vote."""
+    """Turn wrong normals, and back those that bring the numbers no closer to 0 and 1; where unclear, edges vote."""
     before = field.around(rows)
     excess = before.sum(axis=1) - 1
     turned = rows[(np.abs(excess) > LOOSE) & (excess * field.sides(rows) < 0)]
