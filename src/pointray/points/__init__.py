@@ -1,4 +1,4 @@
-"""File -> Points: one file a format; normals where they are missing; models made by formula."""
+"""File -> Points: a module for each format, estimates of missing normals, and models made by formula."""
 
 from .files import read, write
 from .normals.estimate import estimate_normals

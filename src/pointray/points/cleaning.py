@@ -1,8 +1,8 @@
-"""Cleaning: exact duplicates and far outliers, found, reported, dropped.
+"""Cleaning: exact duplicates and far outliers are found, reported and dropped.
 
 An outlier belongs to a group, single or small, that lies far from everything else: farther than FAR times the usual
-spacing around the nearest of the rest and of the whole cloud, and than the group is wide. Sparse parts of an uneven
-scan stay: their points are near each other for their own spacing, and many.
+spacing around the nearest of the rest and of the whole cloud, and farther than the group is wide. Sparse parts of an
+uneven scan stay, as they have many points that are close together for their own spacing.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from ..data import Points
 from ..neighbors import distinct, neighbors
 from ..progress import Progress, part_of
 
-AROUND = 8  # neighbours that tell the spacing
+AROUND = 8  # neighbours that give the spacing
 FAR = 12.0  # spacings: how far a group must lie from the rest
-FEW = 1e-3  # share of the places that a group of outliers may have
-PLACED, NEAR = 0.1, 0.6  # shares of the time after which places are told apart, and of the rest neighbours found
-GROUP = 30  # or so many places, where that is less than a tenth of them
+FEW = 1e-3  # greatest share of the positions in a group of outliers
+PLACED, NEAR = 0.1, 0.6  # share of the time until positions are distinct; share of the rest until neighbours are found
+GROUP = 30  # or this many positions, if that is less than a tenth of all
 
 
 class Flaws(NamedTuple):
-    """What is wrong with which rows of a cloud."""
+    """The flawed rows of a cloud."""
 
-    duplicates: NDArray[np.bool_]  # (n,), a row before has the same position, bit for bit
-    outliers: NDArray[np.bool_]  # (n,), far from everything else
+    duplicates: NDArray[np.bool_]  # (n,), whether an earlier row has the same position, bit for bit
+    outliers: NDArray[np.bool_]  # (n,), whether the row is far from everything else
 
 
 def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
@@ -60,7 +60,7 @@ def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
 
 
 def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Points:
-    """The points without exact duplicates (the first of each place stays) and without far outliers.
+    """The points without exact duplicates (the first of equal positions stays) and without far outliers.
 
     Parameters
     ----------
@@ -80,14 +80,14 @@ def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Poi
 
 
 def _far(positions: NDArray[np.float32], progress: Progress | None) -> NDArray[np.bool_]:
-    """Which places, all different, are outliers."""
+    """Which of the positions, all distinct, are outliers."""
     n = len(positions)
     far = np.zeros(n, np.bool_)
-    if n <= 2 * AROUND:  # too few to say what is usual
+    if n <= 2 * AROUND:  # too few to tell what is usual
         return far
     distances, near = neighbors(positions, AROUND + 1, progress=part_of(progress, 0.0, NEAR))
     usual = float(np.median(distances[:, AROUND]))
-    # Who is nearer than FAR spacings, by the greater of the two spacings around and the usual one, belongs together.
+    # Points closer than FAR spacings are linked; the spacing is the neighbour's or the usual one, whichever is greater.
     local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), usual)
     most = min(max(FEW * n, GROUP), 0.1 * n)
     link = distances[:, 1:] < FAR * local[near[:, 1:]]

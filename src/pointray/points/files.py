@@ -1,4 +1,4 @@
-"""Which reader takes which file, and how a file is replaced."""
+"""Which reader reads which file, and how a file is replaced."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BESIDE = re.compile(r"\.pointray-[0-9a-f]{16}(\..*)?")  # names of files that ar
 BUFFER = 1 << 20  # bytes
 _swept: set[Path] = set()
 
-# Extension -> reader. A format to come adds its file's READERS here.
+# Extension -> reader. A new format adds its file's READERS here.
 READERS: dict[str, Callable[[Path, Progress | None], Points]] = {**ply.READERS}
 
 
@@ -64,7 +64,7 @@ def read(path: str | os.PathLike[str], progress: Progress | None = None) -> Poin
 
 
 def check_regular(path: str | os.PathLike[str]) -> Path:
-    """The path of a file that is there; OSError for others, such as a folder, or a pipe that would wait for ever."""
+    """The path of an existing regular file; OSError for others, such as a folder, or a pipe that would block."""
     file = Path(path)
     if not stat.S_ISREG(file.stat().st_mode):
         number = errno.EISDIR if file.is_dir() else errno.EINVAL
@@ -83,14 +83,14 @@ def check_readable(path: str | os.PathLike[str]) -> Callable[[Path, Progress | N
 
 
 def write(path: str | os.PathLike[str], points: Points) -> None:
-    """Write a point cloud with all that it holds, as binary PLY.
+    """Write a point cloud with all its arrays, as binary PLY.
 
     Parameters
     ----------
     path : str or path
-        Ends in .ply; replaced when all is written.
+        Ends in .ply; an existing file is replaced when all is written.
     points : Points
-        Positions are written as float64 if they are held about an origin, else as float32. An attribute of k columns
+        Positions are written as float64 if they are relative to an origin, else as float32. An attribute of k columns
         becomes the properties name_0, name_1 and so on.
 
     Raises
@@ -109,7 +109,7 @@ def write(path: str | os.PathLike[str], points: Points) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise the OSError that writing `path` would end in, before the work is done."""
+    """Raise the OSError that writing `path` would raise, before the work is done."""
     file = Path(path)
     folder = file.parent
     if not folder.is_dir():
@@ -121,13 +121,13 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 class Replacement(io.BufferedIOBase):
-    """A new file beside the one that it is to replace: a stream to write to, and its path for writers that need one.
+    """A new file beside the one that it will replace: a stream to write to, and its path for writers that need one.
 
-    An error stays and is raised at the end too, whatever a library has made of it. There is no descriptor: Pillow
-    would write to it, and takes a write that was cut short for a whole one. Whoever writes to the path has to see for
-    himself that all of it has arrived.
+    An error is remembered and raised at the end too, even if a library hid it. There is no file descriptor: Pillow
+    would write to it, and takes a truncated write for a complete one. A caller that writes to the path must check by
+    itself that all of it was written.
 
-    A lock is held until the file has its name: what is not locked was left by a process that has been killed.
+    A lock is held until the file has its name: an unlocked file was left by a process that has been killed.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class Replacement(io.BufferedIOBase):
             return self._file.write(data)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        with self._remembering():  # it writes what waits in the buffer
+        with self._remembering():  # it writes the buffer
             return self._file.seek(offset, whence)
 
     def tell(self) -> int:
@@ -162,23 +162,23 @@ class Replacement(io.BufferedIOBase):
                 self._file.flush()
 
     def take_place_of(self, file: Path) -> None:
-        """Replace the file, once all that was written has reached the disk; OSError if any of it has not."""
+        """Replace the file once all data has reached the disk; OSError if any of it has not."""
         self.flush()
         with self._remembering():
             os.fsync(self._file.fileno())
             self._file.close()
         if self._error is not None:
             raise self._error
-        if sys.platform == "win32":  # nothing that is open can be replaced there
+        if sys.platform == "win32":  # an open file cannot be replaced there
             os.close(self._lock)
         self.path.replace(file)
         if sys.platform != "win32":
             os.close(self._lock)
 
     def discard(self) -> None:
-        """Take the file away."""
+        """Remove the new file."""
         for close in (self._file.close, lambda: os.close(self._lock)):
-            with suppress(OSError):  # the disk is full: it is on its way out
+            with suppress(OSError):  # the disk may be full, but the file is removed anyway
                 close()
         self.path.unlink(missing_ok=True)
 
@@ -193,7 +193,7 @@ class Replacement(io.BufferedIOBase):
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
-    """A file in the same folder to write to: it takes the place of `path` at the end, or goes if anything is raised."""
+    """A file in the same folder to write to: it replaces `path` at the end, or is removed if anything is raised."""
     check_writable(path)
     file = Path(os.path.realpath(path))  # the file that a link points to, not the link
     sweep(file.parent)
@@ -207,13 +207,13 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
 
 
 def sweep(folder: Path) -> None:
-    """Take away the files beside others that processes have left which were killed; once for each folder."""
+    """Remove unfinished new files that killed processes have left; once for each folder."""
     if folder in _swept:
         return
     _swept.add(folder)
     with suppress(OSError), os.scandir(folder) as entries:
         for path in [entry.path for entry in entries if BESIDE.fullmatch(entry.name)]:
-            with suppress(OSError):  # somebody holds it, or it is another user's
+            with suppress(OSError):  # a process holds it, or it is another user's
                 _remove_left(path)
 
 
@@ -224,16 +224,16 @@ def _new_beside(file: Path) -> tuple[Path, int]:
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         if sys.platform == "win32":
             return path, lock
-        with suppress(OSError):  # a file system without locks: there nobody takes away what others have left
+        with suppress(OSError):  # without locks on a file system, left files are not removed
             fcntl.flock(lock, fcntl.LOCK_EX)
-        with suppress(FileNotFoundError):  # another process took it away before it was locked
+        with suppress(FileNotFoundError):  # another process removed it before it was locked
             if os.path.samestat(os.fstat(lock), path.stat()):
                 return path, lock
         os.close(lock)
 
 
 def _remove_left(path: str) -> None:
-    """Remove a file beside others; OSError if a process holds it, here or on another machine."""
+    """Remove an unfinished new file; OSError if a process holds it, here or on another machine."""
     if sys.platform == "win32":
         os.unlink(path)  # fails while it is open
         return

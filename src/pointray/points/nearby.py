@@ -1,4 +1,4 @@
-"""The neighbours of a few points among very many: only what lies in the cells around them is looked through."""
+"""The neighbours of a few points among very many: only the points in the cells around them are searched."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from ..neighbors import distinct, neighbors
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-FEW = 500_000  # points that are all looked through
-GUESS, GUESSED = 20_000, 500  # points that tell how large cells must be, and of how many neighbours are looked for
+FEW = 500_000  # no more points than this are all searched
+GUESS, GUESSED = 20_000, 500  # sample that tells how large cells must be, and how many of it are queried
 WIDE = 1.5  # the size of a cell, in distances to the last neighbour
 SOUND = 0.8  # share of neighbourhoods that must lie within their cells; the others are left out
-TABLE = 1 << 24  # cells are known by so many numbers
-CHUNK = 1 << 18  # points that are looked at together
+TABLE = 1 << 24  # hash numbers of cells
+CHUNK = 1 << 18  # points that are tested together
 
 
 class Neighborhoods(NamedTuple):
-    """The nearest places of some points.
+    """The nearest distinct positions of a few points.
 
     Attributes
     ----------
     rows : (m, k) int64
-        A row of each place, nearest first: the first is the point itself.
+        One row for each position, nearest first: the first is the point itself.
     shared : (m, k) int64
-        How many rows are at that place.
+        How many rows have that position.
     reach : (m,) float32
-        Distance to the last one.
+        Distance to the last position.
     """
 
     rows: Rows
@@ -39,7 +39,7 @@ class Neighborhoods(NamedTuple):
 
 
 def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> Neighborhoods:
-    """The k nearest different places of `count` points drawn by chance, or of all where there are fewer.
+    """The k nearest distinct positions of `count` random points, or of all points if there are fewer.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> 
 
 
 def _nearest(positions: Floats, around: Rows, queries: Rows, k: int) -> Neighborhoods:
-    """The neighbourhoods of some rows, among others that hold them."""
+    """The neighbourhoods of the rows `queries` among the rows `around`, which contain them."""
     rows, places = distinct(positions[around])
     shared = np.bincount(places)
     distances, near = neighbors(positions[around[rows]], k, positions[queries])
@@ -75,7 +75,7 @@ def _nearest(positions: Floats, around: Rows, queries: Rows, k: int) -> Neighbor
 
 
 def rows_around(positions: Floats, queries: Floats, cell: float) -> Rows:
-    """The rows in the cells of the queries and in the cells beside these; and a few others."""
+    """The rows in the cells of the queries and in the adjacent cells, and a few others with equal hashes."""
     beside = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     wanted = np.zeros(TABLE, np.bool_)
     for step in beside:
@@ -86,7 +86,7 @@ def rows_around(positions: Floats, queries: Floats, cell: float) -> Rows:
 
 
 def _numbers_of(rows: Floats, cell: float, step: Any = (0, 0, 0)) -> Rows:
-    """A number below TABLE for the cell that is so many cells beside each row's."""
+    """A hash below TABLE for the cell that is `step` cells away from each row's cell."""
     number = np.zeros(len(rows), np.int64)
     for axis, factor in enumerate((73856093, 19349663, 83492791)):
         index = np.floor(np.clip(rows[:, axis] / np.float64(cell), -(2.0**62), 2.0**62)).astype(np.int64)

@@ -1,11 +1,11 @@
-"""Were coordinates rounded? Points that lie on steps which are coarse for their spacing have lost their surface.
+"""Were coordinates rounded? Points on steps that are coarse for their spacing have lost their surface.
 
-Steps are looked for per axis, of numbers that people and floats round to: decimal ones and powers of two. That alone
-says little: rasters and voxels lie on steps too, as far apart as their points. Rounded is what has
+Steps are searched for per axis, among decimal numbers and powers of two, to which people and floats round. Steps alone
+prove little: rasters and voxels lie on steps too, as far apart as their points. Points count as rounded if they have
 
-- one axis, or all, on the very step that float32 has at these coordinates, or
-- two or three axes on coarse steps, and there either several points at the same place or points that are farther
-  apart than a step: in a raster each place has one point, and the next one is one step away.
+- one axis, or all, on exactly the step that float32 has at these coordinates, or
+- two or three axes on coarse steps, and there either several points at the same position or points that are farther
+  apart than a step: in a raster each position has one point, and the next one is one step away.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from .nearby import Neighborhoods, find_neighborhoods
 Floats = NDArray[np.float64]
 
 COARSE = 0.25  # spacings: smaller steps hardly show
-SAMPLE = 5_000  # rows whose coordinates are looked at
+SAMPLE = 5_000  # rows whose coordinates are examined
 LEVELS = 8  # different coordinates that an axis must have: the two sides of a box lie on steps too
 ON_STEPS = 0.99  # share of the rows
 EXACT = 0.02  # how far off a step a coordinate may be, in steps
 AREAS, AREA = 500, 64  # neighbourhoods that tell the spacing, and their points
-LEAST = 1_000  # rows: of fewer nothing is said
-ALIKE = 0.15  # share of rows that lie where another one does: of the faces of a cube of 2,600 points 9%
-APART = 1.1  # steps from one place to the next: of a raster 1, of random points from 0.6 spacings on less than this
+LEAST = 1_000  # rows: smaller clouds are not judged
+ALIKE = 0.15  # share of rows that coincide with another row: a cube's faces with 2,600 points have 9%
+APART = 1.1  # steps between neighbours: a raster has 1, random points less than this for steps from 0.6 spacings on
 
 
 def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | None]:
@@ -41,9 +41,9 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
     Returns
     -------
     steps : tuple of three floats
-        Of x, y and z, in the points' unit; 0: not rounded, or so finely that it does not show.
+        Steps of x, y and z, in the points' unit; 0 if not rounded, or so finely that it does not show.
     message : str or None
-        One line that says so.
+        One line about the rounding.
     """
     none = (0.0, 0.0, 0.0)
     finite = points.finite
@@ -71,7 +71,7 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
 
 
 def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: float) -> str:
-    """Which steps, why, and what helps; the coarsest first."""
+    """A message with the coarsest step, its cause and a remedy."""
     axis = int(np.argmax(steps))
     named = [name for name, step in zip("xyz", steps, strict=True) if step]
     where = "" if len(named) == 3 else f" in {' and '.join(named)}"
@@ -84,7 +84,7 @@ def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: flo
 
 
 def _step(values: Floats, exact: float) -> float:
-    """The largest step that nearly all coordinates lie on, counted from one of them; 0: none."""
+    """The largest step that nearly all coordinates lie on, counted from one of them; 0 if there is none."""
     values = values - np.median(values)
     values -= values[np.abs(values).argmin()]
     extent = float(np.abs(values).max())
@@ -109,14 +109,14 @@ def _candidates(low: float, high: float) -> list[float]:
 
 
 def _mean_spacing(near: Neighborhoods) -> float:
-    """The root of the area that each row has for itself; rows at the same place count."""
+    """The square root of the area per row; rows at the same position all count."""
     return float(np.median(near.reach * np.sqrt(np.pi / near.shared.sum(axis=1))))
 
 
 def _is_no_raster(
     positions: NDArray[np.float32], near: Neighborhoods, axes: Sequence[int], steps: Sequence[float]
 ) -> bool:
-    """Whether rows share their place on the coarse axes, or lie farther apart there than neighbours of a raster."""
+    """Whether rows share positions on the coarse axes, or lie farther apart there than neighbours in a raster."""
     offsets = positions[near.rows][:, :, axes].astype(np.float64) - positions[near.rows[:, :1]][:, :, axes]
     levels = np.rint(offsets / [steps[axis] for axis in axes]).astype(np.int64)
     places = sum(len(np.unique(rows, axis=0)) for rows in levels)

@@ -1,4 +1,4 @@
-"""Points as a file has them, before they are shown: whose normals are used, and what is said of their flaws."""
+"""Points from a file, before they are shown: which normals are used, and which warnings are given."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ from .normals.estimate import estimate_normals
 from .normals.given import NormalsCheck, compare_normals
 from .rounding import find_rounding
 
-WISHES = ("auto", "file", "fit")  # whose normals are used
-KEEP = "--normals file"  # what a user says to keep those of the file
-CLEAR = 0.5  # cosine from which a file's normal tells a sign
-AGREED = 0.5  # how much more of them must say the opposite than agree, for the signs to be turned
+WISHES = ("auto", "file", "fit")  # which normals are used
+KEEP = "--normals file"  # the option that keeps the file's normals
+CLEAR = 0.5  # cosine from which a file's normal decides a sign
+AGREED = 0.5  # the signs are turned if the share of opposite ones exceeds the share of equal ones by more than this
 
 
 def trusted(points: Points, wish: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
-    """The points with the normals that are wished for; warns of wrong normals and of rounded coordinates.
+    """The points with the requested normals; warns of wrong normals and of rounded coordinates.
 
     Parameters
     ----------
     points : Points
     wish : {"auto", "file", "fit"}
-        "auto": the normals they have, unless these are wrong; "file": those they have; "fit": none, so that `Model`
-        estimates them.
+        "auto": the points' own normals, unless these are wrong; "file": their own normals; "fit": none, so that
+        `Model` estimates them.
     keep : str
-        What a user says to keep those there are.
+        The option that keeps the file's normals, for messages.
     progress : callable, optional
-        Of estimating others.
+        Progress of estimating normals.
 
     Raises
     ------
     ValueError
-        If those of the file are wished for and there are none.
+        If the file's normals are requested and there are none.
     """
     points, wrong = judged(points, wish, keep)
     return replaced(points, progress) if wrong else points
 
 
 def judged(points: Points, wish: str = "auto", keep: str = KEEP, name: str = "") -> tuple[Points, bool]:
-    """The same points, perhaps without normals, and whether `replaced` has to be asked for others; warns likewise.
+    """The points, perhaps without normals, and whether `replaced` must estimate new ones; warns like `trusted`.
 
-    name : of the file, where there are several.
+    name : the file's name, if there are several files.
     """
     check_wish(points, wish, keep)
     prefix = f"{name}: " if name else ""
@@ -63,19 +63,19 @@ def judged(points: Points, wish: str = "auto", keep: str = KEEP, name: str = "")
 
 
 def check_wish(points: Points, wish: str, keep: str = KEEP) -> None:
-    """ValueError if normals are wished for that there are none of."""
+    """ValueError if the file's normals are requested and there are none."""
     check_choice(wish, "normals", WISHES)
     if wish == "file" and points.normals is None:
         raise ValueError(f"{keep}: there are no normals in the file")
 
 
 def told(found: NormalsCheck) -> str:
-    """What is said of wrong normals."""
+    """The warning about wrong normals."""
     return f"normals in the file are a median of {found.angle:.0f} degrees off the surface"
 
 
 def replaced(points: Points, progress: Progress | None = None) -> Points:
-    """With fitted normals; where the old ones clearly look to the other side, all of them are turned."""
+    """The points with fitted normals; if the old ones clearly face the other side, all are turned."""
     fitted = estimate_normals(points, progress=progress).normals
     assert fitted is not None and points.normals is not None
     with np.errstate(invalid="ignore", over="ignore"):

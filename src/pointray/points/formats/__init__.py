@@ -1,4 +1,4 @@
-"""Files -> Points and back: one file a format.
+"""Files -> Points and back: a module for each format.
 
-ply : binary and text; ply_lists: rows that hold lists, of which each has its own length
+ply : binary and text; ply_lists : rows that hold lists of varying length
 """

@@ -25,7 +25,7 @@ LONGEST_HEADER = 1 << 20
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-BLOCK = 1 << 20  # bytes of ascii looked at together
+BLOCK = 1 << 20  # bytes of ascii that are parsed together
 STACKED = 1 << 18  # rows that are copied together
 SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or LF, so that CR LF ends a blank line too
 LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
@@ -94,7 +94,7 @@ def _count(line: str) -> int:
 
 
 def _parse_elements(lines: list[str]) -> Sequence[Any]:
-    """What plyfile makes of a header whose counts are set to 0, so that it reads the header only."""
+    """plyfile's result for a header whose counts are set to 0, so that it reads only the header."""
     empty = [re.sub(r"^(element\s+\S+)\s+\d+$", r"\1 0", line) for line in lines]
     text = "\n".join(empty) + "\n"
     try:
@@ -119,7 +119,7 @@ def _bytes_left(file: BinaryIO) -> int:
 
 
 def _check_size(file: BinaryIO, element: Any, count: int, row: int) -> None:
-    """The header may say anything: believe it as far as the file's size goes."""
+    """Check the header's counts against the file's size, as a header may state anything."""
     left = _bytes_left(file)
     if count * row > left:
         rows = "vertices" if element.name == "vertex" else f"rows of the element {element.name!r}"
@@ -127,7 +127,7 @@ def _check_size(file: BinaryIO, element: Any, count: int, row: int) -> None:
 
 
 def _check_rows(file: BinaryIO, vertex: Any, count: int, row: int) -> None:
-    """ValueError if the vertices are not all there, or are more than can be held."""
+    """ValueError if vertices are missing, or if there are more than can be held."""
     _check_size(file, vertex, count, row)
     check_count(count)
 
@@ -153,7 +153,7 @@ def _read_binary(file: BinaryIO, header: _Header, place: int) -> Columns:
 
 
 def _skip(file: BinaryIO, element: Any, count: int, order: str) -> None:
-    """Pass over an element that comes before the vertices."""
+    """Skip an element that comes before the vertices."""
     row = sum(_least_size(p) for p in element.properties)
     _check_size(file, element, count, row)
     if not _has_lists(element):
@@ -176,7 +176,7 @@ def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str) -> C
 
 
 def _bytes_from(file: BinaryIO) -> tuple[NDArray[np.uint8], int]:
-    """The whole file, mapped, and where in it one is."""
+    """The whole file, memory-mapped, and the current position in it."""
     here = file.tell()
     return np.asarray(np.memmap(file, np.uint8, "r")), here
 
@@ -210,8 +210,8 @@ def _read_ascii(file: BinaryIO, header: _Header, place: int) -> Columns:
 
 
 def _skip_lines(file: BinaryIO, element: Any, count: int) -> None:
-    """Pass over lines that are not blank, whatever ends them, to the first such line behind them."""
-    within = False  # such a line
+    """Skip `count` lines that are not blank, whatever ends them, to the start of the next such line."""
+    within = False  # whether the current byte is in such a line
     while block := file.read(BLOCK):
         kinds = LETTERS[np.frombuffer(block, np.uint8)]
         places = np.flatnonzero(kinds != SPACE)
@@ -249,7 +249,7 @@ def _numbers_beside_lists(lines: Iterable[str], vertex: Any, count: int) -> Colu
 
 
 def _length_of(text: str) -> int:
-    """The length of a list, which some write as a float."""
+    """The length of a list, which some writers store as a float."""
     length = float(text)
     if not (length >= 0 and length.is_integer()):  # false for NaN
         raise ValueError(f"is damaged: the length of a list is {text}")
@@ -260,7 +260,7 @@ def _length_of(text: str) -> int:
 
 
 def _to_points(columns: Columns, types: dict[str, np.dtype[Any]], progress: Progress | None) -> Points:
-    first = part_of(progress, 0.0, 0.6)  # what comes from the disk comes with the first column
+    first = part_of(progress, 0.0, 0.6)  # the first column reads everything from the disk
     positions = _stack([columns.pop(name) for name in "xyz"], first)
     normals = next((names for names in NORMALS if columns.keys() >= set(names)), ())
     colors = next((names for names in COLORS if columns.keys() >= set(names)), ())
@@ -284,7 +284,7 @@ def _stack(columns: Sequence[NDArray[Any]], progress: Progress | None = None) ->
 
 
 def _to_uint8(colors: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
-    """8-bit colours from what files hold: 8 or 16 bits, 8 bits in a wider integer or float, floats from 0 to 1."""
+    """8-bit colours from a file's: 8 or 16 bits, 8 bits in a wider integer or float, or floats from 0 to 1."""
     if colors.dtype == np.uint8:
         return colors
     if stored == np.int8 and colors.min() < 0:

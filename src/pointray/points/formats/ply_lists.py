@@ -1,6 +1,6 @@
-"""Rows of a binary PLY element that hold lists: each begins where the one before ends, so that all have to be walked.
+"""Rows of a binary PLY element that hold lists: each begins where the one before ends, so all must be read in order.
 
-A compiled walk: 5 million faces take 20 ms, row by row in Python 9 s.
+The loop over the rows is compiled: 5 million faces take 20 ms, and 9 s in Python.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from ...jit import Array, i64, inline, kernel
 UNSIGNED, SIGNED, FLOAT = range(3)
 KINDS = {"u": UNSIGNED, "i": SIGNED, "f": FLOAT}
 CUT_OFF, NO_LENGTH = -1, -2
-# Of a row of the table of properties: the kind and bytes of a value or of a list's length; bytes of the list's items.
+# Columns of the table of properties: kind and bytes of a value or of a list's length; bytes of one item of the list.
 KIND, SIZE, ITEM = range(3)
 
 
 @inline
 def _whole_of_float(bits: int, mantissa: int, bias: int) -> int:
-    """The whole number that the bits of a float stand for; -1 if it is none, negative, or beyond 2^53."""
+    """The whole number that the bits of a float encode; -1 if it is not whole, is negative, or is beyond 2^53."""
     fraction, power = bits & ((1 << mantissa) - 1), (bits >> mantissa) & (2 * bias + 1)
     if power == 0 and fraction == 0:
         return 0
-    shift = mantissa + bias - power  # how many bits of the mantissa are behind the point
+    shift = mantissa + bias - power  # how many bits of the mantissa are fractional
     value = fraction | (1 << mantissa)
     negative = (bits >> mantissa) & (2 * bias + 2) != 0
     if negative or shift < 0 or shift > mantissa or value & ((1 << shift) - 1) != 0:
@@ -37,7 +37,7 @@ def _whole_of_float(bits: int, mantissa: int, bias: int) -> int:
 
 @inline
 def _length_at(data: Array, at: int, big: bool, kind: int, size: int) -> int:
-    """The length of the list that begins at a byte; negative if it is none."""
+    """The length of the list that begins at a byte; negative if it is not a valid length."""
     bits = 0
     for k in range(size):
         bits = (bits << 8) | i64(data[at + (k if big else size - 1 - k)])
@@ -50,7 +50,7 @@ def _length_at(data: Array, at: int, big: bool, kind: int, size: int) -> int:
 
 @kernel
 def _walk(data: Array, start: int, count: int, big: bool, properties: Array, places: Array) -> tuple[int, int]:
-    """(where the last row ends, count), or (CUT_OFF or NO_LENGTH, the row in which it is).
+    """Returns (where the last row ends, count), or (CUT_OFF or NO_LENGTH, the row with the error).
 
     data : (bytes,) uint8; properties : (k, 3) int64; places : (count or 0, scalars) int64, where each scalar lies
     """

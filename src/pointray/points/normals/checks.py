@@ -22,8 +22,7 @@ RUNS, RUN = 64, 2048  # stretches of the Morton curve that stand for a large clo
 def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array) -> int:
     """How many edges have normals that face opposite sides, not counting edges between the two sides of a wall.
 
-    The other side of a wall lies behind from both sides, and that of a slit in front; with random signs both are equally
-    frequent.
+    From either side of a wall the other lies behind (of a slit, in front); with random signs both are equally frequent.
     """
     level = before = behind = 0
     for t in range(len(rows)):

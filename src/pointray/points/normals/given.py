@@ -22,7 +22,7 @@ SURE = 5.0  # degrees: how far a plane that is used may be tilted
 TOLD = 0.1, 12  # least share and least number of the planes that are used
 SAMPLE = 2_000  # points that are compared
 SIZES = (12, 16, 32, 64)  # neighbourhoods to choose from
-LOCAL = 16  # a cloud has at least this many times a neighbourhood's points: planes through a whole torus give 24 degrees
+LOCAL = 16  # times a neighbourhood's points, the least size of a cloud: planes through a whole torus give 24 degrees
 STEPS = 2.0  # a plane must extend over this many steps of rounded coordinates: else its points all lie on one step
 SLIM = 0.05  # ratio of the plane's variances below which points are on a line
 

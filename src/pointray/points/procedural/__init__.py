@@ -52,7 +52,7 @@ def _check_name(name: str) -> None:
 
 @cache
 def solid(name: str) -> Solid:
-    """The solid of a name, as kernels take it."""
+    """The solid with a name, in the form that kernels take."""
     if name == "statue":
         return statue()
     kind = {"sphere": SPHERE, "torus": TORUS, "lattice": LATTICE}[name]
@@ -97,7 +97,7 @@ def area(name: str) -> float:
 
 @kernel
 def _finish(work: Array, solid: Solid, positions: Array, normals: Array, colors: Array) -> None:
-    """Points moved onto the exact surface, with normals and colours there."""
+    """Move points onto the exact surface, and compute normals and colours there."""
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, positions.shape[0])):

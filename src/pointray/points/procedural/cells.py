@@ -1,4 +1,4 @@
-"""Which strokes matter where: space is cut into cells, each with the list of strokes that can change it."""
+"""The strokes that matter in each part of space: it is cut into cells that list the strokes that can change them."""
 
 from __future__ import annotations
 

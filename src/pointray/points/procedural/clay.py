@@ -1,4 +1,4 @@
-"""Clay: a solid made stroke by stroke: material is added, carved away, cut off or given a relief, edges always rounded.
+"""Clay: a solid made of strokes that add, carve away, cut off or give relief to material, always with rounded edges.
 
 A stroke is a row of a table. All strokes blend over a finite width, so that the strokes that matter within a small
 cell can be listed exactly (`cells`), and hundreds of strokes cost no more than the ten that are near.
@@ -29,10 +29,10 @@ FAR = 10.0  # the field before the first stroke
 
 
 class Solid(NamedTuple):
-    """One solid, as kernels take it. `table` and the cells that follow are used by clay only.
+    """One solid, in the form that kernels take. `table` and the cells that follow are used by clay only.
 
-    A cell names the list of the strokes that can change the surface inside of it: `items[starts[l] : starts[l + 1]]`
-    with `l = lists[cell]`. List 0 holds every stroke and serves whatever lies outside of the cells.
+    A cell names the list of the strokes that can change the surface inside it: `items[starts[l] : starts[l + 1]]`
+    with `l = lists[cell]`. List 0 holds every stroke and is used outside the cells.
     """
 
     kind: int

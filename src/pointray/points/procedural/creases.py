@@ -17,7 +17,7 @@ _TILE = 1024
 
 @kernel
 def settle_all(work: Array, solid: Solid, points: Array) -> None:
-    """Every point moved onto the surface."""
+    """Move every point onto the surface."""
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, points.shape[0])):
@@ -54,7 +54,7 @@ def areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def refine_creases(
     solid: Solid, vertices: NDArray[np.float64], faces: NDArray[np.int32], n: int
 ) -> NDArray[np.float64]:
-    """The triangles of a mesh near the surface, cut into four as often as n points can tell, where the surface bends.
+    """The triangles of a mesh near the surface, cut into four where it bends, as often as n points can resolve.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def refine_creases(
 
 
 def edges_of(faces: NDArray[np.int32], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The different edges of faces over `count` vertices, (e, 2), and which three each face has, (t, 3)."""
+    """The distinct edges of faces over `count` vertices, (e, 2), and the three edges of each face, (t, 3)."""
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
     keys, sides = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)
     return np.stack([keys // count, keys % count], axis=1), sides.reshape(-1, 3)

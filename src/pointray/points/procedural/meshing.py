@@ -14,11 +14,11 @@ from .solids import field, settle
 
 BLOCK = 8  # cells along a block's edge; blocks far from the surface are skipped whole
 
-Cell: TypeAlias = tuple[int, int, int]  # its place in the grid
+Cell: TypeAlias = tuple[int, int, int]  # its position in the grid
 
 
 class Grid(NamedTuple):
-    """A grid of cells: lower corner, edge of a cell, and the field at the corners, +1 where nobody looked."""
+    """A grid of cells: lower corner, edge of a cell, and the field at the corners, +1 where it was not evaluated."""
 
     low: NDArray[np.float64]  # (3,)
     cell: float
@@ -27,7 +27,7 @@ class Grid(NamedTuple):
 
 @kernel
 def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
-    """Whether the surface may pass through each block."""
+    """Note whether the surface may pass through each block."""
     half = 0.5 * BLOCK * grid.cell
     i = next_tile(work)
     while i >= 0:
@@ -41,7 +41,7 @@ def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
 
 @kernel
 def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array) -> None:
-    """The field at all corners of the blocks; shared corners are written twice with the same number."""
+    """Evaluate the field at all corners of the blocks; shared corners are written twice with the same number."""
     t = next_tile(work)
     while t >= 0:
         for i in range(blocks[t, 0] * BLOCK, (blocks[t, 0] + 1) * BLOCK + 1):

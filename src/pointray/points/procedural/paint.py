@@ -1,4 +1,4 @@
-"""Colours of the solids, computed from the place on the surface."""
+"""Colours of the solids, computed from the position on the surface."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .clay import (
 from .smooth import blend
 from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS
 
-EDGE = 0.004  # width over which one colour goes over into the next
+EDGE = 0.004  # width over which one colour changes into the next
 
 
 @inline

@@ -2,7 +2,7 @@
 
 Bricks of one colour (of eight, like a chessboard in 3D) do not touch, so that their order and the number of threads
 change nothing. Random sequential addition saturates at n d^2 / A = 0.6966, d = 0.835 sqrt(A / n) (Feder 1980); a
-finite number of darts gets to d = 0.79. The last points go into what room is left, at a slowly shrinking distance.
+finite number of darts gets to d = 0.79. The last points fill the room that is left, at a slowly shrinking distance.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ class Bricks(NamedTuple):
     """Triangles sorted by the brick that holds their centre, and each brick's slots for points."""
 
     corners: NDArray[np.float64]  # (t, 3, 3) triangles, sorted
-    first: NDArray[np.int64]  # (bricks + 1,) first triangle of each
+    first: NDArray[np.int64]  # (bricks + 1,) first triangle of each brick
     places: NDArray[np.int64]  # (bricks, 3) grid coordinates
-    number: NDArray[np.int32]  # (nx, ny, nz) brick at a place, -1: none
-    slot: NDArray[np.int64]  # (bricks + 1,) first slot of each
+    number: NDArray[np.int32]  # (nx, ny, nz) brick at a grid position, or -1
+    slot: NDArray[np.int64]  # (bricks + 1,) first slot of each brick
     filled: NDArray[np.int64]  # (bricks,) points so far
     points: NDArray[np.float32]  # (slots, 3)
     low: NDArray[np.float64]  # (3,)
@@ -97,7 +97,7 @@ def _neighbor(bricks: Bricks, brick: int, number: int) -> int:
 
 @inline
 def _crowd(bricks: Bricks, brick: int) -> int:
-    """How many points a brick and its neighbours may hold at most."""
+    """The most points that a brick and its neighbours may hold."""
     total = 0
     for number in range(27):
         other = _neighbor(bricks, brick, number)
@@ -244,7 +244,7 @@ def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float
             key = u64((seed * 1_000_003 + attempt) % 2**63)
             run(_throw, len(turn), bricks, turn, areas, distance, rounds, key)
         distance, rounds, attempt = distance * SHRINK, LATER_ROUNDS, attempt + 1
-    # too many: points of the last pass, and only those, go again
+    # too many points: only points of the last pass are removed
     added = bricks.filled - before
     start = np.cumsum(added) - added
     late = np.repeat(bricks.slot[:-1] + before - start, added) + np.arange(int(added.sum()))

@@ -1,4 +1,4 @@
-"""What a solid is to the kernels, and its signed distance: closed formulas, or clay that `sculpture` shapes."""
+"""The field of a solid and its signed distance: closed formulas, or clay that `sculpture` shapes."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def slope(solid: Solid, x: float, y: float, z: float, e: float) -> Vec3:
 
 @inline
 def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
-    """A surface point near one where Newton's method is stuck: look along the 26 directions, further each time."""
+    """A surface point near one where Newton's method is stuck: search along 26 directions, farther each time."""
     reach = max(abs(f), 1e-5)
     while reach < 0.1:
         for number in range(27):
@@ -96,8 +96,8 @@ def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
 def settle(solid: Solid, x: float, y: float, z: float, steps: int) -> Vec3:
     """A point near the surface moved onto it: Newton's method along the gradient.
 
-    The gradient is one-sided and the field is read again with it (a chord step), which saves evaluations. After
-    more than 2 steps that did not arrive, the surface is found by bisection.
+    The gradient is one-sided and is used for a second step (a chord step), which saves evaluations. If `steps` is over
+    2 and the surface is not reached, it is found by bisection.
     """
     e = 1e-6
     f = field(solid, x, y, z)

@@ -1,4 +1,4 @@
-"""The sculptor's hand: strokes of clay put down in the axes of a part, turned and scaled into the table of `clay`."""
+"""Strokes of clay: given in the axes of a part, then turned and scaled into the table of `clay`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def rotation(turn: Vector) -> NDArray[np.float64]:
 
 
 class Clay:
-    """Collects strokes. Lengths are in units of the current part (`part`), which has its own place, turn and scale.
+    """Collects strokes. Lengths are in units of the current part (`part`), which has its own position, turn and scale.
 
     Every stroke takes `op` (ADD, CARVE, CUT, PAINT), the `width` over which it blends, a `color` (sRGB, 0 to 1),
     `vein` (how strong the veins of the stone are) and `both` (a second one mirrored at the part's plane x = 0).
@@ -124,7 +124,7 @@ class Clay:
         share: float = 1.0,
         **stroke: Any,
     ) -> None:
-        """A bent tube from a to c through a point half way; radii at a, at c, and what the middle has more."""
+        """A bent tube from a to c through a point half way; radii at a, at c, and the middle's excess."""
         p, m, q = (np.asarray(v, np.float64) for v in (a, through, c))
         control = 2.0 * m - 0.5 * (p + q)
         # a straight line has no second derivative: bend it by a hundredth
