@@ -1,13 +1,13 @@
-"""One leaf and a few rays -> where these meet the surface first (parts I and III of the paper).
+"""One leaf and a few rays -> where each ray first meets the surface (parts I and III of the paper).
 
-surface, disc : f and the weights behind it; flat splats
+surface, disc : f and its weights; flat splats
 columns : which part of each ray lies in the leaf's slabs
-gather : the splats near a bundle of rays, listed
+gather : a list of the splats near a bundle of rays
 march : samples along the rays, and where f changes its sign or might
 refine : from two samples to the root between them
-leaf : these together
+leaf : puts these together
 
-Pairs that do the same for one ray and for rays of a tile:
+Pairs that do the same for one ray and for several rays of a tile:
 
 | one ray | four rays, or all of a tile |
 |---|---|

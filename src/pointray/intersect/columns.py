@@ -1,4 +1,4 @@
-"""Where rays can meet the surface in a voxel: their way through its columns, each with a slab (`tree/columns.py`)."""
+"""Where rays can meet the surface in a voxel: they pass through its columns, each with a slab (`tree/columns.py`)."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from ..simd import (
 )
 from ..tree.columns import across
 
-FLAT = f32(1e-6)  # the least rise that a slab test divides by
-THIN = f32(1e-20)  # the least width of a column that is divided by
+FLAT = f32(1e-6)  # the smallest rise that a slab test divides by
+THIN = f32(1e-20)  # the smallest column width that is divided by
 LAST = f32(COLUMNS - 1)
-MOST = 2 * COLUMNS - 1  # columns that a ray can pass
+MOST = 2 * COLUMNS - 1  # columns that a ray can pass at most
 
 Axes: TypeAlias = tuple[int, int, int]
 _R = TypeVar("_R")
@@ -55,7 +55,7 @@ def _edge(tree: Tree, leaf: int, axis: int) -> tuple[float, float]:
 
 @inline
 def _begin(place: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
-    """Across the columns: which one rays are in, the side on which they leave it, the next, and the last."""
+    """Across the columns: which one the rays are in, the side on which they leave it, the next one, and the last."""
     ahead = inverse > ZERO
     column = trunc(vmin(vmax(place, broadcast16(ZERO)), broadcast16(LAST)))
     side = select(ahead, broadcast16(ONE), broadcast16(ZERO))
@@ -64,7 +64,7 @@ def _begin(place: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
 
 @inline
 def _in_columns(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], enter: Real) -> Along[Real]:
-    """Rays as a leaf's columns have them: where they are at `enter`, directions, inverse directions along u and v."""
+    """Rays in a leaf's columns: positions at `enter`, directions, and inverse directions along u and v."""
     (ou, ov, ow), (du, dv, dw), (iu, iv) = rays
     (low_u, wide_u), (low_v, wide_v) = _edge(tree, leaf, axes[0]), _edge(tree, leaf, axes[1])
     low_w = _edge(tree, leaf, axes[2])[0]
@@ -77,7 +77,7 @@ def _in_columns(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], enter: Rea
 def _in_slab(
     slopes: tuple[F16, F16], borders: tuple[F16, F16], place: tuple[Real, Real, Real], d: tuple[Real, Real, Real]
 ) -> tuple[F16, F16]:
-    """Where rays enter and leave the slabs of columns; in columns, from where they enter the leaf."""
+    """Where rays enter and leave the slabs of columns: t, counted from where the rays enter the leaf."""
     height, rise = place[2] + slopes[0] * place[0] + slopes[1] * place[1], d[2] + slopes[0] * d[0] + slopes[1] * d[1]
     rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
     x, y = (borders[0] - height) * rise, (borders[1] - height) * rise
@@ -86,10 +86,10 @@ def _in_slab(
 
 @inline
 def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[F16, F16]) -> tuple[F16, F16]:
-    """The part (low, high) of 16 rays' intervals in which the surface can be; low > high where it is nowhere.
+    """The part (low, high) of 16 rays' intervals in which the surface can be; low > high where it cannot be at all.
 
-    Unlimited columns are so all together: the intervals are returned as they are.
-    axes : of the leaf's columns; rays : origins and directions along u, v, w, inverse directions along u and v
+    Either all columns of a leaf have limits or none has: without limits the intervals are returned unchanged.
+    axes : axes of the leaf's columns; rays : origins and directions along u, v, w, inverse directions along u and v
     """
     patch = leaf * PATCH
     if not tree.patches[patch + PATCH_LOW] > -INF:
@@ -103,7 +103,7 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[
         at = f32(COLUMNS) * i + j
         slopes = permute16(tree.patches, patch + PATCH_B, at), permute16(tree.patches, patch + PATCH_C, at)
         borders = permute16(tree.patches, patch + PATCH_LOW, at), permute16(tree.patches, patch + PATCH_HIGH, at)
-        # Beyond the outermost columns the voxel ends, but for rounding.
+        # The voxel ends with the outermost columns, but for rounding.
         out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, broadcast16(INF))
         out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, broadcast16(INF))
         out = vmin(vmin(out_u, out_v), length)
@@ -122,7 +122,7 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[
 
 @inline
 def _across(place: float, inverse: float, column: F16) -> tuple[F16, F16]:
-    """Where a ray enters and leaves columns across one axis; beyond the outermost ones the voxel ends."""
+    """Where a ray enters and leaves columns across one axis; the voxel ends with the outermost columns."""
     outside = broadcast16(INF if inverse > ZERO else -INF)
     low = select(column > ZERO, (column - place) * inverse, ZERO - outside)
     high = select(column < broadcast16(LAST), (column + ONE - place) * inverse, outside)
@@ -133,9 +133,9 @@ def _across(place: float, inverse: float, column: F16) -> tuple[F16, F16]:
 def narrow_one(
     tree: Tree, leaf: int, axes: Axes, ray: Along[float], interval: tuple[float, float]
 ) -> tuple[float, float]:
-    """The same of one ray, in numbers: all columns at once, one a lane.
+    """`narrow` for one ray, given as numbers: all columns are tested at once, one a lane.
 
-    As 16 equal rays, column by column, bounces took 1.02 (a million points) to 1.05 times as long (32,000).
+    With 16 equal rays, column by column, bounces took 1.02 (a million points) to 1.05 times as long (32,000).
     """
     patch = leaf * PATCH
     if not tree.patches[patch + PATCH_LOW] > -INF:

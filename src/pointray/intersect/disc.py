@@ -1,10 +1,10 @@
-"""Flat splats (the paper's figure 1a): each point a disc of its radius, at right angles to its normal. The baseline.
+"""Flat splats (the paper's figure 1a): each point is a disc of its radius, perpendicular to its normal. The baseline.
 
-Start rule: discs of one sheet overlap and cut each other, so a shadow ray that starts on one would be blocked by the
-others around it. A ray from a surface that starts NEAR radii or less from a disc's middle, and within FLAT radii of its
-plane, starts on the sheet that this disc is of: the disc does not block it, unless the ray goes steeply to the side
-that it does not start on, see `Frame.side`. A disc of another sheet is farther from its origin, or is met steeply.
-Rays of a camera or a caller start on none: which part of them is looked at changes nothing in what they hit.
+Start rule: discs of one sheet overlap and cut each other, so a shadow ray that starts on one would be blocked by its
+neighbours. Where a ray starts on a surface NEAR radii or less from a disc's centre, and within FLAT radii of its plane,
+it starts on the sheet to which this disc belongs: the disc does not block it, unless the ray leaves steeply to the side
+on which it does not start, see `Frame.side`. A disc of another sheet is farther from the origin, or is met steeply.
+Rays of a camera or a caller start on no sheet: which part of them is searched changes nothing in what they hit.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from ..kernels.vec import Vec3
 from ..simd import INF, ONE, ZERO, bits, count_trailing_zeros, lane, repeat4
 
 NEAR2 = f32(2.0**2)  # squared radii: beside a disc's rim a ray would meet its underside
-FLAT2 = f32(0.25**2)  # squared radii: two discs on a sphere of R are r / R apart, half of which is each one's
-STEEP = f32(-0.35)  # cosine: as much may neighbours' normals differ where a ray leaves almost along the sheet
+FLAT2 = f32(0.25**2)  # squared radii: on a sphere of radius R two discs are r / R apart, half of which belongs to each
+STEEP = f32(-0.35)  # cosine: neighbouring normals may differ by this much where a ray leaves almost along the sheet
 
 
 @inline
 def search_discs(
     tree: Tree, leaf: int, scratch: Scratch, frame: tuple[Vec3, float, Ray], enter: float, leave: float
 ) -> Hit:
-    """The nearest disc of the near blocks that the ray meets inside of the voxel: four discs at once.
+    """The nearest disc in the nearby blocks that the ray meets inside the voxel: four discs at once.
 
-    frame : where the first sample is, t there, and the ray
+    frame : position of the first sample, t there, and the ray
     """
     place, start, ray = frame
     on_surface, ahead = ray.t_min >= ZERO, ray.t_min - start

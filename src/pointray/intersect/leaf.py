@@ -1,4 +1,4 @@
-"""Rays in one voxel: which splats they are near, and the first hits: of one ray alone, or of the rays of a tile."""
+"""Rays in one voxel: which splats they are near, and their first hits, for one ray alone or for rays of a tile."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ from .march import Found, Reach, lattice, search, search_one, span
 from .refine import Frame
 from .surface import HALF
 
-BEYOND = i64(-(2**63))  # a bit behind those of all rays but the last one: where no ray is left
+BEYOND = i64(-(2**63))  # a bit beyond those of all rays but the last one; it is read where no ray is left
 
 
 @inline
 def together(tree: Tree, leaf: int) -> bool:
-    """Whether rays are searched for together in a leaf: not discs."""
+    """Whether a leaf is searched for several rays together: not if the surface is discs."""
     return int(tree.head[SURFACE]) != DISC
 
 
@@ -81,10 +81,10 @@ def search_alone(
 ) -> tuple[Hit, float]:
     """The first hit of a ray in a leaf's voxel.
 
-    Where two sheets are close together their normals cancel, and a step may pass both. So of those the ones that face
-    the ray are searched first and then those that face away, each as if the others were not there.
+    Where two sheets are close together their normals cancel, and a step may pass both. So the sheets that face the ray
+    are searched first, and then those that face away, each as if the others were not there.
     interval : where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
-    lift : what the start rule has lifted the ray by so far, see `march.py`; what it has then is returned
+    lift : what the start rule has added to f so far, see `march.py`; the value after the search is returned
     """
     enter, leave, low, high = interval
     hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
@@ -120,7 +120,7 @@ def search_alone(
     while True:
         list_splats(scratch, capsule)
         if way > ZERO and not lists_sheets(tree, scratch):
-            way = ZERO  # the leaf's sheets are not where this ray is
+            way = ZERO  # the leaf has sheets, but not where this ray is
         if way != ZERO:
             keep_sheet(tree, scratch, frame, way, 1)
         if scratch.counts[COUNT_SPLATS] > 0:
@@ -137,7 +137,7 @@ def search_alone(
 
 @inline
 def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
-    """16 rays of the tile, from v on, along the axes of a leaf's columns: see `narrow`."""
+    """16 rays of the tile, from index v on, along the axes of a leaf's columns: see `narrow`."""
     x, y, z = axes[0] * TILE + v, axes[1] * TILE + v, axes[2] * TILE + v
     return (
         (load16(rows, OX + x), load16(rows, OX + y), load16(rows, OX + z)),
@@ -148,9 +148,9 @@ def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
 
 @inline
 def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Put the rays of the tile that pass (bits) into `scratch.part`; returns them.
+    """Copy the passing rays of the tile (bits) into `scratch.part`; returns the rays that were copied.
 
-    Not those that miss the surface in every column, nor those that float32 cannot follow.
+    Rays that miss the surface in every column are left out, and so are those whose samples float32 cannot tell apart.
     """
     rows, part, n, taken = scratch.model, scratch.part, 0, i64(0)
     axes = axes_of(tree, leaf)
@@ -191,7 +191,7 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _gather_for(tree: Tree, leaf: int, at: int, count: int, scratch: Scratch) -> None:
-    """List and gather the blocks near up to 16 rays that search a leaf."""
+    """List and gather the blocks near up to 16 of the rays in `scratch.part`."""
     part = scratch.part
     frame = Frame(
         load16(part, AT_X + at),
@@ -210,7 +210,7 @@ def _gather_for(tree: Tree, leaf: int, at: int, count: int, scratch: Scratch) ->
 
 @inline
 def _four(tree: Tree, leaf: int, part: Array, at: int) -> tuple[Frame, Reach]:
-    """Rays at to at + 3 of those that search a leaf: frame and samples."""
+    """The frame and the samples of rays at to at + 3 in `scratch.part`."""
     reach = Reach(repeat4(part, AT_FIRST + at), repeat4(part, AT_LAST + at), repeat4(part, AT_BEGIN + at))
     frame = Frame(
         repeat4(part, AT_FIRST_X + at),
@@ -227,10 +227,10 @@ def _four(tree: Tree, leaf: int, part: Array, at: int) -> tuple[Frame, Reach]:
 
 @inline
 def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, at: int, scratch: Scratch) -> Bits:
-    """Keep what those asked of four rays (4 bits) found, where it is nearer; returns who was lifted.
+    """Store the hits of the asked rays among four (4 bits) where they are nearer; returns the rays that were lifted.
 
-    rays : the numbers of the four in the tile, as bits; if these are fewer, the others have found nothing. Four steps
-        whatever their number, so that lanes are known when it is compiled: 1 to 2% of the time
+    rays : the numbers of the four in the tile, as bits; where there are fewer, the others have found nothing. The loop
+        always takes four steps, so that lanes are known when it is compiled: 1 to 2% of the time
     """
     rows, part, lifted = scratch.model, scratch.part, i64(0)
     hits, lifts = bits(found.t < repeat4(part, AT_LENGTH + at)) & asked, bits(found.lift > ZERO) & asked
@@ -247,9 +247,10 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, at: int, scratch: Sc
 
 @inline
 def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the rays of a tile that pass (bits), four by four; returns those that the start rule lifted.
+    """Search a leaf for the passing rays of a tile (bits), four by four; returns those that the start rule lifted.
 
-    Of two sheets close together each ray sees one at a time, see `search_alone`: those that see the same go together.
+    Where two sheets are close together, each ray sees one at a time, see `search_alone`: rays that see the same sheet
+    are searched together.
     """
     left = _take(tree, leaf, passing, scratch)
     part, lifted, at = scratch.part, i64(0), 0

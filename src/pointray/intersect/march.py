@@ -1,28 +1,28 @@
-"""The intersection of rays with the surface inside of one voxel (paper, part III).
+"""The intersection of rays with the surface inside one voxel (paper, part III).
 
 Samples lie on a lattice along each ray, t = k * step, from the last one before the voxel to the first one behind it.
-The voxel, the slab and the tight box only choose which part of this sequence is looked at; so neither they nor the
+The voxel, the slab and the tight box only choose which part of this sequence is evaluated, so neither they nor the
 size of the voxels decide what is found. Four samples of four rays are evaluated at once (lane 4 s + r: sample s of
 ray r): neighbouring rays see the same splats, which are listed once for all four. A ray's hits do not depend on the
-other three: splats that are not over its samples have no weight there.
+other three rays: splats that do not cover its samples have no weight there.
 
-Three things can be between two neighbouring samples that both have support:
+Between two neighbouring samples that both have support there can be:
 - a sign change: a crossing;
-- the same sign, but a lowest |f| between them, as the slopes tell: a grazing ray, or one through a crevice, that may
+- the same sign, but a minimum of |f| between them, as the slopes tell: a grazing ray, or one through a crevice, may
   cross twice; or support that begins or ends close to the surface. Four more samples decide;
-- else nothing.
+- nothing else.
 
 Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Frame.side` tells.
-Until f has once been on that side it counts as lifted by this much: such a ray is not blocked by the splats around
-its origin when it leaves, however flat, and is when it goes to the other side. A ray that a clip plane cuts begins on
-no surface.
+Until f has once been on that side it counts as lifted by this much: the splats around its origin do not block such a
+ray when it leaves, however flat, and do when it goes to the other side. A ray that a clip plane cuts starts on no
+surface.
 
-Where a ray begins and ends, t_min and t_max, does not decide what is found either, but for the start rule: samples go
-on before and behind, and a root there does not count. The walk through the tree goes on by a step as well, as a root
-that is estimated may lie before the slab in which the surface is. Where the first crossing between two samples is
-before the ray begins, what is left of their interval is looked into.
+The ends of a ray, t_min and t_max, do not decide what is found either, but for the start rule: the samples go on
+before and behind them, and a root there does not count. The traversal of the tree also goes on by a step, as the
+estimate of a root may lie before the slab in which the surface is. Where the first crossing between two samples lies
+before the ray begins, the rest of their interval is searched too.
 
-A hit has a unit normal: where the normals of the splats cancel, or numbers leave float32, there is no surface
+A hit has a unit normal: where the normals of the splats cancel, or numbers exceed float32, there is no surface
 (`accept`).
 """
 
@@ -76,22 +76,22 @@ from .refine import (
 )
 from .surface import NAN, local_radius, overhang, value
 
-START, START_UNREFINED = f32(0.01), f32(0.05)  # radii; the latter where refine is 0
-BORDER_SHARE = f32(0.4)  # of the weight: from here on a hit counts as one on a border
-GRAZING = f32(0.02)  # radii: how far from zero two tangents may meet and still be looked into
+START, START_UNREFINED = f32(0.01), f32(0.05)  # radii; the second where refine is 0
+BORDER_SHARE = f32(0.4)  # share of the weight from which a hit counts as one on a border
+GRAZING = f32(0.02)  # radii: the interval is searched where two tangents meet within this distance of zero
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = f32(0.05), f32(0.25)
-MOST_STEPS = f32(2.0**22)  # from where a ray enters the model's bounds
+MOST_STEPS = f32(2.0**22)  # counted from where a ray enters the model's bounds
 BEHIND = f32(1e-30)  # instead of 0 where a ray begins, so that it has a sign, see `scratch.BEGIN`
-CREVICE = f32(0.1)  # radii: how low |f| must be to be looked into without an estimate
+CREVICE = f32(0.1)  # radii: |f| below which an interval is searched without an estimate
 
 Samples: TypeAlias = tuple[F16, F16, F16]  # t, f, and its slope along the ray
 
 
 class Reach(NamedTuple):
-    """Which samples of rays are looked at: numbers of the first and the last; and where the rays begin.
+    """Which samples of the rays are evaluated: numbers of the first and the last one; and where the rays begin.
 
-    begin : negative where a ray begins elsewhere, or on no surface, so that no start rule is for it; then never 0
+    begin : negative where a ray begins elsewhere, or on no surface, so that the start rule does not apply; then never 0
     """
 
     first: F16
@@ -100,7 +100,7 @@ class Reach(NamedTuple):
 
 
 class Found(NamedTuple):
-    """First hits in a voxel: t (inf: none), unit normal, and what the start rule has lifted the ray by (0: not)."""
+    """First hits in a voxel: t (inf: none), unit normal, and what the start rule has added to f (0: nothing)."""
 
     t: Real
     nx: Real
@@ -111,17 +111,17 @@ class Found(NamedTuple):
 
 @inline
 def lattice(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F16) -> tuple[Reach, Mask]:
-    """Which samples are looked at, and a mask of the rays that can tell them apart in float32.
+    """Which samples are evaluated, and a mask of the rays whose samples float32 can tell apart.
 
     interval : where the rays enter the voxel, and the part in which the surface can be (tight box, slab)
     begin : where the rays begin, see `scratch.BEGIN`
-    The lattice's next samples on both sides, out of the slab and out of the voxel: see `tree/cells.py`.
+    The lattice's next samples on both sides lie outside the slab and the voxel: see `tree/cells.py`.
     """
     enter, low, high = interval
     step = tree.leaves[leaf * LEAF + STEP]
-    # Asked of where the surface may begin: where the ray ends must not decide.
+    # Tested where the surface may begin: where the ray ends must not decide.
     fine = low < MOST_STEPS * step
-    # Where the ray begins in this voxel the start rule needs f there; and where it begins among the samples.
+    # Where the ray begins in this voxel, the start rule needs f there, and the place of that point among the samples.
     low = select(fine, select(enter <= begin, vmin(low, begin), low), broadcast16(ZERO))
     high = select(fine, vmin(high, broadcast16(MOST_STEPS * step + MOST_STEPS * step)), broadcast16(ZERO))
     # t is never negative here: truncation is the floor.
@@ -132,7 +132,7 @@ def lattice(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F16) -
 
 @inline
 def span(tree: Tree, leaf: int, reach: Reach) -> tuple[F16, F16]:
-    """Where the first and the last sample are."""
+    """t of the first and the last sample."""
     step = tree.leaves[leaf * LEAF + STEP]
     return reach.first * step, reach.last * step
 
@@ -141,9 +141,9 @@ def span(tree: Tree, leaf: int, reach: Reach) -> tuple[F16, F16]:
 def accept(
     tree: Tree, scratch: Scratch, frame: Frame, leaf: int, root: Root, limits: tuple[float, F16, F16]
 ) -> tuple[Bits, F16, F16, F16]:
-    """Which rays hit at their roots, and the normals there. f may jump from sign to sign, or P be beyond the trim.
+    """Which rays hit at their roots, and the normals there. f may jump from sign to sign, or P may exceed the trim.
 
-    limits : 1, -1 where only a side is sought that faces the rays, or faces away, else 0; what f is lifted by; and
+    limits : 1 or -1 where only a sheet that faces the rays or faces away is sought, else 0; what f is lifted by; and
     where the rays begin, with any sign
     """
     way, lift, begin = limits
@@ -166,7 +166,7 @@ def accept(
     x, y, z = s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = broadcast16(tree.leaves[leaf * LEAF + LEAST])
-    over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # so also where they are no numbers
+    over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # so also where they are NaN
     border = tree.leaves[leaf * LEAF + BORDERED] != ZERO
     if over != 0 or border:
         radius = local_radius(scratch, x, y, z)
@@ -179,22 +179,22 @@ def accept(
 
 @inline
 def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
-    """Where there is a crossing, and where something else may be, between samples (t, f, slope) and those before."""
+    """Where f crosses zero between samples (t, f, slope) and those before, and where something else may be."""
     (t_a, f_a, slope_a), (t, f, slope) = a, b
     changes = bits(crossing(f_a, f))
-    # A lowest place between them: rare, so that the rest is done only then. One slope tells where |f| changes by
-    # less than 3/4 of what it foresees.
+    # A minimum between them is rare, so the rest is computed only then. One slope suffices where |f| changes by less
+    # than 3/4 of what the slope predicts.
     falls, rises = f_a * slope_a < ZERO, f * slope > ZERO
     gain, part = vabs(f) - vabs(f_a), f32(0.75) * (t - t_a)
     early, late = falls & (gain > vabs(slope_a) * (ZERO - part)), rises & (gain < vabs(slope) * part)
-    # And where support begins or ends between them, close to the surface.
+    # Support may also begin or end between them, close to the surface.
     begins, ends = rises & (vabs(f) < vabs(slope) * (t - t_a)), falls & (vabs(f_a) < vabs(slope_a) * (t - t_a))
     rim = (begins ^ (begins & (f_a * f_a >= ZERO))) | (ends ^ (ends & (f * f >= ZERO)))
     sinks = ((f_a * f > ZERO) & ((falls & rises) | early | late)) | rim
     if bits(sinks) != 0:
-        # Of the least radius, which does not depend on the size of the voxels.
+        # The margins are shares of the least radius, which does not depend on the size of the voxels.
         least = tree.leaves[leaf * LEAF + LEAST]
-        # Both tangents meet below the margin: the lowest place is above theirs where f is convex.
+        # Both tangents meet below the margin: where f is convex, its minimum is above that point.
         meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
         graze = falls & rises & ((meet * f < ZERO) | (vabs(meet) < broadcast16(GRAZING * least)))
         crevice = (falls ^ rises) & (vmin(vabs(f), vabs(f_a)) < broadcast16(CREVICE * least))
@@ -204,7 +204,7 @@ def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
 
 @inline
 def _lift_of(tree: Tree, leaf: int, f: F16) -> F16:
-    """What the start rule lifts rays by that have f where they start."""
+    """What the start rule lifts rays by, given f where they start."""
     share = START if tree.head[REFINE] > ZERO else START_UNREFINED
     reach = broadcast16(share * tree.leaves[leaf * LEAF + LEAST])
     return select(vabs(f) < reach, reach, broadcast16(ZERO))
@@ -212,7 +212,7 @@ def _lift_of(tree: Tree, leaf: int, f: F16) -> F16:
 
 @inline
 def _pair(before: Samples, after: Samples, one: Mask) -> Pair:
-    """The samples (t, f, slope) that a mask with one lane a ray names, and those before them."""
+    """The samples (t, f, slope) that a mask with one lane for each ray selects, and those before them."""
     (t_a, f_a, slope_a), (t, f, slope) = before, after
     return Pair(
         sample(t_a, one),
@@ -230,9 +230,9 @@ def search(
 ) -> Found:
     """First hits of four rays in a leaf's voxel, from the listed splats.
 
-    rays : 4 bits, those that are asked for
-    limits : 1, -1 for the sheets that face the rays or face away, 0 for all; and what the start rule has lifted f by
-    A ray that begins between two samples counts as lifted where that matters, so that it is traced alone.
+    rays : 4 bits, the rays that are searched for
+    limits : 1 or -1 for the sheets that face the rays or face away, 0 for all; and what the start rule has lifted f by
+    A ray that begins between two samples is reported as lifted where that matters, so that it is traced alone.
     """
     way, lift = limits
     none = broadcast16(ZERO)
@@ -287,16 +287,17 @@ def search(
 
 @inline
 def _rest(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, begin: F16) -> tuple[Pair, Mask]:
-    """What is left of the interval between two samples of a ray behind where it begins; and whether f changes sign."""
+    """The rest of the interval between two samples behind where a ray begins; and whether f changes sign in it."""
     f, slope = evaluate(tree, scratch, frame, begin)
     return Pair(begin, f, slope, pair.tb, pair.fb, pair.slope_b), crossing(f, pair.fb)
 
 
 @inline
 def search_one(tree: Tree, leaf: int, frame: Frame, reach: Reach, limits: tuple[float, F16], scratch: Scratch) -> Found:
-    """The same of one ray, which all lanes hold, as numbers: lane s is sample s, sixteen at once.
+    """`search` for one ray, which all lanes hold, given as numbers: lane s is sample s, sixteen at once.
 
-    Four at once, the ray in every quarter, bounces took 1.37 times as long at 32,000 points, at scans 1.1 to 1.3.
+    With four samples at once, the ray in every quarter, bounces took 1.37 times as long at 32,000 points, and 1.1 to
+    1.3 times as long at scans.
     """
     way, lift = limits
     none = broadcast16(ZERO)

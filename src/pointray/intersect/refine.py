@@ -1,6 +1,6 @@
-"""From a bracket to the root of f along a ray: four samples a step, the last two so close that a line joins them.
+"""From a bracket to the root of f along a ray: four samples a step; the last two are so close that a line joins them.
 
-Four rays go together: lane 4 s + r holds sample s of ray r; what belongs to a ray stands in all four quarters.
+Four rays go together: lane 4 s + r holds sample s of ray r; values of a ray as a whole are repeated in all quarters.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from ..simd import (
 )
 from .surface import HALF, TWO, Means, sums, value
 
-# Where the four samples of a secant step lie about the estimate, in lengths of the bracket: close, the next linear
-# interpolation is exact to a thousandth of the radius, and two farther out for where the estimate is off.
+# The four samples of a secant step lie about the estimate, in lengths of the bracket: two are so close that the next
+# linear interpolation is exact to a thousandth of the radius, and two lie farther out in case the estimate is off.
 CLOSE = f32(0.02), f32(0.12)
 MORE = f32(3.0)  # secant steps after an estimate that was off
-EVEN = f32(0.1), f32(0.3)  # about the middle of the bracket: where there is no estimate
-# The squared length of a mean of unit normals below which rounding decides where it points.
+EVEN = f32(0.1), f32(0.3)  # about the middle of the bracket, where there is no estimate
+# The squared length of a mean of unit normals below which rounding decides where the mean points.
 CANCELLED = f32(1e-12)
-FAINT = f32(0.1)  # the weight, of 1 in the middle of a splat, below which a sample is at the rim of its supports
+FAINT = f32(0.1)  # weight (1 in the middle of a splat) below which a sample is at the rim of its supports
 
 
 class Frame(NamedTuple):
-    """Rays in a voxel, in vectors, four as lane 4 s + r, or sixteen: x = place + (t - start) d.
+    """Rays in a voxel, in vectors: four rays as lane 4 s + r, or sixteen rays: x = place + (t - start) d.
 
-    (x, y, z) : where the first sample is: a place that does not depend on where the ray ends; start : t there
+    (x, y, z) : position of the first sample, which does not depend on where the ray ends; start : t there
     (dx, dy, dz) : unit direction
     side : +1 where a ray that starts on the surface is outside, -1 where it is inside
     """
@@ -71,7 +71,7 @@ class Pair(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """What is known of a place besides f: the direction in which f rises, and the squared distance |x - P(x)|^2."""
+    """What is known of a point besides f: the direction in which f rises, and the squared distance |x - P(x)|^2."""
 
     nx: F16
     ny: F16
@@ -80,9 +80,9 @@ class Foot(NamedTuple):
 
 
 class Root(NamedTuple):
-    """What is found between two samples: t (inf: nothing), half of what f rises by in the last part, and the foot.
+    """What is found between two samples: t (inf: nothing), half of the rise of f over the last bracket, and the foot.
 
-    joined : mask, the foot is interpolated between two close samples; else it is not known
+    joined : mask, the foot is interpolated between two close samples; elsewhere it is not known
     """
 
     t: F16
@@ -99,13 +99,13 @@ def fold(word: Bits) -> Bits:
 
 @inline
 def all_samples(rays: Bits) -> Mask:
-    """The mask of all samples of some rays (4 bits)."""
+    """The mask of all samples of the given rays (4 bits)."""
     return mask16(rays * 0x1111)
 
 
 @inline
 def first_samples(word: Bits) -> Bits:
-    """Of each ray's bits the one of the first sample."""
+    """For each ray, the bit of its first sample whose bit is set."""
     seen = word | (word << 4)
     seen |= seen << 8
     return word & ~(seen << 4) & 0xFFFF
@@ -113,7 +113,7 @@ def first_samples(word: Bits) -> Bits:
 
 @inline
 def sample(vector: F16, one: Mask) -> F16:
-    """Each ray's lane that a mask with one lane a ray names, in all its samples; 0 where it names none."""
+    """Each ray's lane that a mask with one lane for each ray selects, in all its samples; 0 where none is selected."""
     return sum_over_quarters(select(one, vector, broadcast16(ZERO)))
 
 
@@ -141,7 +141,7 @@ def crossing(a: F16, b: F16) -> Mask:
 
 @inline
 def foot_of(means: Means, u4: F16) -> Foot:
-    """The mean normals, for apss the gradient of the fitted sphere; and how far from the middle of its splats x is."""
+    """The mean normal (for apss the sphere's gradient), and the squared distance of x from the mean of its splats."""
     bend = TWO * u4
     return Foot(
         means.nx - bend * means.qx,
@@ -153,7 +153,7 @@ def foot_of(means: Means, u4: F16) -> Foot:
 
 @inline
 def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
-    """Unit normals, and a mask of where there is one: not where normals cancel, and not where they are no numbers."""
+    """Unit normals, and a mask of where they exist: not where normals cancel, and not where they are NaN."""
     square = foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz
     scale = ONE / vsqrt(square)
     return (foot.nx * scale, foot.ny * scale, foot.nz * scale), (square > CANCELLED) & (square < INF)
@@ -161,7 +161,7 @@ def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
 
 @inline
 def _between(foot: Foot, after: Any, share: F16) -> Foot:
-    """The foot between a sample, as bits with one a ray, and the one before it; 0 for rays without such a bit."""
+    """The foot between a sample (bits, one for each ray) and the one before it; 0 for rays without such a bit."""
     before, after = mask16(after >> 4), mask16(after)
     nothing = broadcast16(ZERO)
     weight, both = select(after, share, ONE - share), before | after
@@ -175,7 +175,7 @@ def _between(foot: Foot, after: Any, share: F16) -> Foot:
 
 @inline
 def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
-    """Lane by lane the foot a where the mask holds, else b."""
+    """Foot a in the lanes where the mask holds, foot b in the others."""
     return Foot(
         select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
     )
@@ -183,7 +183,7 @@ def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
 
 @inline
 def _places(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
-    """Four places in brackets, about `around` of their lengths: two at the inner distance, two at the outer."""
+    """Four t in brackets, about `around` of their lengths: two at the inner distance, two at the outer."""
     near = mask16(0x0FF0)
     sign = quarters(-ONE, -ONE, ONE, ONE)
     share = vmin(vmax(around, broadcast16(ZERO)), broadcast16(ONE)) + sign * select(near, inner, outer)
@@ -195,19 +195,19 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
     """The first crossing between two samples, after the model's number of secant steps.
 
     crosses : mask, rays whose two samples have different signs; for the others four samples look for a crossing first
-    todo : 4 bits, the rays that are asked for; lift : what the start rule adds to f
+    todo : 4 bits, the rays that are searched for; lift : what the start rule adds to f
 
-    A step looks at four samples about the estimate; the first part that crosses is the next bracket. Where an estimate
-    was off (the crossing is not between the two close samples), up to MORE follow. With one, in trees that differ, up
-    to 17 of 1.4 million rays at a scan ended more than 2% of the radius apart; with three none on ten of twelve scans,
-    7 on the noisiest.
+    A step evaluates four samples about the estimate; the first part with a crossing is the next bracket. Where an
+    estimate was off (the crossing is not between the two close samples), up to MORE steps follow. With one of these, up
+    to 17 of 1.4 million rays at a scan ended more than 2% of the radius apart in different trees; with three, none did
+    on ten of twelve scans, and 7 did on the noisiest.
     """
     ta, fa, tb, fb = pair.ta, pair.fa, pair.tb, pair.fb
     steps = tree.head[REFINE]
     most = steps + MORE if steps > ZERO else ZERO
     inner, outer, step, share = broadcast16(CLOSE[0]), broadcast16(CLOSE[1]), broadcast16(ZERO), fa / (fa - fb)
     if bits(crosses) & todo != todo:
-        # Without a crossing: the slopes' zero by linear interpolation, the lowest place of a parabola; or evenly.
+        # Without a crossing: the zero of the slope by linear interpolation (a parabola's minimum), or evenly spaced.
         grazes = (fa * pair.slope_a < ZERO) & (fb * pair.slope_b > ZERO)
         estimate = select(grazes, pair.slope_a / (pair.slope_a - pair.slope_b), broadcast16(HALF))
         wide = mask16(bits(crosses | grazes) ^ 0xFFFF)
@@ -232,7 +232,7 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         one = first_samples(bits(crossing(before, f)) & doing)
         part = mask16(one)
         found = fold(one)
-        # Nothing before the last sample: behind it, or nowhere.
+        # No crossing up to the last sample: it lies behind that sample, or nowhere.
         last = last_quarter(f)
         behind = bits((last < ZERO) ^ (fb < ZERO)) & doing & ~(found * 0x1111)
         here, rest = all_samples(found), mask16(behind)
@@ -243,8 +243,8 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         span = select(go & (step < ZERO), tb - ta, span)
         todo &= ~(fold(doing) & ~found & ~fold(behind))
         share = fa / (fa - fb)
-        # Between two close samples the foot is joined by a line too: 15% of the time. But not where supports begin
-        # and end; there they are evaluated afresh.
+        # Between two close samples the foot is interpolated too: 15% of the time. Where supports begin and end it is
+        # evaluated anew instead.
         firm = (fresh.weight > FAINT) & (shift_quarter(none, fresh.weight) > FAINT)
         line = one & bits(firm)
         joined = (joined & ~fold(doing)) | fold(line)

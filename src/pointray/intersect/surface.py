@@ -1,4 +1,4 @@
-"""The implicit surfaces (paper, part I): weighted sums over the splats around a point, and f from them.
+"""The implicit surfaces (paper, part I): weighted sums over the splats around a point, and f from these sums.
 
 All sums run over q = p_i - x, never over absolute coordinates, which would cancel in float32. With the weighted means
 P - x = E[q], N = E[n]:
@@ -8,9 +8,9 @@ P - x = E[q], N = E[n]:
     apss    f = the sphere fitted with normals at x: -E[q].E[n] - u4 (E[q.q] - 2 E[q].E[q])
             u4 = (E[q.n] - E[q].E[n]) / 2 var(q)                               (Guennebaud and Gross 2007)
 
-`apss` is thus the mean of the other two, whose biases are opposite, and a term of curvature. var(q) is taken at least
-E[q.q] / 4, which changes nothing inside of the cloud and keeps the fit tame where two splats are seen from afar. At a
-point itself, where no other reaches, q is 0 and so is u4.
+`apss` is thus the mean of the other two, whose biases are opposite, and a curvature term. var(q) is taken as at least
+E[q.q] / 4, which changes nothing inside the cloud and keeps the fit tame where two splats are seen from afar. At a
+splat's own point, where no other support covers it, q is 0 and so is u4.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from ..simd import F16, ONE, ZERO, Real, broadcast16, broadcast_from, repeat4, s
 HALF, TWO = f32(0.5), f32(2.0)
 QUARTER = f32(0.25)
 NAN = f32(np.nan)
-TINIEST = f32(1e-35)  # of squared lengths, the least that is divided by
+TINIEST = f32(1e-35)  # the smallest squared length that is divided by
 
 Places: TypeAlias = tuple[F16, F16, F16]  # four, a quarter each
 Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and the normal on the side that is seen
 
 
 class Means(NamedTuple):
-    """Weighted means over splats at sixteen points: of q and n, of q.n and q.q; and the sum of the weights."""
+    """Weighted means over splats at sixteen points: E[q], E[n], E[q.n] and E[q.q]; and the sum of the weights."""
 
     qx: F16
     qy: F16
@@ -52,7 +52,7 @@ class Means(NamedTuple):
 def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
     """Weighted means over the listed splats at sixteen points: q (3), n (3), q.n, q.q, and the weight.
 
-    21 vector instructions a splat. A point that no support reaches has weight 0, means NaN.
+    It takes 21 vector instructions a splat. A point that no support covers has weight 0 and means NaN.
     """
     w_sum = broadcast16(ZERO)
     qx_sum = qy_sum = qz_sum = nx_sum = ny_sum = nz_sum = qn_sum = qq_sum = w_sum
@@ -97,7 +97,7 @@ def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
 
 @inline
 def value(surface: int, means: Means) -> tuple[F16, F16]:
-    """f (NaN without support) and u4, the curvature term of the fitted sphere (0 but for apss)."""
+    """f (NaN without support) and u4, the curvature term of the fitted sphere (0 except for apss)."""
     qx, qy, qz, nx, ny, nz, qn, qq, weight = means
     plane = qx * nx + qy * ny + qz * nz
     u4 = weight * ZERO
@@ -139,9 +139,9 @@ def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16, F16]:
-    """Share of the weight at points that belongs to splats on an open border, and how far these lie out of them.
+    """The share of the weight that belongs to splats on an open border, and how far the points lie beyond these.
 
-    The distance is the weighted mean of (x - p).b over those splats, b the direction out of the surface.
+    The distance is the weighted mean of (x - p).b over those splats; b is the direction out of the surface.
     """
     total = share = broadcast16(f32(1e-30))
     out = broadcast16(ZERO)
@@ -165,7 +165,7 @@ def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16,
 
 @inline
 def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
-    """Weights of one block's splats at a point, repeated in the quarters, or at four, a quarter each."""
+    """Weights of one block's splats at one point, repeated in the quarters, or at four points, a quarter each."""
     slot = i64(block) * BLOCK
     qx = repeat4(tree.blocks, slot + PX) - x
     qy = repeat4(tree.blocks, slot + PY) - y
@@ -176,9 +176,9 @@ def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
 
 @inline
 def weights_seen(tree: Tree, block: int, places: Places, sheet: Sheet, part: Array) -> F16:
-    """Weights of one block's splats at four places, a quarter each; 0 where a splat is of a sheet that is not seen.
+    """Weights of one block's splats at four points, a quarter each; 0 where a splat's sheet is not seen.
 
-    sheet : whether sheets are close together, and the normal of the hit, from whose side they are seen
+    sheet : whether sheets are close together, and the normal of the hit, on the side from which they are seen
     """
     x, y, z = places
     w = weights_of_block(tree, block, x, y, z)
