@@ -169,7 +169,7 @@ def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
 def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, way: float, rays: Bits) -> Bits:
     """Drop the listed splats of sheets that the first of the given rays (4 bits) does not see.
 
-Returns the rays that see the same sheets. Where two sheets are close together, a ray sees one at a time.
+    Returns the rays that see the same sheets. Where two sheets are close together, a ray sees one at a time.
     way : 1 where splats that face a ray are seen, -1 where splats that face away are
     """
     first, n = count_trailing_zeros(rays), 0

@@ -1,9 +1,9 @@
 """A tree and rays -> hits (part IV of the paper): through the nodes of a model, and through all instances of a scene.
 
-traverse, tile : from the root of one model's tree to its leaves
-space, group, instance : from the world into a model's space, rays that are alike together, and the hits back
-instance_bvh, world, plane : which instances rays may meet, all of them and the planes, the nearest hit
-hits, paint : what has been hit: place, normal, colour, attribute
+traverse, tile : traversal of one model's tree, from its root to its leaves
+space, group, instance : rays go from the world into a model's space, similar rays together, and their hits come back
+instance_bvh, world, plane : which instances rays may meet; all instances and planes, and the nearest hit
+hits, paint : what has been hit: position, normal, colour, attribute
 cast : batches of rays from NumPy
 
 Pairs that do the same for one ray and for the rays of a tile:

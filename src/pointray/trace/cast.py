@@ -28,9 +28,9 @@ from ..simd import lane
 from .hits import describe_tile, tile_hit
 from .world import NO_RAY, is_blocked, occlude_tile, set_ray, trace_tile
 
-SHORT, LONG = 1e-60, 1e60  # of a direction's square, see `_exponent`
+SHORT, LONG = 1e-60, 1e60  # limits of a direction's squared length, see `_exponent`
 MOST = float(np.finfo(np.float32).max)
-BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; of a picture a square of this edge
+BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; in a picture they form a square of this edge
 
 HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
 
@@ -39,8 +39,8 @@ HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Ar
 def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
     """Number of ray k of a batch, or -1 where there is none.
 
-    shape : height and width of a picture, whose squares are gone through along a Morton curve: what follows each other
-    is close together; or 1 and the number of rays, which are taken as they come
+    shape : height and width of a picture, whose squares follow a Morton curve, so that consecutive rays are close
+    together; or 1 and the number of rays, which keep their order
     """
     height, width = shape
     if height == 1:
@@ -53,22 +53,22 @@ def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
 
 
 def batches(shape: tuple[int, int]) -> int:
-    """Number of batches of rays of a shape, see `ray_at`."""
+    """Number of batches for rays of a shape, see `ray_at`."""
     height, width = shape
     return -(-width // BATCH) if height == 1 else -(-height // SQUARE) * -(-width // SQUARE)
 
 
 @inline
 def _is_ordinary(square: float) -> bool:
-    """Whether a direction of such a square is traced as it is."""
+    """Whether a direction of this squared length is traced unchanged."""
     return (SHORT < square) & (square < LONG)
 
 
 @inline
 def _exponent(d: Vec3) -> int:
-    """The power of two that a direction is divided by before it is traced, so that its square is a number.
+    """The exponent of the power of two that a direction is divided by before tracing, so that its square is finite.
 
-    0 for lengths from 1e-30 to 1e30, and for those that are zero or not finite: they miss.
+    It is 0 for lengths from 1e-30 to 1e30, and for directions that are zero or not finite: they miss.
     """
     square = dot(d, d)
     most = max(abs(d[0]), max(abs(d[1]), abs(d[2])))
@@ -78,7 +78,7 @@ def _exponent(d: Vec3) -> int:
 
 @inline
 def _times_power(a: Vec3, exponent: int) -> Vec3:
-    """A vector times a power of two, in two halves: the power itself may be no number."""
+    """A vector times a power of two, in two halves: the power itself may not be a float64."""
     half = exponent // 2
     a = scale(a, math.ldexp(1.0, half))
     return scale(a, math.ldexp(1.0, exponent - half))
@@ -88,9 +88,9 @@ def _times_power(a: Vec3, exponent: int) -> Vec3:
 def _set_rays(
     rays: tuple[Array, Array, Array], shape: tuple[int, int], place: tuple[int, int], scratch: Scratch
 ) -> bool:
-    """The next tile of rays; returns whether any of them may have an exponent.
+    """Set the next tile of rays; returns whether any of them may have an exponent.
 
-    rays : origins, directions, limits; place : the batch, and where in it the tile begins
+    rays : origins, directions, limits; place : the batch, and where the tile begins in it
     """
     origins, directions, limits = rays
     for k in range(TILE):
@@ -181,7 +181,7 @@ def _occluded(
 def _blend_attribute(
     work: Array, world: World, places: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
 ) -> int:
-    """Blend one attribute, (n * k,) float32 in the caller's order, at hits; without weights that of the hit's point.
+    """Blend one attribute, (n * k,) float32 in the caller's order, at hits; without weights take the hit point's value.
 
     places : hits, model, leaf, local, point
     """
@@ -217,7 +217,7 @@ def _blend_attribute(
 
 
 def _picture(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Height and width of what rays of a leading shape are taken for."""
+    """Height and width of the picture that rays of a leading shape are traced as."""
     return (shape[0], shape[1]) if len(shape) == 2 and min(shape) > 1 else (1, int(np.prod(shape)))
 
 
@@ -229,7 +229,7 @@ def closest_hits(
     Parameters
     ----------
     shape : tuple of int
-        The leading shape the rays came in: two axes are taken for a picture's, whose squares are traced together.
+        The leading shape of the rays: two axes are taken as those of a picture, whose squares are traced together.
     origins, directions : (n, 3) float64, C-contiguous
     limits : (n, 2) float64, t_min and t_max
     """

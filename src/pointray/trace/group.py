@@ -1,7 +1,7 @@
-"""Which rays of a tile go through a model together: those that begin close to each other and look the same way.
+"""Which rays of a tile traverse a model together: rays that begin close to each other in similar directions.
 
-Where not all do, as at a silhouette, each group of rays that are alike is brought together in the tile's first places
-and goes by itself; a ray that few are like goes alone.
+Where not all rays are similar, as at a silhouette, each group of similar rays is brought together in the tile's first
+slots and traced by itself; a ray with too few similar neighbours is traced singly.
 """
 
 from __future__ import annotations
@@ -45,28 +45,28 @@ from ..simd import (
 )
 from .tile import range_of
 
-WIDEST = f32(0.2)  # by how much components of the directions may differ
-# And those of the origins, in edges of a leaf: rays far apart have no leaves in common. As a share of the bounds, 0.1,
-# 24 statues of a million points were 5% slower, with levels of detail 8%; with 2 and 16 edges 4 and 35% slower.
+WIDEST = f32(0.2)  # components of the directions may differ by at most this much
+# Components of the origins may differ by this many edges of a leaf: rays far apart have no leaves in common. With a
+# limit of 0.1 of the bounds, 24 statues of a million points were 5% slower, with levels of detail 8%; with 2 and 16
 SCATTERED = f32(4.0)
-FEWEST = 4  # rays of a group
+FEWEST = 4  # rays in the smallest group
 BROUGHT = (*range(OX, LENGTH, TILE), END, SIDE, BEGIN)  # rows: what a ray brings with it, besides LENGTH
 FOUND_ROWS = (LENGTH, NX, NY, NZ)
-FAILURES = 4  # after so many rays that few are like the others go alone: they go all ways
+FAILURES = 4  # after this many rays with too few similar neighbours the others are traced singly too: directions differ
 
 
 @inline
 def leaf_edge(tree: Tree) -> float:
-    """How wide leaves are, about: as if they covered the bounds."""
+    """The approximate width of a leaf, as if the leaves covered the bounds."""
     x, y, z = tree.head[3] - tree.head[0], tree.head[4] - tree.head[1], tree.head[5] - tree.head[2]
     return f32(math.sqrt(f32(4.0) * (x * y + y * z + z * x) / f32(tree.spans.size)))
 
 
 @inline
 def coherent(edge: float, rows: Array) -> bool:
-    """Whether all rays are worth a walk together: all components of the directions have one sign, and are alike.
+    """Whether all rays are worth a common traversal: their directions have the same signs and similar components.
 
-    edge : how wide a leaf is
+    edge : width of a leaf
     """
     for c in range(3):
         low, high = range_of(rows, DX + c * TILE, (0, TILE))
@@ -80,7 +80,7 @@ def coherent(edge: float, rows: Array) -> bool:
 
 @inline
 def alike(edge: float, rows: Array, left: Bits) -> Bits:
-    """Of some rays (bits) that stand aside those that may go together with the first of them."""
+    """Those of the given rays (bits), all set aside, that may be traced together with the first of them."""
     i, some = ASIDE + count_trailing_zeros(left), i64(0)
     far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
     for v in range(0, TILE, LANES):
@@ -104,7 +104,7 @@ def _copy(rows: Array, source: int, target: int, row: int) -> None:
 
 @inline
 def set_aside(scratch: Scratch) -> None:
-    """Keep what the rays bring with them, and nothing found."""
+    """Set aside what the rays bring with them; nothing is found yet."""
     for row in BROUGHT:
         _copy(scratch.model, 0, ASIDE, row)
     _copy(scratch.model, 0, ASIDE, LENGTH)
@@ -114,7 +114,7 @@ def set_aside(scratch: Scratch) -> None:
 
 @inline
 def _bring_row(rows: Array, row: int, some: Bits, last: float) -> None:
-    """Bring one row of some rays that stand aside together; what is left of the last 16 places gets `last`."""
+    """Bring one row of the given rays, all set aside, together; the rest of the last 16 slots gets `last`."""
     n = i64(0)
     for v in range(0, TILE, LANES):
         word = (some >> v) & 0xFFFF
@@ -126,9 +126,9 @@ def _bring_row(rows: Array, row: int, some: Bits, last: float) -> None:
 
 @inline
 def bring(some: Bits, scratch: Scratch) -> int:
-    """Bring some rays (bits) together in the first places; returns where they end, a multiple of 16.
+    """Bring the given rays (bits) together in the first slots; returns where they end, a multiple of 16.
 
-    Places left over hold rays that have ended, like the first one, so that they do not widen the group.
+    Slots left over hold copies of the first ray that have already ended, so that they do not widen the group.
     """
     rows, first = scratch.model, ASIDE + count_trailing_zeros(some)
     for row in BROUGHT:
@@ -142,7 +142,7 @@ def bring(some: Bits, scratch: Scratch) -> int:
 
 @inline
 def take_back(some: Bits, lifted: Bits, scratch: Scratch) -> Bits:
-    """Set aside what some rays (bits) have found; returns those of them that were lifted, given by their place."""
+    """Set aside what the given rays (bits) have found; returns those that were lifted, by their numbers in the tile."""
     rows, numbers, k, back = scratch.model, scratch.numbers, 0, i64(0)
     while some != 0:
         i = count_trailing_zeros(some)
@@ -158,7 +158,7 @@ def take_back(some: Bits, lifted: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def put_back(scratch: Scratch) -> None:
-    """All rays to their places, with what they have found."""
+    """Put all rays back into their slots, with what they have found."""
     for row in BROUGHT:
         _copy(scratch.model, ASIDE, 0, row)
     for row in FOUND_ROWS:

@@ -1,4 +1,4 @@
-"""What the rays of a tile have hit, for those who shade it or write it down."""
+"""What the rays of a tile have hit, for shading and for output."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ from .space import matrix_at
 
 @inline
 def tile_hit(scratch: Scratch, i: int) -> WorldHit:
-    """The nearest hit of ray i of the tile. Colour and slot on a model are known after `describe_tile`."""
+    """The nearest hit of ray i of the tile. Its colour and its slot on a model are known after `describe_tile`."""
     wide, numbers, zero = scratch.world, scratch.numbers, (0.0, 0.0, 0.0)
     instance = numbers[INSTANCE_OF + i]
     if instance < 0:
@@ -69,7 +69,7 @@ def tile_hit(scratch: Scratch, i: int) -> WorldHit:
 
 @inline
 def _next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
-    """The first of the rays that are left (bits) if it has hit the same leaf as ray i, else i."""
+    """The first of the remaining rays (bits) if it has hit the same leaf as ray i, else i."""
     k = count_trailing_zeros(left) if left != 0 else i
     same = numbers[INSTANCE_OF + k] == numbers[INSTANCE_OF + i] and numbers[LEAF_OF + k] == numbers[LEAF_OF + i]
     return k if same else i
@@ -77,7 +77,7 @@ def _next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
 
 @inline
 def _list_around(tree: Tree, four: Four, scratch: Scratch) -> Places:
-    """List the blocks near the places where four rays have hit a leaf; returns these, a quarter each."""
+    """List the blocks near the points where four rays have hit a leaf; returns these points, a quarter each."""
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
         load3(wide, LOCAL + four[0]),
@@ -99,9 +99,9 @@ def _list_around(tree: Tree, four: Four, scratch: Scratch) -> Places:
 def _weigh(
     tree: Tree, places: Places, sheet: Sheet, tone: Array, scratch: Scratch
 ) -> tuple[F16, F16, F16, F16, F16, F16]:
-    """Greatest weight in each lane, of which listed block, and colours: the sums of weights and of weighted levels.
+    """In each lane: the greatest weight, its listed block, and the sums of the weights and of the weighted colours.
 
-    Lane 4 r + j is splat j of a block at place r. sheet : see `weights_seen`
+    Lane 4 r + j is splat j of a block at point r. sheet : see `weights_seen`
     """
     part = scratch.part
     most = block_of_most = red = green = blue = total = broadcast16(ZERO)
@@ -124,9 +124,9 @@ def _weigh(
 
 @inline
 def _describe(world: World, four: Four, scratch: Scratch) -> None:
-    """Colour (by the surface's own weights; 1 without colours) and slot of most weight of four hits in one leaf.
+    """Colour (by the surface's own weights; 1 without colours) and slot of greatest weight of four hits in one leaf.
 
-    Where no splat has weight, the nearest one stands for all.
+    Where no splat has weight, the nearest one is taken instead.
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     at = numbers[INSTANCE_OF + four[0]] * INSTANCE
@@ -162,13 +162,13 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
 
 @inline
 def material_at(world: World, instance: int) -> int:
-    """Where an instance's material begins in world.materials."""
+    """Offset of an instance's material in world.materials."""
     return int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
 
 
 @inline
 def _shows_colors(world: World, instance: int) -> bool:
-    """Whether an instance of a model has the colours of its points, or of what they are painted by."""
+    """Whether an instance of a model shows the colours of its points, or of the attribute that it is painted by."""
     if world.materials[material_at(world, instance) + OWN_COLOR] == 0.0:
         return False
     at = instance * INSTANCE
@@ -178,11 +178,11 @@ def _shows_colors(world: World, instance: int) -> bool:
 
 @routine
 def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
-    """Colour and the splat of most weight where the tile's rays have hit a model, for `tile_hit`.
+    """Find the colour and the splat of greatest weight where the tile's rays have hit a model, for `tile_hit`.
 
     seen_only : whether only colours matter, and only those that materials show
 
-    Neighbours that have hit the same leaf go together, four at a time: in 0.6 of the time of one by one.
+    Neighbours that have hit the same leaf go together, four at a time: this takes 0.6 of the time of one by one.
     """
     scratch, world = borrow(scratch), borrow(world)
     numbers, left = scratch.numbers, i64(0)
@@ -198,7 +198,7 @@ def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
         left &= left - 1
         tree = tree_at(world.table, i64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + SHAPE_ROW]))
         b = c = d = a
-        # Of two sheets close together each ray sees its own.
+        # Where two sheets are close together, each ray sees its own, so it goes alone.
         if tree.leaves[numbers[LEAF_OF + a] * LEAF + SHEETED] == ZERO:
             b = _next_of_leaf(numbers, left, a)
             left &= ~(i64(1) << b)

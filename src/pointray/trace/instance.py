@@ -1,4 +1,4 @@
-"""The rays of a tile through one instance of a model: into its space, together or alone, and the nearer hits back."""
+"""The rays of a tile through one instance of a model: into its space, together or singly, and the nearer hits back."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ from .space import Bounds, ToModel, into_model, matrix_at, model_bounds, of_size
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
 from .traverse import closest, make_ray
 
-# So many rays of a tile at most are put into a model's space one by one, not all 64 as vectors, and traced alone:
-# 10,000 statues five pixels high take 0.95 of what they take with 16, 0.8 of 4; larger ones the same. With all 64 24
-# statues a hundred pixels high take 1.11 times as long.
+# Up to this many rays of a tile are put into a model's space one by one and traced singly; more are put there as
+# vectors, all 64. 10,000 statues five pixels high take 0.95 of the time that they take with 16, and 0.8 of that with
+# 4; larger ones take the same. With 64, 24 statues a hundred pixels high take 1.11 times as long.
 LONELY = 24
 
 Box: TypeAlias = tuple[Bounds, tuple[float, float], bool]  # see `_enter`
@@ -56,10 +56,10 @@ Box: TypeAlias = tuple[Bounds, tuple[float, float], bool]  # see `_enter`
 
 @inline
 def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
-    """Ray i in a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
+    """Put ray i into a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
 
     box : the model's bounds, the longest step of the samples in it, see `into_model`, and whether it is of discs: a ray
-        starts on none if it starts on no surface, or comes from outside of the bounds, which may be flat
+        starts on no disc if it starts on no surface, or comes from outside of the bounds, which may be flat
     """
     wide, rows, (bounds, step, discs) = scratch.world, scratch.model, box
     ray = (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
@@ -76,7 +76,7 @@ def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
 
 @inline
 def _narrow(i: int, scratch: Scratch) -> None:
-    """Ray i of the model's space as float32; nothing is found yet."""
+    """Round ray i in the model's space to float32; nothing is found yet."""
     wide, rows = scratch.world, scratch.model
     ray = make_ray(load3(wide, START + i), load3(wide, HEADING + i), 0.0, 1.0)
     store3(rows, OX + i, (ray.ox, ray.oy, ray.oz))
@@ -88,7 +88,7 @@ def _narrow(i: int, scratch: Scratch) -> None:
 
 @inline
 def _some_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
-    """Put some rays (bits) into a model's space, one by one; returns those that meet its bounds."""
+    """Put the given rays (bits) into a model's space, one by one; returns those that meet its bounds."""
     meeting = i64(0)
     while some != 0:
         i = count_trailing_zeros(some)
@@ -102,9 +102,9 @@ def _some_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits
 
 @inline
 def _all_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
-    """Put the tile's rays into a model's space; returns those of some (bits) that meet its bounds.
+    """Put the tile's rays into a model's space; returns those of the given rays (bits) that meet its bounds.
 
-    No branches but for tiles of which not all do: the rays go through it as vectors.
+    It has no branches but for tiles of which not all rays do: the rays are processed as vectors.
     """
     rows = scratch.model
     for i in range(TILE):
@@ -118,7 +118,7 @@ def _all_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
     for i in range(TILE):
         _narrow(i, scratch)
     if meeting != ALL:
-        # Rays that miss the bounds stand where another one does, so that they do not widen the tile.
+        # Rays that miss the bounds become copies of one that meets them, so that they do not widen the tile.
         first = count_trailing_zeros(meeting)
         for at in range(0, TILE, LANES):
             meet = load16(rows, LENGTH + at) >= ZERO
@@ -129,7 +129,7 @@ def _all_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _together(table: Array, model: int, entered: Bits, any_hit: bool, scratch: Scratch) -> Bits:
-    """Those of the tile's rays (bits) that are alike go through a model together; returns those that must go alone."""
+    """Trace similar rays of the tile (bits) through a model together; returns those that must be traced singly."""
     rows, edge = scratch.model, leaf_edge(tree_at(table, model))
     whole = coherent(edge, rows)
     if not whole:
@@ -156,9 +156,9 @@ def _together(table: Array, model: int, entered: Bits, any_hit: bool, scratch: S
 
 @inline
 def through_instance(world: World, at: int, some: Bits, any_hit: bool, scratch: Scratch) -> None:
-    """Nearest hits of some of the tile's rays (bits) with an instance, where they are nearer than those before.
+    """Nearest hits of the given rays of the tile (bits) with an instance, where they are nearer than earlier hits.
 
-    any_hit : whether it matters only whether they hit
+    any_hit : whether it only matters that they hit, not where
     """
     model = i64(world.instances[at + SHAPE_ROW])
     tree = tree_at(world.table, model)
@@ -194,7 +194,7 @@ def through_instance(world: World, at: int, some: Bits, any_hit: bool, scratch: 
 
 @inline
 def _keep_t(i: int, scratch: Scratch) -> None:
-    """Keep t of ray i's hit where it is nearer than what was hit before; else FOUND is -1."""
+    """Keep t of ray i's hit where it is nearer than an earlier hit; else FOUND is -1."""
     wide, numbers = scratch.world, scratch.numbers
     t = (wide[LOW + i] + f64(scratch.model[LENGTH + i])) / wide[SPEED + i]
     better = (numbers[FOUND + i] >= 0) & (t <= wide[NEAREST + i])
@@ -204,7 +204,7 @@ def _keep_t(i: int, scratch: Scratch) -> None:
 
 @inline
 def _keep_place(matrix: ToModel, i: int, scratch: Scratch) -> None:
-    """Keep normal and place of a hit that is nearer. matrix : see `of_size_one`."""
+    """Keep normal and position of a nearer hit. matrix : see `of_size_one`."""
     wide, rows = scratch.world, scratch.model
     n = load3(rows, NX + i)
     n = transform_transposed(matrix, (f64(n[0]), f64(n[1]), f64(n[2])))
@@ -218,7 +218,7 @@ def _keep_place(matrix: ToModel, i: int, scratch: Scratch) -> None:
 
 @inline
 def _keep_leaf(at: int, i: int, scratch: Scratch) -> None:
-    """Keep what a hit that is nearer belongs to."""
+    """Keep the instance and the leaf that a nearer hit belongs to."""
     numbers = scratch.numbers
     if numbers[FOUND + i] >= 0:
         numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, numbers[FOUND + i]
@@ -226,7 +226,7 @@ def _keep_leaf(at: int, i: int, scratch: Scratch) -> None:
 
 @inline
 def _keep_nearest(matrix: ToModel, at: int, scratch: Scratch) -> None:
-    """Of the hits in a model keep those that are nearer than what was hit before. No branches: the rays as vectors."""
+    """Keep the hits in a model that are nearer than earlier hits. No branches: the rays are processed as vectors."""
     found = False
     for i in range(TILE):
         found |= scratch.numbers[FOUND + i] >= 0

@@ -1,7 +1,7 @@
-"""Which instances the rays of a tile may meet: a walk through the tree over all of them, the nearest first.
+"""Which instances the rays of a tile may meet: a traversal of the tree over all instances, the nearest first.
 
-Each box is tested for the very rays that have entered the one around it, sixteen at once; so rays that go all ways are
-no worse off than alone.
+Each box is tested for exactly the rays that have entered its parent's box, sixteen at once; so rays in very different
+directions are no slower than if each were traced singly.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def begin_walk(world: World, scratch: Scratch) -> int:
 
 @inline
 def _rays_to_top(world: World, scratch: Scratch) -> Bits:
-    """Put the tile's rays into the tree's space, from where they enter all bounds on; returns those that do."""
+    """Put the tile's rays into the tree's space, from where they enter its bounds on; returns those that enter them."""
     x, y, z = load3_flat(world.top, TOP_CENTER)
     matrix = (1.0, 0.0, 0.0, -x), (0.0, 1.0, 0.0, -y), (0.0, 0.0, 1.0, -z)
     bounds = load3_flat(world.top, TOP_BOUNDS), load3_flat(world.top, TOP_BOUNDS + 3)
@@ -67,7 +67,7 @@ def _rays_to_top(world: World, scratch: Scratch) -> Bits:
 
 @inline
 def shorten(world: World, scratch: Scratch) -> None:
-    """After hits in an instance: rays end there."""
+    """End the rays at their hits, after an instance was traced."""
     if world.top_children.size > 0:
         wide, rows = scratch.world, scratch.model
         for i in range(TILE):
@@ -76,7 +76,7 @@ def shorten(world: World, scratch: Scratch) -> None:
 
 @inline
 def _enter(world: World, at: int, rays: Bits, scratch: Scratch) -> tuple[Bits, float]:
-    """Which of some rays enter a box before they end, and the least t at which one does."""
+    """Which of the given rays enter a box before they end, and the least t at which one does."""
     boxes, rows = world.top_boxes, scratch.model
     entering, nearest = i64(0), INF
     for v in range(0, TILE, LANES):
@@ -99,7 +99,7 @@ def _enter(world: World, at: int, rays: Bits, scratch: Scratch) -> tuple[Bits, f
 
 @inline
 def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -> int:
-    """Put the children of a node that some rays enter on the stack, the nearer one last; returns the new top."""
+    """Put the children of a node that any ray enters on the stack, the nearer one last; returns the new top."""
     at = node * TOP_NODE
     a, near_a = _enter(world, at, rays, scratch)
     b, near_b = _enter(world, at + TOP_NODE // 2, rays, scratch)
@@ -117,7 +117,7 @@ def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -
 
 @inline
 def still_open(world: World, top: int, scratch: Scratch) -> Bits:
-    """The rays of a stack's entry that have not ended before its box begins."""
+    """The rays of a stack entry that have not ended before its box begins."""
     rays, near = scratch.top_rays[top], scratch.top_near[top]
     if world.top_children.size == 0:
         return rays

@@ -1,4 +1,4 @@
-"""Colour by an attribute at hits: levels of splats, or of the place itself, through a colour map."""
+"""Colour by an attribute at hits: the values of splats, or the position itself, are looked up in a colour map."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ from ..kernels.scratch import (
 from ..kernels.vec import Vec3, add, dot, load3_flat, scale
 from ..simd import F16, ONE, ZERO, broadcast16, repeat4, store
 
-SLACK = 1e-3  # of a colour of the map: a blend of equal levels must not round down into the one before
+SLACK = 1e-3  # share of one colour of the map: a blend of equal values must not round down into the colour before
 
 Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
 
 
 @inline
 def _map_color(world: World, paint: int, level: float) -> Vec3:
-    """The map's colour at a level; NaN has the one behind the map."""
+    """The map's colour at a level; for NaN the colour behind the end of the map."""
     count, first = int(world.paints[paint + PAINT_COUNT]), int(world.paints[paint + PAINT_COLORS])
     k = count
     if level == level:
@@ -60,7 +60,7 @@ def _map_color(world: World, paint: int, level: float) -> Vec3:
 def _blend(
     world: World, paint: int, tree: Tree, places: Places, sheet: Sheet, scratch: Scratch
 ) -> tuple[F16, F16, F16]:
-    """Sums in each lane over the listed blocks: weights, those of splats with a level, and the weighted levels."""
+    """Sums in each lane over the listed blocks: weights, weights of splats with a level, and the weighted levels."""
     part, first = scratch.part, int(world.paints[paint + PAINT_LEVELS])
     total = known = level = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
@@ -78,9 +78,9 @@ def _blend(
 
 @inline
 def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -> float:
-    """The level at place r of four from the sums; NaN where splats without one have most of the weight.
+    """The level at point r of four from the sums; NaN where splats without a level have most of the weight.
 
-    own : of the splat that stands for all where none has weight
+    own : level of the splat that is taken where none has weight
     """
     part = scratch.part
     for k in range(3):
@@ -95,7 +95,7 @@ def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -
 
 @inline
 def paint_four(world: World, four: Four, places: Places, sheet: Sheet, scratch: Scratch) -> None:
-    """Colours of four hits on one instance that has a paint, whose slots are found and whose blocks are listed.
+    """Colours of four hits on one painted instance, whose slots are found and whose blocks are listed.
 
     places, sheet : see `surface.weights_seen`
     """

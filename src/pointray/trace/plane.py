@@ -44,7 +44,7 @@ ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
 def _plane_hit(world: World, at: int, ray: WorldRay, start_rule: tuple[float, float]) -> float:
     """t of a ray with a plane.
 
-    start_rule : the side of it that a ray is on which starts on the plane; not 0 if the ray was only cut there
+    start_rule : the side of the plane for a ray that starts on it; and not 0 if the ray was only cut there
     """
     o, d, t_min, t_max = ray
     side, cut = start_rule
@@ -58,7 +58,7 @@ def _plane_hit(world: World, at: int, ray: WorldRay, start_rule: tuple[float, fl
 
 @inline
 def plane_color(world: World, at: int, x: Vec3) -> Vec3:
-    """A plane's colour at a point: plain, or a checker with every other square at half."""
+    """A plane's colour at a point: plain, or a checker whose every other square has half the colour."""
     color = load3_flat(world.planes, at + PLANE_COLOR)
     edge = world.planes[at + PLANE_CHECKER]
     if edge > 0.0:

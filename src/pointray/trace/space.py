@@ -1,8 +1,8 @@
 """From the world into a model's space: rays get unit length and start where they enter the model's bounds.
 
-So a far camera costs no precision when they become float32. Where they enter does not depend on t_min and t_max, nor do
-the samples along them (`intersect/march.py`): a shorter ray hits what the whole one does, or nothing. A ray whose t_min
-is below 0 enters a whole number of the longest steps before its origin, so that the lattice is the same.
+So a distant camera costs no precision when they become float32. The entry does not depend on t_min and t_max, nor do
+the samples along the rays (`intersect/march.py`): a shorter ray hits what the whole one does, or nothing. A ray whose
+t_min is below 0 enters a whole number of the longest steps before its origin, so that the lattice is the same.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def model_bounds(head: Array) -> Bounds:
 
 @inline
 def _clip(span: tuple[float, float], edges: tuple[float, float], o: float, d: float) -> tuple[float, float]:
-    """The part of a span of a ray between two planes across an axis, where o and d are its components."""
+    """The part of a ray's span between two planes across an axis; o and d are the ray's components along that axis."""
     inverse = 1.0 / (d if abs(d) > 1e-300 else 1e-300)
     a, b = (edges[0] - o) * inverse, (edges[1] - o) * inverse
     near, far = (a if a < b else b), (b if a < b else a)
@@ -53,7 +53,7 @@ def matrix_at(world: World, at: int) -> ToModel:
 
 @inline
 def of_size_one(matrix: ToModel) -> ToModel:
-    """A transform over its greatest component, so that squares of what it turns are numbers."""
+    """A transform divided by its greatest component, so that squares of transformed vectors are finite."""
     most = 0.0
     for r in range(3):
         for c in range(3):
@@ -74,9 +74,9 @@ def into_model(
     """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
 
     Returns (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a
-    ray that misses the bounds; speed is how much longer the direction was; begin is where it begins behind low. No
-    branches: the rays of a tile go through it as vectors.
-    step : the model's longest, 0: not known, and 1 / step
+    ray that misses the bounds; speed is the length of the original direction in model space; begin is where the ray
+    begins behind low. No branches: the rays of a tile are processed as vectors.
+    step : the model's longest step (0: not known), and 1 / step
     """
     d = transform(matrix, ray[1])
     speed = length(d)
@@ -93,5 +93,5 @@ def into_model(
     low = back if (low < 0.0) & (step[0] > 0.0) else low
     begin = first - low if first > low else 0.0
     high = span[1] if first <= span[1] else -np.inf
-    end = high if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has squeezed the direction away
+    end = high if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has shrunk the direction to nothing
     return add(o, scale(d, low)), d, low, end, speed, begin

@@ -1,8 +1,8 @@
-"""Coherent rays through the tree together (paper, part IV): one walk for all, then four by four in the leaves.
+"""Coherent rays through the tree together (paper, part IV): one traversal for all, then four by four in the leaves.
 
-Nodes are tested with interval arithmetic: the least and greatest origin and inverse direction of the rays give a bound
-of where any of them enters and leaves a box. A leaf's box, voxel and slab are tested for sixteen rays at once, and
-only rays that go through all three search it. Hits are those of `traverse.closest`.
+Nodes are tested with interval arithmetic: the least and greatest origin and inverse direction of the rays bound where
+any of them enters and leaves a box. A leaf's box, voxel and slab are tested for sixteen rays at once, and only rays
+that pass through all three search it. Hits are those of `traverse.closest`.
 """
 
 from __future__ import annotations
@@ -61,13 +61,13 @@ from ..simd import (
 )
 from .traverse import Planes, far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
 
-ALL = -1  # rays as bits of an int64
+ALL = -1  # all rays, as bits of an int64
 ROUNDING = f32(1e-6)
 
 
 @inline
 def bits_of_row(rows: Array, at: int) -> Bits:
-    """The rays of a tile whose number in a row is not below 0."""
+    """The rays of a tile whose number in a row is not below 0, as bits."""
     word = i64(0)
     for k in range(0, TILE, LANES):
         word |= bits(load16(rows, at + k) >= ZERO) << k
@@ -76,7 +76,7 @@ def bits_of_row(rows: Array, at: int) -> Bits:
 
 @inline
 def range_of(rows: Array, at: int, some: tuple[int, int]) -> tuple[float, float]:
-    """Least and greatest number of some rays, (first, end), in a row."""
+    """Least and greatest number of a span of rays, (first, end), in a row."""
     low = high = load16(rows, at + some[0])
     for k in range(some[0] + LANES, some[1], LANES):
         numbers = load16(rows, at + k)
@@ -113,9 +113,9 @@ def tile_ray(rows: Array, i: int) -> Ray:
 
 @inline
 def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
-    """Write where 16 rays, from v on, are in the leaf's voxel and where the surface can be; returns who passes.
+    """Write where 16 rays, from v on, are in the leaf's voxel and where the surface can be; returns those that pass.
 
-    planes : rows of those that are entered and left first, and where the walk begins
+    planes : rows of the planes that rays enter and leave first, and where the traversal begins
     """
     near, far, begin = planes
     ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
@@ -153,7 +153,7 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
 
 @inline
 def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the rays that pass; returns those that the start rule lifted."""
+    """Search a leaf for the passing rays; returns those that the start rule lifted."""
     if together(tree, leaf):
         return search_together(tree, leaf, passing, scratch)
     rows = scratch.model
@@ -173,7 +173,7 @@ def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _prefetch_search(tree: Tree, child: int) -> None:
-    """Ask for what a search of the next leaf will read first."""
+    """Prefetch what a search of the next leaf reads first."""
     if child < 0:
         first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
         for group in range(first, first + count):
@@ -185,7 +185,7 @@ def _prefetch_search(tree: Tree, child: int) -> None:
 
 @inline
 def _end_where_hit(tree: Tree, some: tuple[int, int], scratch: Scratch) -> None:
-    """Rays that have met something are not traced on, where rounding leaves no doubt that it is before they end."""
+    """End the rays that have met something, where rounding leaves no doubt that the hit lies before their end."""
     rows, step = scratch.model, tree.head[LONGEST]
     for k in range(some[0], some[1]):
         sure = (scratch.numbers[FOUND + k] >= 0) & (rows[LENGTH + k] < (ONE - ROUNDING) * rows[END + k] - step)
@@ -194,17 +194,17 @@ def _end_where_hit(tree: Tree, some: tuple[int, int], scratch: Scratch) -> None:
 
 @inline
 def _walk_begin(tree: Tree, rows: Array, some: tuple[int, int]) -> float:
-    """Where the walk of the first of some rays begins. Some may have a sign, see `scratch.BEGIN`."""
+    """Where the traversal begins: at the first of a span of rays. Values may have a sign, see `scratch.BEGIN`."""
     low, high = range_of(rows, BEGIN, some)
     return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
 
 
 @inline
 def closest_of_tile(table: Array, model: int, some: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
-    """First hits of some of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
+    """First hits of a span of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
 
-    Returns the rays (as bits) that the start rule lifted: what it did depends on the order of the leaves, so that the
-    caller traces these alone.
+    Returns the rays (as bits) that the start rule lifted: the effect of the rule depends on the order of the leaves, so
+    the caller traces these singly.
     """
     tree = tree_at(table, model)
     rows = scratch.model

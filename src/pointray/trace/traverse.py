@@ -14,7 +14,7 @@ from ..simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane,
 
 TINY = f32(1e-20)
 
-Planes: TypeAlias = tuple[int, int, int]  # rows of a box: the plane of each axis
+Planes: TypeAlias = tuple[int, int, int]  # rows of a box: one plane for each axis
 
 
 @inline
@@ -40,7 +40,7 @@ def near_planes(ix: float, iy: float, iz: float) -> Planes:
 
 @inline
 def far_planes(near: Planes) -> Planes:
-    """Rows of the planes through which it leaves."""
+    """Rows of the planes through which such a ray leaves."""
     return 3 - near[0], 5 - near[1], 7 - near[2]
 
 
@@ -74,7 +74,7 @@ def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float
 
 @inline
 def prefetch_child(tree: Tree, child: int) -> None:
-    """Ask for what a walk will read of a child: rays wait for memory a quarter of their time in far views."""
+    """Prefetch what a traversal reads of a child: in distant views rays wait for memory a quarter of their time."""
     if child < 0:
         leaf = i64(~child)
         prefetch(tree.leaves, leaf * LEAF)
@@ -87,20 +87,20 @@ def prefetch_child(tree: Tree, child: int) -> None:
 
 @inline
 def prefetch_columns(tree: Tree, leaf: int) -> None:
-    """Ask for a leaf's columns: 3% of the time of bounces at a million points."""
+    """Prefetch a leaf's columns: 3% of the time of bounces at a million points."""
     for k in range(0, PATCH, 16):
         prefetch(tree.patches, i64(leaf) * PATCH + k)
 
 
 @inline
 def walk_begin(tree: Tree, begin: float) -> float:
-    """Where the walk of a ray begins: a step before the ray, see `intersect/march.py`."""
+    """Where the traversal of a ray begins: a step before the ray, see `intersect/march.py`."""
     return max(abs(begin) - tree.head[LONGEST], ZERO)
 
 
 @inline
 def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
-    """The first hit of a ray with a model. Counts nodes and leaves."""
+    """The first hit of a ray with a model. It also counts nodes and leaves."""
     tree = tree_at(table, model)
     lift = ZERO
     begin = walk_begin(tree, ray.t_min)
@@ -126,7 +126,7 @@ def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
         left = bits(near <= far)
         if left & (left - 1) == 0 and left != 0:
             child = tree.children[node * WIDTH + count_trailing_zeros(left)]
-            if child >= 0:  # an only child takes no way around by the stack: 1 to 2% of the time of bounces
+            if child >= 0:  # an only child does not pass through the stack: 1 to 2% of the time of bounces
                 node = child
                 continue
         bottom = top
@@ -157,7 +157,7 @@ def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
 
 @inline
 def insert(stack: Array, stack_near: Array, bottom: int, top: int, what: int, near: float) -> int:
-    """Put a child on the stack, above bottom, so that the nearest comes out first; returns the new top."""
+    """Put a child on the stack, above bottom, so that the nearest child comes out first; returns the new top."""
     j = top
     while j > bottom and stack_near[j - 1] < near:
         stack[j], stack_near[j] = stack[j - 1], stack_near[j - 1]

@@ -30,7 +30,7 @@ from .instance_bvh import begin_walk, open_node, shorten, still_open
 from .plane import ON_PLANE, tile_on_plane
 from .space import WorldRay
 
-NO_RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for places in a tile that are free
+NO_RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for free slots in a tile
 
 
 @inline
@@ -42,13 +42,13 @@ def is_ray(o: Vec3, d: Vec3, t_min: float, t_max: float) -> bool:
 
 @inline
 def set_ray(scratch: Scratch, i: int, ray: WorldRay) -> None:
-    """Ray i of the tile becomes (o, d, t_min, t_max), outside of what it may start on: a camera's, or a caller's."""
+    """Set ray i of the tile to (o, d, t_min, t_max); it starts outside of surfaces, as a camera's or a caller's ray."""
     set_ray_from(scratch, i, ray, ANYWHERE)
 
 
 @inline
 def set_ray_from(scratch: Scratch, i: int, ray: WorldRay, side: float) -> None:
-    """Ray i of the tile becomes (o, d, t_min, t_max), on one side of the surface that it may start on: +1, -1."""
+    """Set ray i of the tile to (o, d, t_min, t_max), on one side of the surface that it may start on: +1 or -1."""
     wide = scratch.world
     wide[SIDE_OF + i] = side
     store3(wide, ORIGIN + i, ray[0])
@@ -72,17 +72,17 @@ def _settle(scratch: Scratch) -> None:
 
 @inline
 def _cut_by(world: World, at: int, scratch: Scratch) -> None:
-    """The tile's rays lose what a clip plane cuts away. No branches: rays as vectors."""
+    """Cut the tile's rays by one clip plane. No branches: rays as vectors."""
     wide = scratch.world
     normal, offset = load3_flat(world.clips, at), world.clips[at + CLIP_OFFSET]
     for i in range(TILE):
         o, d, t_min = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i]
         height, rise = dot(normal, o) - offset, dot(normal, d)
         t = -height / rise
-        # A ray along the plane is in or out as a whole.
+        # A ray parallel to the plane is kept or cut as a whole.
         low = t if rise < 0.0 else -np.inf
         high = t if rise > 0.0 else (-np.inf if (rise == 0.0) & (height > 0.0) else np.inf)
-        # What starts on a surface that the plane touches may be a rounding's width beyond the plane.
+        # The start of a ray on a surface that the plane touches may lie beyond the plane by a rounding error.
         beyond = height + t_min * rise > ON_PLANE * (length(o) + abs(offset))
         scratch.model[CUT + i] = ONE if (low > t_min) & beyond else scratch.model[CUT + i]
         wide[T_MIN + i] = low if low > t_min else t_min
@@ -91,7 +91,7 @@ def _cut_by(world: World, at: int, scratch: Scratch) -> None:
 
 @inline
 def _cut(world: World, scratch: Scratch) -> None:
-    """The tile's rays lose what the scene's clip planes cut away; where nothing is left a ray misses everything."""
+    """Cut the tile's rays by the scene's clip planes; if nothing is left of a ray, it misses everything."""
     wide = scratch.world
     for i in range(TILE):
         scratch.model[CUT + i] = ZERO
@@ -104,7 +104,7 @@ def _cut(world: World, scratch: Scratch) -> None:
 
 @inline
 def _end_where_hit(scratch: Scratch) -> None:
-    """Rays that have met something go no farther."""
+    """End the rays at their hits."""
     for i in range(TILE):
         wide = scratch.world
         wide[NEAREST + i] = -1.0 if scratch.numbers[INSTANCE_OF + i] >= 0 else wide[NEAREST + i]
@@ -112,7 +112,7 @@ def _end_where_hit(scratch: Scratch) -> None:
 
 @routine
 def _trace(world: World, any_hit: bool, scratch: Scratch) -> None:
-    """The nearest hits of the tile's rays with everything in the scene, or any hits."""
+    """The nearest hits of the tile's rays with everything in the scene; for occlusion any hits."""
     # Borrow again: a routine cannot see that its caller already did.
     scratch, world = borrow(scratch), borrow(world)
     _settle(scratch)
@@ -145,7 +145,7 @@ def trace_tile(world: World, scratch: Scratch) -> None:
 
 @inline
 def occlude_tile(world: World, scratch: Scratch) -> None:
-    """Which of the tile's rays meet anything: `is_blocked`. Their hits are not known then."""
+    """Which of the tile's rays meet anything, for `is_blocked`. Their hits are not known afterwards."""
     _trace(world, True, scratch)
 
 
