@@ -1,4 +1,4 @@
-"""Model: points with a support each, and the tree over them. What a user traces."""
+"""Model: points with a support each, and the tree over them. Users trace models."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from .splats.radii import check_radii
 from .splats.support import CROWD, find_support
 from .tree.build import Splats, TreeSettings, build_tree
 
-SURFACE = "apss"  # the default: of the three the one without bias (measured in bench/)
+SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii (docs/decisions/surface.md)
-LOOSE_TRIM = 0.95  # the same where the radii are too small to cover the surface: it lies in gaps
-LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 of the time (24)
-COARSER = 2.0  # how many times the cells of a level are those of the one before; of the first, the model's spacing
+LOOSE_TRIM = 0.95  # the same, where the radii are too small to cover the surface, which then lies in gaps
+LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker as with 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
+COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
-SMALLEST, LARGEST = 1e-12, 1e12  # of a radius
+SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 STAGES = ("normals", "radii", "tree")
 
@@ -39,30 +39,30 @@ class Model:
     Parameters
     ----------
     points : Points or (n, 3) array_like
-        Rows without a finite position are left out (with a warning); missing normals are estimated, those there are
-        are used, whether or not they are the surface's (`check_normals`).
+        Rows without a finite position are left out (with a warning); missing normals are estimated, existing ones are
+        used, whether or not they are the surface's (`check_normals`).
     radii : (n,) array_like, optional
         Support radius of each point, in the unit of the positions. None: chosen (paper, part II).
     surface : {"paper", "imls", "apss", "disc"}, optional
         The implicit surface, see `pointray.intersect.surface`; "disc" is the flat splats of the paper's figure 1a.
         None: "apss".
     samples : int
-        Samples along a ray in the length of a support's diameter, the paper's N: steps are at most radius * 2 / N.
+        Samples along a ray over a support's diameter, the paper's N: steps are radius * 2 / N or less.
     refine : int
         Secant steps after the bracket; 0 is the paper.
     trim : "auto", float or None
         A hit counts only where |x - P(x)| is at most this many local radii: it removes phantom surface. "auto": 0.6
-        (0.95 where the radii are smaller than covers the surface), and no farther than 0.2 out of the splats on an
+        (0.95 where the radii are too small to cover the surface), and no farther than 0.2 out of the splats on an
         open border, so that no skirt grows. None: the paper.
     radius_scale : float
-        All radii times this.
+        Factor for all radii.
     progress : callable, optional
         Called with the stage's name and the share done.
 
     Raises
     ------
     ValueError
-        If a shape, dtype or value is wrong, or there is one place only and no radius.
+        If a shape, dtype or value is wrong, or all points coincide and no radius is given.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Model:
             )
         cloud = self.points.select(used) if lost else self.points
         say("normals", 0.0)
-        # Means are right as they are: neighbours of a thin body may look to opposite sides.
+        # Averaged normals are not mended: neighbours on a thin body may face opposite sides.
         normals = _unit_normals(cloud, partial(say, "normals")) if within is None else np.asarray(cloud.normals)
         say("radii", 0.0)
         automatic = self.settings.overhang < np.inf
@@ -140,7 +140,7 @@ class Model:
 
         Parameters
         ----------
-        path : str or path
+        Usually ends in .pointray; the file is replaced when all is written.
             Usually ends in .pointray; replaced when all is written.
         progress : callable, optional
             Called with the share done.
@@ -159,16 +159,16 @@ class Model:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Model:
-        """A model that `save` has written, mapped into memory: ready at once, whatever its size.
+        """A model that `save` has written, mapped into memory: it is ready at once, whatever its size.
 
-        The file must stay as it is while the model is used.
+        The file must not change while the model is used.
 
         Raises
         ------
         OSError
             If the file cannot be opened.
         ValueError
-            If it is no saved model, of another version, or damaged.
+            If it is no saved model, has another version, or is damaged.
         """
         check_path(path)
         parts = read_model(path)
@@ -188,11 +188,11 @@ class Model:
         return model
 
     def make_levels(self, progress: Callable[[str, float], None] | None = None) -> None:
-        """Make coarser versions for where points are finer than pixels: each of half as many points along a line.
+        """Make coarser versions for where points are finer than pixels: each has half as many points along a line.
 
-        Pictures then take of each instance the level that fits its distance: less flicker in films, more frames a
-        second. Their surface is "paper"'s, with N = 2: points there are about as far apart as pixels. Memory grows by
-        a third. `Settings(levels=False)` leaves them alone.
+        Pictures then show each instance in the level that fits its distance: less flicker in films, more frames a
+        second. The levels have the surface "paper", with N = 2: their points are about as far apart as pixels. Memory
+        grows by a third. `Settings(levels=False)` ignores them.
 
         Attributes
         ----------
@@ -218,7 +218,7 @@ class Model:
 
     @classmethod
     def _level(cls, points: Points, within: tuple[float, NDArray[np.float32]]) -> Model:
-        """A level of detail. Its supports have limits: what stands alone stays about as small as it was."""
+        """A level of detail. Its supports have limits: isolated points stay about as small as they were."""
         model = cls.__new__(cls)
         model.points, model.surface, model.levels = points, "paper", ()
         model.settings = _check_settings(model.surface, LEVEL_SAMPLES, 1, "auto")
@@ -226,7 +226,7 @@ class Model:
         return model
 
     def __getstate__(self) -> dict[str, Any]:
-        """What pickles and copies take; a copy of it, as another thread may ask for `reach` the first time."""
+        """State for pickles and copies; it is a copy, as another thread may compute `reach` for the first time."""
         return self.__dict__.copy()
 
     @property
@@ -236,18 +236,18 @@ class Model:
 
     @cached_property
     def reach(self) -> NDArray[np.float64]:
-        """Bounds of all that rays can hit, (2, 3) float64 about the origin: the surface goes on beyond the points."""
+        """Bounds of all that rays can hit, (2, 3) float64 about the origin: the surface extends beyond the points."""
         root = self.tree.boxes[:NODE].reshape(2, 3, WIDTH)
         return np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
 
     @cached_property
     def spacing(self) -> float:
-        """Between neighbouring points, as the median radius tells it; in the points' unit."""
+        """The spacing of neighbouring points, estimated from the median radius; in the points' unit."""
         return float(np.median(self.radii))
 
     @cached_property
     def longest(self) -> int:
-        """Blocks that the longest leaf knows."""
+        """The number of blocks in the longest leaf."""
         return 16 * int(self.tree.spans[1::2].max())
 
     @property
@@ -269,7 +269,7 @@ def _points_of(positions: ArrayLike) -> Points:
 
 
 def _unit_normals(points: Points, progress: Progress | None = None) -> NDArray[np.float32]:
-    """Unit normals: the points' own where they have them, mended or estimated where not."""
+    """Unit normals: the points' own where they have them, repaired or estimated where not."""
     if points.normals is None:
         normals = point_normals.estimate_normals(points, progress=progress).normals
         assert normals is not None
@@ -282,7 +282,7 @@ def _unit_normals(points: Points, progress: Progress | None = None) -> NDArray[n
 
 
 def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
-    """Without the crowded ones, and a word if there are any."""
+    """The splats without the crowded ones, with a warning if there are any."""
     lost = int(crowded.sum())
     if not lost:
         return splats
@@ -292,7 +292,7 @@ def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
 
 
 def _check_size(radii: NDArray[np.float32]) -> None:
-    """Squares and their inverses must keep to float32."""
+    """Check that the squares of radii and their inverses stay within float32."""
     if radii.min() < SMALLEST or radii.max() > LARGEST:
         raise ValueError(
             f"radii reach from {radii.min():.3g} to {radii.max():.3g} with radius_scale: "
@@ -315,7 +315,7 @@ def _check_settings(surface: str, samples: int, refine: int, trim: str | float |
 
 
 def _settings_of(values: dict[str, Any]) -> TreeSettings:
-    """Settings as they are kept in a file."""
+    """Settings from the form in which a file keeps them."""
     settings = TreeSettings(**values)
     if settings.surface not in SURFACES or not all(isinstance(value, int | float) for value in settings[1:]):
         raise ValueError("its settings are unknown")

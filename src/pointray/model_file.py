@@ -1,6 +1,6 @@
-"""Models as files: one after the other the arrays, each as NumPy's .npy, behind one that names them. Read by mapping.
+"""Models as files: arrays one after the other, each as NumPy's .npy, behind one that names them. Read by mapping.
 
-A model's levels of detail stand behind it, as models of their own.
+A model's levels of detail follow it, as models of their own.
 
 A file is not trusted: names, types, lengths and every number that a ray follows are checked before the first ray, so
 that a damaged one is an error.
@@ -24,11 +24,11 @@ from .kernels.records import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STE
 from .points.files import check_regular, replacing
 from .tree.indices import check_indices
 
-SAVED = ".pointray"  # how the name of such a file usually ends
+SAVED = ".pointray"  # the usual end of such a file's name
 FORMAT, VERSION = "pointray model", 2
-LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]  # of the records: another layout is another tree
-ALIGN = 64  # bytes: where an array begins, and what follows the last, for loads past its end
-CHUNK = 1 << 24  # items written between two words on the progress
+LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]  # of the records: a tree with another layout cannot be read
+ALIGN = 64  # bytes: arrays begin at multiples of it, and as much follows the last one, for loads past its end
+CHUNK = 1 << 24  # items that are written between two progress reports
 
 Say = Callable[[float], None]
 
@@ -39,7 +39,7 @@ class Part(NamedTuple):
     Attributes
     ----------
     settings : dict
-        As JSON can hold it.
+        In a form that JSON can hold.
     points : Points
     radii : (n,) float32
     bounds : (2, 3) float64
@@ -54,7 +54,7 @@ class Part(NamedTuple):
 
 
 def write_model(path: str | os.PathLike[str], parts: Sequence[Part], say: Say) -> None:
-    """Write a file that `read_model` reads; it takes its name when all is written.
+    """Write a file that `read_model` reads; the file gets its name when all is written.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def write_model(path: str | os.PathLike[str], parts: Sequence[Part], say: Say) -
 
 
 def _prefix(k: int) -> str:
-    """Of the names of a part's arrays: none of the model's own."""
+    """The prefix of the names of a part's arrays: empty for the model itself."""
     return f"level{k}." if k else ""
 
 
 def _arrays_of(part: Part) -> dict[str, NDArray[Any]]:
-    """A part's arrays, under the names they have in a file."""
+    """A part's arrays, by their names in a file."""
     points = part.points
     named = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
     named |= {f"attribute.{name}": values for name, values in points.attributes.items()}
@@ -98,14 +98,14 @@ def _arrays_of(part: Part) -> dict[str, NDArray[Any]]:
 
 
 def read_model(path: str | os.PathLike[str]) -> list[Part]:
-    """What was written, the model and its levels of detail: mapped, so that it is there at once.
+    """The parts of a file, the model and its levels of detail: mapped, so that they are ready at once.
 
     Raises
     ------
     OSError
         If the file cannot be opened.
     ValueError
-        If it is no model, of another version, or damaged.
+        If it is no model, has another version, or is damaged.
     """
     file = check_regular(path)
     try:
@@ -121,7 +121,7 @@ def read_model(path: str | os.PathLike[str]) -> list[Part]:
 
 
 def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
-    """Of the model, and of its levels of detail; an older file has none."""
+    """The settings of the model and of its levels of detail; an older file has no levels."""
     settings = [about.get("settings"), *_listed(about.get("levels", []))]
     if not all(isinstance(one, dict) for one in settings):
         raise ValueError("the model is damaged: its settings are none")
@@ -133,7 +133,7 @@ def _listed(value: Any) -> list[Any]:
 
 
 def _columns_of(points: Points) -> dict[str, Any]:
-    """What all levels of a model have alike."""
+    """The columns that all levels of a model share."""
     return {"": points.colors is None, **{name: values.shape[1:] for name, values in points.attributes.items()}}
 
 
@@ -142,7 +142,7 @@ def _read_arrays(stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, NDArray[A
     size = os.fstat(stream.fileno()).st_size
     if stream.read(6) != b"\x93NUMPY":
         raise ValueError("not a saved model")
-    # Copied where written to: the file stays as it is.
+    # Pages are copied when written to: the file does not change.
     memory = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_COPY)
     stream.seek(0)
     head = _next_array(stream, memory, size, "the description")
@@ -163,7 +163,7 @@ def _read_arrays(stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, NDArray[A
 
 
 def _next_array(stream: IO[bytes], memory: mmap.mmap, size: int, name: str) -> NDArray[Any]:
-    """The array that begins where the stream is; leaves the stream behind it."""
+    """The array that begins at the stream's position; leaves the stream at the array's end."""
     try:
         if npy.read_magic(stream) != (1, 0):
             raise ValueError("of another version")
@@ -183,7 +183,7 @@ def _next_array(stream: IO[bytes], memory: mmap.mmap, size: int, name: str) -> N
 
 
 def _take_part(settings: dict[str, Any], found: dict[str, NDArray[Any]], prefix: str) -> Part:
-    """The part whose arrays' names begin so, checked."""
+    """The part whose arrays' names begin with a prefix, checked."""
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
     points = _take_points(mine)
     radii, bounds = _take(mine, "radii", np.float32, (len(points),)), _take(mine, "bounds", np.float64, (2, 3))
@@ -198,7 +198,7 @@ def _take_part(settings: dict[str, Any], found: dict[str, NDArray[Any]], prefix:
 
 
 def _take(found: dict[str, NDArray[Any]], name: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
-    """An array of the file, out of `found`; -1 in `shape` stands for any length. ValueError if it is not so."""
+    """An array of the file, out of `found`; -1 in `shape` stands for any length. ValueError if it differs."""
     if name not in found:
         raise ValueError(f"{name} is missing")
     array = found.pop(name)
@@ -222,6 +222,6 @@ def _take_tree(found: dict[str, NDArray[Any]]) -> Tree:
     small = {"borders", "facing"}
     types = {name: np.int32 if name in whole else np.int8 if name in small else np.float32 for name in Tree._fields}
     tree = Tree(*(_take(found, f"tree.{name}", types[name], (-1,)) for name in Tree._fields))
-    if len(tree.head) == HEAD and tree.head[LONGEST] == 0.0:  # saved before it was kept
+    if len(tree.head) == HEAD and tree.head[LONGEST] == 0.0:  # the file was saved before this number was kept
         tree.head[LONGEST] = tree.leaves[STEP::LEAF].max(initial=0.0)
     return tree

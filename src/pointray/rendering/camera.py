@@ -34,7 +34,7 @@ THREE_QUARTER = (0.45, -1.0, 0.35)  # from the front, a little to the right and 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Where a picture is taken from, and how; make it with `look_at` or `frame`, which say what the parts mean.
+    """Where and how a picture is taken; make it with `look_at` or `frame`, which explain the parts.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Camera:
     projection : {"perspective", "orthographic", "panorama"}
     aperture : float
         Diameter of the lens in world units; 0: a pinhole.
-    focus : float, optional
+    Distance along the view of the plane in focus; None: the target's distance.
         Distance along the view of the plane that is sharp; None: the target's.
     """
 
@@ -90,7 +90,7 @@ class Camera:
         aperture: float = 0.0,
         focus: float | None = None,
     ) -> Camera:
-        """A camera at `eye` that has `target` in the middle of its picture.
+        """A camera at `eye` with `target` in the middle of its picture.
 
         Parameters
         ----------
@@ -103,8 +103,8 @@ class Camera:
         size : (int, int)
             Width and height in pixels, 1 to 32768.
         projection : {"perspective", "orthographic", "panorama"}
-            Orthographic rays are parallel; they begin in the plane through the eye across the view, and what is behind
-            it is not seen. The picture is as high as a perspective one is at the target, 2 tan(fov / 2) times the
+            Orthographic rays are parallel; they begin in the plane through the eye across the view, and nothing behind
+            it is seen. The picture is as high as a perspective one is at the target, 2 tan(fov / 2) times the
             distance of eye and target, so that one can be exchanged for the other.
             A panorama is the whole sphere around the eye, 360 degrees across and 180 high (equirectangular), with the
             target in its middle; `up`, made perpendicular to the view, is its upper edge. 2 : 1 gives square degrees.
@@ -112,9 +112,9 @@ class Camera:
             Diameter of the lens in world units, not negative; 0: a pinhole, all is sharp. A thin lens: a point at
             distance z along the view is spread over a disc of aperture |z - focus| / focus, in the world at its own
             distance (the circle of confusion). In an orthographic picture each ray has such a lens around its origin;
-            a panorama has none. Seen only with several samples a pixel.
+            a panorama has none. The blur needs several samples a pixel.
         focus : float, optional
-            Distance along the view of the plane that is sharp, positive, inf: the farthest; None: the target's.
+            Distance along the view of the plane in focus, positive, inf: the farthest; None: the target's distance.
 
         Raises
         ------
@@ -193,12 +193,12 @@ class Camera:
         return out
 
     def rays(self, rows: slice = slice(None)) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The ray through the middle of each pixel, and of the lens.
+        """The rays through the middle of each pixel and the middle of the lens.
 
         Parameters
         ----------
         rows : slice
-            Some rows of the picture only: h are these.
+            Rows of the picture to take; h is their number.
 
         Returns
         -------
@@ -213,7 +213,7 @@ class Camera:
         return self.rays_through(u, v)
 
     def rays_through(self, u: Any, v: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Rays through places of the picture, and the middle of the lens.
+        """Rays through points of the picture and the middle of the lens.
 
         Parameters
         ----------

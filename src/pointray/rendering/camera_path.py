@@ -1,4 +1,4 @@
-"""Films: where the camera is in each frame, on a turntable or along keys."""
+"""Films: where the camera is in each frame, on a turntable or along keyframes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ SAME = 1e-9  # seconds: a frame this close to a key is the key
 
 
 def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
-    """Cameras on a circle: what the first one looks at seems to turn on a table.
+    """Cameras on a circle: the target of the first one seems to turn on a table.
 
     Parameters
     ----------
     camera : Camera
-        The first frame's. The axis of the circle goes through its target, along its `up`.
+        The camera of the first frame. The axis of the circle goes through its target, along its `up`.
     frames : int
-        The last frame is one step before the first one, so that a film of whole turns can be looped.
+        The last frame is one step before the first one, so that a film of whole turns loops.
     turns : float
         Counter-clockwise as seen from above; negative: the other way.
 
@@ -47,33 +47,33 @@ def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
     target, axis = np.asarray(camera.target), _unit(np.asarray(camera.up))
     arm, up = np.asarray(camera.eye) - target, np.asarray(camera.up)
     if np.linalg.norm(np.cross(_unit(arm), axis)) < 1e-6:
-        up = camera.record()[UPWARD : UPWARD + 3]  # from straight above the picture turns, as its top does
+        up = camera.record()[UPWARD : UPWARD + 3]  # straight above the axis the picture turns, and so does its top
     angles = 2 * np.pi * turns * np.arange(1, frames) / frames
     others = [(target + _turned(arm, axis, angle), _turned(up, axis, angle)) for angle in angles]
     return [camera, *(replace(camera, eye=tuple(eye), up=tuple(top)) for eye, top in others)]
 
 
 def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]:
-    """Cameras along a smooth way through keys.
+    """Cameras along a smooth path through keys.
 
     Parameters
     ----------
     keys : sequence of (float, Camera)
-        At least two: when, in seconds, rising, and the camera at that moment. All have the size of the first.
+        At least two: the time in seconds, increasing, and the camera at that time. All have the size of the first.
     fps : float
         Frames a second. The first frame is the first key; the last is the last key or less than a frame before it.
 
     Returns
     -------
     list of Camera
-        Where a frame falls on a key its camera.
+        A frame that falls on a key has the key's camera.
 
     Notes
     -----
-    Eye and target go along cubics through the keys (Catmull and Rom), directions along the sphere: the view does not
-    collapse where it turns by 180 degrees. Between keys of the same target the eye goes around it, between keys of the
-    same eye the camera pans, between the same keys it is still; in general what moves less leads.
-    Field of view and distance of the target stay between those of the keys.
+    Eye and target follow cubics through the keys (Catmull and Rom), directions follow the sphere: the view does not
+    collapse where it turns by 180 degrees. Between keys with the same target the eye goes around it, between keys with
+    the same eye the camera pans, between equal keys it is still; in general what moves less leads.
+    Field of view and distance of the target stay between those of the two keys.
     """
     times = _times_of(keys)
     if len(times) < 2:
@@ -110,7 +110,7 @@ def _times_of(keys: Any) -> Floats:
 
 
 def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camera]:
-    """The cameras at some times, as the curves through the keys have them."""
+    """The cameras at given times, from the curves through the keys."""
     from scipy.interpolate import PchipInterpolator
 
     eyes, targets, ups = (np.array([getattr(camera, name) for camera in cameras]) for name in ("eye", "target", "up"))
@@ -121,7 +121,7 @@ def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camer
     moves = [np.linalg.norm(np.diff(places, axis=0), axis=1) for places in (eyes, targets)]
     shares = moves[0] / np.maximum(moves[0] + moves[1], 1e-300)  # 1: the target leads, 0: the eye
     lead = np.interp(at, (times[1:] + times[:-1]) / 2, shares)[:, None]
-    # At a key the two agree, so that who leads may change there.
+    # At a key the two agree, so the one that leads may change there.
     eye = (1 - lead) * _curve(times, eyes, at) + lead * (_curve(times, targets, at) - view)
     target, up = eye + view, _way_of_directions(times, ups, at)
     return [
@@ -141,7 +141,7 @@ def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
 
 
 def _way_of_directions(times: Floats, directions: Floats, at: Floats) -> Floats:
-    """Unit vectors along a smooth way on the sphere through (n, 3) directions; (m, 3)."""
+    """Unit vectors along a smooth path on the sphere through (n, 3) directions; (m, 3)."""
     units = np.array([_unit(direction) for direction in directions])
     places, when = [units[0]], [times[0]]
     for k in range(len(units) - 1):
@@ -157,7 +157,7 @@ def _way_of_directions(times: Floats, directions: Floats, at: Floats) -> Floats:
 
 
 def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
-    """Axis and angle of the shortest turn from one unit vector to another; of opposite ones, level if there is one."""
+    """Axis and angle of the shortest turn from one unit vector to another; opposite ones have a level axis if any."""
     axis = np.cross(a, b)
     angle = float(np.arctan2(np.linalg.norm(axis), a @ b))
     if np.linalg.norm(axis) < 1e-9:

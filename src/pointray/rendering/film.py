@@ -1,8 +1,9 @@
-"""Tiles of 8 x 8 pixels: the rays of one sample of each, and the sums of what came along them.
+"""Tiles of 8 x 8 pixels: the rays of one sample in each pixel, and the sums of the light that these bring.
 
-Pixels follow a Morton curve: four rays in a row are neighbours. What depends on the camera is asked once a tile, not
-once a ray, so that rays go through it as vectors: with branches in the loops both ways of each were computed, sines of
-panoramas and logarithms of filters too, which took 75 ns a pixel, two thirds of an empty frame.
+Pixels follow a Morton curve: four consecutive rays are neighbours. Decisions that depend on the camera are made once
+for each tile, not for each ray, so that rays are processed as vectors: with branches in the loops both sides of each
+were computed, and also the sines of panoramas and the logarithms of filters, which took 75 ns a pixel, two thirds of
+an empty frame.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ Background: TypeAlias = tuple[float, float, float, float]  # RGB and alpha
 
 EDGE = 8  # pixels a side of a tile
 LONGEST_PASS = 64  # samples
-# Numbers of a pixel in a film: the light and how often something was met; where noise is measured, the squares too; all
-# where there are shadow catchers.
+# Numbers for each pixel of a film: the light, and how often something was met; also the squares where noise is
+# measured; all of them where there are shadow catchers.
 LIGHT_SUMS, NOISE_SUMS, ALL_SUMS = 4, 5, 8
 
 
@@ -61,7 +62,7 @@ def pixel_of(corner: Corner, i: int) -> Corner:
 
 @inline
 def begin_tile(corner: Corner, size: Size, seed: int, scratch: Scratch) -> None:
-    """Keys of the samples of a tile's pixels; those beyond the image's edge repeat its last ones."""
+    """Set the keys of the samples of a tile's pixels; pixels beyond the image's edge repeat its last ones."""
     for i in range(TILE):
         x, y = pixel_of(corner, i)
         scratch.shading_points[KEY + i] = pixel_key(min(x, size[0] - 1), min(y, size[1] - 1), seed)
@@ -76,7 +77,7 @@ def _middles(corner: Corner, size: Size, wide: Array) -> None:
 
 @inline
 def _move(sample: int, shape: int, scratch: Scratch) -> None:
-    """Rays leave their pixels' middles for the places of a sample."""
+    """Move rays from their pixels' middles to the positions of a sample."""
     for i in range(TILE):
         right, down = place_in_pixel(int(scratch.shading_points[KEY + i]), sample, shape)
         scratch.world[IMAGE_X + i] += right
@@ -85,7 +86,7 @@ def _move(sample: int, shape: int, scratch: Scratch) -> None:
 
 @inline
 def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> None:
-    """Places in the image become rays, of no particular length."""
+    """Turn positions in the image into rays, whose directions may have any length."""
     wide = scratch.world
     for i in range(TILE):
         u, v = on_screen(size, wide[IMAGE_X + i], wide[IMAGE_Y + i])
@@ -95,7 +96,7 @@ def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> No
 
 @inline
 def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
-    """Rays go through places of the lens."""
+    """Send the rays through points of the lens."""
     wide = scratch.world
     for i in range(TILE):
         u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_LENS)
@@ -108,9 +109,9 @@ def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
 def set_pixel_rays(
     camera: Array, size: Size, corner: Corner, sample: int, drawn: tuple[int, int], scratch: Scratch
 ) -> None:
-    """The tile's rays become those of one sample of its pixels; a single sample goes through the middles.
+    """Set the tile's rays to those of one sample of its pixels; a single sample goes through the middles.
 
-    camera : see `records.CAMERA`; size : width, height of the image; drawn : samples a pixel, filter
+    camera : see `records.CAMERA`; size : width, height of the image; drawn : samples for each pixel, filter
     """
     spp, shape = drawn
     _middles(corner, size, scratch.world)
@@ -137,7 +138,7 @@ def set_pixel_rays(
 
 @inline
 def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> None:
-    """The sums of a tile's pixels so far: `first` samples. Those that the film does not keep are 0."""
+    """Load the sums of a tile's pixels after `first` samples. Sums that the film does not keep are 0."""
     sums = scratch.sums
     sums[:] = 0.0
     if first == 0:
@@ -151,9 +152,9 @@ def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> Non
 
 @inline
 def round_sums(sample: int, first: int, scratch: Scratch) -> None:
-    """Round the sums of a tile to float32 before a sample where a pass may begin, as a film would have rounded them.
+    """Round a tile's sums to float32 before a sample with which a pass may begin, as a film would have rounded them.
 
-    So a picture does not depend on whether it is cut into passes of 1, 1, 2, 4 and so on, or is made in one.
+    So the picture is the same whether it is made in one pass or in passes of 1, 1, 2, 4 and so on.
     """
     if sample > first and (sample % LONGEST_PASS == 0 or (sample < LONGEST_PASS and sample & (sample - 1) == 0)):
         for k in range(scratch.sums.size):
@@ -162,7 +163,7 @@ def round_sums(sample: int, first: int, scratch: Scratch) -> None:
 
 @inline
 def add_color(scratch: Scratch, i: int, color: Vec3) -> None:
-    """Add a sample that has met something to pixel i's sums."""
+    """Add a sample that has met something to the sums of pixel i."""
     _add(scratch.sums, i, color, 1.0)
 
 
@@ -192,9 +193,9 @@ def add_sample(met: Bits, scratch: Scratch) -> None:
 
 @inline
 def _average(done: int, background: Background, sums: Array) -> None:
-    """The sums' first four rows become the means over the background, and alpha.
+    """Replace the first four rows of the sums by the means over the background, and alpha.
 
-    Shadow catchers cover a pixel by the share of the light that they lack.
+    Shadow catchers cover a pixel by the share of the light that is missing on them.
     """
     share = 1.0 / done
     for i in range(TILE):
@@ -207,7 +208,7 @@ def _average(done: int, background: Background, sums: Array) -> None:
 
 @inline
 def fill_tile(corner: Corner, background: Background, image: Array) -> None:
-    """Write the background into a tile of the image in which nothing is met. Its sums are 0, as a film begins."""
+    """Write the background into a tile of the image in which nothing is met. Its sums stay 0, as in a new film."""
     for y in range(corner[1], min(corner[1] + EDGE, image.shape[0])):
         for x in range(corner[0], min(corner[0] + EDGE, image.shape[1])):
             for c in range(4):
@@ -216,7 +217,7 @@ def fill_tile(corner: Corner, background: Background, image: Array) -> None:
 
 @inline
 def finish_sums(corner: Corner, done: int, background: Background, film: Array, image: Array, scratch: Scratch) -> None:
-    """Keep the sums of a tile's pixels in the film, if there is one, and write the image: means over the background."""
+    """Store the sums of a tile's pixels in the film, if any, and write the image: means over the background."""
     sums, height, width = scratch.sums, image.shape[0], image.shape[1]
     if film.size > 0:
         for i in range(TILE):

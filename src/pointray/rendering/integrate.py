@@ -1,14 +1,14 @@
-"""The kernels of a pass: blocks of pixels that threads take, tiles of 8 x 8 pixels in them, samples of these.
+"""The kernels of a pass: threads take blocks of pixels, which hold tiles of 8 x 8 pixels, and trace their samples.
 
-A frame may be a pass of several: `film` (h, w, k) float32 keeps the first k of the sums of the samples so far (RGB, how
-often something was met, the square of the luminance; how often a shadow catcher was, the light that would arrive there
-and that does; see `film.LIGHT_SUMS`); an empty film where one pass is all. Within a pass sums are float64, for which
-a large picture's film has no room; they are rounded where passes may end (`film.round_sums`), so that the picture
-does not depend on how it is cut into passes. After 65,536 samples a sum is off by 2e-5 at most. `image` (h, w, 4) has
-the means, over the background.
+A frame may be one pass or several. `film` (h, w, k) float32 keeps the first k sums of the samples so far (RGB, how
+often something was met, the square of the luminance; how often a shadow catcher was met, the light that would arrive
+there and the light that does; see `film.LIGHT_SUMS`); it is empty where one pass is all. Within a pass sums are
+float64, for which a large picture's film has no room; they are rounded where passes may end (`film.round_sums`), so
+that the picture does not depend on how it is cut into passes. After 65,536 samples a sum is off by 2e-5 or less.
+`image` (h, w, 4) holds the means, over the background.
 
-An integrator is a function of one sample of a tile: it adds what comes along the tile's rays to the sums of its pixels.
-`KERNELS` names the kernel of each.
+An integrator is a function for one sample of a tile: it adds the light along the tile's rays to the sums of its
+pixels. `KERNELS` names the kernel of each integrator.
 """
 
 from __future__ import annotations
@@ -63,19 +63,19 @@ from .film import (
 from .lens import depth_of
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 
-BLOCK = 16  # pixels a side of what a thread takes at a time: 4 tiles of 8 x 8
+BLOCK = 16  # pixels a side of the block that a thread takes at a time: 4 tiles of 8 x 8
 RayPair: TypeAlias = tuple[Vec3, Vec3]  # origin and direction, world
 
 
 class Pass(NamedTuple):
-    """What kernels are told of a pass of samples, beside the world and the camera.
+    """What kernels need to know of a pass of samples, besides the world and the camera.
 
-    integrator : number in `settings.INTEGRATORS`; shadows : of direct light
-    max_depth : scatterings, or mirrors and panes one behind the other
+    integrator : number in `settings.INTEGRATORS`; shadows : whether direct light has shadows
+    max_depth : limit of scatterings, or of mirrors and panes one behind the other
     sky_shows : whether a camera's ray that meets nothing sees the sky
-    sky_rays, reach : rays by which the sky is looked for, and how far these and ambient occlusion look
-    seed, spp, filter : of the samples, of which there will be so many a pixel; numbered as in `lens.FILTERS`
-    draws : whether anything is left to chance
+    sky_rays, reach : number of rays that look for the sky, and how far these and ambient occlusion look
+    seed, spp, filter : of the samples: spp is the final number a pixel; filter is a number of `lens.FILTERS`
+    draws : whether random numbers are drawn
     first, end : numbers of the first sample and of the one after the last
     window : pixels (left, top, right, bottom) outside of which nothing is met
     background : RGB and alpha
@@ -99,14 +99,14 @@ class Pass(NamedTuple):
 
 @inline
 def _corner(block: int, tile: int, width: int) -> Corner:
-    """Where a tile of a block begins."""
+    """The first pixel of a tile in a block."""
     across = (width + BLOCK - 1) // BLOCK
     return block % across * BLOCK + tile % 2 * EDGE, block // across * BLOCK + tile // 2 * EDGE
 
 
 @inline
 def _is_beside(corner: Corner, window: Window) -> bool:
-    """Whether a tile lies outside of the window."""
+    """Whether a tile lies outside the window."""
     beside = (corner[0] + EDGE <= window[0]) | (corner[0] >= window[2])
     return beside | (corner[1] + EDGE <= window[1]) | (corner[1] >= window[3])
 
@@ -121,7 +121,7 @@ def _render_tiles(
     film: Array,
     image: Array,
 ) -> None:
-    """The loop of all kernels: from a tile's rays to its pixels, by an integrator."""
+    """The loop of all kernels: an integrator brings the light of a tile's rays to its pixels."""
     memory = new_scratch(world.longest)
     scratch, world, camera = borrow(memory), borrow(world), borrow(camera)
     height, width = image.shape[:2]
@@ -134,7 +134,7 @@ def _render_tiles(
             if _is_beside(corner, job.window):
                 fill_tile(corner, job.background, image)
                 continue
-            if job.draws:  # 2% of a lit frame
+            if job.draws:  # it takes 2% of a lit frame
                 begin_tile(corner, (width, height), job.seed, scratch)
             begin_sums(corner, job.first, film, scratch)
             for sample in range(job.first, job.end):
@@ -155,7 +155,7 @@ def _tile_ray(scratch: Scratch, i: int) -> RayPair:
 
 @inline
 def _look(world: World, hit: WorldHit, ray: RayPair, camera: Array, integrator: int) -> Vec3:
-    """What a camera ray has hit, as a colour."""
+    """A colour for what a camera ray has hit."""
     if integrator == NORMAL:
         return add(scale(hit.normal, 0.5), (0.5, 0.5, 0.5))
     if integrator == DEPTH:
@@ -166,7 +166,7 @@ def _look(world: World, hit: WorldHit, ray: RayPair, camera: Array, integrator: 
 
 @inline
 def _cost(world: World, ray: RayPair, scratch: Scratch) -> Vec3:
-    """Nodes and leaves that a ray visits when it is traced alone, as a colour."""
+    """Nodes and leaves that a ray visits when it is traced singly, as a colour."""
     scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
     set_ray(scratch, 0, (ray[0], ray[1], 0.0, np.inf))
     for k in range(1, TILE):
@@ -178,7 +178,7 @@ def _cost(world: World, ray: RayPair, scratch: Scratch) -> Vec3:
 
 @inline
 def _add_costs(world: World, scratch: Scratch) -> None:
-    """Add the costs of the tile's rays, each traced alone."""
+    """Add the costs of the tile's rays, each traced singly."""
     points = scratch.shading_points
     for i in range(TILE):
         o, d = _tile_ray(scratch, i)
@@ -192,7 +192,7 @@ def _add_costs(world: World, scratch: Scratch) -> None:
 
 @inline
 def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Normal, depth or colour of what is seen, or what it costs to find it."""
+    """The normal, depth or colour of the first hit, or what it costs to find it."""
     if job.integrator == COST:
         _add_costs(world, scratch)
         return
@@ -209,7 +209,7 @@ def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, sc
 
 @inline
 def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bits:
-    """Radiance along the tile's rays, which are traced: direct light, and what comes by mirrors and glass.
+    """Radiance along the tile's traced rays: direct light, and light from mirrors and glass.
 
     Returns the rays that have met anything.
     """
@@ -230,7 +230,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
         if first and find_caught(world, scratch) != 0:
             catch_direct(world, scratch.counts[CAUGHT], job.shadows, scratch)
             show_caught(world, job.sky_shows, scratch)
-        # Shadow rays take the place of the tile's: what goes on is put down before.
+        # Shadow rays replace the tile's rays, so the specular ones are stored before.
         spawn_specular(world, job.max_depth, scratch)
         light_tile(world, job.shadows, (sample, job.sky_rays, job.reach), scratch)
         if not set_specular_rays(scratch):
@@ -245,7 +245,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
 def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
     """Direct light with hard shadows, mirrors and glass."""
     trace_tile(world, scratch)
-    if meets_nothing(scratch) and not job.sky_shows:  # background alone: empty frames in 0.6 of the time
+    if meets_nothing(scratch) and not job.sky_shows:  # only background: empty frames take 0.6 of the time
         return
     describe_tile(world, True, scratch)
     add_sample(_direct_light(world, job, sample, scratch), scratch)
@@ -273,7 +273,7 @@ def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, sc
 
 @inline
 def _integrate_paths(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """All light there is."""
+    """All light, by path tracing."""
     begin_radiance(scratch)
     begin_paths(scratch)
     add_sample(trace_paths(world, sample, job.max_depth, job.sky_shows, scratch), scratch)
@@ -295,10 +295,10 @@ def _integrate_sampled(world: World, camera: Array, job: Pass, sample: int, scra
         _integrate_paths(world, camera, job, sample, scratch)
 
 
-# Two kernels, not one for each integrator: tracing is most of each, and takes some 20 seconds to compile.
+# Two kernels, not one for each integrator: tracing is most of each kernel, and takes some 20 seconds to compile.
 @kernel
 def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Direct light, and what is at the first hit."""
+    """Direct light, and integrators that show the first hit."""
     _render_tiles(_integrate_quick, work, world, camera, job, film, image)
     return 0
 
@@ -310,7 +310,7 @@ def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Arr
     return 0
 
 
-# By the names of `settings.INTEGRATORS`.
+# The kernel for each name in `settings.INTEGRATORS`.
 KERNELS: dict[str, Any] = {
     **dict.fromkeys(("phong", "normal", "depth", "color", "cost"), quick_frame),
     **dict.fromkeys(("ao", "path"), sampled_frame),

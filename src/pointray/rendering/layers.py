@@ -1,4 +1,4 @@
-"""A picture in layers: its light, and what each pixel shows, for other programs to work with."""
+"""A picture in layers for other programs: its light, and what each pixel shows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .picture import check_picture, check_view, picture_bytes, render_snapshot
 from .settings import Settings
 
 LAYER_BYTES = 80  # a pixel, of all layers
-BAND, SQUARE = 1 << 13, 32  # rays of so many pixels are traced together, in squares of this edge
+BAND, SQUARE = 1 << 13, 32  # so many pixels' rays are traced together, in squares of this edge
 
 
 def render_layers(
@@ -26,12 +26,12 @@ def render_layers(
     settings: Settings | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, NDArray[Any]]:
-    """Render a scene, and say of each pixel what it shows.
+    """Render a scene, and tell for each pixel what it shows.
 
     Parameters
     ----------
     settings : Settings, optional
-        Of the radiance. The other layers are of one ray, through the pixel's middle: edges are not blended in them.
+        For the radiance. The other layers take one ray, through the pixel's middle: edges are not blended in them.
     progress : callable, optional
         Called with the share done, some ten times a second.
 
@@ -55,11 +55,11 @@ def render_layers(
 
     See Also
     --------
-    write_layers : as .npz, or as .exr for other programs.
+    write_layers : writes them as .npz, or as .exr for other programs.
     """
     settings = check_view(scene, camera, settings, progress)
     check_picture(camera.size, max(picture_bytes(settings), LAYER_BYTES))
-    share = settings.spp / (settings.spp + 1)  # the layers take one ray a pixel
+    share = settings.spp / (settings.spp + 1)  # the layers take one ray for each pixel
 
     def show(done: float) -> None:
         if progress is not None:
@@ -86,7 +86,7 @@ def render_layers(
 
 
 def _trace_band(scene: Snapshot, camera: Camera, band: slice, layers: dict[str, NDArray[Any]]) -> None:
-    """Fill some rows of the layers but the radiance: rays and hits of all would take more memory than the layers."""
+    """Fill some rows of all layers but the radiance: rays and hits of all rows would take more memory than these."""
     origins, directions = camera.rays(band)
     hits = intersect_snapshot(scene, *check_rays(origins, directions, 0, np.inf))
     view = directions @ camera.record()[FORWARD : FORWARD + 3] if camera.projection != "panorama" else 1.0
@@ -97,7 +97,7 @@ def _trace_band(scene: Snapshot, camera: Camera, band: slice, layers: dict[str, 
 
 
 def _albedo(scene: Snapshot, hits: Hits) -> NDArray[np.float32]:
-    """Colours of hits, where a material has one of its own that."""
+    """The colours of hits, or the material's colour where it has one of its own."""
     records = scene.world.instances.reshape(-1, INSTANCE)
     looks = scene.world.materials.reshape(-1, MATERIAL_SIZE)[records[:, MATERIAL].astype(int)]
     row = np.searchsorted(scene.numbers[:-1], hits.instance)

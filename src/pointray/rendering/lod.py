@@ -1,4 +1,4 @@
-"""Which level of detail an instance is shown in: the coarsest whose points are still finer than a pixel."""
+"""Which level of detail of an instance is shown: the coarsest whose points are still finer than a pixel."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from ..scene.world import Snapshot
 from ..splats.levels import SUPPORT
 from .camera import Camera
 
-# Pixels: the largest support, in the median. 24 statues of a million points, 100 pixels high: frames change by 0.81,
-# 0.78, 0.75 and 0.65 of what they do with all points where it is 1.2, 1.6, 2.0 and 2.6, and their error is 0.0065,
-# 0.0068, 0.0071 and 0.0086; 0.0070 with all points.
+# Pixels: the largest support, in the median. With 1.2, 1.6, 2.0 and 2.6, frames of 24 statues of a million points, 100
+# pixels high, change by 0.81, 0.78, 0.75 and 0.65 of what they do with all points, and their error is 0.0065, 0.0068,
+# 0.0071 and 0.0086; it is 0.0070 with all points.
 FINENESS = 1.9
-FINEST = 0.25  # of that, however many samples a pixel has
+FINEST = 0.25  # share of FINENESS: the limit, however many samples a pixel has
 
 
 def at_distance(scene: Snapshot, camera: Camera, spp: int) -> World:
-    """The scene's world with each instance in the level that fits; the world itself where no model has any.
+    """The scene's world with the fitting level for each instance; the world itself where no model has levels.
 
-    Instances coloured by classes of an attribute stay as fine as they are.
+    Instances coloured by classes of an attribute keep their finest model.
 
     Parameters
     ----------
     spp : int
-        Samples a pixel: so much finer may a level be.
+        Samples for each pixel: the more there are, the finer a level is.
     """
     world = scene.world
     families = [(model, *model.levels) for model in scene.models]
@@ -62,22 +62,22 @@ def at_distance(scene: Snapshot, camera: Camera, spp: int) -> World:
 
 
 def is_far(model: Model, camera: Camera, spp: int) -> bool:
-    """Whether a picture of the model, where it was scanned, would show it in a level of detail if it had some."""
+    """Whether a picture of the model, where it was scanned, would show one of its levels of detail, if it had any."""
     pixel = float(_pixel_sizes(camera, model.bounds.reshape(1, 6))[0])
     return COARSER * SUPPORT * model.spacing <= _finest(spp) * pixel
 
 
 def _finest(spp: int) -> float:
-    """Pixels: the largest spacing of points that are shown."""
+    """Pixels: the largest spacing of points that is shown."""
     return float(FINENESS * max(spp**-0.5, FINEST))
 
 
 def _repaint(
     world: World, instances: NDArray[np.float64], rows: NDArray[np.int64], level: NDArray[np.int64], count: int
 ) -> NDArray[np.int64]:
-    """Give instances the paints of their levels of detail; returns the levels, 0 where there is no such paint.
+    """Give instances the paints of their levels of detail; returns the levels, 0 where a level has no such paint.
 
-    count : of the levels of their model, which may have been made after the paints were
+    count : number of levels of each model, which may have been made after the paints
     """
     painted = np.flatnonzero(instances[rows, PAINT] >= 0)
     records = world.paints.reshape(-1, PAINT_SIZE)[instances[rows[painted], PAINT].astype(int)]
@@ -88,14 +88,14 @@ def _repaint(
 
 
 def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """By how much instances of models enlarge what goes from the world into the model, (n,)."""
+    """By how much the transforms from the world into the models enlarge, (n,)."""
     a, b, c = (instances[:, TO_MODEL + 4 * k : TO_MODEL + 4 * k + 3].T for k in range(3))
     volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
     return np.asarray(np.cbrt(np.abs(volume)))
 
 
 def _pixel_sizes(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How large a pixel is at the nearest places of boxes, (n,), in the world."""
+    """World size of a pixel at the nearest points of boxes, (n,)."""
     eye = np.asarray(camera.eye)
     away = np.linalg.norm(np.maximum(np.maximum(boxes[:, :3] - eye, eye - boxes[:, 3:]), 0.0), axis=1)
     height = camera.size[1]

@@ -39,14 +39,14 @@ from .lod import at_distance
 from .settings import AO, COST, INTEGRATORS, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
 
-AO_SHARE = 0.2  # of the scene's diagonal: how far ambient occlusion looks
-MOST_ONWARD = 32  # mirrors and panes one behind the other
-IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes a pixel, and of each of its numbers in a film
-DENOISE_BYTES = 68  # a pixel: its light, how much of that is noisy, colours and normals, what Open Image Denoise takes
-ROUNDING = 4e-6  # of a squared mean: as much variance may sums of samples have that do not differ
-BAND = 1 << 17  # pixels that are looked at together where noise is measured
-SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # paths see them
-SURFACE_SAMPLES = 16  # of the colours and normals that denoising is told
+AO_SHARE = 0.2  # share of the scene's diagonal: how far ambient occlusion looks
+MOST_ONWARD = 32  # limit of mirrors and panes one behind the other
+IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel, and of each of its numbers in a film
+DENOISE_BYTES = 68  # a pixel: its light, its noisy share, colours and normals, and what Open Image Denoise takes
+ROUNDING = 4e-6  # share of a squared mean: the variance that sums of equal samples may have by rounding
+BAND = 1 << 17  # pixels that are processed together where noise is measured
+SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights that paths see
+SURFACE_SAMPLES = 16  # samples of the colours and normals that the denoiser gets
 
 Progress = Callable[[float], None]
 
@@ -88,13 +88,13 @@ def render_snapshot(
     if not settings.denoised:
         return picture.image
     image, (light, noisy) = picture.image, picture.light()
-    del picture  # what it holds beside the image makes room
+    del picture  # all that it holds besides the image is freed
     albedo, normal = (_surfaces(scene, camera, settings, name) for name in ("color", "normal"))
-    for row in normal:  # shown as 0 to 1, times alpha
+    for row in normal:  # they are stored as 0 to 1, times alpha
         row[:, :3] = 2.0 * row[:, :3] - row[:, 3:]
-    if scene.shows_sky:  # its samples differ, but not by chance; each has its share of a pixel
+    if scene.shows_sky:  # its samples differ, but not by chance: only the rest of a pixel is noisy
         noisy *= albedo[..., 3]
-    # Of the light alone: a background has no noise, and is put behind by alpha, as it was.
+    # Only the light is denoised: a background has no noise, and alpha puts it behind as before.
     without = light[..., :3].copy()
     denoise(light, albedo, normal)
     for row, clean, old, share in zip(image, light, without, noisy, strict=True):
@@ -104,24 +104,24 @@ def render_snapshot(
 
 
 def picture_bytes(settings: Settings, catchers: bool = True, written: int = 0) -> int:
-    """Bytes a pixel while a picture is made, or afterwards, when it is written with so many beside it."""
+    """Bytes of a pixel while a picture is made, or later, when it is written with so many others beside it."""
     one_pass = settings.time_limit is None and settings.noise is None and not settings.denoised
     film = 0 if one_pass else FILM_NUMBER * _sums(settings, catchers)
     return IMAGE_BYTES + max(film, DENOISE_BYTES if settings.denoised else 0, written)
 
 
 def check_picture(size: tuple[int, int], bytes_a_pixel: int) -> None:
-    """ValueError if a picture does not fit into the memory that there is."""
+    """ValueError if a picture does not fit into the available memory."""
     check_memory(size[0] * size[1] * bytes_a_pixel, f"for a picture of {size[0]}x{size[1]}")
 
 
 def _sums(settings: Settings, catchers: bool) -> int:
-    """Numbers of a pixel in the film of a picture that is made in passes."""
+    """How many numbers a film keeps for each pixel of a picture that is made in passes."""
     return ALL_SUMS if catchers else NOISE_SUMS if settings.noise is not None or settings.denoised else LIGHT_SUMS
 
 
 def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Settings:
-    """The settings, None: the usual ones; ValueError if one of what `render` takes is something else."""
+    """The settings, or the default ones for None; ValueError if an argument of `render` has a wrong type."""
     check_kind(scene, "scene", Scene, "a Scene")
     check_kind(camera, "camera", Camera, "a Camera")
     check_callback(progress)
@@ -129,7 +129,7 @@ def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Setting
 
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:
-    """Colours or normals of what is seen, without a background: at the picture's own samples, at most 16 of them."""
+    """Colours or normals of the first hits, without a background, from 16 or fewer of the picture's own samples."""
     spp = min(settings.most, SURFACE_SAMPLES)
     few = replace(settings, integrator=integrator, spp=spp, time_limit=None, noise=None, denoise=False)
     picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0))
@@ -139,19 +139,19 @@ def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, integrator: s
 
 
 class Picture:
-    """A picture that is being made: samples are added to it until there are enough.
+    """A picture in progress: samples are added until there are enough.
 
     Parameters
     ----------
     scene : Snapshot
-        Of `Scene.snapshot`; what happens to the scene later changes nothing here.
+        The result of `Scene.snapshot`; later changes of the scene change nothing here.
     in_passes : bool
-        Keep the sums of the samples, so that they can be added bit by bit though the settings have no limit.
+        Keep the sums of the samples, so that they can be added bit by bit even if the settings have no limit.
 
     Attributes
     ----------
     image : (h, w, 4) float32
-        What `render` returns, of the samples so far.
+        What `render` returns, from the samples so far.
     """
 
     def __init__(
@@ -201,9 +201,9 @@ class Picture:
                 step = max(min(step, int((settings.time_limit - spent) / spent * done)), 1)
 
     def add(self, first: int, end: int, progress: Progress | None = None, cancel: Cancel | None = None) -> None:
-        """Add the samples from one number to another.
+        """Add the samples from one number up to another.
 
-        What was cancelled has samples in some tiles only: no more can be added.
+        A cancelled call has added samples to some tiles only: no more can be added.
         """
         job = self._pass._replace(first=first, end=end)
         args = (self._world, self._camera, job, self._film, self.image)
@@ -211,9 +211,9 @@ class Picture:
         self._done = end
 
     def light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """What has come along the rays without the background, (h, w, 4); and 1 where samples differ, else 0, (h, w).
+        """Light along the rays without the background, (h, w, 4); and 1 where samples differ, else 0, (h, w).
 
-        One sample a pixel tells nothing of that, nor do samples that are all dark: what they met counts as noisy.
+        One sample a pixel cannot tell that, nor can samples that are all dark: what they met counts as noisy.
         """
         light, noisy = np.zeros_like(self.image), np.empty(self.image.shape[:2], np.float32)
         for row, differs, film in zip(light, noisy, self._film, strict=True):
@@ -243,7 +243,7 @@ def kernel_for(settings: Settings) -> Any:
 
 
 def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, Pass]:
-    """The world as the integrator needs it, and what the kernel is told of all samples."""
+    """The world as the integrator needs it, and what the kernel needs to know of all samples."""
     world = at_distance(scene, camera, settings.most) if settings.levels else scene.world
     color = scene.background
     integrator = INTEGRATORS.index(settings.integrator)
@@ -275,7 +275,7 @@ def _reach(scene: Snapshot, settings: Settings) -> float:
 
 
 def _window(camera: Camera, world: World, job: Pass) -> Window:
-    """Where in the picture something can be met: only models are known to end."""
+    """The part of the picture in which something can be met: only models have known bounds."""
     lights = job.integrator == PATH and np.isin(world.lights[LIGHT_KIND::LIGHT], SIZED_LIGHTS).any()
     if job.integrator == COST or job.sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
         return EVERYWHERE

@@ -1,7 +1,7 @@
-"""Kernels compiled before they are needed, in a process beside: `python -m pointray.rendering.warmup NAME...` is it.
+"""Compile kernels before they are needed, in a process beside: `python -m pointray.rendering.warmup NAME...` is it.
 
-The kernel of pictures takes three times as long to compile as all those together that build a model, so both are
-compiled at once; what a click in the viewer needs comes after that.
+The kernel of pictures takes three times as long to compile as all kernels together that build a model, so both are
+compiled at once; the kernels that a click in the viewer needs come after that.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .picture import kernel_for, render
 from .settings import Settings
 
 PACKAGE = (__package__ or "").split(".")[0]
-# Seconds that kernels take on one core of 2024; what compiles faster or slower is noticed, see `jit.Backlog`.
+# Seconds that kernels take on one core of 2024; a faster or slower machine is noticed, see `jit.Backlog`.
 BUILD = {
     "splats.voronoi._measure": 1.4,
     "splats.borders._find_gaps": 1.3,
@@ -54,14 +54,14 @@ PICTURES = {
 
 
 def warm_up(settings: Settings, clicks: bool = False) -> None:
-    """Begin to compile what pictures of a scan need, and perhaps what clicks do; nothing where all is compiled."""
+    """Begin to compile what pictures of a scan need, and if wished what clicks need; nothing where all is compiled."""
     wanted = [name_of(kernel_for(settings)), *[_full(CLICK)] * clicks]
     compile_beside(__name__, {name: PICTURES[name.removeprefix(f"{PACKAGE}.")] for name in wanted})
     expect(BUILD)
 
 
 def expect(kernels: dict[str, float]) -> None:
-    """These are compiled by this process, soon: so many seconds of waiting are told."""
+    """Announce that this process compiles kernels soon, with the seconds that each takes."""
     BACKLOG.expect({_full(k): cost for k, cost in kernels.items() if not is_compiled(KERNELS[_full(k)])})
 
 
@@ -71,7 +71,7 @@ def is_warm(settings: Settings) -> bool:
 
 
 def wait_until_warm(settings: Settings) -> None:
-    """Wait while that is being compiled beside."""
+    """Wait while another process compiles it."""
     wait_for(kernel_for(settings), lambda: False)
 
 
@@ -80,9 +80,9 @@ def _full(name: str) -> str:
 
 
 def _compile(names: Sequence[str]) -> None:
-    """Compile kernels by using them; says each that is done."""
+    """Compile kernels by using them; print the name of each when it is done."""
     scene = Scene()
-    scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures are the same whatever is in a scene
+    scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures are the same for any scene
     camera = Camera.look_at((1, 1, 1), (0, 0, 0), size=(8, 8))
     integrators = {name_of(kernel): integrator for integrator, kernel in INTEGRATOR_KERNELS.items()}
     for name in names:
@@ -94,7 +94,7 @@ def _compile(names: Sequence[str]) -> None:
 
 
 def _end_with_input() -> None:
-    """End when the process does that has started this one, whatever it dies of."""
+    """End when the process that started this one ends, for any reason."""
 
     def watch() -> None:
         sys.stdin.buffer.read()
@@ -106,4 +106,4 @@ def _end_with_input() -> None:
 if __name__ == "__main__":
     _end_with_input()
     _compile(sys.argv[1:])
-    os._exit(0)  # the thread that reads the input would be in the way
+    os._exit(0)  # the thread that reads the input would prevent a normal exit

@@ -1,4 +1,4 @@
-"""Where in a picture models can be seen: tiles beyond that are background, and no ray of theirs is traced."""
+"""Where in a picture models can be seen: tiles outside are background, and none of their rays is traced."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..kernels.records import ACROSS, EYE, FORWARD, TOP_BOUNDS, TOP_CENTER, UPWA
 from .camera import Camera
 from .film import Window
 
-BEYOND = 4.0  # pixels: filters reach 1.5, and levels of detail go on half a pixel beyond their model
+BEYOND = 4.0  # pixels: filters extend 1.5, and levels of detail extend half a pixel beyond their model
 
 EVERYWHERE: Window = (-np.inf, -np.inf, np.inf, np.inf)
 
@@ -19,12 +19,12 @@ EVERYWHERE: Window = (-np.inf, -np.inf, np.inf, np.inf)
 def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
     """Pixels (left, top, right, bottom) outside of which no ray of a camera meets a model.
 
-    Everywhere for panoramas, through lenses, and where the camera stands among the models.
+    It is the whole picture for panoramas, through lenses, and where the camera stands among the models.
 
     Parameters
     ----------
     top : (9,) float64
-        Where the models are, see `records.World`.
+        The bounds of the models, see `records.World`.
     """
     if camera.projection == "panorama" or camera.aperture > 0:
         return EVERYWHERE
