@@ -25,7 +25,7 @@ from .tree.build import Splats, TreeSettings, build_tree
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii (docs/decisions/surface.md)
 LOOSE_TRIM = 0.95  # the same, where the radii are too small to cover the surface, which then lies in gaps
-LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker as with 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
+LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
 SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
