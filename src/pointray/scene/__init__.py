@@ -1,8 +1,8 @@
-"""Models, planes and lights at their places -> what kernels read of a scene.
+"""Models, planes and lights, placed in a scene -> what kernels read of it.
 
-scene : `Scene`, what a caller builds and casts rays at; rays: these, and the hits
-instances, transforms, clips, paints : the parts, as they are given and as records
-world : from all parts to a `Snapshot`, which does not change any more
+scene : `Scene`, which a caller builds and casts rays at; rays: the rays and their hits
+instances, transforms, clips, paints : the parts, as the caller gives them and as records
+world : all parts become a `Snapshot`, which never changes
 
 Begin with scene, then world.
 """

@@ -1,4 +1,4 @@
-"""Clip planes, which cut a scene open: as callers give them, and as kernels read them."""
+"""Clip planes, which cut a scene open: as callers give them and as kernels read them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ MOST = 16
 
 
 def check_clip(point: ArrayLike, normal: ArrayLike) -> NDArray[np.float64]:
-    """A point of a plane and its normal, to where all is cut away, as (2, 3)."""
+    """A point of a plane and its normal, as (2, 3). The normal points to the side that is cut away."""
     unit_vector(normal, "normal")
     return np.stack([vector(point, "point"), vector(normal, "normal")])
 
 
 def check_clips(clips: Any) -> NDArray[np.float64]:
-    """Planes as (k, 2, 3), read-only; ValueError says what is wrong."""
+    """Planes as (k, 2, 3), read-only; ValueError tells what is wrong."""
     shapes = "pairs (point, normal) or rows of six numbers"
     try:
         rows = np.asarray(clips)
@@ -44,7 +44,7 @@ def check_clips(clips: Any) -> NDArray[np.float64]:
 
 
 def clip_records(clips: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What kernels read of planes, see `records.CLIP`: flat."""
+    """The planes as kernels read them, see `records.CLIP`: flat."""
     out = np.zeros((len(clips), CLIP))
     for record, (point, normal) in zip(out, clips, strict=True):
         record[:CLIP_OFFSET] = unit_vector(normal, "normal")

@@ -1,4 +1,4 @@
-"""Instances: models and planes at their places, with their materials; and the records that kernels read of them."""
+"""Instances: models and planes with transforms and materials; and the records that kernels read of them."""
 
 from __future__ import annotations
 
@@ -38,30 +38,30 @@ from .paints import Coat, Paints, PaintTables, check_attribute
 
 @dataclass(frozen=True)
 class Plane:
-    """An endless plane.
+    """An infinite plane.
 
     Parameters
     ----------
     point, normal : (3,) float, world
     color : float or (3,) float, linear
     checker : float, optional
-        Edge of the squares of a checker; every other one has half the colour. A material without a colour (None)
-        shows it, one with a colour covers it.
+        Edge of the squares of a checker; every other square has half the colour. A material without a colour (None)
+        shows the checker, one with a colour covers it.
     shadow_catcher : bool
-        Show nothing of the plane but the shadows on it: black, premultiplied, with as much alpha as light is missing.
+        Show only the shadows on the plane: black, premultiplied, with as much alpha as light is missing.
 
     Notes
     -----
-    The alpha of a shadow catcher is the share of the light, as luminance, that things in the way keep from it. "phong":
-    of all lights, each in its middle, the light of the sky unshadowed. "ao": the occlusion. "path": of all light, soft
-    and ambient, as a quotient of sums over a pixel's samples, right on average from some 4 samples on. What other
-    surfaces send onto the plane does not count, nor does its material. The other integrators show the plane itself.
+    The alpha of a shadow catcher is the share of the light, as luminance, that objects block. "phong": the light of all
+    lights, each from its middle; the sky's light is unshadowed. "ao": the occlusion. "path": all light, soft and
+    ambient, as a quotient of sums over a pixel's samples, right on average from some 4 samples on. Light that other
+    surfaces reflect onto the plane does not count, nor does its material. The other integrators show the plane itself.
 
-    Only what the camera sees at first is different: in mirrors, behind glass and as a source of light a shadow catcher
-    is the ground that it stands for, in its own colour, and what lies behind it is hidden.
+    Only the camera's first hit is different: in mirrors, behind glass and as a source of light a shadow catcher is an
+    ordinary plane in its own colour, and hides what lies behind it.
 
     Alpha is a share of linear light. Programs that blend the sRGB values of a PNG show half of the light as half of the
-    level, a darker shadow; an EXR is blended as light is.
+    sRGB value, a darker shadow; an EXR is blended as light.
     """
 
     point: ArrayLike
@@ -81,18 +81,18 @@ class Plane:
 
 
 class Instances:
-    """Everything in a scene, a row each: arrays that grow, some 200 bytes an instance of a model.
+    """Everything in a scene, one row each: arrays that grow, some 200 bytes for each instance of a model.
 
     Attributes
     ----------
     records : (n, 16) float64
-        What kernels read, see `records.INSTANCE`.
+        As kernels read them, see `records.INSTANCE`.
     boxes : (n, 6) float64
-        World bounds of models, lo x y z, hi x y z; of planes zero.
+        World bounds of models, lo x y z, hi x y z; zero for planes.
     numbers : (n,) int64
-        What `Scene.add` returned, rising.
+        What `Scene.add` returned, increasing.
     shapes, materials : list
-        Of each row.
+        For each row.
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class Instances:
         self.materials: list[Material] = []
         self._next = 0
         self.paints = Paints()
-        # One of those that look the same, as long as an instance has it.
+        # One of several equal materials, as long as an instance has it.
         self._looks: WeakValueDictionary[Any, Material] = WeakValueDictionary()
 
     def __len__(self) -> int:
@@ -121,7 +121,7 @@ class Instances:
         return self._numbers[: len(self)]
 
     def add(self, shape: Model | Plane, matrix: NDArray[np.float64], material: Material) -> int:
-        """A new row; returns its number."""
+        """Add a row; returns its number."""
         row = len(self)
         if row == len(self._numbers):
             self._records, self._boxes = _grown(self._records), _grown(self._boxes)
@@ -135,7 +135,7 @@ class Instances:
         return int(self._numbers[row])
 
     def row_of(self, number: int) -> int:
-        """The row of what `add` returned; ValueError if it is not there."""
+        """The row of a number that `add` returned; ValueError if there is none."""
         whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
         row = int(np.searchsorted(self.numbers, min(number, self._next))) if whole else len(self)
         if row == len(self) or self.numbers[row] != number:
@@ -143,7 +143,7 @@ class Instances:
         return row
 
     def paint(self, row: int, material: Material) -> None:
-        """Give a row a material; those that look the same are kept once."""
+        """Give a row a material; equal materials are kept once."""
         self.materials[row] = self._looks.setdefault((material.record().tobytes(), material.attribute), material)
 
     def place(self, row: int, matrix: NDArray[np.float64]) -> None:
@@ -152,7 +152,7 @@ class Instances:
         self._records[row, :TO_MODEL] = 0.0
         if isinstance(shape, Plane):
             self._records[row, KIND] = CATCHER if shape.shadow_catcher else PLANE
-            self._records[row, TO_MODEL:] = matrix[:3].reshape(-1)  # of a plane from its own space to the world
+            self._records[row, TO_MODEL:] = matrix[:3].reshape(-1)  # of a plane, from its own space to the world
             return
         to_model = np.linalg.inv(matrix)[:3]
         to_model[:, 3] -= shape.points.origin
@@ -164,11 +164,11 @@ class Instances:
         self._boxes[row, :3], self._boxes[row, 3:] = world.min(axis=0), world.max(axis=0)
 
     def detach(self) -> None:
-        """Leave the arrays to those who hold them: what changes from now on, changes in a copy."""
+        """Leave the arrays to their other holders: later changes are made in a copy."""
         self._records, self._boxes, self._numbers = self._records.copy(), self._boxes.copy(), self._numbers.copy()
 
     def copy(self) -> Instances:
-        """The same rows, which change by themselves from now on; shapes and materials are shared."""
+        """A copy whose rows change independently from now on; shapes and materials are shared."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         twin.detach()
@@ -177,7 +177,7 @@ class Instances:
         return twin
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is kept for speed only."""
+        """The state without what is kept for speed only."""
         return {name: value for name, value in self.__dict__.items() if name not in ("paints", "_looks")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -187,17 +187,17 @@ class Instances:
             self.paint(row, material)
 
     def exchange(self, models: Mapping[Model, Model]) -> None:
-        """Put other models, of the same points, in the place of some."""
+        """Replace some models by others of the same points."""
         self.shapes = [models.get(shape, shape) if isinstance(shape, Model) else shape for shape in self.shapes]
 
     def remove(self, row: int) -> None:
-        """Take a row out."""
+        """Remove a row."""
         for array in (self._records, self._boxes, self._numbers):
             array[row : len(self) - 1] = array[row + 1 : len(self)]
         del self.shapes[row], self.materials[row]
 
     def finish(self) -> tuple[list[Model], NDArray[np.float64], NDArray[np.float64], PaintTables]:
-        """Write into the records which model or plane, material and paint each has; returns all of these.
+        """Write into the records which model or plane, material and paint each has; returns all of these tables.
 
         Returns
         -------
@@ -231,12 +231,12 @@ class Instances:
 
 
 def _grown(array: NDArray[Any]) -> NDArray[Any]:
-    """The array with as much room again."""
+    """The array with twice the room."""
     return np.concatenate([array, np.zeros_like(array)])
 
 
 def _distinct(things: list[Any]) -> tuple[list[Any], list[int]]:
-    """The things without repetition, and which of these each is."""
+    """The things without repetition, and the index of each in that list."""
     place: dict[int, int] = {}
     rows = [place.setdefault(id(thing), len(place)) for thing in things]
     return list({id(thing): thing for thing in things}.values()), rows
@@ -260,7 +260,7 @@ def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArr
 
 
 def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
-    """A transform as (4, 4) float64; None: the identity."""
+    """A transform as (4, 4) float64; None gives the identity."""
     if transform is None:
         return np.eye(4)
     matrix = check_numbers(transform, "transform", "a (4, 4) array of numbers").astype(np.float64)
@@ -274,7 +274,7 @@ def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
 
 
 def check_material(material: Material | None, shape: Model | Plane) -> Material:
-    """A material whose record can be made, and whose colour can be found on a shape; None: diffuse."""
+    """A material with a valid record, whose colour exists on the shape; None gives a diffuse one."""
     material = Diffuse() if material is None else material
     if not isinstance(material, Material):
         kinds = ", ".join(sorted(kind.__name__ for kind in Material.__subclasses__()))

@@ -1,4 +1,4 @@
-"""Paints: from the attributes of models and colour maps to the tables in which kernels look up colours."""
+"""Paints: attributes of models and colour maps become the tables in which kernels look up colours."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from ..model import Model
 from ..shade.attributes import COORDINATES, Attribute, categories_of, category_colors
 from ..shade.colormaps import colormap, shows_classes
 
-LOW, HIGH = 2, 98  # percentiles between which a range lies that is not given
-SAMPLE = 100_000  # rows whose coordinates tell the range
-NEUTRAL = (128, 128, 128)  # sRGB, of what has no value
+LOW, HIGH = 2, 98  # percentiles between which a range lies if none is given
+SAMPLE = 100_000  # rows whose coordinates determine the range
+NEUTRAL = (128, 128, 128)  # sRGB, for what has no value
 
 Range = tuple[float, float]
 
 
 def values_of(points: Points, name: str) -> NDArray[np.float64]:
-    """What `Attribute` calls by this name, (n,) float64; ValueError if it is not there."""
+    """The values that `Attribute` calls by this name, (n,) float64; ValueError if there are none."""
     column = None if name in points.attributes else re.fullmatch(r"(.+)\[(\d+)\]", name)
     found = points.attributes.get(column[1] if column else name)
     if found is None or (column and (found.ndim == 1 or int(column[2]) >= found.shape[1])):
@@ -49,12 +49,12 @@ def values_of(points: Points, name: str) -> NDArray[np.float64]:
 
 
 def check_attribute(points: Points, attribute: Attribute) -> None:
-    """ValueError if the points cannot be coloured by it."""
+    """ValueError if the attribute cannot colour the points."""
     if attribute.name not in COORDINATES:
         values_of(points, attribute.name)
 
 
-_CATEGORIES: WeakKeyDictionary[Model, dict[str, tuple[int, ...] | None]] = WeakKeyDictionary()  # it looks at all values
+_CATEGORIES: WeakKeyDictionary[Model, dict[str, tuple[int, ...] | None]] = WeakKeyDictionary()  # it reads all values
 
 
 def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
@@ -66,7 +66,7 @@ def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
 
 
 class Coat(NamedTuple):
-    """An instance that is coloured by an attribute: where it is, as `records.TO_MODEL`, (3, 4) float64."""
+    """An instance coloured by an attribute: its transform as in `records.TO_MODEL`, (3, 4) float64."""
 
     attribute: Attribute
     model: Model
@@ -82,12 +82,12 @@ class PaintTables(NamedTuple):
 
 
 class Paints:
-    """The paints of a scene; what takes long is kept for the next time, and never changed, so that copies share it.
+    """The paints of a scene. Results that take long are kept for the next time and never changed, so copies share them.
 
     Attributes
     ----------
     shown : list of Attribute
-        Those of the last `finish`, each once, with the ranges that are shown.
+        The attributes of the last `finish`, each once, with the ranges that are shown.
     """
 
     def __init__(self) -> None:
@@ -98,7 +98,7 @@ class Paints:
         self._joined = np.zeros(0, np.float32)
 
     def finish(self, coats: list[Coat]) -> tuple[list[int], PaintTables]:
-        """Which paint each instance has, and the tables."""
+        """The number of each instance's paint, and the tables."""
         shown = self._find_ranges(coats)
         self.shown = list(shown.values())
         wanted = [(shown[c.attribute], None if c.attribute.name in COORDINATES else c.model) for c in coats]
@@ -145,7 +145,7 @@ class Paints:
         return shown
 
     def _find_levels(self, painted: list[tuple[Attribute, Model]]) -> None:
-        """The levels of all splats: those of before where it is the same that is painted."""
+        """Find the levels of all splats; earlier ones are used again where the same attribute is painted."""
         if painted != self._painted:
             levels = [_levels(attribute, model) for attribute, model in painted]
             self._joined = levels[0] if len(levels) == 1 else np.concatenate([*levels, np.zeros(0, np.float32)])
@@ -153,14 +153,14 @@ class Paints:
 
 
 def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute, Model | None]]:
-    """The paints of a model's levels of detail: none for classes, whose means are no classes."""
+    """The paints of a model's levels of detail: none for classes, as a mean of classes is no class."""
     if model is None or _has_classes(attribute):
         return []
     return [(attribute, level) for level in model.levels]
 
 
 def _has_classes(attribute: Attribute) -> bool:
-    """Whether an attribute that is shown is one of classes or categories, which are never blended."""
+    """Whether an attribute that is shown has classes or categories, which are never blended."""
     return bool(attribute.values) or shows_classes(attribute.colormap)
 
 
@@ -170,7 +170,7 @@ def _table(attribute: Attribute) -> NDArray[np.uint8]:
 
 
 def _categories(attribute: Attribute, coats: list[Coat]) -> tuple[int, ...] | None:
-    """Those that are given, or those of all models that share the attribute; None if one of these has none."""
+    """The given categories, or those of all models that share the attribute; None if one of these has none."""
     if not attribute.may_have_categories:
         return attribute.values or None
     found = [categories_in(coat.model, attribute.name) for coat in coats if coat.attribute == attribute]
@@ -179,7 +179,7 @@ def _categories(attribute: Attribute, coats: list[Coat]) -> tuple[int, ...] | No
 
 
 def _range_of(coat: Coat) -> Range | None:
-    """The range of one instance; None if no value is finite."""
+    """The range for one instance; None if no value is finite."""
     if coat.attribute.name in COORDINATES:
         rows = coat.model.points.positions
         rows = rows[:: -(-len(rows) // SAMPLE)]
@@ -193,20 +193,20 @@ def _range_of(coat: Coat) -> Range | None:
     if shows_classes(coat.attribute.colormap):
         return 0.0, float(max(np.rint(values.max()), 1.0))
     low, high = np.percentile(values, [LOW, HIGH])
-    if low == high:  # nearly all are the same: what differs is what is looked for
+    if low == high:  # nearly all values are equal: the others are what one looks for
         low, high = values.min(), values.max()
     return float(low), float(high)
 
 
 def _widest(ranges: list[Range]) -> Range:
-    """From the least to the greatest; around it if that is one value."""
+    """The range from the least to the greatest value; it is widened if that is one value."""
     low, high = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else (0.0, 1.0)
     room = max(0.5, 1e-6 * abs(low)) if low == high else 0.0
     return low - room, high + room
 
 
 def _levels(attribute: Attribute, model: Model) -> NDArray[np.float32]:
-    """Where in the map the values of a model's splats are, in the tree's order."""
+    """Positions in the colour map for the values of a model's splats, in the tree's order."""
     order = model.tree.order
     values = values_of(model.points, attribute.name)
     if attribute.values:
@@ -225,7 +225,7 @@ def _levels(attribute: Attribute, model: Model) -> NDArray[np.float32]:
 
 
 def _place(record: NDArray[np.float64], attribute: Attribute) -> None:
-    """Fill in how levels follow from places."""
+    """Store in a record how levels follow from positions."""
     assert attribute.range is not None
     low, high = attribute.range
     scale = len(colormap(attribute.colormap)) / (high - low)

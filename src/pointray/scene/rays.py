@@ -1,4 +1,4 @@
-"""Rays as callers give them, and hits as they get them."""
+"""Rays as callers give them, and their hits as callers get them."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ Rays = tuple[Floats, Floats, Floats]  # origins and directions, (n, 3), and t_mi
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays of the shape (...) met first.
+    """What rays of the shape (...) hit first.
 
     Attributes
     ----------
     t : (...) float32
-        In lengths of the ray's direction; inf for a miss. Of a hit it is finite: where float32 is too small for it, as
-        of a direction of length 1e-150, it is the greatest number of float32, and where it is too fine, 0. Whether and
-        what a ray hits, and `position`, do not depend on it.
+        In lengths of the ray's direction; inf for a miss. For a hit it is finite: where float32 is too small for it, as
+        with a direction of length 1e-150, it is the greatest number of float32, and where it is too fine, 0. Whether
+        and what a ray hits, and `position`, do not depend on it.
     position : (..., 3) float64
         World; NaN for a miss.
     normal : (..., 3) float32
-        Unit, where the points' normals point: never turned to the ray; 0 for a miss. Where the normals of the splats
-        cancel there is no surface, and no hit.
+        Unit, on the side to which the points' normals point: never turned to the ray; 0 for a miss. Where the normals
+        of the splats cancel there is no surface, and no hit.
     color : (..., 3) float32
-        Linear, blended with the surface's weights; 0 for a miss, 1 for points without colours. Where the material is
-        coloured by an `Attribute`, what that shows.
+        Linear, blended with the surface's weights; 0 for a miss, 1 for points without colours. Where an `Attribute`
+        colours the material, the colour that it shows.
     point : (...) int64
-        Row, in the caller's points, of the splat of most weight (where rounding leaves weight to none, of the nearest
-        one in radii); -1 for a miss and for a plane.
+        Row, in the caller's points, of the splat of greatest weight (where rounding leaves no splat any weight, of the
+        nearest one in radii); -1 for a miss and for a plane.
     instance : (...) int32
         What `Scene.add` returned; -1 for a miss.
     attributes : dict of str to (...) or (..., k) float32
-        Those asked for, blended, but categories: whole numbers, at most 32 different ones (10 points each, on average),
-        of which a hit has that of the splat of most weight; NaN for a miss and where the model has no such attribute.
+        The attributes asked for, blended. Categories (whole numbers, at most 32 different ones, 10 points each on
+        average) are not: a hit has the one of the splat of greatest weight. NaN for a miss and where the model has no
+        such attribute.
     """
 
     t: NDArray[np.float32]
@@ -52,7 +53,7 @@ class Hits:
 def check_rays(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> tuple[tuple[int, ...], Rays]:
-    """The leading shape, and rays as (n, 3), (n, 3), (n, 2) float64, C-contiguous and writable."""
+    """The leading shape, and the rays as (n, 3), (n, 3), (n, 2) float64, C-contiguous and writable."""
     arrays = [_real(a, name) for a, name in ((origins, "origins"), (directions, "directions"))]
     limits = [_real(a, name) for a, name in ((t_min, "t_min"), (t_max, "t_max"))]
     for array, name in zip(arrays, ("origins", "directions"), strict=True):

@@ -1,4 +1,4 @@
-"""Scene: models and planes, each at its place, lights and a background; and rays cast at all of it."""
+"""Scene: models and planes with transforms, lights and a background; and rays cast at all of it."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class Scene:
         self._lights = Lights()
         self._background: NDArray[np.float64] | None = None
         self._clips = check_clips(())
-        self._version = 0  # rises with every change
+        self._version = 0  # increases with every change
         self.shows_sky = False
         self._built: Snapshot | None = None
-        self._lock = threading.RLock()  # around every change, and around what looks at more than one thing
+        self._lock = threading.RLock()  # held for every change, and while more than one attribute is read
 
     def add(self, shape: Model | Plane, transform: ArrayLike | None = None, material: Material | None = None) -> int:
         """Put a model or a plane into the scene.
@@ -57,7 +57,7 @@ class Scene:
             To world space, for column vectors: rigid, scaled, mirrored or sheared, not singular.
         material : Material, optional
             `Diffuse`, `Phong`, `Principled`, `Mirror`, `Dielectric` or `Emissive`; None: diffuse in the points' own
-            colours. One that is coloured by an `Attribute` is for models that have it.
+            colours. If an `Attribute` colours it, the model must have that attribute.
 
         Returns
         -------
@@ -100,7 +100,7 @@ class Scene:
 
     @property
     def lights(self) -> tuple[Light | EnvironmentLight, ...]:
-        """All lights, in the order in which they came; to set it takes others instead, as `add_light` takes them."""
+        """All lights, in the order of addition; setting it replaces them by others, as `add_light` takes them."""
         return tuple(self._lights)
 
     @lights.setter
@@ -114,7 +114,7 @@ class Scene:
 
     @property
     def background(self) -> NDArray[np.float64] | None:
-        """Linear RGB behind everything, or None: transparent. To set it to "environment" shows the light around."""
+        """Linear RGB behind everything, or None: transparent. "environment" (when set) shows the environment light."""
         return self._background
 
     @background.setter
@@ -129,26 +129,26 @@ class Scene:
 
     @property
     def clips(self) -> NDArray[np.float64]:
-        """Planes that cut the scene open: what lies on the side that a normal points to is not there for any ray.
+        """Planes that cut the scene open: no ray meets anything on the side that a normal points to.
 
-        It neither shows nor casts a shadow, for pictures as for `intersect` and `occluded`. Surfaces are not closed
-        where they are cut: one looks inside. Lights stay where they are, and `bounds` is that of whole models.
+        What is cut away neither shows nor casts a shadow, in pictures and for `intersect` and `occluded`. Surfaces are
+        not closed where they are cut: one looks inside. Lights are not cut, and `bounds` is that of whole models.
 
         Parameters
         ----------
         clips : sequence of (point, normal), or (k, 6) array_like
-            At most 16 planes, in the world: a point of each and its normal, of any length. Without any, (), all is
-            there.
+            At most 16 planes, in the world: a point of each and its normal, of any length. Without any, (), nothing is
+            cut.
 
         Returns
         -------
         (k, 2, 3) float64
-            Of each plane the point and the normal; read-only, it is set as a whole.
+            The point and the normal of each plane; read-only, it is set as a whole.
 
         Raises
         ------
         ValueError
-            If there are too many, the shape is another, a number is not finite or a normal is zero.
+            If there are too many, the shape is wrong, a number is not finite or a normal is zero.
 
         Examples
         --------
@@ -167,18 +167,18 @@ class Scene:
 
     @property
     def shapes(self) -> dict[int, Model | Plane]:
-        """What `add` has put into the scene, by the numbers that it returned."""
+        """The shapes that `add` has put into the scene, by the numbers that it returned."""
         with self._lock:
             return dict(zip(self._instances.numbers.tolist(), self._instances.shapes, strict=True))
 
     @property
     def models(self) -> list[Model]:
-        """All models, each once, in the order in which they came."""
+        """All models, each once, in the order of addition."""
         with self._lock:
             return list(dict.fromkeys(shape for shape in self._instances.shapes if isinstance(shape, Model)))
 
     def exchange(self, models: Mapping[Model, Model]) -> Scene:
-        """A copy with other models, of the same points, in the place of some."""
+        """A copy in which some models are replaced by others of the same points."""
         twin = self.copy()
         for pair in check_mapping(models, "models").items():
             if not all(isinstance(model, Model) for model in pair):
@@ -188,9 +188,9 @@ class Scene:
         return twin
 
     def copy(self) -> Scene:
-        """A scene of its own with the same models, materials, lights and numbers of instances, which are shared.
+        """An independent scene that shares models, materials, lights and numbers of instances.
 
-        What changes in one of the two does not change in the other.
+        Changes in one of the two do not affect the other.
         """
         twin = object.__new__(type(self))
         with self._lock:
@@ -202,7 +202,7 @@ class Scene:
     __copy__ = copy
 
     def __getstate__(self) -> dict[str, Any]:
-        """What `pickle` and `copy.deepcopy` take: without the tables of addresses, which are made anew."""
+        """State for `pickle` and `copy.deepcopy`: without the tables of addresses, which are made anew."""
         twin = self.copy()
         return {name: value for name, value in twin.__dict__.items() if name not in ("_built", "_lock")}
 
@@ -218,7 +218,7 @@ class Scene:
 
     @property
     def shown_attributes(self) -> list[Attribute]:
-        """The attributes that instances are coloured by, each once, with the ranges that are shown: for a legend."""
+        """The attributes that colour instances, each once, with the ranges that are shown: for a legend."""
         return list(self.snapshot().shown)
 
     def intersect(
@@ -233,9 +233,9 @@ class Scene:
         """The closest hit of each ray.
 
         A ray that starts on a surface (within 1% of a support radius, 5% where `refine` is 0; at t_min) starts outside
-        of it: it is not blocked by the points around its origin when it leaves to where the normal points, and is when
-        it goes inside. Otherwise t_min and t_max only choose among what a ray hits: a shorter ray hits what the whole
-        one does, or nothing.
+        it: the points around its origin do not block it when it leaves to where the normal points, and do when it goes
+        inside. Otherwise t_min and t_max only choose among the hits of a ray: a shorter ray hits what the whole one
+        does, or nothing.
 
         Parameters
         ----------
@@ -246,7 +246,7 @@ class Scene:
             The part of the ray that counts, in lengths of the direction.
         attributes : str or sequence of str
             Which of the points' attributes to blend at the hits; a string is one name. Categories (at most 32 different
-            whole numbers) are not blended: a hit has the value of the splat of most weight.
+            whole numbers) are not blended: a hit has the value of the splat of greatest weight.
 
         Raises
         ------
@@ -267,14 +267,14 @@ class Scene:
         return occlusions(self.snapshot().world, shape, *rays).reshape(shape)
 
     def _change(self) -> None:
-        """Called before anything changes: a picture that is being made goes on with what was there."""
+        """Prepare a change: a picture in progress goes on with the old state."""
         self._version += 1
         if self._built is not None:
             self._instances.detach()
         self._built = None
 
     def snapshot(self) -> Snapshot:
-        """The scene as it is now; the same one until it changes."""
+        """The scene as it is now; the same object until it changes."""
         with self._lock:
             if self._built is None:
                 self._built = take_snapshot(
@@ -284,7 +284,7 @@ class Scene:
 
 
 def intersect_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, attributes: Sequence[str] = ()) -> Hits:
-    """The closest hits of checked rays, see `Scene.intersect`. shape : the leading one"""
+    """The closest hits of checked rays, see `Scene.intersect`. shape : the leading shape"""
     found = closest_hits(scene.world, shape, *rays)
     return Hits(
         found["t"].reshape(shape),
@@ -317,7 +317,7 @@ def _blend(scene: Snapshot, name: str, found: dict[str, Any], shape: tuple[int, 
         if len(rows) and name in model.points.attributes:
             values = model.points.attributes[name]
             if values.ndim == 1 and categories_in(model, name) is not None:
-                out[rows] = values[found["point"][rows]]  # between categories 2 and 6 there is no 4
+                out[rows] = values[found["point"][rows]]  # values between categories 2 and 6 would be no categories
             else:
                 out[rows] = blend_attribute(scene.world, found, rows, k, values)
     return out.reshape(shape + out.shape[1:])

@@ -1,4 +1,4 @@
-"""Transforms: how large an instance is, how it is turned, and where it stands."""
+"""Transforms: the size, rotation and position of an instance."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def transform(
     Parameters
     ----------
     translate : (3,) float
-        Where the model's origin goes, world.
+        Where the model's origin goes, in the world.
     rotate : float
-        Degrees about an axis through the origin, counter-clockwise for who sees the axis point at them.
+        Degrees about an axis through the origin, counter-clockwise if the axis points at the viewer.
     axis : (3,) float
     scale : float or (3,) float
-        Not zero; a negative one mirrors.
+        Not zero; a negative scale mirrors.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""From what a scene holds to what kernels read of it."""
+"""The parts of a scene become what kernels read of it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from .instances import Instances
 
 
 class LightTables(NamedTuple):
-    """What of a `World` depends on its lights."""
+    """The parts of a `World` that depend on its lights."""
 
     lights: NDArray[np.float64]
     light_shares: NDArray[np.float64]
@@ -44,7 +44,7 @@ class LightTables(NamedTuple):
 
 
 class Snapshot(NamedTuple):
-    """A scene as it was at one moment: all that a picture or a batch of rays asks of it. Nothing in it changes.
+    """A scene as it was at one moment: all that a picture or a batch of rays needs of it. Nothing in it changes.
 
     Attributes
     ----------
@@ -53,17 +53,17 @@ class Snapshot(NamedTuple):
     models : tuple of Model
         In the order of the world's table.
     lamps : tuple of Light
-        All but the light from all around.
+        All lights but the environment light.
     numbers : (n + 1,) int32
-        What `Scene.add` returned for each instance; -1 behind the last, so that row -1 (a miss) is -1.
+        What `Scene.add` returned for each instance; -1 behind the last one, so that row -1 (a miss) is -1.
     boxes : (n, 6) float64
         World bounds of instances, see `Instances.boxes`.
     shown : tuple of Attribute
-        What instances are coloured by, each once, with the ranges that are shown.
+        The attributes that colour instances, each once, with the ranges that are shown.
     background : (3,) float64 or None
         Linear RGB; None: transparent.
     shows_sky : bool
-        Whether the light of the environment is the background.
+        Whether the environment light is the background.
     """
 
     world: World
@@ -81,7 +81,7 @@ class Snapshot(NamedTuple):
         return bounds_of(self.world.instances.reshape(-1, INSTANCE), self.boxes)
 
     def seen_by(self, record: NDArray[np.float64]) -> Snapshot:
-        """The scene in front of the camera of a record: lights that go with it stand where it takes them."""
+        """The scene in front of a camera, given its record: lights that follow the camera are placed by it."""
         if not any(goes_along(light) for light in self.lamps):
             return self
         right, up, ahead = (record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (ACROSS, UPWARD, FORWARD))
@@ -94,7 +94,7 @@ class Snapshot(NamedTuple):
 
 
 def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least and greatest world coordinates of all models among instances, (2, 3) float64; ValueError if none is."""
+    """Least and greatest world coordinates of all models among instances, (2, 3) float64; ValueError without models."""
     bounds = _around(records, boxes)
     if not np.isfinite(bounds).all():
         raise ValueError("the scene holds no model")
@@ -102,7 +102,7 @@ def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArr
 
 
 def _around(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same; the least is inf where there is no model."""
+    """The same as `bounds_of`, but without models the least is inf."""
     boxes = boxes[records[:, KIND] == MODEL]
     return np.stack([boxes[:, :3].min(axis=0, initial=np.inf), boxes[:, 3:].max(axis=0, initial=-np.inf)])
 
@@ -114,7 +114,7 @@ def take_snapshot(
     background: NDArray[np.float64] | None,
     shows_sky: bool,
 ) -> Snapshot:
-    """The scene of instances under lights as it is now. `instances` detaches from it before it changes."""
+    """The current scene of instances and lights. `instances` detaches from it before it changes."""
     models, planes, materials, paints = instances.finish()
     lamps = [light for light in lights if not isinstance(light, EnvironmentLight)]
     skies = [light.tables() for light in lights if isinstance(light, EnvironmentLight)]
@@ -149,7 +149,7 @@ def take_snapshot(
 def _light_tables(
     lamps: Sequence[Light], sky: NDArray[np.float64], sky_mean: NDArray[np.float64], bounds: NDArray[np.float64]
 ) -> LightTables:
-    """What kernels read of lights."""
+    """The light tables that kernels read."""
     records = np.concatenate([*(light.record() for light in lamps), []])
     with_size, suns = light_trees(records)
     shares = light_shares(records, sky, sky_mean, bounds)
@@ -159,8 +159,8 @@ def _light_tables(
 def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64], ...]:
     """The tree over the instances of models, around all that rays can hit of them.
 
-    Bounds come from the full models; a coarser level that reaches beyond them is clipped. Around the levels too, whose
-    supports reach far, 10,000 statues took 1.12 times as long, and the picture was the same.
+    Bounds come from the full models; a coarser level that extends beyond them is clipped. With bounds around the levels
+    too, whose supports are large, 10,000 statues took 1.12 times as long, and the picture was the same.
     """
     rows = np.flatnonzero(instances.records[:, KIND] == MODEL)
     reaches = np.array([model.reach for model in models]).reshape(-1, 2, 3)

@@ -1,7 +1,7 @@
-"""The first picture of a scan of which nobody says anything: which way is up, where the camera stands, what lights it.
+"""The first picture of a scan without any instructions: which way is up, where the camera stands, what lights it.
 
-sample: some of a scene's points, in the world; upright: which way is up; direction: where to look from; framing: how
-near; first_view: all of these together, as `pointray.frame`; studio: the lights.
+sample: some of a scene's points, in the world; upright: which way is up; direction: the view direction; framing: the
+distance; first_view: all of these together, as `pointray.frame`; studio: the lights.
 """
 
 from __future__ import annotations

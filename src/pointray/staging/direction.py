@@ -1,4 +1,4 @@
-"""Where to look at a scan from: a body from slightly above, terrain from higher up, a scanned side from before it."""
+"""The direction to view a scan from: a body from slightly above, terrain from higher up, a scanned side from before."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ VIEWS = {  # azimuth and elevation, degrees: 0 and 0 is the front, 90 to the rig
 }
 BODY = (25.0, 18.0)  # from the front, a little to the right and above
 TERRAIN = (25.0, 40.0)
-ASIDE = 20.0  # degrees that a scanned side is turned away, for its depth to be seen
-SIDED = 0.15  # length of the mean level normal from which a scan has one side
-STEEPEST = 89.94  # degrees: a top view that still knows where the front is
-LONG = 1.5  # times as long as wide: such a scan lies across the picture
+ASIDE = 20.0  # degrees that a scanned side is turned away, so that its depth is seen
+SIDED = 0.15  # a longer mean of the level normals means that the scan has one side only
+STEEPEST = 89.94  # degrees: a top view from which the front is still known
+LONG = 1.5  # a scan this many times as long as wide lies across the picture
 SECTORS = 16  # around the middle of a room
-SURROUNDED, INWARD, CEILING = 0.9, 0.7, 0.05  # of the sectors, of the normals, and of those that look down from above
+SURROUNDED, INWARD, CEILING = 0.9, 0.7, 0.05  # of sectors, of normals, and of normals that point down from above
 
 
 class Outlook(NamedTuple):
-    """Where a scan is looked at from.
+    """The direction from which a scan is viewed.
 
     Attributes
     ----------
     azimuth, elevation : float
         Degrees.
     kind : str
-        What the scan was taken for.
+        The kind of scene that the scan is taken for.
     within : bool
-        Whether the camera stands inside, as in a room.
+        Whether the camera stands inside the scan, as in a room.
     """
 
     azimuth: float
@@ -52,7 +52,7 @@ class Outlook(NamedTuple):
 
 
 def axes_of(up: ArrayLike) -> Floats:
-    """Right, front and up as rows, as one sees them who stands in front: unit; front is -y where z is up, else +z."""
+    """Right, front and up as rows, seen by a viewer in front: unit; front is -y where z is up, else +z."""
     top = np.asarray(up, np.float64) / np.linalg.norm(up)
     ahead = np.array([0.0, -1.0, 0.0]) if abs(top[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     front = ahead - top * (ahead @ top)
@@ -61,14 +61,14 @@ def axes_of(up: ArrayLike) -> Floats:
 
 
 def direction_of(azimuth: float, elevation: float, up: ArrayLike) -> Floats:
-    """The unit vector to where azimuth and elevation point, degrees."""
+    """The unit vector with an azimuth and an elevation, degrees."""
     right, front, top = axes_of(up)
     a, e = math.radians(azimuth), math.radians(elevation)
     return np.asarray(math.cos(e) * (math.cos(a) * front + math.sin(a) * right) + math.sin(e) * top)
 
 
 def towards(outlook: Outlook, up: ArrayLike) -> Floats:
-    """The unit vector to where a scan is looked at from; never straight up or down, where nobody knows the front."""
+    """The unit vector towards the viewer of a scan; never straight up or down, where the front would be unknown."""
     return direction_of(outlook.azimuth, max(-STEEPEST, min(STEEPEST, outlook.elevation)), up)
 
 
@@ -79,7 +79,7 @@ def angles_of(direction: ArrayLike, up: ArrayLike) -> tuple[float, float]:
 
 
 def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
-    """Where to look from, by what the points show."""
+    """The direction from which to view the points, by their shape and normals."""
     places = sample.positions @ axes_of(up).T  # right, front, up
     normals = sample.normals @ axes_of(up).T
     if is_depth_picture(sample):
@@ -102,7 +102,7 @@ def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
 
 
 def _broadside(places: Floats) -> float:
-    """The azimuth, near the front, from which what is long lies across the picture."""
+    """The azimuth, near the front, for which the longest extent lies across the picture."""
     flat = places[:, :2] - np.median(places[:, :2], axis=0)
     size, ways = np.linalg.eigh(flat.T @ flat)
     if size[1] < LONG * LONG * size[0]:

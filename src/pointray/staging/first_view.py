@@ -1,4 +1,4 @@
-"""The camera that sees all of a scan, where nobody says where it stands."""
+"""The camera that sees all of a scan if nobody chooses one."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ Vector = tuple[float, float, float]
 AUTO = "auto"
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 MOST_ZOOM = 1000.0
-WIDE = 75.0  # degrees that a camera within a room sees
-BACK = (0.4, 0.3, 0.2, 0.1, 0.0)  # of a room's width: how far from its middle a camera stands, if there is room
-CLEAR = 0.05  # of a room's width: what it keeps away from surfaces
+WIDE = 75.0  # degrees: field of view of a camera within a room
+BACK = (0.4, 0.3, 0.2, 0.1, 0.0)  # shares of a room's width: how far from its middle a camera stands, if there is room
+CLEAR = 0.05  # share of a room's width: least distance to surfaces
 
 
 @dataclass(frozen=True)
 class ViewChoice:
-    """How a scan is to be seen; what is None is found.
+    """How to view a scan; values that are None are found.
 
     Attributes
     ----------
     up : (3,) tuple or None
     view : str
         "auto", or one of `VIEWS`.
-    azimuth, elevation : float or None
+    Degrees; they replace the view's.
         Degrees; instead of the view's.
-    zoom : float
+    2 is half as far away.
         2: half as far away.
     """
 
@@ -58,7 +58,7 @@ class ViewChoice:
 
 
 class Scan:
-    """What is to be seen, and what was found out about it.
+    """What is viewed, and what was found out about it.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Scan:
     up : (3,) tuple
     outlook : Outlook
     found : str
-        What was found out, in a line, and how to say something else on the command line; empty: nothing was.
+        What was found out, in one line, and how to change it on the command line; empty if nothing was.
     """
 
     def __init__(self, subject: Scene | Model | Points, choice: ViewChoice) -> None:
@@ -95,20 +95,20 @@ class Scan:
         return x, y, z
 
     def camera(self, lens: Lens = STANDARD, free: Part = WHOLE) -> Camera:
-        """The camera that frames all of it, in a part of its picture: left, top, right, bottom, shares."""
+        """The camera that frames all of it in a part of its picture: left, top, right, bottom, shares."""
         direction = towards(self.outlook, self.up)
         if self.outlook.within and lens.projection == "perspective":
             return _within(self._sample, direction, self.up, lens._replace(fov=max(lens.fov, WIDE)))
         return self._near(frame_points(self._sample, direction, self.up, lens, free))
 
     def turning(self, lens: Lens = STANDARD) -> Camera:
-        """The same for a turntable: it stays in the picture all the way."""
+        """The camera for a turntable: the scan stays in the picture through the whole turn."""
         direction = towards(self.outlook, self.up)
         return self._near(frame_turning(self._sample, direction, self.up, lens))
 
     @property
     def _is_found(self) -> bool:
-        """Whether nothing was said of where to look from."""
+        """Whether the user has left the direction of view open."""
         choice = self._choice
         return choice.view == AUTO and choice.azimuth is None and choice.elevation is None
 
@@ -127,7 +127,7 @@ class Scan:
         return outlook
 
     def _near(self, camera: Camera) -> Camera:
-        """Zoomed; rays that are parallel begin at the eye, which has to stay before the scan."""
+        """The camera, zoomed; parallel rays begin at the eye, which has to stay in front of the scan."""
         if camera.projection == "orthographic":
             return magnified(camera, self._choice.zoom)
         eye, target = np.asarray(camera.eye), np.asarray(camera.target)
@@ -145,29 +145,30 @@ def frame(
     elevation: float | None = None,
     zoom: float = 1.0,
 ) -> Camera:
-    """A camera in whose picture a scan stands upright, in the middle, as large as fits.
+    """A camera in whose picture a scan is upright, in the middle, and as large as fits.
 
     Parameters
     ----------
     subject : Scene, Model or Points
-        Framed are its points as they are seen, the central 99.9% of them along each side of the picture; small groups
+        Its points are framed as they are seen, the central 99.9% of them along each side of the picture; small groups
             far from all others are left out.
     view : {"auto", "iso", "front", "back", "left", "right", "top", "bottom"}
         The front is seen from -y where z is up, from +z where y is. Auto: bodies from the front, a little from the
-        right and above; flat scans from 40 degrees above; what was scanned from one side from there; rooms from within.
+        right and above; flat scans from 40 degrees above; one-sided scans from that side; rooms from within.
     up : (3,) array_like, or "x", "-x", "y", "-y", "z", "-z", or "auto"
-        Auto: z of maps and flat scans; against y of a depth camera's picture; otherwise where it would stand best.
+        Auto: z for maps and flat scans; opposite to y for a depth camera's picture; otherwise the axis on which the
+        scan would stand best.
     fov, size, projection
         As for `Camera.look_at`.
     azimuth, elevation : float, optional
-        Degrees, instead of the view's; 0 and 0 is the front, 90 and 0 the right side.
+        Degrees, which replace the view's; 0 and 0 is the front, 90 and 0 the right side.
     zoom : float
-        2: half as far away.
+        2 is half as far away.
 
     Raises
     ------
     ValueError
-        If a value is none of these, or there are no points.
+        If a value is not allowed, or there are no points.
 
     Examples
     --------
@@ -180,7 +181,7 @@ def frame(
 
 
 def up_of(up: Any) -> Vector | None:
-    """Which way is up, as a vector; None: to be found."""
+    """The up direction as a vector; None if it is to be found."""
     from .upright import axis_direction
 
     if isinstance(up, str):

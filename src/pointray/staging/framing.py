@@ -1,7 +1,7 @@
-"""How near a camera comes: the points fill its picture, as they are seen in it.
+"""The distance of a camera at which the points fill its picture, as they are seen in it.
 
-What is framed are the central 99.9% of the points along each side of the picture, so that strays do not count. A box
-around them would not do: its corners are empty, and the points sit too high in it or beside its middle.
+The central 99.9% of the points along each side of the picture are framed, so that strays do not count. A box around
+the points would not do: its corners are empty, and the points would sit too high in it or beside its middle.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from .sample import Sample
 
 Floats = NDArray[np.float64]
 
-STRAY = 0.0005  # of the points at either end of a side count as strays
-MARGIN = 0.05  # of the picture, on either side of what fills it
+STRAY = 0.0005  # share of the points at either end of a side that counts as strays
+MARGIN = 0.05  # share of the picture, on either side of what fills it
 ROUNDS = 60
-ENOUGH = 1e-4  # of the picture: how well it is centred
-NEAREST = 0.05  # of the points' size: how close to the nearest of them the eye comes
+ENOUGH = 1e-4  # share of the picture: precision of the centring
+NEAREST = 0.05  # share of the points' size: least distance from the eye to the nearest point
 Part = tuple[float, float, float, float]
 WHOLE = (0.0, 0.0, 1.0, 1.0)
-CIRCLE = 64  # places on the way of a point that turns
-PROFILE = 256  # heights at which the profile of what turns is kept
+CIRCLE = 64  # points on the circle of a point that turns
+PROFILE = 256  # heights at which the profile of a turning scan is kept
 
 
 class Lens(NamedTuple):
-    """What `Camera.look_at` takes beside places: fov in degrees, size in pixels, projection."""
+    """The parameters of `Camera.look_at` other than positions: fov in degrees, size in pixels, projection."""
 
     fov: float = 40.0
     size: tuple[int, int] = SIZE
@@ -57,20 +57,20 @@ def frame_points(
     Returns
     -------
     Camera
-        Its target lies as deep as the middle of the points.
+        Its target has the depth of the middle of the points.
     """
     return _frame(sample, direction, up, lens, STRAY, free)
 
 
 def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1), lens: Lens = STANDARD) -> Camera:
-    """The same for points that turn about an axis along `up` through their middle: they stay in the picture.
+    """The camera for points that turn about an axis along `up` through their middle: they stay in the picture.
 
     Its target lies on the axis.
 
     Raises
     ------
     ValueError
-        If it is a panorama, which nothing turns before.
+        If it is a panorama, for which there is no turntable.
     """
     if lens.projection == "panorama":
         raise ValueError("a panorama is all around the camera: there is no turntable before it")
@@ -81,7 +81,7 @@ def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1
     framed = _frame(about._replace(positions=_ways(about.positions, axis)), direction, up, lens, 0.0)
     eye, view = np.asarray(framed.eye) - about.origin, np.asarray(framed.target) - np.asarray(framed.eye)
     flat = view - axis * (view @ axis)
-    if flat @ flat < 1e-12 * (view @ view):  # along the axis: it is on it already
+    if flat @ flat < 1e-12 * (view @ view):  # along the axis: the target is on it already
         return framed
     reach = float(-(eye @ flat) / (flat @ flat))  # along the view, to where it meets the axis
     turning = replace(framed, target=tuple(framed.eye + reach * view))
@@ -89,7 +89,7 @@ def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1
 
 
 def magnified(camera: Camera, times: float) -> Camera:
-    """The camera with a picture in which all is so many times as large at the target's distance; it stays there."""
+    """The camera with everything in its picture magnified at the target's distance; it does not move."""
     return replace(camera, fov=float(np.degrees(2.0 * np.arctan(np.tan(np.radians(camera.fov) / 2.0) / times))))
 
 
@@ -102,7 +102,7 @@ def _frame(
     free: Part = WHOLE,
 ) -> Camera:
     fov, (width, height), projection = lens
-    Camera.look_at((0, 0, 0), (1, 0, 0), up, fov, (width, height), projection)  # raises what is wrong
+    Camera.look_at((0, 0, 0), (1, 0, 0), up, fov, (width, height), projection)  # raises the error
     forward, right, top = view_axes(-np.asarray(check_direction(direction, "direction")), np.asarray(up, np.float64))
     middle = np.median(sample.positions, axis=0)
     across, high, depth = ((sample.positions - middle) @ way for way in (right, top, forward))
@@ -110,12 +110,12 @@ def _frame(
     sides = np.array([half * width / height, half])
     left, above, right_end, below = free
     room = sides * (right_end - left, below - above) * (1.0 - 2.0 * MARGIN)
-    aim = sides * (left + right_end - 1.0, 1.0 - above - below)  # the middle of what is free
+    aim = sides * (left + right_end - 1.0, 1.0 - above - below)  # the middle of the free part
     center = sample.origin + middle
     if projection == "panorama":
         level = np.cross(np.asarray(up, np.float64), right)  # a panorama is level
         return Camera.look_at(center, center + level, up, fov, (width, height), projection)
-    before = -float(np.quantile(depth, stray))  # how far before the middle the nearest point is
+    before = -float(np.quantile(depth, stray))  # how far in front of the middle the nearest point is
     extent = max(float(np.ptp(np.quantile(a, [stray, 1.0 - stray]))) for a in (across, high, depth))
     nearest = before + NEAREST * extent
     if projection == "orthographic":
@@ -134,7 +134,7 @@ def _fit(
 ) -> tuple[float, float, float]:
     """Where a camera stands, to the right, upwards and backwards, so that points fill a part of its picture.
 
-    places : (2, n), to the right and upwards; part : half its width and height, and its middle, tangents; how : the
+    places : (2, n), to the right and upwards; part : half its width and height, and its middle, as tangents; how : the
     least distance, and the share of strays
     """
     (room, aim), (least, stray) = part, how
@@ -144,7 +144,7 @@ def _fit(
         low, high = np.quantile(seen, [stray, 1.0 - stray], axis=1)
         off, filled = (low + high) / 2 - aim, float(((high - low) / 2 / room).max())
         shift = shift + off * distance
-        # A root: points before the middle come nearer faster than the camera does.
+        # A root is sought: points before the middle come nearer faster than the camera does.
         nearer = max(np.sqrt(filled) * distance, least) if filled > 0 else least
         done = np.abs(off / room).max() < ENOUGH and abs(nearer / distance - 1.0) < ENOUGH / 2
         distance = nearer
@@ -154,7 +154,7 @@ def _fit(
 
 
 def _ways(positions: Floats, axis: Floats) -> Floats:
-    """Places on the ways of points that turn about an axis through zero: of the outermost at each height."""
+    """Points on the circles of points that turn about an axis through zero: the outermost point at each height."""
     height = positions @ axis
     radius = np.linalg.norm(positions - height[:, None] * axis, axis=1)
     low, high = np.quantile(height, [STRAY, 1.0 - STRAY])

@@ -1,4 +1,4 @@
-"""Some of the points of a scene, where they are in the world: what the first view of it is chosen by."""
+"""Some of a scene's points in world coordinates, from which its first view is chosen."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from ..scene.scene import Scene
 Floats = NDArray[np.float64]
 
 MOST = 200_000  # points; 0.05% of them are still a hundred
-STRAY = 0.0005  # of the points at either end of an axis count as strays
-CELLS = 32  # along the longest side of the others: what lies in neighbouring cells hangs together
-ISLAND = 0.0025  # of the points: what hangs together with fewer is apart from the scan
-APART = 0.02  # of the points: where more lie in such islands the scan is nothing but islands
+STRAY = 0.0005  # share of the points at either end of an axis that counts as strays
+CELLS = 32  # along the longest side of the others: points in neighbouring cells are connected
+ISLAND = 0.0025  # share of the points: a smaller connected group is apart from the scan
+APART = 0.02  # share of the points: where more lie in such islands the scan consists of islands
 
 
 class Sample(NamedTuple):
@@ -33,7 +33,7 @@ class Sample(NamedTuple):
         World, unit; zero where there are none.
     origin : (3,) float64
     far : bool
-        Whether some coordinates are as large as those of maps: the points have an origin of their own.
+        Whether some coordinates are as large as those of maps, so that the points have an origin of their own.
     """
 
     positions: Floats
@@ -42,16 +42,16 @@ class Sample(NamedTuple):
     far: bool
 
     def seen_from(self, point: Floats) -> Sample:
-        """The same points about another place: (3,), about the origin of this one."""
+        """The same points relative to another point: (3,), relative to the origin of this sample."""
         return self._replace(positions=self.positions - point, origin=self.origin + point)
 
     def without_islands(self) -> Sample:
-        """The points that hang together: no small groups far from all others, as cameras matched wrongly give them."""
+        """The connected points: without small groups far from all others, as wrongly matched cameras produce them."""
         low, high = np.quantile(self.positions, [STRAY, 1.0 - STRAY], axis=0)
         size = float((high - low).max()) / CELLS
         if not size > 0:
             return self
-        cell = np.floor((self.positions - low) / size) + 1.0  # one more on either side: the scan's own ends
+        cell = np.floor((self.positions - low) / size) + 1.0  # one more cell on either side: the scan's own ends
         within = np.flatnonzero(((cell >= 0) & (cell < CELLS + 3)).all(axis=1))
         cells = tuple(cell[within].astype(int).T)
         taken = np.zeros((CELLS + 3,) * 3, bool)
@@ -64,9 +64,9 @@ class Sample(NamedTuple):
 
 
 def sample_of(subject: Scene | Model | Points, most: int = MOST) -> Sample:
-    """At most so many points of a subject, spread evenly over its rows; ValueError if it has none.
+    """At most the given number of a subject's points, spread evenly over its rows; ValueError if it has none.
 
-    Planes do not count. A model that stands in a scene several times counts as often.
+    Planes do not count. A model that a scene contains several times counts as often.
     """
     placed = _placed(subject)
     total = sum(len(points) for points, _ in placed)
@@ -93,7 +93,7 @@ def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:
 
 
 def _matrix(to_model: Floats, points: Points) -> Floats:
-    """The transform of an instance from its record, which leads to places about the points' origin."""
+    """The transform of an instance from its record, to positions about the points' origin."""
     out = np.eye(4)
     out[:3] = to_model.reshape(3, 4)
     out[:3, 3] += points.origin
@@ -101,7 +101,7 @@ def _matrix(to_model: Floats, points: Points) -> Floats:
 
 
 def _part(points: Points, matrix: Floats, share: float, origin: Floats) -> tuple[Floats, Floats]:
-    """A share of a model's points, drawn at random: places about an origin, and normals."""
+    """A random share of a model's points: positions about an origin, and normals."""
     rows = np.flatnonzero(points.finite)
     if share < 1.0:
         rows = rows[np.random.default_rng(0).random(len(rows)) < share]

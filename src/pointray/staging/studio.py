@@ -1,4 +1,4 @@
-"""The lights of a scan that brings none: a key light beside the camera, and a sky that leaves nothing black."""
+"""Lights for a scan without any: a key light beside the camera, and a sky that leaves nothing black."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from ..rendering.settings import INTEGRATORS, PHONG, Settings
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, SunLight
 
-# The way of the key light before the camera: from above its left shoulder.
+# The direction in which the key light travels, in the camera's axes: from above its left shoulder.
 KEY_DIRECTION = (0.55, -0.65, -0.6)
 KEY = 0.9 * np.pi  # irradiance: a white surface that faces it has radiance 0.9
-KEY_ANGLE = 5.0  # degrees: soft edges where they are traced
+KEY_ANGLE = 5.0  # degrees: soft shadow edges for path tracing
 ZENITH, HORIZON, GROUND = 0.34, 0.26, 0.14  # radiance of the sky, and of what lies below it
 ALBEDO = 0.65  # linear, of points without colours
 CLAY = (0.58, 0.37, 0.27)  # linear
-SKY_RAYS = 4  # a sample, for contact shadows
+SKY_RAYS = 4  # rays for each sample, for contact shadows
 
 
 def studio(up: ArrayLike = (0, 0, 1)) -> list[Light | EnvironmentLight]:
     """Lights that show a scan well from every side.
 
-    A sun that goes with the camera, above its left shoulder, and a gradient of sky above and less below.
+    A sun follows the camera, above its left shoulder; the sky is a gradient, bright above and darker below.
     With `Settings(sky_rays=4)` the sky's light leaves contact shadows.
 
     Parameters
     ----------
     up : (3,) array_like
-        Where the sky is.
+        The direction of the sky.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Which way is up in a scan that does not say so."""
+"""Which way is up in a scan that does not tell."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from .sample import Sample
 
 Floats = NDArray[np.float64]
 
-FLAT = 0.2  # of the width: what is lower is terrain, a city, a floor
-STRAY = 0.002  # of the points at either end count as strays
-EDGE = 0.01  # the same, where it is asked how flat a scan is
-ENOUGH = 30_000  # points that are looked at
-SLAB = 0.05  # of the height: what the base and the top are
-CELLS = 32  # across what is seen from above
-FEW = 10  # points in a slab that say nothing
-# What axes are worth before anything is known: programs and scanners have z upwards, graphics and many meshes y.
+FLAT = 0.2  # share of the width: a lower scan is terrain, a city, a floor
+STRAY = 0.002  # share of the points at either end that counts as strays
+EDGE = 0.01  # the same, where the flatness of a scan is tested
+ENOUGH = 30_000  # points that are used
+SLAB = 0.05  # share of the height that counts as the base and as the top
+CELLS = 32  # across the view from above
+FEW = 10  # points in a slab that are too few to tell anything
+# Prior scores of the axes: in programs and scanners z is up, in graphics and many meshes y.
 HABIT = {"z": 0.25, "y": 0.1, "-y": -0.1, "x": -0.2, "-x": -0.2, "-z": -0.3}
-TIPS = 0.5  # taken from an axis along which the body would fall over
+TIPS = 0.5  # penalty for an axis along which the body would fall over
 FACING, PLUMB = 0.5, 0.3  # weights of normals that point upwards, and of walls
 LEVEL = 0.1  # |cosine| between the axis and the normal of a wall
 SIGHT = 1.2  # tangent of half the angle that a depth camera sees
-EVEN = 0.97  # of normals that face a depth camera
+EVEN = 0.97  # share of normals that face a depth camera
 
 
 class Up(NamedTuple):
@@ -36,7 +36,7 @@ class Up(NamedTuple):
     axis : str
         "x", "-x", "y", "-y", "z" or "-z".
     why : str
-        In a few words.
+        The reason, in a few words.
     """
 
     axis: str
@@ -56,7 +56,7 @@ def axis_direction(axis: str) -> tuple[float, float, float]:
 
 
 def find_up(sample: Sample) -> Up:
-    """Which way is up: on a map z; in a picture of a depth camera against y; elsewhere where a body would stand."""
+    """Which way is up: z for a map; opposite to y in a depth camera's picture; else where a body would stand best."""
     if sample.far:
         return Up("z", "large coordinates, as on a map")
     step = max(len(sample.positions) // ENOUGH, 1)
@@ -78,7 +78,7 @@ def is_flat(places: Floats) -> bool:
 
 
 def is_depth_picture(sample: Sample) -> bool:
-    """Whether all points lie before a camera at the world's origin that looks along z, and face it."""
+    """Whether all points lie in front of a camera at the world's origin that looks along z, and face it."""
     x, y, z = (sample.positions + sample.origin).T
     ahead = 1.0 if np.median(z) > 0 else -1.0
     within = (ahead * z > 0) & (np.maximum(np.abs(x), np.abs(y)) < SIGHT * np.abs(z))
@@ -88,7 +88,7 @@ def is_depth_picture(sample: Sample) -> bool:
 
 
 def _stance(sample: Sample, up: tuple[float, float, float]) -> float:
-    """How well a scan would stand along an axis: a broad base below a small top, under what it carries; its normals."""
+    """How well a scan would stand along an axis: a broad base, a small top, the body above the base; its normals."""
     axis = np.array(up)
     height = sample.positions @ axis
     flat = sample.positions[:, np.flatnonzero(axis == 0)]
@@ -109,7 +109,7 @@ def _stance(sample: Sample, up: tuple[float, float, float]) -> float:
 
 
 def _spread(part: Floats, whole: Floats) -> float:
-    """How much of what is seen from above a part of it covers: its outline and its cells, geometric mean."""
+    """The share of the view from above that a part covers: geometric mean of its outline and its cells."""
     if len(part) < FEW:
         return 0.0
     outline = _outline(part) / max(_outline(whole), 1e-300)
@@ -119,13 +119,13 @@ def _spread(part: Floats, whole: Floats) -> float:
 
 
 def _cells(places: Floats) -> int:
-    """How many cells of a grid over the unit square hold a point."""
+    """How many cells of a grid over the unit square contain a point."""
     column = np.minimum((places * CELLS).astype(int), CELLS - 1) @ (1, CELLS)
     return len(np.unique(column))
 
 
 def _outline(flat: Floats) -> float:
-    """The area within the convex outline of points in a plane."""
+    """The area of the convex hull of points in a plane."""
     try:
         return float(ConvexHull(flat).volume)
     except QhullError:  # they lie on a line
@@ -133,7 +133,7 @@ def _outline(flat: Floats) -> float:
 
 
 def _carries(base: Floats, middle: Floats) -> bool:
-    """Whether a body's middle lies over its base."""
+    """Whether the middle of a body lies over its base."""
     try:
         sides = ConvexHull(base).equations
     except (QhullError, ValueError):
@@ -142,7 +142,7 @@ def _carries(base: Floats, middle: Floats) -> bool:
 
 
 def _walls(rise: Floats, around: Floats) -> float:
-    """The share of walls: level normals, if they look to several sides. Of terrain, all look one way or the other."""
+    """The share of walls: level normals, if they face several sides. On terrain all face one way or the other."""
     level = np.abs(rise) < LEVEL
     if not level.any():
         return 0.0
