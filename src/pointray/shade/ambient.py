@@ -1,4 +1,4 @@
-"""Ambient occlusion: how much of the sky each surface point sees, if what blocks it is no farther than a distance."""
+"""Ambient occlusion: how much of the sky each surface point sees, if only surfaces within a distance can block it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .shading_points import add_radiance, is_shaded, shading_point
 
 @inline
 def _look_up(sample: int, reach: float, scratch: Scratch) -> Bits:
-    """The tile's rays leave its surface points, each in a direction chosen by the cosine; returns which do (bits)."""
+    """Send the tile's rays from its surface points in cosine-distributed directions; returns those that do (bits)."""
     points, asked = scratch.shading_points, i64(0)
     for i in range(TILE):
         if is_shaded(scratch, i):
@@ -29,7 +29,7 @@ def _look_up(sample: int, reach: float, scratch: Scratch) -> Bits:
 
 @inline
 def see_sky(world: World, sample: int, reach: float, scratch: Scratch) -> None:
-    """Add the surface's colour where one direction, chosen by the cosine, is free up to the reach (Landis 2002)."""
+    """Add the surface's colour where one cosine-distributed direction is free up to the reach (Landis 2002)."""
     asked = _look_up(sample, reach, scratch)
     if asked == 0:
         return
@@ -41,7 +41,7 @@ def see_sky(world: World, sample: int, reach: float, scratch: Scratch) -> None:
 
 @inline
 def find_sky_seen(world: World, look: tuple[int, int, float], scratch: Scratch) -> None:
-    """Put down in SKY_SEEN what share of the sky the tile's surface points see. Uses the tile's rays.
+    """Store in SKY_SEEN what share of the sky the tile's surface points see. Uses the tile's rays.
 
     look : the number of the sample, how many rays it casts from each point (0: all of the sky is seen), their reach
     """

@@ -1,4 +1,4 @@
-"""Attribute: what a surface is coloured by where it is neither one colour nor the points' own."""
+"""Attribute: colours a surface by values of its points, instead of one colour or the points' own colours."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .colormaps import colormap, shows_classes
 COORDINATES = ("x", "y", "z")
 USUAL = "viridis"
 MOST_CATEGORIES = 32  # distinct values
-FEWEST_ROWS = 10  # a category, on average: a few points with whole numbers tell nothing
-PROBE = 1000  # rows that are looked at first
-FIRST_MANY = 11  # categories: as many need tab20, not tab10
-# What LAS files mean by them (ASPRS LAS 1.4, table 17), in the colours of QGIS.
+FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole numbers tell nothing
+PROBE = 1000  # rows that are tested first
+FIRST_MANY = 11  # categories: from this number on they need tab20, not tab10
+# The meaning of classes in LAS files (ASPRS LAS 1.4, table 17), in the colours of QGIS.
 ASPRS = {
     0: ("never classified", 0xBABABA),
     1: ("unassigned", 0xAAAAAA),
@@ -45,9 +45,9 @@ ASPRS = {
 class Attribute:
     """A colour for materials: an attribute of the points, through a colour map.
 
-    Between points the value is blended, with the surface's own weights, and then looked up, so that the map is
-    followed. A map of classes (under 64 colours: tab10) shows the class of the splat of most weight instead: between
-    classes 2 and 6 there is no 4. So do categories, in any map.
+    Between points the value is blended, with the surface's own weights, and then looked up, so that the colours follow
+    the map. A map of classes (under 64 colours: tab10) shows the class of the splat of greatest weight instead: between
+    classes 2 and 6 there is no 4. Categories do so with any map.
 
     Parameters
     ----------
@@ -55,22 +55,22 @@ class Attribute:
         An attribute of the points; one with several columns shows its length, "name[0]" its first column. "x", "y",
         "z": the coordinate in the world, whatever attributes there are.
     colormap : str
-        Of categories it is taken at as many places as there are, but for the usual "viridis": then they have colours
-        that tell them apart (tab10, tab20), and those of "classification" the ones that LAS files are shown in.
+        Categories take evenly spaced colours of the map, except with the default "viridis": then they have distinct
+        colours (tab10, tab20), and those of "classification" have the usual colours of LAS files.
         "viridis", "magma", "inferno", "plasma", "cividis", "turbo", "gray", "coolwarm", "RdBu", "terrain",
         "twilight", "tab10" or "tab20", each also reversed ("viridis_r"); where matplotlib is installed, any of its.
     range : (2,) float, optional
-        Which values have the map's first and last colour; those beyond are shown as these. None: the 2nd and the 98th
-        percentile of the finite values, over all models of a scene that share this colour the least and the greatest.
-        Of a map of classes the first and the last class; None: class k shows colour k, after the last again the first.
+        The values with the map's first and last colour; values beyond them show these colours. None: the 2nd and the
+        98th percentile of the finite values; over several models of a scene the least and the greatest of these.
+        For a map of classes the first and the last class; None: class k shows colour k, and the colours repeat.
     categories : sequence of int, or False, optional
-        The values that are categories, never blended; others show a neutral grey. None: what is found, where all
-        values are whole numbers, at most 32 different ones, and no range is given. False: none, values are blended.
+        The values that are categories, never blended; other values show a neutral grey. None: found, where all values
+        are whole numbers, at most 32 different ones, and no range is given. False: none, values are blended.
 
     Notes
     -----
-    Values that are NaN do not count in the blend; where they have most of the weight, a neutral grey (sRGB 128) shows.
-    A range that is found is that of the points: of a coordinate it moves with the instance.
+    Values that are NaN are left out of the blend; where they have most of the weight, a neutral grey (sRGB 128) shows.
+    A range that is found is that of the points: the range of a coordinate moves with the instance.
     """
 
     name: str
@@ -98,7 +98,7 @@ class Attribute:
 
     @property
     def may_have_categories(self) -> bool:
-        """Whether they are looked for."""
+        """Whether categories are looked for."""
         plain = self.range is None and self.name not in COORDINATES and not shows_classes(self.colormap)
         return self.categories is None and plain
 
@@ -121,18 +121,18 @@ def category_colors(attribute: Attribute) -> NDArray[np.uint8]:
 
 
 def category_name(attribute: Attribute, value: int) -> str:
-    """A category as legends have it."""
+    """The name of a category in legends."""
     known = is_classification(attribute.name) and value in ASPRS
     return f"{value} {ASPRS[value][0]}" if known else str(value)
 
 
 def is_classification(name: str) -> bool:
-    """Whether an attribute is what LAS files call so, as PLY files of them may."""
+    """Whether an attribute has the name of classes in LAS files, which PLY files made of them may use too."""
     return name.lower().removeprefix("scalar_") == "classification"
 
 
 def categories_of(values: NDArray[Any]) -> tuple[int, ...] | None:
-    """The categories of a column of values, None where they are none: whole numbers, few different ones."""
+    """The categories of a column of values: whole numbers, few different ones; None if the values are no categories."""
     if values.ndim != 1:
         return None
     for rows in (values[:: max(len(values) // PROBE, 1)], values):

@@ -1,9 +1,9 @@
-"""How light is scattered at a surface point: what every integrator asks of a material, whichever it is.
+"""How light is scattered at a surface point: the functions of a material that every integrator calls.
 
-BSDFs are reciprocal, colours linear RGB, pdfs per solid angle. What rays carry is radiance divided by the square
-of the index of refraction, which refraction does not change (Nicodemus 1963, 'basic radiance'): so no weight has a
-factor (n1 / n2)^2. In the air, where eyes and lights are, it is the radiance itself. With the factor a path would
-lose n^2 where it enters a closed body and gain it where it leaves: the same picture, unless a light is inside.
+BSDFs are reciprocal, colours are linear RGB, pdfs are per solid angle. Rays carry radiance divided by the square of
+the index of refraction, which refraction does not change (Nicodemus 1963, 'basic radiance'), so no weight has a factor
+(n1 / n2)^2. In air, where eyes and lights are, it is the radiance itself. With the factor a path would lose n^2 where
+it enters a closed body and gain it where it leaves: the same picture, unless a light is inside.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LEAST_PDF = 1e-200  # below it a quotient by the pdf may overflow
 
 @inline
 def base_color(world: World, at: int, color: Vec3) -> Vec3:
-    """The material's colour, or the surface's own, which is given."""
+    """The material's colour, or the given colour of the surface where the material has none."""
     if world.materials[at + OWN_COLOR] != 0.0:
         return color
     return load3_flat(world.materials, at + BASE_COLOR)
@@ -49,14 +49,14 @@ def emitted(world: World, at: int) -> Vec3:
 
 @inline
 def is_specular(world: World, at: int) -> bool:
-    """Whether light is scattered to one or two directions only."""
+    """Whether light is scattered into one or two directions only."""
     kind = world.materials[at + MATERIAL_KIND]
     return kind in (MIRROR, DIELECTRIC)
 
 
 @inline
 def ambient(world: World, at: int, point: ShadingPoint) -> Vec3:
-    """The share of even light from all around that comes back, highlights left out."""
+    """The share of even light from all around that is reflected, highlights left out."""
     if is_specular(world, at):
         return BLACK
     share = 1.0 - world.materials[at + SPECULAR] if world.materials[at + MATERIAL_KIND] == PHONG else 1.0
@@ -65,7 +65,7 @@ def ambient(world: World, at: int, point: ShadingPoint) -> Vec3:
 
 @inline
 def eval_bsdf(world: World, at: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec3, float]:
-    """(BSDF times cosine as RGB, pdf with which `sample_bsdf` would choose this direction).
+    """(BSDF times cosine as RGB, pdf with which `sample_bsdf` chooses this direction).
 
     wi : unit. Black and 0 where light or eye is not on the normal's side, and for specular materials.
     """
@@ -82,7 +82,7 @@ def eval_bsdf(world: World, at: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec
 
 @inline
 def _direction(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """A direction chosen with the pdf that `eval_bsdf` tells; it may lie below the surface."""
+    """A direction chosen with the pdf of `eval_bsdf`; it may lie below the surface."""
     kind = world.materials[at + MATERIAL_KIND]
     if kind == PHONG:
         return sample_phong(world, at, point, which, u, v)
@@ -95,7 +95,7 @@ def _direction(world: World, at: int, point: ShadingPoint, which: float, u: floa
 def sample_bsdf(
     world: World, at: int, point: ShadingPoint, which: float, u: float, v: float
 ) -> tuple[Vec3, Vec3, float, float]:
-    """Choose where a path goes on: (unit direction, weight, pdf, side).
+    """Choose where a path continues: (unit direction, weight, pdf, side).
 
     which : chooses the lobe; u, v : the direction; all 0 <= x < 1
     weight : BSDF times cosine over the pdf, RGB; black where nothing is scattered

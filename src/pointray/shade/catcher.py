@@ -1,8 +1,8 @@
-"""Shadow catchers: of planes that show nothing but shadows, the light that arrives, and that would arrive.
+"""Shadow catchers: planes that show only shadows; the light that arrives at them, and the light that would arrive.
 
-What is in the way takes away 1 - LIT / UNLIT, of the sums over a pixel's samples (`rendering/film.py`): both are found
-by the same samples, so that where nothing is in the way nothing is taken. Light is counted as luminance, by its cosine;
-what other surfaces send onto a catcher is not.
+Blocked light is 1 - LIT / UNLIT, with sums over a pixel's samples (`rendering/film.py`): the same samples find both
+sums, so that nothing is taken away where nothing blocks. Light is counted as luminance, weighted by its cosine; light
+that other surfaces reflect onto a catcher is not counted.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
 
 @inline
 def find_caught(world: World, scratch: Scratch) -> Bits:
-    """Put down in CAUGHT which of the tile's surface points, the camera's first, are a catcher's; also returned."""
+    """Store in CAUGHT which of the tile's surface points, at the camera's first hits, are a catcher's; returns them."""
     bits, points = i64(0), scratch.shading_points
     if world.catchers > 0:
         for i in range(TILE):
@@ -63,7 +63,7 @@ def _ask_nothing(scratch: Scratch) -> None:
 
 @inline
 def _ask(scratch: Scratch, i: int, light: float, wi: Vec3, distance: float) -> None:
-    """Light that would arrive at catcher i, and the ray that tells whether it does."""
+    """Store light that would arrive at catcher i, and set the ray that tells whether it does."""
     scratch.shading_points[GAIN + i] = light
     if light > 0.0:
         ray = load3(scratch.shading_points, SHADING_POINT + i), wi, 0.0, distance
@@ -72,7 +72,7 @@ def _ask(scratch: Scratch, i: int, light: float, wi: Vec3, distance: float) -> N
 
 @inline
 def _answer(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None:
-    """Add the light that was asked for to what would arrive, and where nothing is in its way to what does."""
+    """Add the stored light to what would arrive, and, where nothing blocks it, to what does arrive."""
     points = scratch.shading_points
     if shadows:
         occlude_tile(world, scratch)
@@ -86,7 +86,7 @@ def _answer(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None
 
 @inline
 def _leave(caught: Bits, scratch: Scratch) -> None:
-    """Catchers are no surface points that are shaded."""
+    """Exclude catchers from the surface points that are shaded."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             scratch.shading_points[SHADING_INSTANCE + i] = -1.0
@@ -95,7 +95,7 @@ def _leave(caught: Bits, scratch: Scratch) -> None:
 
 @inline
 def _unshadowed(world: World, i: int, scratch: Scratch) -> float:
-    """Light at catcher i in which direct light has no shadows: the sky's, or a headlight."""
+    """Light at catcher i that has no shadows with direct light: the sky's, or a headlight's."""
     if has_sky(world):
         return luminance(sky_irradiance(world, load3(scratch.shading_points, SHADING_NORMAL + i)))
     return 1.0 if world.lights.size == 0 else 0.0
@@ -123,7 +123,7 @@ def catch_direct(world: World, caught: Bits, shadows: bool, scratch: Scratch) ->
 
 @inline
 def catch_occlusion(caught: Bits, scratch: Scratch) -> None:
-    """After the rays of ambient occlusion are traced: whether they are free."""
+    """Count which rays of ambient occlusion are free, after they are traced."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             scratch.shading_points[UNLIT + i] = 1.0
@@ -133,7 +133,7 @@ def catch_occlusion(caught: Bits, scratch: Scratch) -> None:
 
 @inline
 def _ask_lamp(world: World, at: int, i: int, sample: int, scratch: Scratch) -> None:
-    """At catcher i ask for light from a place on a light."""
+    """Ask at catcher i for light from a point on a light."""
     x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
     u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + ON_LIGHT)
     incoming = sample_light(world, at, x, u, v)
@@ -143,7 +143,7 @@ def _ask_lamp(world: World, at: int, i: int, sample: int, scratch: Scratch) -> N
 
 @inline
 def _ask_sky(world: World, i: int, sample: int, scratch: Scratch) -> None:
-    """At catcher i ask for light from all around: a picture's by its own light, else by the cosine."""
+    """Ask at catcher i for light from all around: a direction chosen by a sky picture's light, else by the cosine."""
     x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
     u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
     if is_chosen(world):
@@ -157,14 +157,14 @@ def _ask_sky(world: World, i: int, sample: int, scratch: Scratch) -> None:
 
 @inline
 def catch_paths(world: World, sample: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """All light at the tile's catchers, from a place on each light and from one direction of the sky.
+    """All light at the tile's catchers, from a point on each light and from one direction of the sky.
 
-    Each light, not one by chance: what would arrive is nearly the same in all samples, so that the quotient of few sums
-    is nearly right. Half below a rectangle whose light differs threefold from end to end it is 0.40 on average with 1
-    sample, 0.307 with 4, 0.303 with 64.
+    Every light is sampled, not one by chance: what would arrive is nearly the same in all samples, so a quotient of few
+    sums is nearly right. Half below a rectangle whose light differs threefold from end to end, the quotient is 0.40 on
+    average with 1 sample, 0.307 with 4, 0.303 with 64.
 
-    sky_shows : whether the sky is seen behind them: darker, then. Else they stay in CAUGHT, to become alpha.
-    Returns those that do.
+    sky_shows : whether the sky is seen behind them; catchers then darken it. Else they stay in CAUGHT, to become alpha.
+    Returns those that stay.
     """
     caught, sky = scratch.counts[CAUGHT], world.lights.size
     for at in range(0, sky + LIGHT, LIGHT):
@@ -184,7 +184,7 @@ def catch_paths(world: World, sample: int, sky_shows: bool, scratch: Scratch) ->
 
 @inline
 def show_caught(world: World, sky_shows: bool, scratch: Scratch) -> Bits:
-    """Where the sky shows, catchers show what is behind them as far as they are lit, and are no longer in CAUGHT.
+    """Where the sky shows, catchers show it, scaled by their share of the light, and are no longer in CAUGHT.
 
     Returns those that still are, to become alpha.
     """

@@ -1,6 +1,6 @@
-"""Many lights, for paths: one of them is chosen by a table, and those that a ray meets are found in a tree.
+"""Many lights, for paths: a table chooses one of them, and a tree finds those that a ray meets.
 
-No walk goes over all: of 5,000 lamps a path asks some dozen. See `shade/tables.py`.
+No loop visits all lights: with 5,000 lamps a path tests some dozen. See `shade/tables.py`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ FLAT = 1e-200  # a direction's component is no smaller, so that no box test divi
 
 @inline
 def choose_light(world: World, u: float) -> tuple[int, float]:
-    """(which light a number in 0..1 chooses, its chance): -1 and 0 if none shines.
+    """(the light that a number in 0..1 chooses, its probability): -1 and 0 if none shines.
 
-    The sky's picture comes after all lights.
+    The sky's picture is counted after all lights.
     """
     count = world.light_shares.size - 1
     if count < 1:
@@ -37,7 +37,7 @@ def chance_of(world: World, which: int) -> float:
 
 @inline
 def sky_chance(world: World) -> float:
-    """The probability with which it chooses the sky's picture."""
+    """The probability with which `choose_light` chooses the sky's picture."""
     return chance_of(world, world.lights.size // LIGHT)
 
 
@@ -60,7 +60,7 @@ def _enters(boxes: Array, at: int, o: Vec3, inverse: Vec3, nearest: float) -> bo
 
 @inline
 def nearest_lamp(world: World, ray: tuple[Vec3, Vec3], nearest: float) -> tuple[float, int]:
-    """(t, where its record begins) of the nearest light that a ray (o, d) meets before `nearest`; -1 for none."""
+    """(t, offset of its record) of the nearest light that a ray (o, d) meets before `nearest`; -1 for none."""
     lamps, found, k = world.lamps, -1, 0
     d = ray[1]
     inverse = 1.0 / _steady(d[0]), 1.0 / _steady(d[1]), 1.0 / _steady(d[2])
@@ -93,9 +93,9 @@ def _is_within(boxes: Array, at: int, d: Vec3) -> bool:
 
 @inline
 def sun_after(world: World, k: int, d: Vec3) -> tuple[int, int, Vec3, float]:
-    """The first sun, of those from entry k on, whose disk is in a unit direction.
+    """The first sun, from entry k on, whose disk contains a unit direction.
 
-    Returns the entry that follows it, 0 for none; which light it is; its radiance and its pdf.
+    Returns the entry that follows it (0 for none), the number of the light, its radiance, and its pdf.
     """
     suns = world.suns
     while k < suns.lights.size:

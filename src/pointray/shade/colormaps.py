@@ -33,14 +33,14 @@ EMBEDDED = (
 )
 TABLES = Path(__file__).with_name("colormaps.npz")
 REVERSED = "_r"
-MOST_CLASSES = 64  # a map of fewer colours is one of classes
+MOST_CLASSES = 64  # a map with fewer colours is one of classes
 
 
 @cache
 def colormap(name: str) -> NDArray[np.uint8]:
     """A colour map, (n, 3) uint8 sRGB from the least value to the greatest; ValueError if there is none of that name.
 
-    The name with "_r" behind it is the same map reversed, as in matplotlib.
+    A name that ends in "_r" is the reversed map, as in matplotlib.
     """
     plain = name.removesuffix(REVERSED)
     if plain not in EMBEDDED:

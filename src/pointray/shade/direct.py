@@ -1,6 +1,6 @@
-"""Direct light at the hits of a tile: each light from its middle, its shadow rays together; the sky's, by its mean.
+"""Direct light at the hits of a tile: each light from its middle, all its shadow rays together; the sky's as a mean.
 
-What mirrors and glass send on is in `shade/specular_rays.py`.
+Light from mirrors and glass is in `shade/specular_rays.py`.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from .sky import has_sky, sky_irradiance
 
 @inline
 def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
-    """The tile's rays become those from its surface points to the middle of a light; GAIN is what arrives from there.
+    """Set the tile's rays from its surface points to the middle of a light; GAIN is the light that arrives from there.
 
-    No branches for most kinds: rays as vectors, those of no surface point too.
+    No branches for most kinds: rays are processed as vectors, also those without a surface point.
     """
     points = scratch.shading_points
     for i in range(TILE):
@@ -46,7 +46,7 @@ def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
 
 @inline
 def _light_from(world: World, light: int, scratch: Scratch) -> bool:
-    """What one light adds where nothing is in its way, and the rays that tell whether; returns whether it adds any."""
+    """Set what one light adds where nothing blocks it, and the rays that test it; returns whether it adds any light."""
     points, lit, kind = scratch.shading_points, False, world.lights[light + LIGHT_KIND]
     if kind == POINT_LIGHT:
         _arrive(world, light, POINT_LIGHT, scratch)
@@ -70,7 +70,7 @@ def _light_from(world: World, light: int, scratch: Scratch) -> bool:
 
 @inline
 def shade_gains(scratch: Scratch) -> None:
-    """After the shadow rays are traced: take the gain away where something is in the way. No branches."""
+    """Remove the gain where something blocks the shadow rays, after these are traced. No branches."""
     points = scratch.shading_points
     for i in range(TILE):
         store3(points, GAIN + i, either(is_blocked(scratch, i), BLACK, load3(points, GAIN + i)))
@@ -78,9 +78,9 @@ def shade_gains(scratch: Scratch) -> None:
 
 @inline
 def light_tile(world: World, shadows: bool, look: tuple[int, int, float], scratch: Scratch) -> None:
-    """Add the radiance that the tile's surface points send back along its rays. Uses these as shadow rays.
+    """Add the radiance that the tile's surface points reflect along its rays. Uses the rays as shadow rays.
 
-    look : how the sky is looked for, see `find_sky_seen`. A scene without lights has a headlight: where rays begin,
+    look : how the sky is sampled, see `find_sky_seen`. A scene without lights has a headlight: where rays begin,
     without fall-off and shadows, irradiance pi.
     """
     dark = world.lights.size == 0 and not has_sky(world)

@@ -1,4 +1,4 @@
-"""Lights as rays meet them: what arrives from one, a place on it chosen at random, and where a ray hits it.
+"""Lights as rays meet them: the light that arrives from one, a random point on it, and where a ray hits it.
 
 Pdfs are per solid angle; 0 stands for a light that is met with a pdf of 0, because it has no size.
 """
@@ -35,7 +35,7 @@ TINY = 1e-300
 class LightSample(NamedTuple):
     """Light at a surface point: unit direction to the light and the distance.
 
-    light : RGB, radiance over the pdf; of a light without size, and of a whole one seen from afar, the irradiance
+    light : RGB, radiance over the pdf; for a light without size, and for a whole one seen from afar, the irradiance
         of a surface that faces it
     pdf : density per solid angle with which the direction was chosen
     """
@@ -53,7 +53,7 @@ def _nothing() -> LightSample:
 
 @inline
 def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
-    """A direction within a cone about an axis, evenly. missing : 1 - cosine of the cone's half angle."""
+    """A direction in a cone about an axis, uniformly distributed. missing : 1 - cosine of the cone's half angle."""
     x, y = on_disc(u, v)
     square = x * x + y * y
     drop = missing * square  # 1 - cosine, without cancellation
@@ -64,7 +64,7 @@ def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
 
 @inline
 def _cone_of_sphere(world: World, at: int, x: Vec3) -> tuple[Vec3, float, float]:
-    """(unit direction to a sphere's middle, distance, 1 - cosine of half the angle it fills; 0 from inside of it)."""
+    """(unit direction to a sphere's middle, distance, 1 - cosine of half the angle it fills; 0 inside the sphere)."""
     v = sub(load3_flat(world.lights, at + LIGHT_PLACE), x)
     distance, radius = length(v), world.lights[at + LIGHT_RADIUS]
     if distance <= radius:
@@ -75,7 +75,7 @@ def _cone_of_sphere(world: World, at: int, x: Vec3) -> tuple[Vec3, float, float]
 
 @inline
 def from_middle(world: World, at: int, kind: float, x: Vec3) -> LightSample:
-    """What arrives at x if all of a light, of that kind, were in its middle: hard shadows."""
+    """The light at x if all of a light of that kind came from its middle: hard shadows."""
     place, power = load3_flat(world.lights, at + LIGHT_PLACE), load3_flat(world.lights, at + LIGHT_POWER)
     if kind == SUN_LIGHT:
         return LightSample(scale(place, -1.0), np.inf, power, 0.0)
@@ -91,14 +91,14 @@ def from_middle(world: World, at: int, kind: float, x: Vec3) -> LightSample:
             return _nothing()
         return LightSample(wi, distance - radius, scale(power, math.pi * radius * radius / square), 0.0)
     cosine = max(-dot(load3_flat(world.lights, at + LIGHT_FACING), wi), 0.0)
-    # A disk seen from its axis has pi r^2 / (d^2 + r^2): close to a light the square of the distance alone is too much.
+    # A disk seen from its axis has pi r^2 / (d^2 + r^2): close to it the square of the distance alone is too much.
     area = world.lights[at + LIGHT_AREA]
     return LightSample(wi, distance, scale(power, area * cosine / (square + area / math.pi)), 0.0)
 
 
 @inline
 def sample_light(world: World, at: int, x: Vec3, u: float, v: float) -> LightSample:
-    """What arrives at x from a place on a light that two numbers in 0..1 choose."""
+    """The light that arrives at x from a point on a light; two numbers in 0..1 choose the point."""
     kind, power = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_POWER)
     place = load3_flat(world.lights, at + LIGHT_PLACE)
     if kind == POINT_LIGHT:
@@ -141,14 +141,14 @@ def _sun_share(irradiance: Vec3, missing: float) -> Vec3:
 
 @inline
 def _flat_pdf(world: World, at: int, wi: Vec3, distance: float) -> float:
-    """The pdf of a direction to a place on a flat light at a distance; 0 behind it."""
+    """The pdf of a direction to a point on a flat light at a distance; 0 behind it."""
     cosine = -dot(load3_flat(world.lights, at + LIGHT_FACING), wi)
     return distance * distance / (cosine * world.lights[at + LIGHT_AREA]) if cosine > 1e-12 else 0.0
 
 
 @inline
 def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
-    """t of a ray of unit direction with a sphere whose middle is at to_middle, from outside; inf."""
+    """t of a ray of unit direction with a sphere whose middle is at to_middle, from outside; inf for none."""
     along = dot(to_middle, d)
     aside = sub(to_middle, scale(d, along))
     rest = radius * radius - dot(aside, aside)
@@ -158,7 +158,7 @@ def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
 
 @inline
 def intersect_light(world: World, at: int, o: Vec3, d: Vec3) -> float:
-    """t of a ray of unit direction with the side of a light that shines; inf for none, and for lights without size."""
+    """t of a ray of unit direction with the shining side of a light; inf for none, and for lights without size."""
     kind, place = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_PLACE)
     if kind in (POINT_LIGHT, SUN_LIGHT):
         return np.inf
@@ -171,7 +171,7 @@ def intersect_light(world: World, at: int, o: Vec3, d: Vec3) -> float:
     t = dot(facing, sub(o, place)) / fall
     x = sub(add(o, scale(d, t)), place)
     u, v = load3_flat(world.lights, at + LIGHT_U), load3_flat(world.lights, at + LIGHT_V)
-    # The place in u and v, which need not be at right angles.
+    # The coordinates in u and v, which need not be at right angles.
     uu, uv, vv, xu, xv = dot(u, u), dot(u, v), dot(v, v), dot(x, u), dot(x, v)
     whole = uu * vv - uv * uv
     a, b = (xu * vv - xv * uv) / whole, (xv * uu - xu * uv) / whole
@@ -190,7 +190,7 @@ def light_pdf(world: World, at: int, o: Vec3, d: Vec3, t: float) -> float:
 
 @inline
 def light_radiance(world: World, at: int) -> Vec3:
-    """Radiance of a light that rays meet."""
+    """Radiance of a light that a ray meets."""
     return load3_flat(world.lights, at + LIGHT_POWER)
 
 

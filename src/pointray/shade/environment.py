@@ -40,24 +40,24 @@ COSINE_LOBE = np.repeat([np.pi, 2 * np.pi / 3, np.pi / 4], [1, 3, 5])
 
 @dataclass(frozen=True, eq=False)
 class EnvironmentLight:
-    """Light from all around, infinitely far.
+    """Light from all around, from an infinite distance.
 
     Parameters
     ----------
     radiance : float or (3,) float
-        W/(m2 sr), from everywhere; with `horizon` or `ground` from the zenith only. It scales an image.
+        W/(m2 sr), from everywhere; with `horizon` or `ground` only from the zenith. It scales an image.
     horizon, ground : float or (3,) float, optional
-        Makes a gradient: from the horizon, changing evenly with the height's sine to the zenith's above, and from
-        everywhere below it. None: the other one; without both it is constant.
+        Makes a gradient: above, from the horizon to the zenith, linear in the sine of the height; below, constant.
+        None: the value of the other one; without both the light is constant.
     image : (h, w, 3) float array_like, or path of an .hdr or .exr file, optional
-        Linear radiance of the whole sphere, equirectangular: row 0 is up, the middle column ahead (+y where up is z),
-        what lies to the right of the middle is to the right of who looks ahead.
+        Linear radiance of the whole sphere, equirectangular: row 0 is up, the middle column ahead (+y where up is z);
+        the right half is to the right of a viewer who looks ahead.
     up : (3,) float, world
 
     Raises
     ------
     ValueError
-        If a value is negative, NaN, infinite or beyond 1e9, or an image has another shape.
+        If a value is negative, NaN, infinite or beyond 1e9, or an image has a wrong shape.
     """
 
     radiance: ArrayLike = 1.0
@@ -141,13 +141,13 @@ def _gradient(sky: Floats) -> Floats:
 
 
 def _solid_angles(height: int, width: int) -> Floats:
-    """Of the pixels of each row, (h,)."""
+    """The solid angles of the pixels of each row, (h,)."""
     edges = np.cos(np.arange(height + 1) / height * np.pi)
     return np.asarray((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)
 
 
 def _shares(colors: NDArray[np.float32]) -> tuple[Floats, Floats]:
-    """The running shares of light by rows and within each row. Neighbours count too: radiance is interpolated."""
+    """Cumulative shares of light by rows and within each row. Neighbours count too, as radiance is interpolated."""
     light = colors.max(axis=2).astype(np.float64)
     light = np.maximum.reduce([light, np.roll(light, 1, axis=1), np.roll(light, -1, axis=1)])
     light = np.maximum.reduce([light, np.concatenate([light[:1], light[:-1]]), np.concatenate([light[1:], light[-1:]])])
@@ -191,15 +191,15 @@ def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Fl
 
 
 class Lights:
-    """The lights of a scene, each checked once, in the order in which they came. Nothing here changes: see `plus`.
+    """The lights of a scene, each checked once, in the order of addition. A list never changes: see `plus`.
 
-    Lists that grow out of one another share their items, and each knows how many of these are its own; so a light more
-    takes as long after thousands as after none, and who holds a list sees no light that comes later.
+    Lists that grow out of one another share their items, and each knows how many of these are its own. So adding a
+    light takes as long after thousands as after none, and the holder of a list sees no light that is added later.
 
     Raises
     ------
     ValueError
-        If one is no light, or there are two from all around.
+        If an item is no light, or two are from all around.
     """
 
     def __init__(self, lights: Iterable[Any] = ()) -> None:
@@ -223,12 +223,12 @@ class Lights:
         more._items = self._items
         if len(self._items) == self._count:
             more._items.append(light)
-        if more._items[self._count] is not light:  # another list has grown out of this one before
+        if more._items[self._count] is not light:  # another list has already grown out of this one
             more._items = [*self, light]
         return more
 
     def _check(self, light: Any, name: str = "lights") -> bool:
-        """Whether a light, which may join these, comes from all around."""
+        """Whether a light that may join these comes from all around."""
         if isinstance(light, EnvironmentLight):
             if self._around:
                 raise ValueError("the scene has an EnvironmentLight already")

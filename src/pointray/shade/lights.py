@@ -1,4 +1,4 @@
-"""Lights of a place or a direction. Colours are linear RGB; a number means grey. All of them show no back."""
+"""Lights with a position or a direction. Colours are linear RGB; a number means grey. None shines from its back."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _record(kind: int, place: NDArray[np.float64], power: NDArray[np.float64]) -
 def _flat_record(
     kind: int, center: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64], radiance: ArrayLike
 ) -> NDArray[np.float64]:
-    """A light that lies between u and v; it shines to the side of their cross product."""
+    """The record of a light that spans u and v; it shines to the side of their cross product."""
     out = _record(kind, center, rgb(radiance, "radiance"))
     cross = np.cross(u, v)
     out[LIGHT_U : LIGHT_U + 3], out[LIGHT_V : LIGHT_V + 3] = u, v
@@ -63,7 +63,7 @@ def _flat_record(
 
 @dataclass(frozen=True)
 class PointLight(_Checked):
-    """A light of no size at a place; irradiance falls with the square of the distance.
+    """A light without size at a point; irradiance falls with the square of the distance.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class PointLight(_Checked):
     intensity : float or (3,) float
         Radiant intensity, W/sr.
     camera : bool
-        It goes with the camera: the position is from the eye to the right, upwards and back from what it looks at.
+        Whether it follows the camera: the position is then to the right, upwards and backwards, from the eye.
     """
 
     position: ArrayLike
@@ -91,13 +91,13 @@ class SunLight(_Checked):
     Parameters
     ----------
     direction : (3,) float, world
-        The way the light travels.
+        The direction in which the light travels.
     irradiance : float or (3,) float
         On a surface that faces it, W/m2. A white diffuse surface under irradiance pi has radiance 1.
     angle : float
-        How wide the disk is, degrees, 0 to 180: the path tracer's shadows have soft edges. 0.53 is the sun's.
+        Diameter of the disk, degrees, 0 to 180: it softens the path tracer's shadows. 0.53 is the sun's.
     camera : bool
-        It goes with the camera: the direction is to the right in the picture, upwards in it, and towards the eye.
+        Whether it follows the camera: the direction is then to the right in the picture, upwards, and towards the eye.
     """
 
     direction: ArrayLike
@@ -191,12 +191,12 @@ class SphereLight(_Checked):
 
 
 def goes_along(light: object) -> bool:
-    """Whether a light goes with the camera."""
+    """Whether a light follows the camera."""
     return isinstance(light, PointLight | SunLight) and light.camera
 
 
 def fixed(light: Light, eye: NDArray[np.float64], axes: NDArray[np.float64]) -> Light:
-    """A light as it stands in the world. axes : (3, 3), to the right, upwards and towards the eye, rows"""
+    """A light at its position in the world. axes : (3, 3), to the right, upwards and towards the eye, rows"""
     if isinstance(light, SunLight) and light.camera:
         return replace(light, direction=vector(light.direction, "direction") @ axes, camera=False)
     if isinstance(light, PointLight) and light.camera:

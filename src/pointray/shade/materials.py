@@ -1,6 +1,6 @@
 """Materials: how a surface scatters light. Colours are linear RGB or an `Attribute`; None takes the points' own.
 
-Opaque materials shade both sides. None reflects more light than it receives, and all are reciprocal.
+Opaque materials shade both sides. None of them reflects more light than it receives, and all are reciprocal.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one th
 
 
 def _number(value: float, name: str, low: float, high: float) -> float:
-    """A number from low to high, inf: any finite one."""
+    """A number from low to high; where high is inf, any finite one from low on."""
     limits = f"from {low:g} to {high:g}" if np.isfinite(high) else f"finite and at least {low:g}"
     return check_number(value, name, f"a number, {limits}", lambda x: low <= x <= high and np.isfinite(x))
 
 
 def _record(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
-    """The record of a kind with a colour of 0 to 1."""
+    """The record of a kind of material with a colour of 0 to 1."""
     out = np.zeros(MATERIAL_SIZE)
     out[MATERIAL_KIND], out[OWN_COLOR] = kind, color is None or isinstance(color, Attribute)
     out[BASE_COLOR : BASE_COLOR + 3] = reflectance(1.0 if out[OWN_COLOR] else color, name)
@@ -64,7 +64,7 @@ class Material:
 
     @property
     def attribute(self) -> Attribute | None:
-        """What it is coloured by, if that is an attribute."""
+        """The attribute that colours the material, if there is one."""
         color = getattr(self, "base_color" if isinstance(self, Principled) else "color", None)
         return color if isinstance(color, Attribute) else None
 
@@ -89,9 +89,9 @@ class Diffuse(Material):
 class Phong(Material):
     """Diffuse with a highlight, energy-conserving.
 
-    BRDF (1 - specular) color / pi + specular (exponent + 2) / (2 pi) cos^exponent, of the angle between the eye and the
-    mirrored direction to the light (Lafortune and Willems 1994). The highlight reflects `specular` of the light at
-    normal incidence and less at others, a narrow one the cosine of it.
+    BRDF (1 - specular) color / pi + specular (exponent + 2) / (2 pi) cos^exponent, with the angle between the eye and
+    the mirrored direction to the light (Lafortune and Willems 1994). The highlight reflects `specular` of the light at
+    normal incidence and less at other angles; a narrow one reflects `specular` times the cosine.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Phong(Material):
 
 @dataclass(frozen=True)
 class Mirror(Material):
-    """Reflects `color` of the light into the mirrored direction, whatever the angle.
+    """Reflects `color` of the light into the mirrored direction, at any angle.
 
     Parameters
     ----------
@@ -134,9 +134,9 @@ class Mirror(Material):
 class Dielectric(Material):
     """A clear body with a smooth surface: glass, water. Outside is where normals point; the surface must be closed.
 
-    Snell's law, and Fresnel's equations for unpolarised light: of the cosines c and c' to the normal on this side and
+    Snell's law, and Fresnel's equations for unpolarised light: with the cosines c and c' to the normal on this side and
     beyond it, and the indices' ratio n, ((c - n c') / (c + n c'))^2 / 2 + ((n c - c') / (n c + c'))^2 / 2 is reflected,
-    all of it where c' does not exist. What goes through is not coloured. `shade/bsdf.py` says why it has no
+    all of it where c' does not exist. Refracted light is not coloured. `shade/bsdf.py` explains why it has no
     factor n^2.
 
     Parameters
@@ -158,8 +158,8 @@ class Dielectric(Material):
 def _coat(alpha: float) -> tuple[float, float, float]:
     """(a, b, p): dielectric facets reflect a + b (1 - c)^p of the light that meets them with cosine c to the normal.
 
-    Fitted to integrals of F D G2 / (4 c), nowhere below them, so that facets and base together reflect at most all;
-    above them by at most 0.015 where c > 0.2, 0.05 where c > 0.1.
+    They are fitted to integrals of F D G2 / (4 c), nowhere below them, so that facets and base together reflect at most
+    all light; the fit is above them by at most 0.015 where c > 0.2, and by at most 0.05 where c > 0.1.
     """
     rough = alpha**0.5
     least = 0.0404 - 0.0261 * rough**3.62
@@ -171,7 +171,7 @@ def _coat(alpha: float) -> tuple[float, float, float]:
 class Principled(Material):
     """A rough glossy surface over a diffuse base, or metal: base colour, roughness and metallic as in glTF 2.0.
 
-    BRDF F D G2 / (4 c c') + (1 - metallic) base_color / pi t(c) t(c') / t', of the cosines c and c' of eye and light to
+    BRDF F D G2 / (4 c c') + (1 - metallic) base_color / pi t(c) t(c') / t', with cosines c and c' of eye and light to
     the normal. D : GGX (Walter et al. 2007) with alpha = roughness^2, at least 0.001; G2 : Smith's, correlated by
     height (Heitz 2014); F : Schlick's, from (1 - metallic) 0.04 + metallic base_color at normal incidence to 1;
     t : share of the light from one direction that dielectric facets let through, t' its mean (Kelemen and
@@ -183,7 +183,7 @@ class Principled(Material):
     Parameters
     ----------
     base_color : float or (3,) float, 0 to 1, or Attribute, optional
-        Of the diffuse base, and of the metal's reflection at normal incidence.
+        The colour of the diffuse base, and of the metal's reflection at normal incidence.
     roughness : float
         0 (nearly a mirror: a lobe of a tenth of a degree) to 1.
     metallic : float
@@ -212,7 +212,7 @@ class Emissive(Material):
     radiance : float or (3,) float
         W/(sr m2), RGB.
     color : float or (3,) float, 0 to 1, or Attribute, optional
-        Of what is reflected: BRDF color / pi.
+        The colour of the reflection: BRDF color / pi.
     """
 
     radiance: ArrayLike

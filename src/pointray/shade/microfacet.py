@@ -1,8 +1,8 @@
 """Principled: a rough specular surface of small facets (GGX) over a diffuse base, or of metal.
 
-Facets after Walter et al. (2007), masking and shadowing after Smith, correlated by height (Heitz 2014), sampled by the
-visible normals (Heitz 2018) with the spherical caps of Dupuy and Benyoub (2023). cosine : between normal and light,
-positive. Pdfs are per solid angle. The formulas are said in `materials.py`.
+Facets follow Walter et al. (2007), masking and shadowing follow Smith, correlated by height (Heitz 2014). Visible
+normals are sampled (Heitz 2018) with the spherical caps of Dupuy and Benyoub (2023). cosine : between normal and light,
+positive. Pdfs are per solid angle. The formulas are in `materials.py`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ..kernels.records import ALPHA, COAT, METALLIC, ShadingPoint, World
 from ..kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
 from .phong import sample_diffuse
 
-F0 = 0.04  # of a dielectric of index 1.5, at normal incidence
+F0 = 0.04  # reflectance of a dielectric of index 1.5 at normal incidence
 
 
 @inline
@@ -24,7 +24,7 @@ def _mean(color: Vec3) -> float:
 
 @inline
 def _schlick(at_normal: Vec3, cosine: float) -> Vec3:
-    """Fresnel's share reflected, RGB (Schlick 1994)."""
+    """Fresnel reflectance, RGB (Schlick 1994)."""
     x = max(1.0 - cosine, 0.0)
     rise = x * x * (x * x) * x
     return add(scale(at_normal, 1.0 - rise), (rise, rise, rise))
@@ -62,7 +62,7 @@ def _facets(alpha: float, cosine: float, cos_o: float, half: float) -> tuple[flo
 
 @inline
 def _share_of_facets(world: World, at: int, point: ShadingPoint, cos_o: float) -> float:
-    """How often the facets are sampled, not the base: roughly by what they reflect."""
+    """The probability with which facets are sampled, not the base: roughly by what they reflect."""
     metallic, through = world.materials[at + METALLIC], _let_in(load3_flat(world.materials, at + COAT), cos_o)
     gray = _mean(point.color)
     reflected = (1.0 - metallic) * (1.0 - through) + metallic * gray + 1e-6  # black metal reflects at grazing angles
@@ -88,13 +88,13 @@ def eval_principled(world: World, at: int, point: ShadingPoint, wi: Vec3, cosine
 
 @inline
 def sample_principled(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """A direction by the base's cosine, or mirrored at a visible facet: that may lie below the surface."""
+    """A cosine-distributed direction, or one mirrored at a visible facet, which may lie below the surface."""
     normal, cos_o = point.normal, dot(point.normal, point.wo)
     if which >= _share_of_facets(world, at, point, cos_o):
         return sample_diffuse(normal, u, v)
     alpha = world.materials[at + ALPHA]
-    # Stretched along the normal, the facets are a hemisphere's; what the eye sees of it is a cap about the stretched
-    # direction, whose points mirror it evenly.
+    # Stretched along the normal, the facets form a hemisphere. The eye sees a cap of it about the stretched direction,
+    # and the points of that cap mirror this direction uniformly.
     eye = unit(add(scale(point.wo, alpha), scale(normal, (1.0 - alpha) * cos_o)))
     height = dot(normal, eye)
     facet = add(around(normal, (1.0 - u) * (1.0 + height) - height, v), eye)

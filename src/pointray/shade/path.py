@@ -1,8 +1,8 @@
-"""Path tracing (Kajiya 1986): 64 paths of a tile together, scattering after scattering.
+"""Path tracing (Kajiya 1986): the 64 paths of a tile are traced together, one scattering after the other.
 
-At each surface point one light is chosen and a place on it, and the material chooses where the path goes on. Light that
-both ways can find counts by the power heuristic (Veach and Guibas 1995); paths that carry little end by chance, and
-those that go on count for them. So the mean is exact for any number of samples.
+At each surface point a light and a point on it are chosen, and the material chooses where the path continues. Light
+that both samplings can find is weighted by the power heuristic (Veach and Guibas 1995). Paths of low throughput end by
+chance, and the others are weighted for them. So the mean is exact for any number of samples.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ from .emitters import LightSample, light_pdf, light_radiance, sample_light
 from .shading_points import add_radiance, is_shaded, shading_point, store_shading_points
 from .sky import sample_sky, sky_pdf, sky_radiance
 
-FAINT = 0.05  # a path that carries less goes on with this much, or ends by chance
+FAINT = 0.05  # a path with a lower throughput continues with this one, or ends by chance
 
 
 @inline
 def begin_paths(scratch: Scratch) -> None:
-    """The tile's rays are the camera's."""
+    """Start the paths: the tile's rays are the camera's."""
     for i in range(TILE):
         scratch.shading_points[PDF + i] = 0.0
 
 
 @inline
 def mis_weight(pdf: float, other: float) -> float:
-    """How much light counts that was found with one pdf and might have been with another: the power heuristic.
+    """The weight of light found with one pdf that might have been found with another: the power heuristic.
 
-    A pdf of 0 for what was found stands for a direction that only this way can choose.
+    A pdf of 0 for the light that was found stands for a direction that only this sampling can choose.
     """
     if pdf == 0.0:
         return 1.0
@@ -66,7 +66,7 @@ def mis_weight(pdf: float, other: float) -> float:
 
 @inline
 def _add_distant(world: World, i: int, ray: tuple[Vec3, Vec3], scratch: Scratch) -> None:
-    """Light from infinitely far along ray i, which has met nothing."""
+    """Add light from infinitely far along ray i, which has met nothing."""
     pdf = scratch.shading_points[PDF + i]
     light = scale(sky_radiance(world, ray[1]), mis_weight(pdf, sky_pdf(world, ray[1]) * sky_chance(world)))
     k = 0
@@ -80,7 +80,7 @@ def _add_distant(world: World, i: int, ray: tuple[Vec3, Vec3], scratch: Scratch)
 
 @inline
 def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """Add the light that the tile's rays have met, and put down where the paths go on.
+    """Add the light that the tile's rays have met, and store where the paths continue.
 
     sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
     """
@@ -111,13 +111,13 @@ def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits
 
 @inline
 def _pair(scratch: Scratch, i: int, sample: int, depth: int, which: int) -> tuple[float, float]:
-    """Two numbers in 0..1 for a decision at a scattering."""
+    """Two random numbers in 0..1 for a decision at a scattering."""
     return sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + depth * PER_SCATTERING + which)
 
 
 @inline
 def _light_at(world: World, i: int, sample: int, depth: int, which: int, scratch: Scratch) -> LightSample:
-    """What arrives at surface point i from a place on a light; the sky's picture comes after all lights."""
+    """The light at surface point i from a point on a light; the sky's picture is counted after all lights."""
     u, v = _pair(scratch, i, sample, depth, ON_LIGHT)
     if which * LIGHT < world.lights.size:
         return sample_light(world, which * LIGHT, load3(scratch.shading_points, SHADING_POINT + i), u, v)
@@ -126,7 +126,7 @@ def _light_at(world: World, i: int, sample: int, depth: int, which: int, scratch
 
 @inline
 def _go_on(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
-    """Choose where a path goes on from surface point i, and whether."""
+    """Choose whether and where a path continues from surface point i."""
     points = scratch.shading_points
     at, point = shading_point(world, scratch, i)
     u, v = _pair(scratch, i, sample, depth, DIRECTION_OF)
@@ -143,7 +143,7 @@ def _go_on(world: World, i: int, sample: int, depth: int, lobe: float, scratch: 
 
 @inline
 def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> None:
-    """At the tile's surface points: light from a light, shadowed, and the rays on which the paths go on."""
+    """Scatter at the tile's surface points: shadowed light from a light, and the rays on which the paths continue."""
     points, lit = scratch.shading_points, False
     for i in range(TILE):
         store3(points, GAIN + i, BLACK)
@@ -160,7 +160,7 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
         incoming = _light_at(world, i, sample, depth, which, scratch)
         share, pdf = eval_bsdf(world, at, point, incoming.wi)
         gain = multiply(share, scale(incoming.light, mis_weight(incoming.pdf * chance, pdf) / chance))
-        # Paths that scatter end at the front of another light, too.
+        # The front of another light ends the paths' rays, so it blocks this one too.
         ray = load3(points, SHADING_POINT + i), incoming.wi
         if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, ray, incoming.distance * (1.0 - 1e-6)):
             store3(points, GAIN + i, gain)
@@ -175,7 +175,7 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
 
 @inline
 def follow(scratch: Scratch) -> bool:
-    """The tile's rays become those on which the paths go on; returns whether there is any."""
+    """Set the tile's rays to those on which the paths continue; returns whether there are any."""
     points, some = scratch.shading_points, False
     for i in range(TILE):
         weight = load3(points, NEXT_THROUGHPUT + i)
@@ -192,9 +192,9 @@ def follow(scratch: Scratch) -> bool:
 
 @inline
 def trace_paths(world: World, sample: int, most: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """From the tile's camera rays, which are aimed: radiance in RADIANCE; returns the rays that met anything (bits).
+    """From the tile's camera rays, already set, to radiance in RADIANCE; returns the rays that met anything (bits).
 
-    most : scatterings
+    most : limit of scatterings
     """
     covered = i64(0)
     for depth in range(most + 1):

@@ -1,6 +1,6 @@
-"""Diffuse reflection, and Phong's highlight beside it: what they scatter and how directions are chosen for them.
+"""Diffuse reflection, and Phong's highlight besides it: the light that they scatter, and how directions are sampled.
 
-cosine : between normal and light, positive. Pdfs are per solid angle. The formulas are said in `materials.py`.
+cosine : between normal and light, positive. Pdfs are per solid angle. The formulas are in `materials.py`.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ def eval_diffuse(point: ShadingPoint, cosine: float) -> tuple[Vec3, float]:
 
 @inline
 def sample_diffuse(normal: Vec3, u: float, v: float) -> Vec3:
-    """A direction with pdf cosine / pi: even on the disc below the hemisphere (Malley's method)."""
+    """A direction with pdf cosine / pi: uniform on the disc below the hemisphere (Malley's method)."""
     return around(normal, math.sqrt(1.0 - u), v)
 
 
 @inline
 def _share_of_highlight(color: Vec3, specular: float) -> float:
-    """How often the highlight is sampled: by what each lobe reflects at most. specular > 0."""
+    """The probability with which the highlight is sampled: by what each lobe reflects at most. specular > 0."""
     return specular / (specular + (1.0 - specular) * (color[0] + color[1] + color[2]) / 3.0)
 
 
@@ -36,7 +36,7 @@ def eval_phong(world: World, at: int, point: ShadingPoint, wi: Vec3, cosine: flo
     """(BRDF times cosine, pdf)."""
     specular = world.materials[at + SPECULAR]
     diffuse, pdf = eval_diffuse(point, cosine)
-    if specular == 0.0:  # a power is what takes long here
+    if specular == 0.0:  # the power is what takes long here
         return diffuse, pdf
     exponent, share = world.materials[at + EXPONENT], _share_of_highlight(point.color, specular)
     along = dot(mirrored(wi, point.normal), point.wo)
@@ -48,7 +48,7 @@ def eval_phong(world: World, at: int, point: ShadingPoint, wi: Vec3, cosine: flo
 
 @inline
 def sample_phong(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """A direction by the cosine, or by the power of the cosine about the mirrored one: that may lie below the surface.
+    """A direction by the cosine, or by a power of the cosine about the mirrored one, which may lie below the surface.
 
     After Lafortune and Willems (1994).
     """

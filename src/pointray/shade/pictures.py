@@ -11,7 +11,7 @@ from ..extras import require
 
 
 def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """The pixels of a picture as they are, linear.
+    """The pixels of a picture, unchanged and linear.
 
     Returns
     -------
@@ -22,9 +22,9 @@ def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     OSError
         If there is no such file.
     ValueError
-        If it is no picture, or a damaged one, or OpenImageIO is not installed.
+        If it is no picture, or is damaged, or OpenImageIO is not installed.
     """
-    with open(path, "rb"):  # says what is wrong in the system's words
+    with open(path, "rb"):  # raises the system's own error
         pass
     name = os.fspath(path)
     oiio = require("OpenImageIO", "files", name)

@@ -1,4 +1,4 @@
-"""The surface points of a tile that are shaded: what is kept of each, and as a material sees it."""
+"""The shading points of a tile: what is kept of each, and how a material sees it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .bsdf import base_color
 
 @inline
 def begin_radiance(scratch: Scratch) -> None:
-    """The tile's rays are the camera's: nothing has come along them yet, and all that will counts."""
+    """Start with the camera's rays: nothing has come along them yet, and their throughput is 1."""
     for i in range(TILE):
         store3(scratch.shading_points, RADIANCE + i, BLACK)
         store3(scratch.shading_points, THROUGHPUT + i, WHITE)
@@ -39,16 +39,16 @@ def begin_radiance(scratch: Scratch) -> None:
 
 @inline
 def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
-    """Radiance along ray i, by how much it counts in the pixel."""
+    """Add radiance along ray i, weighted by its throughput in the pixel."""
     points = scratch.shading_points
     store3(points, RADIANCE + i, add(load3(points, RADIANCE + i), multiply(load3(points, THROUGHPUT + i), light)))
 
 
 @inline
 def store_shading_points(scratch: Scratch) -> None:
-    """Put down what the tile's rays have hit: surfaces shade both sides.
+    """Store the surface points that the tile's rays have hit: surfaces shade both sides.
 
-    No branches: rays as vectors, those that have hit nothing too, of which only that counts.
+    No branches: rays are processed as vectors; for those that have hit nothing only that fact matters.
     """
     points, wide = scratch.shading_points, scratch.world
     for i in range(TILE):
@@ -56,7 +56,7 @@ def store_shading_points(scratch: Scratch) -> None:
     for i in range(TILE):
         d, normal = load3(wide, DIRECTION + i), load3(wide, NORMAL + i)
         wo = scale(unit(d), -1.0)
-        # The side the eye is on: where the start rule puts shadow rays, and where the normal is turned.
+        # The side of the eye: the start rule puts shadow rays there, and the normal is turned to it.
         side = 1.0 if dot(normal, wo) >= 0.0 else -1.0
         store3(points, SHADING_POINT + i, add(load3(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
         store3(points, SHADING_NORMAL + i, scale(normal, side))

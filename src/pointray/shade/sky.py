@@ -1,4 +1,4 @@
-"""The light from all around, for rays: its radiance, a direction chosen by it, and its irradiance."""
+"""The light from all around, for rays: its radiance, directions sampled by it, and its irradiance."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def has_sky(world: World) -> bool:
 
 @inline
 def is_chosen(world: World) -> bool:
-    """Whether directions are chosen by the sky's light: a picture's. Of others a path's own directions are as good."""
+    """Whether directions are sampled by the sky's light: only for a picture. For others a path's own are as good."""
     return world.sky[SKY_KIND] == PICTURE_SKY
 
 
@@ -45,7 +45,7 @@ def _size(world: World) -> tuple[int, int]:
 
 @inline
 def _place_of(world: World, d: Vec3) -> tuple[float, float]:
-    """Where a unit direction is in the picture, in pixels from the upper left corner: (row, column)."""
+    """The position of a unit direction in the picture, in pixels from the upper left corner: (row, column)."""
     height, width = _size(world)
     axes = load3_flat(world.sky, SKY_X), load3_flat(world.sky, SKY_Y), load3_flat(world.sky, SKY_Z)
     x, y, z = dot(axes[0], d), dot(axes[1], d), dot(axes[2], d)
@@ -55,7 +55,7 @@ def _place_of(world: World, d: Vec3) -> tuple[float, float]:
 
 @inline
 def _pixel(world: World, row: int, column: int) -> Vec3:
-    """Radiance of a pixel; beyond the edge the one across it."""
+    """Radiance of a pixel; beyond the edge that of the pixel across it."""
     height, width = _size(world)
     row = min(max(row, 0), height - 1)
     column = column % width
@@ -65,7 +65,7 @@ def _pixel(world: World, row: int, column: int) -> Vec3:
 
 @inline
 def sky_radiance(world: World, d: Vec3) -> Vec3:
-    """Radiance that comes from a unit direction."""
+    """Radiance from a unit direction."""
     if world.sky[SKY_KIND] != PICTURE_SKY:
         if world.sky[SKY_KIND] == NO_SKY:
             return BLACK
@@ -86,7 +86,7 @@ def sky_radiance(world: World, d: Vec3) -> Vec3:
 
 @inline
 def sky_pdf(world: World, d: Vec3) -> float:
-    """The pdf with which `sample_sky` chooses a direction; 0 where it chooses none."""
+    """The pdf with which `sample_sky` chooses a direction; 0 where it never does."""
     if world.sky[SKY_KIND] != PICTURE_SKY:
         return 0.0
     height, width = _size(world)
@@ -99,14 +99,14 @@ def sky_pdf(world: World, d: Vec3) -> float:
 
 @inline
 def _solid_angle(row: int, height: int, width: int) -> float:
-    """Of a pixel of a row."""
+    """The solid angle of a pixel of a row."""
     above, below = math.cos(row * math.pi / height), math.cos((row + 1) * math.pi / height)
     return (above - below) * 2.0 * math.pi / width
 
 
 @inline
 def sample_sky(world: World, u: float, v: float) -> LightSample:
-    """Light from a direction that two numbers in 0..1 choose, by the picture's own light."""
+    """Light from a direction that two numbers in 0..1 choose, sampled by the picture's own light."""
     height, width = _size(world)
     row = find_share(world.sky_rows, 0, height, v)
     at = row * (width + 1)
@@ -115,7 +115,7 @@ def sample_sky(world: World, u: float, v: float) -> LightSample:
     down = (v - low) / (high - low) if high > low else 0.5
     left, right = world.sky_columns[at + column], world.sky_columns[at + column + 1]
     along = (u - left) / (right - left) if right > left else 0.5
-    # Evenly over the pixel's solid angle: between the cosines of its edges.
+    # Uniform over the pixel's solid angle: between the cosines of its edges.
     above, below = math.cos(row * math.pi / height), math.cos((row + 1) * math.pi / height)
     z = above + (below - above) * down
     s = math.sqrt(max(1.0 - z * z, 0.0))
@@ -131,9 +131,10 @@ def sample_sky(world: World, u: float, v: float) -> LightSample:
 
 @inline
 def sky_irradiance(world: World, n: Vec3) -> Vec3:
-    """Irradiance from all around of a surface with a unit normal, nothing in the way: spherical harmonics of degree 2.
+    """Unoccluded irradiance from all around on a surface with a unit normal: spherical harmonics of degree 2.
 
-    Off by 1% for light from one half, by some 5% and more for small bright spots (Ramamoorthi and Hanrahan 2001).
+    It is off by 1% for light from one half, and by some 5% and more for small bright spots (Ramamoorthi and Hanrahan
+    2001).
     """
     x, y, z = n
     m = world.sky_mean

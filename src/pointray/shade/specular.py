@@ -1,4 +1,4 @@
-"""Smooth surfaces, which send light to one or two directions only: mirrors, and bodies that let light through."""
+"""Smooth surfaces, which send light into one or two directions only: mirrors, and bodies that let light through."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ..kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub
 
 @inline
 def fresnel(cosine: float, beyond: float, ratio: float) -> float:
-    """Share of unpolarised light that a smooth dielectric reflects.
+    """The share of unpolarised light that a smooth dielectric reflects.
 
-    cosine, beyond : of the angles to the normal on this side and on the other, not both 0
+    cosine, beyond : cosines of the angles to the normal on this side and on the other, not both 0
     ratio : index of refraction of the other side over that of this one
     """
     across = (cosine - ratio * beyond) / (cosine + ratio * beyond)
@@ -25,13 +25,13 @@ def fresnel(cosine: float, beyond: float, ratio: float) -> float:
 def glass(world: World, at: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
     """(reflected direction, refracted direction, share reflected) of a Dielectric; the rest is refracted.
 
-    Total reflection, and a ray that only grazes: share 1, and the refracted direction is the reflected one.
+    With total reflection, or a ray that only grazes, the share is 1 and the refracted direction is the reflected one.
     """
     ior = world.materials[at + IOR]
     ratio = ior if point.side > 0.0 else 1.0 / ior
     cosine = min(max(dot(point.normal, point.wo), 0.0), 1.0)
     reflected = mirrored(point.wo, point.normal)
-    square = (1.0 - cosine * cosine) / (ratio * ratio)  # of the sine on the other side: Snell's law
+    square = (1.0 - cosine * cosine) / (ratio * ratio)  # squared sine on the other side: Snell's law
     if square >= 1.0 or cosine == 0.0:
         return reflected, reflected, 1.0
     beyond = math.sqrt(1.0 - square)
@@ -41,7 +41,7 @@ def glass(world: World, at: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float
 
 @inline
 def sample_specular(world: World, at: int, point: ShadingPoint, which: float) -> tuple[Vec3, Vec3, float, float]:
-    """(direction, weight, pdf 0, side it leaves on) of a Mirror or a Dielectric, see `bsdf.sample_bsdf`."""
+    """(direction, weight, pdf 0, side on which it leaves) of a Mirror or a Dielectric, see `bsdf.sample_bsdf`."""
     if world.materials[at + MATERIAL_KIND] == MIRROR:
         return mirrored(point.wo, point.normal), point.color, 0.0, point.side
     reflected, refracted, share = glass(world, at, point)

@@ -1,4 +1,4 @@
-"""What mirrors and glass send on: rays that wait on a stack of each place in the tile, until all are traced."""
+"""Rays from mirrors and glass: they wait on a stack for each slot of the tile, until all are traced."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .bsdf import is_specular, sample_bsdf
 from .shading_points import is_shaded, shading_point
 from .specular import glass
 
-FAINT = 1e-3  # a ray that counts less is not traced
+FAINT = 1e-3  # a ray with a lower throughput is not traced
 
 
 @inline
@@ -43,7 +43,7 @@ def begin_specular(scratch: Scratch) -> None:
 
 @inline
 def _wait(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
-    """Let a ray from surface point i wait: unit direction, how much it counts, the side of the surface it leaves on."""
+    """Put a ray from surface point i on the stack: unit direction, throughput, the side of the surface it leaves on."""
     count = scratch.numbers[WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == MOST_WAITING:
         return
@@ -59,7 +59,7 @@ def _wait(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
 
 @inline
 def spawn_specular(world: World, most: int, scratch: Scratch) -> None:
-    """From the tile's specular surface points send rays on, up to a depth; both ways through glass."""
+    """Send rays on from the tile's specular surface points, up to a depth; glass sends both of its rays on."""
     for i in range(TILE):
         if not is_shaded(scratch, i) or scratch.shading_points[SHADING_DEPTH + i] >= most:
             continue
@@ -78,13 +78,13 @@ def spawn_specular(world: World, most: int, scratch: Scratch) -> None:
 
 @inline
 def set_specular_rays(scratch: Scratch) -> bool:
-    """The tile's rays become those that wait, one of each place; returns whether there is any."""
+    """Set the tile's rays to those that wait, one for each slot; returns whether there are any."""
     some = False
     for i in range(TILE):
         count = scratch.numbers[WAITING_COUNT + i] - 1
         if count < 0:
             set_ray(scratch, i, NO_RAY)
-            # It meets nothing, and what is behind that does not count.
+            # It meets nothing, and the background behind it does not count.
             store3(scratch.shading_points, THROUGHPUT + i, BLACK)
             continue
         some = True
