@@ -1,12 +1,12 @@
-"""The interactive viewer: a page in the browser, and pictures that are ray traced for it.
+"""The interactive viewer: a page in the browser, and the ray traced pictures that it shows.
 
-server: the transport; link: the way to one browser; share: how much one page may ask for; viewer: all of it together.
-A browser has a session (what it says), an outbox (what it is told), view settings (the panel's values; panel, controls,
+server: the transport; link: the connection to one browser; share: limits for one page; viewer: all of it together.
+A browser has a session (its messages), an outbox (messages to it), view settings (the panel's values; panel, controls,
 light_control) and a painter (its pictures, at a pace). All browsers look at one shared scene, which loading brings;
 sketch: dots, while kernels are compiled. pick: what is under the mouse; exports: files; page: what the browser runs.
 
-A slider's way: `session` takes its message, `view_settings` the value, `painter` draws the frame that is requested, and
-`outbox` sends it.
+The path of a slider's value: `session` takes its message, `view_settings` the value, `painter` draws the requested
+frame, and `outbox` sends it.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ def view(
     Parameters
     ----------
     scene : Scene
-        What is changed in it while it is shown changes on the page.
+        Changes in the scene while it is shown appear on the page.
     host : str
-        The address to listen on: this machine only, where nothing else is said. Whoever reaches it and knows the
-        viewer's `url`, which has a random token in it, sees the scene.
+        The address to listen on; by default only this machine can reach it. Whoever can reach it and knows the
+        viewer's `url`, which contains a random token, sees the scene.
     port : int
-        0: 8080, or the next one that is free.
+        0: 8080, or the next free one.
     open_browser : bool
-        Where there is none, the address is printed.
+        Whether to open the page; where there is no browser, the address is printed.
     block : bool
         Wait until Ctrl-C. In a notebook it never waits: the page appears in the cell.
     up : (3,) array_like, or "x", "-x", "y", "-y", "z", "-z", or "auto"
@@ -59,7 +59,7 @@ def view(
     Raises
     ------
     OSError
-        If it cannot listen there.
+        If it cannot listen on that address.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def view(
 
 
 def in_notebook() -> bool:
-    """Whether a notebook's kernel runs this."""
+    """Whether the code runs in a notebook's kernel."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return type(shell).__name__ == "ZMQInteractiveShell"

@@ -1,4 +1,4 @@
-"""Controls of the panel: what the page is told of one, and which values it may send back."""
+"""Controls of the panel: how the page is told of one, and which values it may send back."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class Control:
     Attributes
     ----------
     name : str
-        What it changes.
+        The name of the value that it changes.
     kind : str
         choice, range, number, switch, color (sRGB), vector, button, note.
-    options : list of (value, label), of a choice
-    low, high, step : float, of a range; the limits of a number, whose step does not matter
+    options : list of (value, label), for a choice
+    low, high, step : float, for a range; the limits of a number, whose step does not matter
     log : bool
-        A range whose slider goes by ratios.
+        For a range: its slider is logarithmic.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Control:
     hint: str = ""
 
     def describe(self) -> dict[str, Any]:
-        """What the page is told."""
+        """The description that the page gets."""
         out: dict[str, Any] = {"name": self.name, "label": self.label, "kind": self.kind, "value": self.value}
         if self.kind == "choice":
             out["options"] = [list(option) for option in self.options]
@@ -45,7 +45,7 @@ class Control:
         return out | ({"hint": self.hint} if self.hint else {})
 
     def check(self, value: Any) -> Any:
-        """A value that the page has sent; ValueError if it is none for this control."""
+        """A value that the page has sent; ValueError if this control cannot have it."""
         checked = getattr(self, f"_check_{self.kind}", self._refuse)(value)
         if isinstance(checked, float) and isinstance(self.value, int):
             if not checked.is_integer():
@@ -91,12 +91,12 @@ class Control:
 
 @dataclass(frozen=True)
 class Folder:
-    """Controls under one title."""
+    """Controls under a common title."""
 
     title: str
     controls: Sequence[Control]
     open: bool = False
 
     def describe(self) -> dict[str, Any]:
-        """What the page is told."""
+        """The description that the page gets."""
         return {"title": self.title, "open": self.open, "controls": [c.describe() for c in self.controls]}

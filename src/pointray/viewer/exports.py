@@ -1,4 +1,4 @@
-"""What leaves the viewer: pictures and films as files, the camera as a command or as Python."""
+"""What users save from the viewer: pictures and films as files, the camera as a command or as Python."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ MIME = {"png": "image/png", "jpg": "image/jpeg", "exr": "image/x-exr", "mp4": "v
 
 
 class StoppedError(Exception):
-    """The user has had enough of it."""
+    """The user has stopped the export."""
 
 
 class Exports:
-    """One browser's, one at a time, in the background.
+    """The exports of one browser, one at a time, in the background.
 
     Parameters
     ----------
     outbox : Outbox
-        To the page that they are for.
+        The outbox of the page that they are for.
     """
 
     def __init__(self, outbox: Outbox) -> None:
@@ -51,7 +51,7 @@ class Exports:
         self._thread: threading.Thread | None = None
 
     def start(self, name: str, request: FrameRequest, output: Output, shared: SharedScene) -> None:
-        """Do what a button says."""
+        """Start the export of a button."""
         if name == "copy.command":
             source = shared.source if self._outbox.is_local else Path(shared.source).name
             self._outbox.say(type="copy", text=_command(request, output, source), title="View and lights as a command")
@@ -70,7 +70,7 @@ class Exports:
         self._thread.start()
 
     def stop(self) -> None:
-        """End what is being made."""
+        """Stop the export in progress."""
         self._stop.set()
 
     def _run(self, work: Callable[..., None], request: FrameRequest, output: Output, stem: str) -> None:
@@ -98,7 +98,7 @@ class Exports:
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         backdrop = None if output.format == "exr" else request.view.behind
         write_image(path, image, *request.view.tone(image), legend, backdrop)
-        del image  # what is sent needs the room
+        del image  # the file to send needs the memory
         self._give(path)
 
     def _film(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
@@ -118,7 +118,7 @@ class Exports:
 
             image = render(scene, camera, settings, tell)
             self._tell("film", (k + 1) / count)
-            if k == 0:  # one for the film
+            if k == 0:  # once for the whole film
                 stops, curve = request.view.tone(image)
             frames.keep(k, image, stops, curve, request.view.behind)
         write_mp4(path, frames.pattern, count, output.fps, size)
@@ -134,7 +134,7 @@ class Exports:
 
 
 def _command(request: FrameRequest, output: Output, source: str) -> str:
-    """A command line that renders what is seen, as far as it has words for that."""
+    """A command line that renders the view, as far as the command line has options for it."""
     camera, view = request.camera, request.view
     words = ["pointray", "render", source, "-o", f"picture.{output.format}"]
     words += [f"--{name}={_commas(getattr(camera, name))}" for name in ("eye", "target", "up")]
@@ -156,7 +156,7 @@ def _command(request: FrameRequest, output: Output, source: str) -> str:
 
 
 def _light_text(light: Any) -> str:
-    """A light as the command line takes it: of one strength, a sun or a point; others have no words there."""
+    """A light as the command line takes it: one strength, a sun or a point light; it has no options for others."""
     if isinstance(light, SunLight):
         along = ",camera" if light.camera else ""
         return f"sun:{_commas(light.direction)}:{float(np.max(light.irradiance)):.6g}{along}"
@@ -169,7 +169,7 @@ def _light_text(light: Any) -> str:
 
 
 def _python(request: FrameRequest, output: Output) -> str:
-    """Python that renders what is seen, of a scene."""
+    """Python code that renders the view of a scene."""
     camera, view = request.camera, request.view
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height

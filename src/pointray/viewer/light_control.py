@@ -1,4 +1,4 @@
-"""Lights as the panel has them: with angles, sRGB colours and a switch."""
+"""Lights as the panel shows them: with angles, sRGB colours and a switch."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ Vector = tuple[float, float, float]
 
 SUN, POINT, SKY, OWN = "sun", "point", "sky", "own"
 BRIGHT = 3.0  # irradiance of a new sun, and of a new point light at the model's middle
-MOST_LAMPS = 32  # rows of lights in the panel: more cannot be added in it
-AWAY = 1.2  # of the model's diagonal: how far from its middle a new point light is
+MOST_LAMPS = 32  # rows of lights in the panel: it cannot add more
+AWAY = 1.2  # share of the model's diagonal: distance of a new point light from its middle
 
 
 @dataclass(frozen=True)
 class LightControl:
-    """A light that the panel can change; of another kind, one that it can switch off.
+    """A light that the panel can change; a light of any other kind can only be switched off.
 
     Attributes
     ----------
     kind : str
     color : (3,) sRGB
-        The brightest of its channels is 1.
+        The brightest channel is 1.
     strength : float
         Irradiance of a sun, radiant intensity of a point light, radiance of a sky.
     azimuth, elevation : float
-        Degrees, of where a sun stands, in axes that `up` gives: 0 is the front, 90 to the right.
+        Degrees, direction to a sun in the axes that `up` gives: 0 is the front, 90 to the right.
     angle : float
-        Degrees, of a sun's disk.
-    position : (3,) world, of a point light
+        Degrees, diameter of a sun's disk.
+    position : (3,) world, for a point light
     camera : bool
-        It goes with the camera: angles are about its axes, the position is before it.
-    light : of kind "own": a light of the scene, as it is
+        Whether it follows the camera: angles are about the camera's axes, the position is relative to the camera.
+    light : for kind "own": a light of the scene, unchanged
     """
 
     kind: str
@@ -56,7 +56,7 @@ class LightControl:
     camera: bool = False
 
     def make(self, up: Vector) -> Light | EnvironmentLight:
-        """The light itself."""
+        """The light with these values."""
         if self.light is not None:
             return self.light
         power = srgb_to_linear(np.array(self.color, np.float64)) * self.strength
@@ -67,12 +67,12 @@ class LightControl:
         return EnvironmentLight(power, up=up)
 
     def _up(self, up: Vector) -> Vector:
-        """What its angles are about."""
+        """The axis that its angles are about."""
         return (0.0, 1.0, 0.0) if self.camera else up
 
 
 def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
-    """A light to begin with."""
+    """A new light with initial values."""
     if kind != POINT:
         return LightControl(kind, strength=BRIGHT if kind == SUN else 1.0)
     low, high = scene.bounds
@@ -82,7 +82,7 @@ def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
 
 
 def light_controls_of(scene: Scene, up: Vector) -> tuple[LightControl, ...]:
-    """The lights of a scene."""
+    """The controls of a scene's lights."""
     return tuple(_lamp_of(light, up) for light in scene.lights)
 
 
@@ -100,7 +100,7 @@ def _lamp_of(light: Light | EnvironmentLight, up: Vector) -> LightControl:
 
 
 def _split(power: Any) -> tuple[Color, float]:
-    """Colour, sRGB, and strength of a power."""
+    """Colour (sRGB) and strength of a power."""
     values = rgb(power, "power")
     strength = float(values.max()) or 1.0
     r, g, b = linear_to_srgb(values / strength).tolist()

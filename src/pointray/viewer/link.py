@@ -1,4 +1,4 @@
-"""The way to one browser: what it is sent waits here, in bounded memory, until it has read what came before."""
+"""The connection to one browser: messages wait here, in bounded memory, until it has read the earlier ones."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from .share import Allowance
 
 log = logging.getLogger("pointray.view")
 
-MOST_WAITING = 15 << 20  # bytes, for a browser that does not read: it is let go
-EACH = 256  # bytes that a waiting message takes beside its own
-PIECE = 1 << 18  # bytes: longer messages go in pieces, so that copies are made of these only
-READ = 1 << 14  # bytes that are read at once: all frames in them are taken before reading can pause
-MOST_PARTS = 10.0  # frames a second that are no whole message, and ten times as many at once: pages send hardly any
+MOST_WAITING = 15 << 20  # bytes: a browser that reads too little is disconnected
+EACH = 256  # bytes that a waiting message takes besides its own
+PIECE = 1 << 18  # bytes: longer messages go in pieces, so that only pieces are copied
+READ = 1 << 14  # bytes read at once: all frames in them are processed before reading can pause
+MOST_PARTS = 10.0  # incomplete messages a second, and ten times as many at once: pages send hardly any
 
 
 class _File(NamedTuple):
-    """A file on its way: it stays on the disk, and is read as it is sent. left : set once it is needed no more."""
+    """A file to send: it stays on disk and is read while it is sent. left : set once it is no longer needed."""
 
     header: bytes
     stream: BinaryIO
@@ -39,9 +39,9 @@ _Message = str | bytes | _File
 
 
 class Connection(ServerConnection):
-    """Lets go of a client that sends pings or pieces of messages without end.
+    """A connection that drops a client that sends pings or pieces of messages without end.
 
-    They are worked on in the thread that serves all browsers, and neither pings' answers nor pieces wait in bounded
+    These are processed in the thread that serves all browsers, and neither answers to pings nor pieces wait in bounded
     memory.
     """
 
@@ -51,7 +51,7 @@ class Connection(ServerConnection):
 
     def connection_made(self, transport: Any) -> None:
         """Begin, as in the base class."""
-        transport.max_size = READ  # of asyncio's own loops
+        transport.max_size = READ  # of asyncio's own buffers
         super().connection_made(transport)
 
     def process_event(self, event: Any) -> None:
@@ -64,7 +64,7 @@ class Connection(ServerConnection):
 
 
 class Link:
-    """Sends messages one after the other; from any thread.
+    """Sends messages in order; any thread may call it.
 
     Attributes
     ----------
@@ -78,15 +78,15 @@ class Link:
         self.open, self.is_local = True, is_loopback(str(connection.remote_address[0]))
         self._lock = threading.Lock()
         self._queue: deque[_Message] = deque()
-        self._waiting = 0  # bytes of the queue, and of what is being sent
+        self._waiting = 0  # bytes in the queue, and of the message that is being sent
         self._sending = False
 
     def send(self, message: str | bytes) -> None:
-        """Send, some time soon; to a browser that has gone, nothing."""
+        """Send a message soon; to a browser that has gone, send nothing."""
         self._put(message)
 
     def send_file(self, header: bytes, path: Path) -> None:
-        """Send a header and what is in a file as one message; returns when the file is needed no more.
+        """Send a header and a file's contents as one message; returns when the file is no longer needed.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Link:
                 file.left.wait()
 
     def close(self) -> None:
-        """The browser has gone: nothing waits for it any more."""
+        """Drop what waits: the browser has gone."""
         with self._lock:
             self.open = False
             files = [message for message in self._queue if isinstance(message, _File)]
@@ -108,7 +108,7 @@ class Link:
             file.left.set()
 
     def _put(self, message: _Message) -> bool:
-        """Whether it will be sent, or its file be left."""
+        """Queue a message; returns whether it will be sent, or its file be left."""
         with self._lock:
             if not self.open:
                 return False
@@ -154,12 +154,12 @@ class Link:
 
 
 def _weight(message: _Message) -> int:
-    """Bytes that it holds."""
+    """The bytes that a message holds."""
     return EACH + len(message.header if isinstance(message, _File) else message)
 
 
 def _pieces(message: _Message) -> str | bytes | Iterator[str] | Iterator[bytes]:
-    """A message as it is sent."""
+    """A message in the form in which it is sent."""
     if isinstance(message, _File):
         return _read(message)
     if len(message) <= PIECE:
@@ -174,7 +174,7 @@ def _read(file: _File) -> Iterator[bytes]:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address, or "localhost", is this machine and reached from nowhere else."""
+    """Whether an address, or "localhost", is this machine and cannot be reached from elsewhere."""
     if host == "localhost":
         return True
     with suppress(ValueError):

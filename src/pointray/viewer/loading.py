@@ -1,4 +1,4 @@
-"""From files to a scene that is shown while it comes: a coarse version of some of the points, all, levels of detail."""
+"""From files to a scene that is shown while it loads: a coarse version, then all points, then levels of detail."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .shared_scene import SharedScene
 from .sketch import Sketch
 
 COARSE = 60_000  # points of the coarse version: built in some 0.3 s
-WORTH = 4 * COARSE  # points from which it is
+WORTH = 4 * COARSE  # points from which a coarse version is worth building
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Files:
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
     choice : ViewChoice
-        How the scans are seen.
+        How to view the scans.
     furnish : callable
-        Puts lights and the like into a scene that has its models; returns which way is up in it.
+        Adds lights and the like to a scene that has its models; returns its up direction.
     leveled : bool
         Whether large scans get levels of detail.
     normals : {"auto", "file", "fit"}
-        Whose normals scans have.
+        Whether normals are the file's or fitted.
     """
 
     paths: Sequence[Path]
@@ -63,7 +63,7 @@ class Files:
         large = [_is_large(cloud) for cloud in clouds]
         if any(large):
             shared.say("building a coarse version", None)
-            # Small ones are models from here on, and not built again.
+            # From here on small scans are models, which are not built again.
             clouds = [c if _is_large(c) else self._whole(c, k, shared) for k, c in enumerate(clouds)]
             pairs = zip(clouds, few, strict=True)
             self._show([c if isinstance(c, Model) else self._coarse(some) for c, some in pairs], shared)
@@ -72,17 +72,17 @@ class Files:
         if self.leveled and any(large):
             for model in (model for model, is_large in zip(models, large, strict=True) if is_large):
                 model.make_levels(lambda stage, share: shared.say(f"building: {stage}", share))
-            self._show(models, shared)  # anew: what colours the points by an attribute counts the levels too
+            self._show(models, shared)  # again: an attribute's colours take the levels into account too
 
     def _show(self, models: Sequence[Model], shared: SharedScene) -> None:
-        """Put models into the place of what was shown, as soon as their pictures can be drawn."""
+        """Replace what is shown by models, as soon as their pictures can be drawn."""
         if not is_warm(shared.settings):
             shared.say("", None)
             wait_until_warm(shared.settings)
         shared.show(self._scene(models, shared))
 
     def _prepare(self, clouds: Sequence[Points | Model], few: Sequence[Points], shared: SharedScene) -> None:
-        """Say which kernels will be needed; where pictures cannot be drawn yet a sketch is seen."""
+        """Announce the kernels that will be needed; show a sketch while pictures cannot be drawn yet."""
         if any(some.normals is None for some in few):
             expect(NORMALS)
         if not is_warm(shared.settings):
@@ -100,14 +100,14 @@ class Files:
         return points
 
     def _some(self, cloud: Points | Model) -> Points:
-        """At most some of the points, without normals if those are wrong or not wished for, as far as some tell."""
+        """A limited number of the points, without normals if those are unwanted or, by this sample, wrong."""
         points = _points(cloud)
         if len(points) > COARSE:
             rows = np.random.default_rng(0).choice(np.flatnonzero(points.finite), COARSE)
             points = points.select(np.unique(rows))
         if isinstance(cloud, Model):
             return points
-        with warnings.catch_warnings():  # what there is to say is said of all points
+        with warnings.catch_warnings():  # warnings are given for all points later
             warnings.simplefilter("ignore")
             points, wrong = judged(points, self.normals)
         return points.with_normals(None) if wrong else points
@@ -148,7 +148,7 @@ def _is_large(cloud: Points | Model) -> bool:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Errors of a scan tell its file."""
+    """Add the file to the errors of a scan."""
     try:
         yield
     except ValueError as error:
@@ -157,7 +157,7 @@ def _named(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Described:
-    """The scene of a scene file: a `shared_scene.Loader`."""
+    """Loads the scene of a scene file: a `shared_scene.Loader`."""
 
     plan: Plan
 

@@ -1,4 +1,4 @@
-"""Messages of page and server. What pages say is read with suspicion: ValueError for nonsense."""
+"""Messages of page and server. Messages from pages are not trusted: ValueError for nonsense."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 from ..rendering.camera import Camera
 
-WIDEST = 3840  # pixels of a view
+WIDEST = 3840  # pixels: limit of a view
 
 
 def parse(text: str) -> dict[str, Any]:
-    """A message: an object with a type."""
+    """Parse a message: an object with a type."""
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
@@ -49,7 +49,7 @@ def size_of(message: dict[str, Any]) -> tuple[int, int]:
 
 
 def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
-    """What the panel leaves free of a view: left, top, right, bottom, pixels of `size_of`; all if none is named."""
+    """The part of a view that the panel leaves free: left, top, right, bottom, pixels of `size_of`; by default all."""
     width, height = size_of(message)
     if "free" not in message:
         return 0, 0, width, height
@@ -68,7 +68,7 @@ def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
 
 
 def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
-    """The camera of a page, for a picture of a size."""
+    """The camera in a page's message, for a picture of a given size."""
     places = {name: message.get(name) for name in ("eye", "target", "up")}
     for name, place in places.items():
         if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, int | float) for x in place):
@@ -79,12 +79,12 @@ def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
 
 
 def describe(camera: Camera) -> dict[str, Any]:
-    """A camera as pages have it."""
+    """A camera in the form that pages use."""
     place = {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
     return {**place, "orthographic": camera.projection == "orthographic"}
 
 
 def packed(header: dict[str, Any], payload: bytes = b"") -> bytes:
-    """A binary message: the header's length, the header, the payload, or what of it there is so far."""
+    """A binary message: the header's length, the header, and the payload, or the part of it that exists so far."""
     text = json.dumps(header).encode()
     return struct.pack("<I", len(text)) + text + payload

@@ -1,4 +1,4 @@
-"""What a page is told, in the words of the protocol."""
+"""Messages to a page, in the terms of the protocol."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ from .sketch import Sketch
 
 STATUS = 0.25  # seconds between two statistics
 LEGEND = (600, 220)  # pixels
-REPEAT = 2.0  # seconds in which the same word is not said again
-# Folders before a file's name: of an absolute path up to its last slash, spaces or not; of another one without spaces.
+REPEAT = 2.0  # seconds in which the same toast is not repeated
+# Folders before a file name: in an absolute path up to its last slash, with spaces; in others without spaces.
 FOLDERS = re.compile(r"""((?<![^\s'"(])([A-Za-z]:)?[/\\][^:'"\n]*|[^\s:'"]*)[/\\](?=[^\s/\\])""")
 
 
 class Outbox:
-    """Speaks to the page at the other end of a link; from any thread."""
+    """Sends messages to the page at the other end of a link; any thread may call it."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
         self._status_at = 0.0
-        self._toasts: dict[str, float] = {}  # those of the last seconds, and when they were said
+        self._toasts: dict[str, float] = {}  # the toasts of the last seconds, and their times
         self._described: list[dict[str, Any]] = []
 
     @property
@@ -51,14 +51,14 @@ class Outbox:
         return self._link.is_local
 
     def say(self, **message: Any) -> None:
-        """A message as it is."""
+        """Send a message unchanged."""
         self._link.send(json.dumps(message))
 
     def hello(self, title: str) -> None:
         self.say(type="hello", title=title, version=__version__)
 
     def place(self, seen: Scene | Sketch, up: Sequence[float]) -> None:
-        """Where the scene is, or what stands for it."""
+        """Send the bounds of the scene, or of the sketch in its place."""
         if isinstance(seen, Sketch):
             bounds, clouds = seen.points.bounds, [seen.points]
         else:
@@ -66,11 +66,11 @@ class Outbox:
         self.say(type="place", bounds=bounds.tolist(), up=list(up), north=north_of(clouds, up))
 
     def go(self, camera: Camera, animate: bool) -> None:
-        """The page's camera goes there."""
+        """Move the page's camera."""
         self.say(type="camera", **describe(camera), animate=animate)
 
     def panel(self, folders: Sequence[Folder]) -> None:
-        """The panel, if it has become another: a new one would be built under the user's hand."""
+        """Send the panel if it has changed: a new one would be rebuilt under the user's hand."""
         described = [folder.describe() for folder in folders]
         if described != self._described:
             self._described = described
@@ -80,7 +80,7 @@ class Outbox:
         self.say(type="progress", stage=progress.stage, share=progress.share, seconds=progress.seconds)
 
     def toast(self, level: str, text: str, stay: bool = False) -> None:
-        """A word that goes away, and is not repeated at once; or one that stays. level : "info", "warning", "error"."""
+        """Show a text that goes and is not repeated at once, or one that stays. level : "info", "warning", "error"."""
         now = time.monotonic()
         self._toasts = {said: at for said, at in self._toasts.items() if now - at < REPEAT}
         if not stay and text in self._toasts:
@@ -89,7 +89,7 @@ class Outbox:
         self.say(type="toast", level=level, text=text if self.is_local else FOLDERS.sub("", text), stay=stay)
 
     def found(self, found: Found, first: NDArray[np.float64] | None) -> None:
-        """What is under the mouse, and how far it is from what was before, if that was a first one."""
+        """Send what is under the mouse, and its distance from the point found first, if there is one."""
         position = found.position.tolist()
         self.say(type="picked", lines=found.lines, position=position, second=first is not None)
         if first is not None:
@@ -99,15 +99,15 @@ class Outbox:
             self.say(**{"type": "measured", **said})
 
     def legend(self, image: str | None) -> None:
-        """What the colours mean, see `legend_of`; None: nothing."""
+        """Send the legend of the colours, see `legend_of`; None: no legend."""
         self.say(type="legend", image=image)
 
     def file(self, path: Path, mime: str) -> None:
-        """A file for the page to save; returns when it is sent, or the page has gone."""
+        """Send a file for the page to save; returns when it is sent, or the page has gone."""
         self._link.send_file(packed({"type": "file", "name": path.name, "mime": mime}), path)
 
     def frame(self, frame: Frame, rate: float) -> None:
-        """A picture, and now and then the statistics. rate : frames a second."""
+        """Send a picture, and now and then the statistics. rate : frames a second."""
         width, height = frame.size
         header = {"number": frame.number, "camera": describe(frame.request.camera), "time": frame.request.time}
         header |= {"width": width, "height": height, "stage": frame.stage.name, "samples": frame.samples}
@@ -119,13 +119,13 @@ class Outbox:
 
 
 def north_of(clouds: Sequence[Points], up: Sequence[float]) -> list[float] | None:
-    """Where north is, if the scan is georeferenced: its coordinates are far from zero, x is east and z is up."""
+    """The direction of north, if the scan is georeferenced: coordinates are far from zero, x is east, z is up."""
     far = any(points.origin.any() for points in clouds)
     return [0.0, 1.0, 0.0] if far and up[2] > 0.99 * float(np.linalg.norm(up)) else None
 
 
 def legend_of(attribute: Attribute) -> str:
-    """A picture of what the colours mean, as an address."""
+    """A picture of the legend, as a data URL."""
     stream = io.BytesIO()
     Image.fromarray(draw_legend(np.zeros((*LEGEND, 4), np.uint8), attribute)).save(stream, "PNG")
     return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"

@@ -1,4 +1,4 @@
-"""How good the picture is, and when: the whole policy of the viewer is in this table.
+"""The quality and the time of each picture: this table is the viewer's whole policy.
 
 | stage   | when                                   | pixels                                | samples      | JPEG |
 |---------|----------------------------------------|---------------------------------------|--------------|------|
@@ -8,20 +8,20 @@
 | still   | 0.12 s later                           | all                                   | 1            | 90   |
 | refined | at once after it                       | all                                   | 2, 4, 8, ... | 94   |
 
-A moving picture of all pixels counts as the still one. What has changed, camera or view settings, makes it moving
-again; that ends the others between two tiles. A camera message with the same camera changes nothing.
+A moving picture of all pixels also counts as the still one. A change of camera or view settings starts a moving
+picture; the other stages are cancelled between two tiles. A camera message with the same camera changes nothing.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-REST = 0.12  # seconds without a change, then it is still
-PASS = 0.4  # seconds that a pass of refinement may take: so often the picture gets better
-# Shares of the view's width and height that moving pictures have, and the seconds that a picture may take then: fewer
-# pixels than half across and down are worse to look at than fewer pictures.
+REST = 0.12  # seconds without a change before a picture is still
+PASS = 0.4  # limit in seconds for a pass of refinement: the picture gets better this often
+# Shares of the view's width and height for moving pictures, and the time limit of each in seconds: fewer pixels than
+# half across and down look worse than fewer pictures.
 SCALES = {1.0: 1 / 30, 0.75: 1 / 28, 0.625: 1 / 25, 0.5: 1 / 18, 0.375: 1 / 13, 0.25: 1 / 10, 0.1875: 1 / 8, 0.125: 1.0}
-ROOM = 0.8  # of these seconds: a finer scale must fit into that, so that the scale does not swing
+ROOM = 0.8  # share of these seconds: a finer scale must fit into it, so that the scale does not oscillate
 ADAPT = 0.3  # weight of the newest measurement
 START = 0.5  # scale of the first frame
 
@@ -40,14 +40,14 @@ REFINED = Stage("refined", 94, 0)
 
 
 class Pace:
-    """Chooses the scale of moving pictures so that they keep up."""
+    """Chooses the scale of moving pictures so that they are drawn in time."""
 
     def __init__(self) -> None:
-        self._seconds: float | None = None  # a frame of the whole view would take
+        self._seconds: float | None = None  # time of a frame of the whole view
         self._scale = START
 
     def scale(self) -> float:
-        """For the next moving picture."""
+        """The scale for the next moving picture."""
         if self._seconds is None:
             return self._scale
         fitting = [
@@ -59,11 +59,11 @@ class Pace:
         return self._scale
 
     def took(self, seconds: float, scale: float) -> None:
-        """A moving picture of a scale took so long."""
+        """Record how long a moving picture of a given scale took."""
         whole = seconds / (scale * scale)
         self._seconds = whole if self._seconds is None else self._seconds + ADAPT * (whole - self._seconds)
 
 
 def next_pass(last: int, seconds: float) -> int:
-    """How many samples the next pass of refinement adds, if the last one added so many in so many seconds."""
+    """The number of samples for the next pass of refinement, given the number and the time of the last pass."""
     return max(1, min(2 * last, int(last * PASS / max(seconds, 1e-9))))

@@ -1,4 +1,4 @@
-"""The drawing of one browser's pictures, in a thread of its own: the newest request wins, see `pace` for the policy."""
+"""Draws the pictures of one browser, in its own thread: the newest request wins, see `pace` for the policy."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from .view_settings import ViewSettings
 
 log = logging.getLogger("pointray.view")
 
-STEADY = 0.4  # stops: a smaller change of what still pictures ask for is not followed
+STEADY = 0.4  # stops: still pictures do not follow a smaller change of the chosen exposure
 IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
-LARGEST = 6 << 20  # bytes of a picture: so many in flight fit into what may wait for a page, see `link`
-COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling of those that would be larger
+LARGEST = 6 << 20  # bytes of a picture: IN_FLIGHT of them fit into what may wait for a page, see `link`
+COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling for pictures that would be larger
 
 
 class FrameRequest(NamedTuple):
-    """What is to be seen.
+    """A description of the picture to draw.
 
     Attributes
     ----------
-    version : of the scene
-    up : of its sun and ground
+    version : version of the scene
+    up : up direction for the sun and the ground
     refine : bool
-        Not while models are built: the processors are needed for that.
-    time : of the page's message
+        False while models are built: they need the processors.
+    time : time of the page's message
     sketch : Sketch or None
-        What is drawn, instead of the scene.
+        What is drawn instead of the scene.
     """
 
     camera: Camera
@@ -57,14 +57,14 @@ class FrameRequest(NamedTuple):
     sketch: Sketch | None = None
 
     def same_picture(self, other: FrameRequest | None) -> bool:
-        """Whether nothing that is seen differs."""
+        """Whether both requests give the same picture."""
         if other is None or self.view is not other.view:  # not ==: lights may hold arrays
             return False
         return (self.camera, self.version, self.refine) == (other.camera, other.version, other.refine)
 
 
 class Frame(NamedTuple):
-    """A picture as it goes to the page. seconds : that tracing took; rays : of the camera."""
+    """A picture for the page. seconds : time of tracing; rays : number of camera rays."""
 
     number: int
     request: FrameRequest
@@ -77,14 +77,14 @@ class Frame(NamedTuple):
 
 
 class Painter:
-    """Draws what is wished for last.
+    """Draws the newest request.
 
     Parameters
     ----------
     deliver : callable
         Takes each `Frame`, in the painter's thread.
     fail : callable
-        Takes a text: why a picture cannot be drawn.
+        Takes the reason why a picture cannot be drawn.
     """
 
     def __init__(self, deliver: Callable[[Frame], None], fail: Callable[[str], None]) -> None:
@@ -102,7 +102,7 @@ class Painter:
         threading.Thread(target=self._run, name="pointray-painter", daemon=True).start()
 
     def want(self, request: FrameRequest) -> None:
-        """From now on this is to be seen."""
+        """Set the newest request."""
         with self._changed:
             if request.same_picture(self._request):
                 return
@@ -111,13 +111,13 @@ class Painter:
             self._changed.notify_all()
 
     def seen(self, number: int) -> None:
-        """The page has drawn a picture."""
+        """Record that the page has drawn a picture."""
         with self._changed:
             self._seen = max(self._seen, min(number, self._drawn))
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Draw no more."""
+        """Stop drawing."""
         with self._changed:
             self._open = False
             self._cancel()
@@ -125,7 +125,7 @@ class Painter:
 
     @property
     def frames_a_second(self) -> float:
-        """Of the last moving pictures, until a second ago."""
+        """The rate of the last moving pictures, until a second ago."""
         times = [t for t in self._times if t > time.perf_counter() - 1.0]
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 2 else 0.0
 
@@ -157,14 +157,14 @@ class Painter:
             return self._request if self._open else None
 
     def _draw(self, request: FrameRequest) -> None:
-        """All stages, until the picture is refined or something else is wished for."""
+        """Draw all stages, until the picture is refined or there is a newer request."""
         if request.sketch is not None:
             begun = time.perf_counter()
             self._send(request, request.sketch.draw(request.camera), STILL, (1, 1), time.perf_counter() - begun)
             return
         scene, scale = self.apply(request), self._pace.scale()
         begun = time.perf_counter()
-        # The first one is shown whatever is wished for in the meantime: else nothing would be seen while things move.
+        # The first picture is shown despite newer requests: else nothing would be seen while things move.
         self._show(request, scene, _scaled(request.camera, scale), MOVING if scale < 1 else STILL, None)
         self._pace.took(time.perf_counter() - begun, scale)
         self._times.append(time.perf_counter())
@@ -175,10 +175,10 @@ class Painter:
         self._refine(request, scene)
 
     def _show(self, request: FrameRequest, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
-        """One sample a pixel."""
+        """Draw and send a picture with one sample for each pixel."""
         begun = time.perf_counter()
         settings = request.view.settings(1)
-        if stage is MOVING:  # contact shadows of one sample would be grain
+        if stage is MOVING:  # contact shadows with one sample would be noise
             settings = replace(settings, sky_rays=0)
         picture = Picture(scene.snapshot(), camera, settings)
         picture.add(0, 1, cancel=cancel)
@@ -186,7 +186,7 @@ class Painter:
             self._send(request, picture.image, stage, (1, 1), time.perf_counter() - begun)
 
     def _refine(self, request: FrameRequest, scene: Scene) -> None:
-        """Add samples, and show what there is now and then."""
+        """Add samples, and show the result now and then."""
         most = request.view.samples
         if most == 1 or not request.refine or self._cancel.wanted:
             return
@@ -204,12 +204,12 @@ class Painter:
             self._send(request, picture.image, REFINED, (done, count), seconds)
 
     def _is_old(self, request: FrameRequest, seconds: float) -> bool:
-        """Whether something else is wished for, or is within some time."""
+        """Whether there is a newer request, or will be one within some seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: self._request is not request or not self._open, seconds)
 
     def _keeps_up(self, request: FrameRequest) -> bool:
-        """Wait for the page; False if something else is wished for."""
+        """Wait for the page; False if there is a newer request."""
         with self._changed:
             self._changed.wait_for(
                 lambda: self._request is not request or not self._open or self._drawn - self._seen < IN_FLIGHT
@@ -219,7 +219,7 @@ class Painter:
     def _send(
         self, request: FrameRequest, image: NDArray[np.float32], stage: Stage, samples: tuple[int, int], seconds: float
     ) -> None:
-        """Send a picture. samples : a pixel's in all, and those that were added in these seconds."""
+        """Send a picture. samples : a pixel's total; and the number that was added in the given seconds."""
         view = request.view
         behind = backdrop_rows(view.behind, len(image))[:, 0]
         levels = levels_of(image, behind, *self._tone(request, image, stage))
@@ -231,9 +231,9 @@ class Painter:
         self._deliver(Frame(self._drawn, request, (width, height), stage, samples[0], jpeg, seconds, rays))
 
     def _tone(self, request: FrameRequest, image: NDArray[np.float32], stage: Stage) -> tuple[float, str]:
-        """Exposure, stops, and curve.
+        """Exposure (stops) and curve.
 
-        They are chosen anew where view settings have changed; the exposure also where still pictures ask for much more
+        They are chosen again when view settings change; the exposure also when still pictures need much more
         or less. So nothing flickers while the camera moves.
         """
         view, known = request.view, self._toned
@@ -249,7 +249,7 @@ class Painter:
 
 
 def encode(levels: NDArray[np.uint8], stage: Stage) -> bytes:
-    """A JPEG as its stage has it; a coarser one where that is larger than LARGEST, as of noise on a huge view."""
+    """A JPEG with its stage's quality; a coarser one where it would exceed LARGEST, as for noise on a huge view."""
     for quality, subsampling in ((stage.quality, stage.subsampling), *COARSER):
         stream = io.BytesIO()
         Image.fromarray(levels).save(stream, "JPEG", quality=quality, subsampling=subsampling)

@@ -1,4 +1,4 @@
-"""The panel: its folders, as the view settings and the scene make them."""
+"""The panel: its folders, from the view settings and the scene."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KEYS = (
 
 
 class Output(NamedTuple):
-    """What a saved picture or film is to be: the values of its folder."""
+    """Options of a saved picture or film: the values of its folder."""
 
     width: int = 1920
     height: int = 1080
@@ -43,7 +43,7 @@ class Output(NamedTuple):
 
 
 def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scene | None) -> list[Folder]:
-    """All of the panel, for a scene or while there is none yet."""
+    """All folders of the panel, for a scene or while there is none yet."""
     build = shared.build
     if scene is None:
         return [Folder("View", [Control("help", "", "note", KEYS)], open=True)]
@@ -173,7 +173,7 @@ def _material(view: ViewSettings, scene: Scene) -> Folder:
 
 
 def _limits(view: ViewSettings) -> list[Control]:
-    """The range of the attribute, once one was found."""
+    """The range of the attribute, once it is known."""
     rows = []
     for name, label in (("low", "From"), ("high", "To")):
         rows.append(Control(name, label, "number", getattr(view, name)))

@@ -1,4 +1,4 @@
-"""What is under the mouse: in the coordinates and with the attributes of the file."""
+"""What is under the mouse: with the coordinates and the attributes of the file."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ MOST_LINES = 24
 
 @dataclass(frozen=True)
 class Found:
-    """A place on a surface. lines : what there is to say of it."""
+    """A point on a surface. lines : its description."""
 
     position: NDArray[np.float64]
     lines: list[str]
 
 
 def prepare(scene: Scene) -> None:
-    """Load or compile what a click needs, so that the first one need not wait for it: a ray that meets nothing."""
+    """Load or compile what a click needs, so that the first one is not slow: traces a ray that meets nothing."""
     scene.intersect(np.zeros(3), np.full(3, np.nan))
 
 
 def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
-    """What is at a place of the view, 0 to 1 from the left and from the top; None: nothing."""
+    """What is at a point of the view, 0 to 1 from the left and from the top; None if there is nothing."""
     hits = scene.intersect(*camera.rays_through(2 * x - 1, 1 - 2 * y))
     if hits.instance < 0:
         return None
@@ -45,7 +45,7 @@ def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
 
 
 def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
-    """What the file says of a point."""
+    """The file's values for a point."""
     model = scene.shapes[instance]
     if not isinstance(model, Model):
         return []
@@ -60,11 +60,11 @@ def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
 
 
 def _said(value: Any) -> str:
-    """A number, or several."""
+    """The text of a number, or of several."""
     return " ".join(f"{float(x):.7g}" for x in np.atleast_1d(value))
 
 
 def _rounded(value: float, pixel: float) -> str:
-    """A coordinate with as many decimals as a tenth of a pixel has."""
+    """A coordinate, rounded to the decimals of a tenth of a pixel."""
     decimals = max(0, min(9, 1 - math.floor(math.log10(max(pixel, 1e-300)))))
     return f"{value:.{decimals}f}"

@@ -1,7 +1,8 @@
 """The transport: one page over HTTP, and a WebSocket for each browser that has it open. It knows nothing of pictures.
 
-All connections live in one thread with an event loop of its own, so that it serves notebooks too. What a browser asks
-for is done in a thread of that browser. Only who knows the address is let in: a random token is part of it.
+All connections live in one thread with its own event loop, so that the server works in notebooks too. The requests of a
+browser are processed in a thread of that browser. Only clients that know the address are let in: it contains a random
+token.
 """
 
 from __future__ import annotations
@@ -34,12 +35,12 @@ log = logging.getLogger("pointray.view")
 
 PAGE = Path(__file__).parent / "page"
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".md": "text/plain"}
-FILES = {path.name: path for path in PAGE.iterdir() if path.suffix in KINDS}  # names of requests meet no file system
-PORT = 8080  # where none is asked for; the next free one, if it is taken
+FILES = {path.name: path for path in PAGE.iterdir() if path.suffix in KINDS}  # no requested name meets the file system
+PORT = 8080  # the default; if it is taken, the next free one
 TRIES = 100
-LARGEST_MESSAGE = 1 << 16  # bytes, of the page's
+LARGEST_MESSAGE = 1 << 16  # bytes, for messages of the page
 TOKEN_BYTES = 16
-# Nothing from elsewhere is loaded or asked, and no other site may show the page in a frame but a notebook of this
+# Nothing from other sites is loaded or requested, and no other site may show the page in a frame, except a notebook of
 # machine.
 POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
@@ -48,17 +49,17 @@ POLICY = (
 
 
 class Visitor(Protocol):
-    """What is behind a browser."""
+    """What serves one browser."""
 
     def receive(self, text: str) -> None:
-        """A message of the page; called in the visitor's own thread, one after the other."""
+        """Process a message of the page; called in the visitor's own thread, one message after the other."""
 
     def leave(self) -> None:
-        """The browser has gone; called in the same thread."""
+        """End: the browser has gone; called in the same thread."""
 
 
 class Server:
-    """Serves the page from its making until `close`.
+    """Serves the page from its construction until `close`.
 
     Parameters
     ----------
@@ -67,17 +68,17 @@ class Server:
     host : str
         The address to listen on.
     port : int
-        0: PORT, or the next one that is free. Another that is taken: the next one too, see `port`.
+        0: PORT, or the next free one. If another number is taken, the next free one too, see `port`.
     token : str
         The secret part of the address; empty: a random one.
     hub : str
-        The path below which a notebook's server is at a JupyterHub, such as "/user/x/"; empty: there is none. Browsers
-        come through its proxy, then, under the hub's name.
+        The path of a notebook's server on a JupyterHub, such as "/user/x/"; empty: there is none. Browsers then come
+        through the hub's proxy, under the hub's name.
 
     Raises
     ------
     OSError
-        If it cannot listen there.
+        If it cannot listen on that address.
     """
 
     def __init__(
@@ -96,27 +97,27 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Where the page is, for a browser on this machine; whoever knows it is let in."""
+        """The page's address for a browser on this machine; whoever knows it is let in."""
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
         return f"http://{f'[{host}]' if ':' in host and '[' not in host else host}:{self.port}/{self.token}/"
 
     @property
     def proxied(self) -> str:
-        """Where the page is for a browser at the hub, from its root on; empty where there is no hub."""
+        """The page's path on the hub, from its root; empty without a hub."""
         return f"{self._prefix}/{self.token}/" if self._hub else ""
 
     @property
     def _prefix(self) -> str:
-        """What jupyter-server-proxy takes away from an address, and names in a header."""
+        """The prefix that jupyter-server-proxy removes from a path and names in a header."""
         return f"/{self._hub}/proxy/{self.port}"
 
     @property
     def is_public(self) -> bool:
-        """Whether other machines can reach it."""
+        """Whether other machines can reach the server."""
         return not is_loopback(self.host)
 
     def close(self) -> None:
-        """End it, and all connections."""
+        """Stop the server, and close all connections."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._ended.set)
             self._thread.join(timeout=2.0)
@@ -132,7 +133,7 @@ class Server:
         self._ended = asyncio.Event()
         try:
             listener = await self._listen()
-        except (OSError, ValueError) as error:  # ValueError: a host that is no name
+        except (OSError, ValueError) as error:  # ValueError: the host is not a valid name
             self._failed = error
             return
         finally:
@@ -165,7 +166,7 @@ class Server:
         """The answer to a request over HTTP; None lets a WebSocket through."""
         try:
             return self._judge(request)
-        except (ValueError, MultipleValuesError) as error:  # an address that is none, a header that came twice
+        except (ValueError, MultipleValuesError) as error:  # an invalid address, or a repeated header
             return _refused(http.HTTPStatus.BAD_REQUEST, f"{type(error).__name__}: {error}")
 
     def _judge(self, request: Request) -> Response | None:
@@ -185,7 +186,7 @@ class Server:
         return _response(http.HTTPStatus.OK, file.read_bytes(), KINDS[file.suffix])
 
     def _is_own(self, headers: Headers) -> bool:
-        """Whether a socket is opened by our page or no page at all: another site's may not drive the viewer."""
+        """Whether our page or no page opens a socket: another site's page must not control the viewer."""
         origin = headers.get("Origin")
         own = origin is None or urlsplit(origin).netloc == headers.get("Host")
         if not own:
@@ -201,17 +202,17 @@ class Server:
         return self.is_public and name in {own, f"{own}.local", socket.getfqdn().lower()}
 
     def _is_proxied(self, headers: Headers) -> bool:
-        """Whether a request comes through the hub's proxy: no page of another site can make a browser add its header.
+        """Whether a request comes through the hub's proxy: another site's page cannot make a browser add its header.
 
-        (It can where its name has been pointed here, and then it still lacks the token.)
+        (It can if its name was pointed here, but then it still lacks the token.)
         """
         return bool(self._hub) and headers.get("X-Forwarded-Context", "").rstrip("/") == self._prefix
 
     async def _attend(self, connection: ServerConnection) -> None:
-        """One browser, from coming to going. While its thread works no more is read from it."""
+        """Serve one browser until it goes. While its thread works, nothing more is read from it."""
         link, share = Link(connection, self._loop), Share()
         if connection.request is None or self._is_proxied(connection.request.headers):
-            link.is_local = False  # it is the proxy that is on this machine
+            link.is_local = False  # only the proxy is on this machine
         thread = ThreadPoolExecutor(1, "pointray-visitor")
         try:
             visitor = await self._loop.run_in_executor(thread, self._meet, link)
@@ -238,7 +239,7 @@ class Server:
 
 
 def _seconds_of(work: Callable[[str], None], text: str) -> float:
-    """Do it; the seconds of a processor that it took."""
+    """Call it; returns the processor time that it took, in seconds."""
     begun = time.thread_time()
     work(text)
     return time.thread_time() - begun
@@ -254,7 +255,7 @@ def _response(status: http.HTTPStatus, body: bytes, kind: str, **more: str) -> R
     headers["Content-Length"] = str(len(body))
     headers["Cache-Control"] = "no-cache"
     headers["X-Content-Type-Options"] = "nosniff"
-    headers["Referrer-Policy"] = "no-referrer"  # the address is a secret
+    headers["Referrer-Policy"] = "no-referrer"  # the address is secret
     headers["Content-Security-Policy"] = POLICY
     return Response(status.value, status.phrase, headers, body)
 
@@ -268,7 +269,7 @@ def _is_address(name: str) -> bool:
 
 
 def _quiet() -> Any:
-    """A logger for what browsers do all day: connections that end in the middle of a handshake, and so on."""
+    """A logger for normal events, such as connections that end in the middle of a handshake."""
     logger = logging.getLogger("pointray.view.websockets")
     logger.setLevel(logging.CRITICAL)
     return logger

@@ -1,4 +1,4 @@
-"""One browser: what it says, and what is done about it."""
+"""One browser's session: its messages, and the reactions to them."""
 
 from __future__ import annotations
 
@@ -33,45 +33,45 @@ from .view_settings import CONSTANT, OWN, ViewSettings
 log = logging.getLogger("pointray.view")
 
 FOV = 40.0
-SKETCHED = ViewSettings(exposes=True)  # of what is seen before there is a scene
-MOST_SAID = 10  # messages of one page that are ignored and told in the log
-COSTLY = frozenset({"press", "pick", "view"})  # messages of which no hand makes MOST_COSTLY a second
+SKETCHED = ViewSettings(exposes=True)  # for the sketch, before there is a scene
+MOST_SAID = 10  # ignored messages of one page that are logged
+COSTLY = frozenset({"press", "pick", "view"})  # messages that no user sends MOST_COSTLY times a second
 MOST_COSTLY = 50.0  # a second; twice as many at once
-TURN = 180.0  # degrees that the sun turns over a window's height
+TURN = 180.0  # degrees that the sun turns when dragged over a window's height
 
 
 class Session:
-    """A visitor of the server, see `server.Visitor`: its camera, its view settings, its pictures.
+    """A visitor of the server, see `server.Visitor`: the camera, the view settings and the pictures of one browser.
 
     Parameters
     ----------
     ended : callable
-        Told when the browser has gone.
+        Called when the browser has gone.
     """
 
     def __init__(self, link: Link, shared: SharedScene, ended: Callable[[Session], None]) -> None:
         self._shared, self._ended, self._outbox = shared, ended, Outbox(link)
         self._lock = threading.RLock()
-        self._size: tuple[int, int] | None = None  # of the view; until it is known nothing is shown
-        self._free = (0, 0, 1, 1)  # what the panel leaves free of it: left, top, right, bottom, pixels
+        self._size: tuple[int, int] | None = None  # of the view; nothing is shown until it is known
+        self._free = (0, 0, 1, 1)  # what the panel leaves free of the view: left, top, right, bottom, pixels
         self._time = 0.0
         self._camera: Camera | None = None
-        self._at_home = False  # where it was taken at first, and has not moved
-        self._sketched = False  # whether what was seen last is a sketch
+        self._at_home = False  # whether it is still where it was placed first
+        self._sketched = False  # whether a sketch was shown last
         self._view: ViewSettings | None = None
         self._output = Output()
         self._version: tuple[int, int] | None = None
-        self._lights: tuple[Any, ...] = ()  # of the scene, when it was looked at last
+        self._lights: tuple[Any, ...] = ()  # the scene's lights, as last read
         self._around: Any = None
         self._picked: NDArray[np.float64] | None = None
         self._problem: tuple[int, str] = 0, ""
-        self._asked: tuple[FrameRequest, tuple[float, float], str, bool] | None = None  # what is to be picked next
-        self._unexplained: FrameRequest | None = None  # whose legend is to be drawn next
+        self._asked: tuple[FrameRequest, tuple[float, float], str, bool] | None = None  # the next pick
+        self._unexplained: FrameRequest | None = None  # the request whose legend is drawn next
         self._allowance = Allowance(MOST_COSTLY, 2 * MOST_COSTLY)
         self._nonsense = 0
-        self._prepared = False  # whether what clicks need is being loaded
-        self._gone, self._told = False, threading.Lock()  # the lock: of `_news`, and of the going for it
-        self._news = False  # whether a change of the shared scene is still to be looked at
+        self._prepared = False  # whether loading for clicks has begun
+        self._gone, self._told = False, threading.Lock()  # the lock guards `_gone` and `_news`
+        self._news = False  # whether a change of the shared scene is still to be processed
         self._follower = ThreadPoolExecutor(1, "pointray-follower")
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
         self._exports = Exports(self._outbox)
@@ -86,7 +86,7 @@ class Session:
         self._follow()
 
     def receive(self, text: str) -> None:
-        """A message of the page."""
+        """Process a message of the page."""
         try:
             message = parse(text)
             handler = self._handlers.get(message["type"])
@@ -103,17 +103,17 @@ class Session:
                 log.warning("ignored a message of the page: %s", error)
 
     def leave(self) -> None:
-        """The browser has gone: nothing more is drawn for it."""
+        """End: the browser has gone, and nothing more is drawn for it."""
         self._leave()
         self._painter.close()
         self._exports.stop()
-        with self._lock, self._told:  # the scene may be notifying just now: before this, or not at all
+        with self._lock, self._told:  # the scene may be notifying now: that ends before this, or does nothing
             self._gone = True
             self._follower.shutdown(wait=False, cancel_futures=True)
             self._jobs.shutdown(wait=False, cancel_futures=True)
         self._ended(self)
 
-    # What the page says.
+    # Messages of the page.
 
     def _on_size(self, message: dict[str, Any]) -> None:
         self._size, self._free = size_of(message), free_of(message)
@@ -201,7 +201,7 @@ class Session:
         if self._shared.scene is None or self._camera is None or self._view is None:
             return
         asked, self._asked = self._asked, (self._request(), (x, y), purpose, extend)
-        if asked is None:  # else one is on its way, which takes this
+        if asked is None:  # else one is running, which takes this
             self._jobs.submit(self._pick_newest)
 
     def _on_clear(self, message: dict[str, Any]) -> None:
@@ -219,10 +219,10 @@ class Session:
         "clear": _on_clear,
     }
 
-    # What the page is told.
+    # Messages to the page.
 
     def _hear(self) -> None:
-        """The shared scene has changed in some way: looked at in a thread of this page, not of who tells all pages."""
+        """The shared scene has changed: look at it in a thread of this page, not of who notifies all pages."""
         with self._told:
             if not self._gone and not self._news:
                 self._news = True
@@ -235,7 +235,7 @@ class Session:
             log.exception("while telling a browser")
 
     def _follow(self) -> None:
-        """See what has changed."""
+        """Find what has changed, and react."""
         self._news = False
         self._outbox.progress(self._shared.progress)
         with self._lock:
@@ -260,7 +260,7 @@ class Session:
             self._want()
 
     def _meet(self, scene: Scene) -> None:
-        """There is another scene, or more of it."""
+        """Take a new scene, or more of it."""
         lights, around = scene.lights, (scene.shows_sky, None if scene.background is None else list(scene.background))
         if self._view is None:
             self._view = ViewSettings.of(self._shared, scene)
@@ -274,7 +274,7 @@ class Session:
         self._legend()
 
     def _go(self, name: str, animate: bool) -> None:
-        """Take the page to one of the standard views."""
+        """Move the page to one of the standard views."""
         seen, size = self._shared.scene or self._shared.sketch, self._size
         if seen is None or size is None or (name not in VIEWS and name != "home"):
             raise ValueError(f"there is no view {name!r:.40}")
@@ -288,13 +288,13 @@ class Session:
         self._outbox.go(camera, animate)
 
     def _part_free(self) -> tuple[float, float, float, float]:
-        """What the panel leaves free of the view: left, top, right, bottom, shares."""
+        """The part of the view that the panel leaves free: left, top, right, bottom, shares."""
         width, height = self._size or (1, 1)
         left, top, right, bottom = self._free
         return left / width, top / height, right / width, bottom / height
 
     def _changed(self, rebuild: bool) -> None:
-        """The view settings are others."""
+        """React to new view settings."""
         if rebuild:
             self._panel()
         self._want()
@@ -333,30 +333,30 @@ class Session:
         raise ValueError(f"there is no control {name!r:.60}")
 
     def _legend(self) -> None:
-        """Say what the colours mean."""
+        """Send the legend of the colours."""
         assert self._view is not None
         if self._view.color_by in (OWN, CONSTANT) or self._view.material in ("mirror", "glass"):
             self._outbox.legend(None)
             return
         unexplained, self._unexplained = self._unexplained, self._request()
-        if unexplained is None:  # else one is on its way, which takes this
+        if unexplained is None:  # else one is running, which takes this
             self._jobs.submit(self._draw_legend)
 
     def _draw_legend(self) -> None:
-        """For the newest view settings."""
+        """Draw and send the legend of the newest view settings."""
         with self._lock:
             request, self._unexplained = self._unexplained, None
         assert request is not None
         try:
             shown = self._painter.apply(request).shown_attributes[0]
             image = legend_of(shown)
-        except ValueError:  # the painter says so
+        except ValueError:  # the painter reports it
             return
         with self._lock:
             if request.view is not self._view:
                 return
             self._outbox.legend(image)
-            if self._view.low is None and shown.range is not None:  # what was found can be changed now
+            if self._view.low is None and shown.range is not None:  # a range that was found can be changed now
                 self._view = replace(self._view, low=shown.range[0], high=shown.range[1])
                 self._panel()
                 self._want()
@@ -376,7 +376,7 @@ class Session:
             log.exception("while preparing for clicks")
 
     def _pick_newest(self) -> None:
-        """Of clicks that have come while another one was looked at the last one counts."""
+        """Pick for the last of the clicks that have come while an earlier one was processed."""
         with self._lock:
             asked, self._asked = self._asked, None
         if asked is not None:
@@ -385,7 +385,7 @@ class Session:
     def _pick(self, request: FrameRequest, place: tuple[float, float], purpose: str, extend: bool) -> None:
         try:
             found = pick(self._painter.apply(request), request.camera, *place)
-        except ValueError:  # the painter says so
+        except ValueError:  # the painter reports it
             return
         if found is None:
             return

@@ -1,23 +1,23 @@
-"""How much one page may ask for, so that it does not stop the others."""
+"""Limits for one page, so that it does not stop the others."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-SHARE = 0.25  # of a processor, for the messages of one page: those that come faster wait
-CREDIT = 0.1  # seconds of it that may be taken at once
-TRANSPORT = 2e-4  # seconds that a message takes before it is looked at
+SHARE = 0.25  # of a processor, for one page's messages: faster ones wait
+CREDIT = 0.1  # seconds of it that may be used at once
+TRANSPORT = 2e-4  # seconds that a message takes before it is parsed
 
 
 class Share:
-    """Of a processor's time. clock : seconds"""
+    """A share of a processor's time. clock : seconds"""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._at, self._owed = clock, clock(), 0.0
 
     def rest(self, spent: float) -> float:
-        """Seconds to wait, after so many were spent on a message."""
+        """Seconds to wait after a message that took the given seconds."""
         now = self._clock()
         self._owed = max(0.0, self._owed - SHARE * (now - self._at)) + spent + TRANSPORT
         self._at = now
@@ -25,14 +25,14 @@ class Share:
 
 
 class Allowance:
-    """So many events a second, and as many at once as would come in some seconds. clock : seconds"""
+    """A limit of events a second, with a burst of as many as come in some seconds. clock : seconds"""
 
     def __init__(self, rate: float, most: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._rate, self._most, self._clock = rate, most, clock
         self._left, self._at = most, clock()
 
     def take(self) -> bool:
-        """Whether one more is allowed."""
+        """Take one event; returns whether it is allowed."""
         now = self._clock()
         self._left = min(self._most, self._left + self._rate * (now - self._at))
         self._at = now

@@ -1,4 +1,4 @@
-"""What is shown, to all browsers alike: a scene, which may still be on its way from a file, or be built anew."""
+"""The scene that all browsers show; it may still be loading from a file, or be built again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ log = logging.getLogger("pointray.view")
 
 @dataclass(frozen=True)
 class Build:
-    """How models are built: the parameters of `Model` that the panel has."""
+    """How models are built: the parameters of `Model` in the panel."""
 
     surface: str
     samples: int
@@ -31,7 +31,7 @@ class Build:
 
 @dataclass(frozen=True)
 class Progress:
-    """What is going on. share, seconds (that are left) : None where not known; an empty stage: nothing is going on."""
+    """The work in progress. share, seconds (left) : None if unknown; stage : empty if there is no work."""
 
     stage: str = ""
     share: float | None = None
@@ -39,33 +39,33 @@ class Progress:
 
 
 class Loader(Protocol):
-    """Brings a scene: `SharedScene.show` as often as there is more of it to see, `SharedScene.say` what it is at.
+    """Loads a scene: calls `SharedScene.show` whenever there is more to see, and `SharedScene.say` with its stage.
 
-    Before, `SharedScene.outline` if there are points and no kernels yet to trace them.
+    It first calls `SharedScene.outline` if there are points and no kernels yet to trace them.
     """
 
     def __call__(self, shared: SharedScene) -> None: ...
 
 
 class SharedScene:
-    """The scene, and who wants to know when it changes.
+    """The scene, and the listeners that are notified when it changes.
 
     Attributes
     ----------
     title : str
     source : str
-        The file, as `pointray render` takes it; empty: there is none, or several.
+        The file, as `pointray render` takes it; empty if there is none, or several.
     up : (3,) tuple
     home : Camera or None
-        Where a browser begins; None: where it sees all.
+        Where a browser begins; None: a view of everything.
     settings, exposes, exposure, curve
-        What it begins with.
+        The initial values.
     sketch : Sketch or None
-        What is seen as long as there is no scene.
+        What is shown while there is no scene.
     problem : str
-        Why there is nothing to see, or not all.
+        Why there is nothing to see, or only a part.
     failures : int
-        How many problems there have been: the same one again is another.
+        How many problems there have been: the same one again counts as another.
     """
 
     def __init__(
@@ -80,21 +80,21 @@ class SharedScene:
         self.up = check_direction(up, "up")
         self.home: Camera | None = None
         self.exposes, self.exposure, self.curve = False, 0.0, "srgb"
-        self._scan: tuple[Any, Scan] | None = None  # how the scene was seen last, and what for
+        self._scan: tuple[Any, Scan] | None = None  # the last scan of the scene, and what it was made for
         self.problem, self.failures = "", 0
         self.sketch: Sketch | None = None
         self._building, self._compiling, self._time_left = Progress(), Progress(), TimeLeft()
         self._scene, self._shown = scene, 0
-        self._wanted: Build | None = None  # how the user wants models to be built; None: as they came
-        self._built: tuple[Build, dict[Model, Model]] | None = None  # how they were, and what in the place of what
-        self._exchanged: tuple[Any, Scene] | None = None  # what that was made for, and the scene with them
+        self._wanted: Build | None = None  # the build that the user wants; None: models as they came
+        self._built: tuple[Build, dict[Model, Model]] | None = None  # the last build, and which model replaces which
+        self._exchanged: tuple[Any, Scene] | None = None  # the last scene with these models, and what it was made for
         self._listeners: list[Callable[[], None]] = []
         self._lock, self._builds = threading.Lock(), threading.Lock()
-        self._next: threading.Thread | None = None  # waits to build what will be wished for by then
+        self._next: threading.Thread | None = None  # waits to build what is wanted when it starts
 
     @property
     def scene(self) -> Scene | None:
-        """What there is so far, with models that were built anew in the place of those that came."""
+        """The scene so far, in which rebuilt models replace the original ones."""
         scene, built = self._scene, self._built
         if scene is None or built is None:
             return scene
@@ -105,21 +105,21 @@ class SharedScene:
 
     @property
     def progress(self) -> Progress:
-        """What is going on; of two things what takes longer."""
+        """The work in progress; of two tasks the one that takes longer."""
         return self._compiling if self._compiling.stage else self._building
 
     @property
     def is_building(self) -> bool:
-        """Whether models are built."""
+        """Whether models are being built."""
         return bool(self._building.stage)
 
     @property
     def version(self) -> tuple[int, int]:
-        """Another one whenever the scene is, or has changed."""
+        """A value that differs whenever the scene is another one, or has changed."""
         return self._shown, 0 if self._scene is None else self._scene._version
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
-        """Have something called, from any thread, whenever anything changes; returns what ends that."""
+        """Call a listener, from any thread, whenever anything changes; returns a function that ends this."""
         with self._lock:
             self._listeners.append(listener)
 
@@ -131,7 +131,7 @@ class SharedScene:
         return leave
 
     def load(self, loader: Loader) -> threading.Thread:
-        """Let a loader bring the scene, in the background."""
+        """Let a loader load the scene, in the background."""
 
         def work() -> None:
             loader(self)
@@ -140,7 +140,7 @@ class SharedScene:
         return self._start(work)
 
     def scan(self, view: str) -> Scan:
-        """What is known of the scene for a view of it, see `ViewChoice`; ValueError if there is none."""
+        """The scan of the scene for one of its views, see `ViewChoice`; ValueError if there is no scene."""
         seen, key = self.scene or (None if self.sketch is None else self.sketch.points), (self.version, self.up, view)
         if seen is None:
             raise ValueError("there is nothing to see yet")
@@ -149,29 +149,29 @@ class SharedScene:
         return self._scan[1]
 
     def outline(self, sketch: Sketch, up: tuple[float, float, float]) -> None:
-        """This is seen until there is a scene."""
+        """Show a sketch until there is a scene."""
         self.sketch, self.up = sketch, up
         self._shown += 1
         self.notify()
 
     def show(self, scene: Scene, home: Camera | None = None) -> None:
-        """This is what is shown from now on, and where a browser begins."""
+        """Show a scene from now on; `home` is where a browser begins."""
         self._scene, self._built, self.sketch = scene, None, None
-        if home is not None:  # the page knows this projection only
+        if home is not None:  # the page knows only this projection
             self.home = replace(home, projection="perspective", aperture=0.0, focus=None)
         self._shown += 1
         self.notify()
 
     @property
     def build(self) -> Build | None:
-        """How the models that are shown are built; of several, the first."""
+        """How the shown models are built; the first one's build if there are several."""
         if self._built is not None:
             return self._built[0]
         models = [] if self._scene is None else self._scene.models
         return Build(models[0].surface, models[0].settings.samples) if models else None
 
     def rebuild(self, **changes: Any) -> threading.Thread:
-        """Build all models anew, with changes to what was wished for last; until it is done the old ones are shown."""
+        """Build all models again, with changes to the last wanted build; the old ones are shown until it is done."""
         with self._lock:
             last = self._wanted or self.build
             if last is None:
@@ -227,16 +227,16 @@ class SharedScene:
         self.say("", None)
 
     def _fail(self, why: str) -> None:
-        self.failures += 1  # first: who looks between the two sees no problem yet
+        self.failures += 1  # first: a reader between the two lines sees no problem yet
         self.problem = why
 
     def say(self, stage: str, share: float | None) -> None:
-        """What is being done, and how much of it is."""
+        """Report the current stage, and the share done."""
         self._building = Progress(stage, share, self._time_left(stage, share))
         self.notify()
 
     def look_at_compiling(self) -> None:
-        """Say how far the compiling of kernels is; several times a second."""
+        """Report the progress of compiling kernels; called several times a second."""
         state, before = BACKLOG.state, self._compiling
         self._compiling = Progress()
         if state is not None:
@@ -246,11 +246,11 @@ class SharedScene:
             self.notify()
 
     def notify(self) -> None:
-        """Say to all who listen that something has changed."""
+        """Notify all listeners of a change."""
         with self._lock:
             listeners = list(self._listeners)
         for listener in listeners:
             try:
                 listener()
-            except Exception:  # of one browser; the others are told all the same
+            except Exception:  # of one browser; the others are notified anyway
                 log.exception("while telling a browser")

@@ -1,4 +1,4 @@
-"""Points drawn as lit dots by NumPy alone: what is seen of a scan while kernels are still being compiled."""
+"""Points drawn as lit dots by NumPy alone: the view of a scan while kernels are still being compiled."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from ..rendering.camera import Camera, view_axes
 from ..staging.studio import ALBEDO, HORIZON, KEY, KEY_DIRECTION
 
 MOST = 60_000  # points that are drawn: a picture takes some 30 ms
-NEIGHBORS = 12  # by which normals are fitted that the file lacks
+NEIGHBORS = 12  # neighbours for fitting normals that the file lacks
 COVER = 0.9  # radius of a dot, in distances to the CLOSE-th neighbour: few gaps are left
 CLOSE = 6
-WIDEST = 2.5  # pixels, of a dot's radius: where it would be larger there are fewer pixels
-DEPTHS = 2.0**31  # steps in which depth is told apart
+WIDEST = 2.5  # pixels: limit of a dot's radius; beyond it the picture has fewer pixels
+DEPTHS = 2.0**31  # steps that distinguish depths
 
 
 class Sketch:
-    """Some of the points of a scan, as they can be drawn at once.
+    """A sample of a scan's points that can be drawn at once.
 
     Parameters
     ----------
     clouds : sequence of Points
-        Together.
+        They are drawn together.
     count : int, optional
-        How many points they stand for; as many as there are unless given.
+        How many points they represent; by default their own number.
 
     Attributes
     ----------
     points : Points
-        Those that are drawn.
+        The points that are drawn.
     count : int
     """
 
@@ -73,14 +73,14 @@ class Sketch:
         return image
 
     def _seen(self, camera: Camera) -> tuple[NDArray[np.float64], ...]:
-        """Places to the right, upwards and along the view, from the eye."""
+        """Coordinates to the right, upwards and along the view, from the eye."""
         eye = np.asarray(camera.eye) - self.points.origin
         forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
         places = self.points.positions.astype(np.float64) - eye
         return places @ right, places @ top, places @ forward
 
     def _radius(self, camera: Camera, depth: float) -> float:
-        """Pixels that a dot's radius has at some depth."""
+        """The radius of a dot in pixels at a depth."""
         return max(COVER * self._spacing * float(_pixels(camera, np.array(max(depth, 1e-300)))), 0.5)
 
     def _nearest(
@@ -91,7 +91,7 @@ class Sketch:
         radius: float,
         shape: tuple[int, int],
     ) -> NDArray[np.int64]:
-        """Of each pixel the number of the dot that is nearest to the eye, -1: there is none."""
+        """For each pixel the number of the dot that is nearest to the eye; -1 if there is none."""
         height, width = shape
         none = np.iinfo(np.int64).max
         buffer = np.full(height * width, none)
@@ -121,7 +121,7 @@ class Sketch:
 
 
 def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pixels that a length of one has at some depth."""
+    """The length of one unit in pixels at a depth."""
     half = np.tan(np.radians(camera.fov) / 2)
     if camera.projection == "orthographic":
         depth = np.full_like(depth, np.linalg.norm(np.subtract(camera.target, camera.eye)))
@@ -129,7 +129,7 @@ def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _smaller(camera: Camera, times: float) -> Camera:
-    """The camera for a picture so many times smaller, if that is more than one."""
+    """The camera for a picture smaller by a factor, if the factor is above one."""
     width, height = camera.size
     return replace(camera, size=(max(1, round(width / times)), max(1, round(height / times)))) if times > 1 else camera
 
@@ -147,7 +147,7 @@ def _linear_colors(cloud: Points) -> NDArray[np.float32]:
 
 
 def _plane_normals(positions: NDArray[np.float32], near: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Normals of planes through neighbours; which side they look to does not matter here."""
+    """Normals of planes through neighbours; which side they face does not matter here."""
     around = positions[near].astype(np.float64)
     around -= around.mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0])

@@ -1,4 +1,4 @@
-"""How one browser sees the scene: everything of its panel that is neither the camera nor shared with the others."""
+"""How one browser sees the scene: all values of its panel, but neither the camera nor what browsers share."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from ..staging.studio import ALBEDO
 from .light_control import Color, LightControl, Vector, light_controls_of, new_light_control
 from .shared_scene import SharedScene
 
-OWN, CONSTANT = "own", "constant"  # colours: the points' own, one for all
-BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene that says nothing
+OWN, CONSTANT = "own", "constant"  # colours: the points' own, or one for all
+BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene without a background
 
-# Values of the picture, not of the scene: `apply` does not depend on them.
+# Values for the picture, not the scene: `apply` does not depend on them.
 PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposure", "curve")
 
 
@@ -39,32 +39,32 @@ class Cut:
 
     on: bool = False
     at: float = 0.5
-    flip: bool = False  # keep what lies beyond it
+    flip: bool = False  # keep the part beyond the plane
 
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """The values of the panel; each is named as its control is.
+    """The values of the panel; each has the name of its control.
 
     Attributes
     ----------
     base : Settings
-        What the panel has nothing for.
+        Settings without a control in the panel.
     samples : int
-        Of a pixel, when it is refined.
+        For each pixel of a refined picture.
     exposes : bool
-        Whether the exposure is chosen; `exposure` is then added to it.
+        Whether the exposure is chosen automatically; `exposure` is then added to it.
     curve : str
-        AUTO: chosen with the exposure.
+        AUTO: chosen together with the exposure.
     backdrop : (3,) sRGB
     around : str
-        "gradient": that of `image.tone`; "color": the backdrop's; "sky": the lights'; "scene": what it says itself.
+        "gradient": that of `image.tone`; "color": the backdrop's; "sky": the lights'; "scene": the scene's own.
     material : str
         "own": each instance's own; else one for all models.
     color_by : str
         OWN, CONSTANT, or an attribute of the points.
     low, high : float or None
-        The range of the attribute; None: found.
+        The range of the attribute; None: found automatically.
     """
 
     base: Settings = Settings()
@@ -95,7 +95,7 @@ class ViewSettings:
 
     @classmethod
     def of(cls, shared: SharedScene, scene: Scene) -> ViewSettings:
-        """How a shared scene looks by itself."""
+        """The initial settings for a shared scene."""
         settings = shared.settings
         view = cls(
             base=replace(settings, time_limit=None, noise=None, denoise=False),
@@ -111,7 +111,7 @@ class ViewSettings:
         return replace(view, lamps=light_controls_of(scene, shared.up)).before(scene)
 
     def before(self, scene: Scene) -> ViewSettings:
-        """With the background that a scene has."""
+        """These settings with a scene's background."""
         if scene.shows_sky:
             return replace(self, around="sky")
         if scene.background is None:
@@ -120,12 +120,12 @@ class ViewSettings:
         return replace(self, around="color", backdrop=(r, g, b))
 
     def same_scene(self, other: ViewSettings) -> bool:
-        """Whether the scene is dressed the same way; by identity, as lights may hold arrays."""
+        """Whether both settings give the same scene; compared by identity, as lights may hold arrays."""
         names = [field.name for field in fields(self) if field.name not in PICTURE]
         return all(getattr(self, name) is getattr(other, name) for name in names)
 
     def with_value(self, name: str, value: Any) -> ViewSettings:
-        """With another value of a control: a field's, or one of a lamp or a cut, like "lamps.0.color"."""
+        """Settings with a new value of a control: of a field, or of a lamp or a cut, like "lamps.0.color"."""
         field, _, rest = name.partition(".")
         if not rest:
             return replace(self, **{field: value})
@@ -136,25 +136,25 @@ class ViewSettings:
         return replace(self, **changed)
 
     def with_lamp(self, kind: str, scene: Scene, up: Vector) -> ViewSettings:
-        """With one light more."""
+        """Settings with one more light."""
         return replace(self, lamps=(*self.lamps, new_light_control(kind, scene, up)))
 
     def without_lamp(self, number: int) -> ViewSettings:
-        """With one light less."""
+        """Settings with one light less."""
         return replace(self, lamps=self.lamps[:number] + self.lamps[number + 1 :])
 
     def settings(self, spp: int) -> Settings:
-        """For a picture of so many samples a pixel."""
+        """Settings for a picture with the given number of samples a pixel."""
         shown: dict[str, Any] = {"integrator": self.integrator, "max_depth": self.max_depth, "shadows": self.shadows}
         return replace(self.base, spp=spp, levels=self.levels, **shown)
 
     @property
     def chooses(self) -> bool:
-        """Whether its pictures' exposure is chosen."""
+        """Whether the exposure of its pictures is chosen automatically."""
         return self.exposes and self.integrator in EXPOSED
 
     def tone(self, image: NDArray[np.float32]) -> tuple[float, str]:
-        """Exposure, stops, and curve by which a picture is shown."""
+        """Exposure (stops) and curve with which a picture is shown."""
         if not self.chooses:
             return tone_of(image, self.exposure, self.curve)
         stops, curve = tone_of(image, AUTO, self.curve)
@@ -162,11 +162,11 @@ class ViewSettings:
 
     @property
     def behind(self) -> Backdrop:
-        """What is seen where a picture is transparent: sRGB above and below."""
+        """The backdrop where a picture is transparent: sRGB above and below."""
         return GRADIENT if self.around == "gradient" else (self.backdrop, self.backdrop)
 
     def lights(self, up: Vector) -> list[Light | EnvironmentLight]:
-        """Those that are on."""
+        """The lights that are on."""
         return [lamp.make(up) for lamp in self.lamps if lamp.on]
 
     def apply(self, scene: Scene, up: Vector) -> Scene:
@@ -175,7 +175,7 @@ class ViewSettings:
         dressed.lights = self.lights(up)
         dressed.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
         if self.around == "gradient" or (self.around == "color" and self.exposes):
-            dressed.background = None  # what stands behind is not exposed
+            dressed.background = None  # the backdrop is not exposed
         if self.around == "scene":
             dressed.background = "environment" if scene.shows_sky else scene.background
         low, high = scene.bounds
@@ -190,7 +190,7 @@ class ViewSettings:
         return dressed
 
     def _clips(self, low: Any, high: Any) -> list[tuple[Any, Any]]:
-        """Planes: where each is, and which way what it cuts away lies."""
+        """The planes of the cuts: a point of each, and the direction of the part that it cuts away."""
         out = []
         for axis, cut in enumerate(self.cuts):
             if cut.on:
@@ -219,11 +219,11 @@ class ViewSettings:
         return made[self.material]()
 
 
-_FITTING: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # found once a model: it looks at all values
+_FITTING: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # found once for each model: it reads all values
 
 
 def colorings(scene: Scene) -> list[str]:
-    """The attributes by which all models of a scene can be coloured."""
+    """The attributes that can colour all models of a scene."""
     of_models = [_fitting(model) for model in scene.models]
     return [*(name for name in of_models[0] if all(name in names for names in of_models)), *COORDINATES]
 

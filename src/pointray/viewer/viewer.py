@@ -15,16 +15,16 @@ from .server import Server
 from .session import Session
 from .shared_scene import SharedScene
 
-HUB = "JUPYTERHUB_SERVICE_PREFIX"  # where a JupyterHub says below which path a notebook's server is
+HUB = "JUPYTERHUB_SERVICE_PREFIX"  # where a JupyterHub tells the path of a notebook's server
 
 
 class Viewer:
-    """Serves a page that shows a scene, until it is closed. What changes in the scene changes on the page.
+    """Serves a page that shows a scene, until it is closed. Changes in the scene appear on the page.
 
     Attributes
     ----------
     url : str
-        Where the page is. A random token in it lets in who knows it, and nobody else.
+        The page's address. It contains a random token; only clients that know it are let in.
     port : int
     """
 
@@ -40,7 +40,7 @@ class Viewer:
         self._watcher.start()
 
     def close(self) -> None:
-        """End it: pages keep their last picture."""
+        """Stop the server; pages keep their last picture."""
         self._ended.set()
         self._server.close()
         with self._lock:
@@ -49,7 +49,7 @@ class Viewer:
             session.leave()
 
     def wait(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Until it is closed, from another thread or by Ctrl-C, or a condition holds."""
+        """Wait until another thread or Ctrl-C closes it, or a condition holds."""
         try:
             while not self._ended.wait(0.2) and not until():
                 pass
@@ -74,7 +74,7 @@ class Viewer:
             self._sessions.discard(session)
 
     def _watch(self) -> None:
-        """Tell when the scene was changed by who made it."""
+        """Notify browsers when the caller changes the scene."""
         version: Any = self._shared.version
         while not self._ended.wait(0.1):
             self._shared.look_at_compiling()
@@ -83,7 +83,7 @@ class Viewer:
                 self._shared.notify()
 
     def _repr_html_(self) -> str:
-        """In a notebook: the page itself, and what to do where it does not come."""
+        """For a notebook: the page itself, and what to do where it does not appear."""
         if self._server.proxied:
             hint = (
                 "If nothing appears: pip install jupyter-server-proxy where the notebook's server runs, and restart it."
