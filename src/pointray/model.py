@@ -140,8 +140,8 @@ class Model:
 
         Parameters
         ----------
-        Usually ends in .pointray; the file is replaced when all is written.
-            Usually ends in .pointray; replaced when all is written.
+        path : str or path
+            Usually ends in .pointray; the file is replaced when all is written.
         progress : callable, optional
             Called with the share done.
 

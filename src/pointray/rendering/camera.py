@@ -49,8 +49,8 @@ class Camera:
     projection : {"perspective", "orthographic", "panorama"}
     aperture : float
         Diameter of the lens in world units; 0: a pinhole.
-    Distance along the view of the plane in focus; None: the target's distance.
-        Distance along the view of the plane that is sharp; None: the target's.
+    focus : float, optional
+        Distance along the view of the plane in focus; None: the target's distance.
     """
 
     eye: Vector

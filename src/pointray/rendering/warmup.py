@@ -1,4 +1,4 @@
-"""Compile kernels before they are needed, in a process beside: `python -m pointray.rendering.warmup NAME...` is it.
+"""Compile kernels before they are needed, in a second process: `python -m pointray.rendering.warmup NAME...`.
 
 The kernel of pictures takes three times as long to compile as all kernels together that build a model, so both are
 compiled at once; the kernels that a click in the viewer needs come after that.
@@ -71,7 +71,7 @@ def is_warm(settings: Settings) -> bool:
 
 
 def wait_until_warm(settings: Settings) -> None:
-    """Wait while another process compiles it."""
+    """Wait until another process has compiled the kernel of pictures."""
     wait_for(kernel_for(settings), lambda: False)
 
 

@@ -46,7 +46,7 @@ class Scene:
         self._version = 0  # increases with every change
         self.shows_sky = False
         self._built: Snapshot | None = None
-        self._lock = threading.RLock()  # held for every change, and while more than one attribute is read
+        self._lock = threading.RLock()  # held for every change, and while several fields are read
 
     def add(self, shape: Model | Plane, transform: ArrayLike | None = None, material: Material | None = None) -> int:
         """Put a model or a plane into the scene.
@@ -114,7 +114,7 @@ class Scene:
 
     @property
     def background(self) -> NDArray[np.float64] | None:
-        """Linear RGB behind everything, or None: transparent. "environment" (when set) shows the environment light."""
+        """Linear RGB behind everything, or None: transparent. Setting "environment" shows the environment light."""
         return self._background
 
     @background.setter

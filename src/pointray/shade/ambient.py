@@ -14,7 +14,7 @@ from .shading_points import add_radiance, is_shaded, shading_point
 
 @inline
 def _look_up(sample: int, reach: float, scratch: Scratch) -> Bits:
-    """Send the tile's rays from its surface points in cosine-distributed directions; returns those that do (bits)."""
+    """Send the tile's rays from its surface points in cosine-distributed directions; returns the rays sent (bits)."""
     points, asked = scratch.shading_points, i64(0)
     for i in range(TILE):
         if is_shaded(scratch, i):

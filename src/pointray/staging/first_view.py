@@ -38,10 +38,10 @@ class ViewChoice:
     up : (3,) tuple or None
     view : str
         "auto", or one of `VIEWS`.
-    Degrees; they replace the view's.
-        Degrees; instead of the view's.
-    2 is half as far away.
-        2: half as far away.
+    azimuth, elevation : float or None
+        Degrees; they replace the view's.
+    zoom : float
+        2 is half as far away.
     """
 
     up: Vector | None = None

@@ -1,4 +1,4 @@
-"""Controls of the panel: how the page is told of one, and which values it may send back."""
+"""Controls of the panel: how each is described to the page, and which values the page may send back."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Connection(ServerConnection):
 
     def connection_made(self, transport: Any) -> None:
         """Begin, as in the base class."""
-        transport.max_size = READ  # of asyncio's own buffers
+        transport.max_size = READ  # an attribute that asyncio's own event loops have
         super().connection_made(transport)
 
     def process_event(self, event: Any) -> None:

@@ -32,7 +32,7 @@ from .sketch import Sketch
 STATUS = 0.25  # seconds between two statistics
 LEGEND = (600, 220)  # pixels
 REPEAT = 2.0  # seconds in which the same toast is not repeated
-# Folders before a file name: in an absolute path up to its last slash, with spaces; in others without spaces.
+# Folders before a file name: in an absolute path up to its last slash, spaces or not; in others without spaces.
 FOLDERS = re.compile(r"""((?<![^\s'"(])([A-Za-z]:)?[/\\][^:'"\n]*|[^\s:'"]*)[/\\](?=[^\s/\\])""")
 
 

@@ -204,7 +204,7 @@ class Painter:
             self._send(request, picture.image, REFINED, (done, count), seconds)
 
     def _is_old(self, request: FrameRequest, seconds: float) -> bool:
-        """Whether there is a newer request, or will be one within some seconds."""
+        """Whether there is a newer request, or one comes within the given seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: self._request is not request or not self._open, seconds)
 

@@ -35,13 +35,13 @@ log = logging.getLogger("pointray.view")
 
 PAGE = Path(__file__).parent / "page"
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".md": "text/plain"}
-FILES = {path.name: path for path in PAGE.iterdir() if path.suffix in KINDS}  # no requested name meets the file system
+FILES = {path.name: path for path in PAGE.iterdir() if path.suffix in KINDS}  # requests never touch the file system
 PORT = 8080  # the default; if it is taken, the next free one
 TRIES = 100
 LARGEST_MESSAGE = 1 << 16  # bytes, for messages of the page
 TOKEN_BYTES = 16
 # Nothing from other sites is loaded or requested, and no other site may show the page in a frame, except a notebook of
-# machine.
+# this machine.
 POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
     "frame-ancestors 'self' http://localhost:* http://127.0.0.1:* https://localhost:* vscode-webview:"
