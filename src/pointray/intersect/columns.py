@@ -31,7 +31,7 @@ from ..tree.columns import across
 FLAT = f32(1e-6)  # the smallest rise that a slab test divides by
 THIN = f32(1e-20)  # the smallest column width that is divided by
 LAST = f32(COLUMNS - 1)
-MOST = 2 * COLUMNS - 1  # columns that a ray can pass at most
+MOST = 2 * COLUMNS - 1  # the largest number of columns that a ray can pass
 
 Axes: TypeAlias = tuple[int, int, int]
 _R = TypeVar("_R")

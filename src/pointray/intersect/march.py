@@ -318,7 +318,7 @@ def search_one(tree: Tree, leaf: int, frame: Frame, reach: Reach, limits: tuple[
             if between:
                 low, between = select(lift > ZERO, begin, none), False
                 continue
-        # Up to the quarter in which f is first on the ray's side.
+        # The lift lasts up to the quarter in which f is first on the ray's side.
         settled = bits(f + lift >= lift)
         before: Bits | Samples
         before = (16 << (count_trailing_zeros(settled) & 12)) - 1 if settled != 0 else 0xFFFF

@@ -17,7 +17,7 @@ from .picture import check_picture, check_view, picture_bytes, render_snapshot
 from .settings import Settings
 
 LAYER_BYTES = 80  # a pixel, of all layers
-BAND, SQUARE = 1 << 13, 32  # so many pixels' rays are traced together, in squares of this edge
+BAND, SQUARE = 1 << 13, 32  # pixels whose rays are traced together, in squares of this edge
 
 
 def render_layers(

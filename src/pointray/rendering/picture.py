@@ -104,7 +104,7 @@ def render_snapshot(
 
 
 def picture_bytes(settings: Settings, catchers: bool = True, written: int = 0) -> int:
-    """Bytes of a pixel while a picture is made, or later, when it is written with so many others beside it."""
+    """Bytes of a pixel while a picture is made, or later, when writing it takes `written` bytes more."""
     one_pass = settings.time_limit is None and settings.noise is None and not settings.denoised
     film = 0 if one_pass else FILM_NUMBER * _sums(settings, catchers)
     return IMAGE_BYTES + max(film, DENOISE_BYTES if settings.denoised else 0, written)

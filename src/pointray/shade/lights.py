@@ -71,7 +71,7 @@ class PointLight(_Checked):
     intensity : float or (3,) float
         Radiant intensity, W/sr.
     camera : bool
-        Whether it follows the camera: the position is then to the right, upwards and backwards, from the eye.
+        Whether it follows the camera: the position then counts from the eye: to the right, upwards and backwards.
     """
 
     position: ArrayLike
@@ -97,7 +97,7 @@ class SunLight(_Checked):
     angle : float
         Diameter of the disk, degrees, 0 to 180: it softens the path tracer's shadows. 0.53 is the sun's.
     camera : bool
-        Whether it follows the camera: the direction is then to the right in the picture, upwards, and towards the eye.
+        Whether it follows the camera: the direction then counts to the right, upwards, and towards the eye.
     """
 
     direction: ArrayLike

@@ -2,7 +2,7 @@
 
 server: the transport; link: the connection to one browser; share: limits for one page; viewer: all of it together.
 A browser has a session (its messages), an outbox (messages to it), view settings (the panel's values; panel, controls,
-light_control) and a painter (its pictures, at a pace). All browsers look at one shared scene, which loading brings;
+light_control) and a painter (its pictures, at a pace). All browsers show one shared scene, which loading brings;
 sketch: dots, while kernels are compiled. pick: what is under the mouse; exports: files; page: what the browser runs.
 
 The path of a slider's value: `session` takes its message, `view_settings` the value, `painter` draws the requested

@@ -24,7 +24,7 @@ MOST_WAITING = 15 << 20  # bytes: a browser that reads too little is disconnecte
 EACH = 256  # bytes that a waiting message takes besides its own
 PIECE = 1 << 18  # bytes: longer messages go in pieces, so that only pieces are copied
 READ = 1 << 14  # bytes read at once: all frames in them are processed before reading can pause
-MOST_PARTS = 10.0  # incomplete messages a second, and ten times as many at once: pages send hardly any
+MOST_PARTS = 10.0  # frames a second that are not whole messages; ten times as many at once: pages send hardly any
 
 
 class _File(NamedTuple):

@@ -222,7 +222,7 @@ class Session:
     # Messages to the page.
 
     def _hear(self) -> None:
-        """The shared scene has changed: look at it in a thread of this page, not of who notifies all pages."""
+        """Process a change of the shared scene in this page's thread, not in the one that notifies all pages."""
         with self._told:
             if not self._gone and not self._news:
                 self._news = True
