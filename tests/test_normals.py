@@ -8,7 +8,7 @@ from pointray.neighbors import distinct, morton_order, neighbors
 from pointray.points import estimate_normals, procedural, read
 from pointray.points.normals.checks import agreement_share, looks_inward
 from pointray.points.normals.estimate import mend_normals
-from pointray.points.normals.jets import estimate_noise, fit_normals
+from pointray.points.normals.jets import _survey, fit_normals
 from pointray.points.normals.orientation import agree
 from pointray.points.normals.sheets import part_sheets
 
@@ -155,7 +155,7 @@ def test_noise_is_measured_in_spacings():
     rng = np.random.default_rng(1)
     positions, _ = torus(20_000, rng)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
-    levels = [estimate_noise(np.float32(positions + s * spacing * rng.normal(size=positions.shape))) for s in (0, 0.1)]
+    levels = [_survey(np.float32(positions + s * spacing * rng.normal(size=positions.shape)))[0] for s in (0, 0.1)]
     assert levels[0] < 0.005
     assert 0.1 < levels[1] < 0.2  # the spacing of k neighbours is 0.56 of h
 

@@ -113,7 +113,7 @@ class Points:
 
     @property
     def finite(self) -> NDArray[np.bool_]:
-        """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond 1e15."""
+        """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond `FARTHEST`."""
         x, y, z = self.positions.T
         reach = np.float32(FARTHEST)
         return np.asarray((np.abs(x) <= reach) & (np.abs(y) <= reach) & (np.abs(z) <= reach))

@@ -30,7 +30,6 @@ COARSER = 2.0  # ratio of a level's cell size to that of the level before; for t
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
 SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
-STAGES = ("normals", "radii", "tree")
 
 
 class Model:

@@ -70,7 +70,7 @@ def write_picture(output: Path, subject: tuple[Any, Any, Any], shown: Shown, pro
 
     from ..image.exposure import tone_of
     from ..rendering.layers import render_layers
-    from ..rendering.picture import render  # pr.render may be the module, by now
+    from ..rendering.picture import render
 
     def show(share: float) -> None:
         progress.show("rendering", share)

@@ -59,8 +59,8 @@ class _PieceLibrary(JITCodeLibrary):
 def _piece(function: Function, inlined: bool) -> Function:
     """Compile for other compiled code only: no wrappers for Python and C, no machine code of its own.
 
-    The render kernel has 80 pieces and takes 12 s to compile. It takes 48 s if each piece is optimized and becomes
-    machine code by itself, and twice where an argument is a constant in one call and not in another.
+    A kernel takes three times as long to compile if each piece is optimized and becomes machine code by itself, and
+    twice where an argument is a constant in one call and not in another (docs/decisions/jit-and-cache.md).
     """
     # The options are all given explicitly: a piece inherits an omitted one from its caller.
     options = {"forceinline": inlined, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}

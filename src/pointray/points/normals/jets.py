@@ -201,19 +201,11 @@ def _fit_rows(
     return out, residuals
 
 
-def estimate_noise(positions: Floats) -> float:
-    """How far points lie off their surface, in spacings (distance to the k-th neighbour over the root of k).
-
-    Parameters
-    ----------
-    positions : (n, 3) float32
-        All different.
-    """
-    return _survey(positions)[0]
-
-
 def _survey(positions: Floats) -> tuple[float, int]:
-    """The noise, and the largest size to choose from: where scan lines lie far apart, few points form a line."""
+    """The noise, and the largest size to choose from: where scan lines lie far apart, few points form a line.
+
+    The noise is how far points lie off their surface, in spacings (distance to the k-th neighbour over the root of k).
+    """
     if len(positions) <= NOISE_SIZES[0]:
         return 0.0, SIZES[1]
     rows = np.random.default_rng(0).permutation(len(positions))[:NOISE_SAMPLE]
