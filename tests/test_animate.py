@@ -339,7 +339,7 @@ def bad_input(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 BAD_KEYS = {
     "unknown 'zoom'": [*KEYS[:2], {**KEYS[2], "zoom": 2}],
     "target is missing": [KEYS[0], KEYS[1], {"time": 3, "eye": [0, 0, 0]}],
-    "key 2: eye must be a finite number": [KEYS[0], {**KEYS[1], "eye": [0, float("nan"), 0]}, KEYS[2]],
+    "key 2: eye must be three finite numbers": [KEYS[0], {**KEYS[1], "eye": [0, float("nan"), 0]}, KEYS[2]],
     "key 3: its time, 0.5, is not after": [KEYS[0], KEYS[1], {**KEYS[2], "time": 0.5}],
     "two keys or more": KEYS[:1],
     "must be a list": {"first": KEYS[0]},
@@ -347,9 +347,10 @@ BAD_KEYS = {
     "key 2: time must be": [KEYS[0], {**KEYS[1], "time": "soon"}],
     "key 1: target must be three": [{**KEYS[0], "target": "123"}, KEYS[1]],
     "key 1: fov must be a number of degrees between": [{**KEYS[0], "fov": 180}, KEYS[1]],
+    "key 1: up must be three": [{**KEYS[0], "up": [True, 0, 0]}, KEYS[1]],
     "key 1: fov must be": [{**KEYS[0], "fov": True}, KEYS[1]],
     "key 2: eye and target are the same": [KEYS[0], {**KEYS[1], "eye": [0, 0, 0]}],
-    "key 2: int too large": [KEYS[0], {**KEYS[1], "time": 10**400}],
+    "key 2: time must be a finite number": [KEYS[0], {**KEYS[1], "time": 10**400}],
 }
 
 

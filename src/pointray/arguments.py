@@ -16,14 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 T = TypeVar("T")
+Vector = tuple[float, float, float]
 
 LEAST_LENGTH = 1e-100  # shorter vectors have no square in float64
 
 
 def wrong(name: str, wanted: str, value: Any) -> ValueError:
     """The error of a parameter that is not what it must be."""
-    shown = f"an array of the shape {value.shape}" if isinstance(value, np.ndarray) and value.size > 8 else None
-    return ValueError(f"{name} must be {wanted}, not {shown or reprlib.repr(value)}")
+    large = isinstance(value, np.ndarray) and value.size > 8
+    shown = f"{value.dtype} of the shape {value.shape}" if large else reprlib.repr(value)
+    return ValueError(f"{name} must be {wanted}, not {shown}")
 
 
 def check_kind(value: Any, name: str, kind: type[T] | tuple[type[T], ...], wanted: str) -> T:
@@ -108,6 +110,12 @@ def check_positive(value: Any, name: str, wanted: str = "a positive number") -> 
     return check_number(value, name, wanted, lambda x: 0 < x < np.inf)
 
 
+def check_range(value: Any, name: str, low: float, high: float = np.inf) -> float:
+    """A finite number from low to high."""
+    limits = f"from {low:g} to {high:g}" if high < np.inf else f"finite and at least {low:g}"
+    return check_number(value, name, f"a number, {limits}", lambda x: low <= x <= high and x < np.inf)
+
+
 def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any]:
     """An array of ints or floats of any shape."""
     try:
@@ -117,7 +125,7 @@ def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any
     except (TypeError, ValueError, OverflowError):  # rows of different lengths, or an int of 400 digits
         raise wrong(name, wanted, value) from None
     if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must be {wanted}, not {array.dtype} of the shape {array.shape}")
+        raise wrong(name, wanted, value)
     return array
 
 
@@ -128,9 +136,25 @@ def _is_int(value: Any) -> bool:
 def vector(value: Any, name: str) -> NDArray[np.float64]:
     """Three finite numbers."""
     array = check_numbers(value, name, "three finite numbers").astype(np.float64)
+    if isinstance(value, list | tuple) and any(isinstance(part, bool | np.bool_) for part in value):
+        raise wrong(name, "three finite numbers", value)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise wrong(name, "three finite numbers", value)
     return array
+
+
+def check_position(value: Any, name: str) -> Vector:
+    """Three finite numbers, as Python's."""
+    x, y, z = vector(value, name).tolist()
+    return x, y, z
+
+
+def check_direction(value: Any, name: str) -> Vector:
+    """Three finite numbers that are not all zero, as Python's."""
+    numbers = check_position(value, name)
+    if not any(numbers):
+        raise ValueError(f"{name} must not be zero")
+    return numbers
 
 
 def unit_vector(value: Any, name: str) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_mapping
+from .arguments import check_mapping, vector
 
 FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
 MOST = 2**31 - 1  # the most rows: their numbers are int32 in trees
@@ -67,7 +67,7 @@ class Points:
         origin: ArrayLike | None = None,
     ) -> None:
         world = _check_positions(positions)
-        about = _choose_origin(world) if origin is None else _check_origin(origin)
+        about = _choose_origin(world) if origin is None else vector(origin, "origin")
         self._fill(_localise(world, about), about, normals, colors, attributes)
 
     @classmethod
@@ -82,7 +82,7 @@ class Points:
         """Points whose (n, 3) float32 positions are already relative to `origin`."""
         points = cls.__new__(cls)
         positions = _check_positions(positions)
-        points._fill(_localise(positions, np.zeros(3)), _check_origin(origin), normals, colors, attributes)
+        points._fill(_localise(positions, np.zeros(3)), vector(origin, "origin"), normals, colors, attributes)
         return points
 
     def _fill(
@@ -203,13 +203,6 @@ def _float32(array: NDArray[Any]) -> NDArray[np.float32]:
 
 def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.float32]:
     return _float32(np.subtract(world, origin, dtype=np.float64) if origin.any() else world)
-
-
-def _check_origin(origin: ArrayLike) -> NDArray[np.float64]:
-    array = _numbers(origin, "origin").astype(np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ValueError(f"origin must be three finite numbers, not {array.tolist()}")
-    return array
 
 
 def _choose_origin(world: NDArray[Any]) -> NDArray[np.float64]:

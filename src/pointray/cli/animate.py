@@ -11,8 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..arguments import check_positive
 from .keys import read_keys
-from .options import AUTO, positive
+from .options import AUTO
 from .scan_scene import ScanScene
 from .views import SceneView, View
 from .waiting import Progress, in_background, writing
@@ -26,12 +27,12 @@ class CameraPath:
     """The way of the camera: a turntable, or along keys. Raises what is wrong with the options at once."""
 
     def __init__(self, view: View | SceneView, fps: float, wishes: dict[str, Any]) -> None:
-        self.view, self.fps = view, positive(fps, "--fps")
+        self.view, self.fps = view, check_positive(fps, "--fps")
         self._cameras: list[Any] = []  # of keys; a turntable's depend on the first one
         if wishes["keys"] is None:
             if isinstance(view, View) and view.framed and view.lens["projection"] == "panorama":
                 raise ValueError("a panorama is all around the camera, no turntable before it: say --keys, or --eye")
-            seconds = SECONDS if wishes["seconds"] is None else positive(wishes["seconds"], "--seconds")
+            seconds = SECONDS if wishes["seconds"] is None else check_positive(wishes["seconds"], "--seconds")
             self._turns = TURNS if wishes["turns"] is None else wishes["turns"]
             if not math.isfinite(self._turns):
                 raise ValueError(f"--turns must be finite, not {self._turns}")

@@ -54,7 +54,6 @@ from .options import (
     exposure_of,
     given,
     numbers,
-    positive,
     use_threads,
 )
 from .views import View
@@ -224,6 +223,7 @@ def view(
     threads: ThreadsOption = None,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
+    from ..arguments import check_positive
     from ..rendering.settings import Settings
     from ..staging.studio import with_contact
     from .serve import serve, shared_scene_of
@@ -232,7 +232,7 @@ def view(
     settings = with_contact(Settings(integrator=integrator.value, levels=levels))
     place = {"settings": settings, "up": up, "light": light, "fill": fill, "background": background, "ground": ground}
     look = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    positive(radius_scale, "--radius-scale")
+    check_positive(radius_scale, "--radius-scale")
     place["normals"] = normals.value
     shared, loader = shared_scene_of(files, given(context), place, look)
     serve(shared, loader, host, port, open_browser)

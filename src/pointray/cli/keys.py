@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -49,6 +48,7 @@ def _rows(file: Path) -> list[Any]:
 
 
 def _key(row: Any, view: View | SceneView) -> tuple[float, Any]:
+    from ..arguments import check_number
     from ..rendering.camera import Camera
 
     if not isinstance(row, dict):
@@ -59,20 +59,6 @@ def _key(row: Any, view: View | SceneView) -> tuple[float, Any]:
     missing = [name for name in NEEDED if name not in row]
     if missing:
         raise ValueError(f"{missing[0]} is missing")
-    up = _vector(row["up"], "up") if "up" in row else view.up
-    fov = _number(row["fov"], "fov") if "fov" in row else view.lens["fov"]
-    lens = {**view.lens, "fov": fov}
-    camera = Camera.look_at(_vector(row["eye"], "eye"), _vector(row["target"], "target"), up, size=view.size, **lens)
-    return _number(row["time"], "time"), camera
-
-
-def _number(value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{name} must be a finite number, not {value!r}")
-    return float(value)
-
-
-def _vector(value: Any, name: str) -> list[float]:
-    if not isinstance(value, list) or len(value) != 3:
-        raise ValueError(f"{name} must be three numbers, not {value!r}")
-    return [_number(part, name) for part in value]
+    lens = {**view.lens, "fov": row.get("fov", view.lens["fov"])}
+    camera = Camera.look_at(row["eye"], row["target"], row.get("up", view.up), size=view.size, **lens)
+    return check_number(row["time"], "time", "a finite number"), camera

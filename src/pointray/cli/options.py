@@ -120,13 +120,6 @@ def up_axis(text: str) -> tuple[float, float, float] | None:
         raise ValueError(f"--{str(error).removeprefix('--')}") from None
 
 
-def positive(value: float, name: str) -> float:
-    """A finite number greater than 0."""
-    if not 0 < value < math.inf:
-        raise ValueError(f"{name} must be a positive number, not {value}")
-    return value
-
-
 def exposure_of(text: str, integrator: str = "phong") -> float | str:
     """Stops that float32 can hold, or "auto"; pictures that show no light are shown as they are."""
     from ..image.exposure import EXPOSED

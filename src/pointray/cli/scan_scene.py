@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import check_positive
 from ..model_file import SAVED
 from ..points.trust import trusted
 from ..splats.radii import radii_in
 from ..staging.first_view import ViewChoice
-from .options import AUTO, FILL, background_of, color_of, light_of, numbers, positive, settings_of
+from .options import AUTO, FILL, background_of, color_of, light_of, numbers, settings_of
 from .views import View
 from .waiting import Progress, in_background
 
@@ -89,7 +90,7 @@ class ScanScene:
     ) -> None:
         import pointray as pr
 
-        positive(surface["radius_scale"], "--radius-scale")
+        check_positive(surface["radius_scale"], "--radius-scale")
         self.file, self._surface, self._place, self._choice = file, surface, place, choice
         self._normals = normals
         check_saved(file, surface == PLAIN and normals == AUTO)

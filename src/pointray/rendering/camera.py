@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_choice, check_kind, check_number, check_numbers, wrong
+from ..arguments import (
+    Vector,
+    check_choice,
+    check_direction,
+    check_kind,
+    check_number,
+    check_numbers,
+    check_position,
+    wrong,
+)
 from ..kernels.records import (
     ACROSS,
     CAMERA,
@@ -23,8 +32,6 @@ from ..kernels.records import (
     PROJECTIONS,
     UPWARD,
 )
-
-Vector = tuple[float, float, float]
 
 SIZE = (640, 480)
 LARGEST = 32768  # pixels a side
@@ -64,8 +71,8 @@ class Camera:
 
     def __post_init__(self) -> None:
         checked = {
-            "eye": _check_vector(self.eye, "eye"),
-            "target": _check_vector(self.target, "target"),
+            "eye": check_position(self.eye, "eye"),
+            "target": check_position(self.target, "target"),
             "up": check_direction(self.up, "up"),
             "fov": _check_fov(self.fov),
             "size": _check_size(self.size),
@@ -274,24 +281,6 @@ def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     scaled = vector / np.abs(vector).max()  # the square of 1e-200 is 0
     return np.asarray(scaled / np.linalg.norm(scaled))
-
-
-def _check_vector(value: Any, name: str) -> Vector:
-    array = check_numbers(value, name, "three numbers")
-    if array.shape != (3,):
-        raise wrong(name, "three numbers", value)
-    x, y, z = map(float, array)
-    if not np.isfinite([x, y, z]).all():
-        raise ValueError(f"{name} must be finite, not {(x, y, z)}")
-    return x, y, z
-
-
-def check_direction(value: Any, name: str) -> Vector:
-    """Three finite numbers, not all zero."""
-    direction = _check_vector(value, name)
-    if not any(direction):
-        raise ValueError(f"{name} must not be zero")
-    return direction
 
 
 def _check_fov(fov: Any) -> float:

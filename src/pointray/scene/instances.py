@@ -11,7 +11,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_flag, check_numbers, check_positive, reflectance, rgb, vector
+from ..arguments import check_direction, check_flag, check_numbers, check_positive, reflectance, rgb, vector
 from ..kernels.records import (
     CATCHER,
     INSTANCE,
@@ -72,8 +72,7 @@ class Plane:
 
     def __post_init__(self) -> None:
         vector(self.point, "point")
-        if not vector(self.normal, "normal").any():
-            raise ValueError("normal must not be zero")
+        check_direction(self.normal, "normal")
         reflectance(self.color, "color")
         check_flag(self.shadow_catcher, "shadow_catcher")
         if self.checker is not None:

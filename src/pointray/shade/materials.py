@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_number, reflectance, rgb
+from ..arguments import check_range, reflectance, rgb
 from ..kernels.records import (
     ALPHA,
     BASE_COLOR,
@@ -36,12 +36,6 @@ Color = ArrayLike | Attribute | None
 
 MOST_EXPONENT = 1e8  # half a hundredth of a degree wide: a narrower highlight is lost in rounding
 LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one there is Mirror
-
-
-def _number(value: float, name: str, low: float, high: float) -> float:
-    """A number from low to high; where high is inf, any finite one from low on."""
-    limits = f"from {low:g} to {high:g}" if np.isfinite(high) else f"finite and at least {low:g}"
-    return check_number(value, name, f"a number, {limits}", lambda x: low <= x <= high and np.isfinite(x))
 
 
 def _record(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
@@ -109,8 +103,8 @@ class Phong(Material):
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
         out = _record(PHONG, self.color)
-        out[SPECULAR] = _number(self.specular, "specular", 0, 1)
-        out[EXPONENT] = min(_number(self.exponent, "exponent", 0, np.inf), MOST_EXPONENT)
+        out[SPECULAR] = check_range(self.specular, "specular", 0, 1)
+        out[EXPONENT] = min(check_range(self.exponent, "exponent", 0), MOST_EXPONENT)
         return out
 
 
@@ -151,7 +145,7 @@ class Dielectric(Material):
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
         out = _record(DIELECTRIC, 1.0)
-        out[IOR] = _number(self.ior, "ior", 0.01, 100)
+        out[IOR] = check_range(self.ior, "ior", 0.01, 100)
         return out
 
 
@@ -197,8 +191,8 @@ class Principled(Material):
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
         out = _record(PRINCIPLED, self.base_color, "base_color")
-        alpha = max(_number(self.roughness, "roughness", 0, 1) ** 2, LEAST_ALPHA)
-        out[ALPHA], out[METALLIC] = alpha, _number(self.metallic, "metallic", 0, 1)
+        alpha = max(check_range(self.roughness, "roughness", 0, 1) ** 2, LEAST_ALPHA)
+        out[ALPHA], out[METALLIC] = alpha, check_range(self.metallic, "metallic", 0, 1)
         out[COAT : COAT + 3] = _coat(alpha)
         return out
 

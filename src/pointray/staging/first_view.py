@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_choice, check_kind, check_number
+from ..arguments import Vector, check_choice, check_direction, check_kind, check_number
 from ..data import Points
 from ..model import Model
-from ..rendering.camera import SIZE, Camera, check_direction
+from ..rendering.camera import SIZE, Camera
 from ..scene.scene import Scene
 from .direction import VIEWS, Outlook, find_outlook, towards
 from .framing import STANDARD, WHOLE, Lens, Part, frame_points, frame_turning, magnified
@@ -19,7 +19,6 @@ from .sample import Sample, sample_of
 from .upright import find_up
 
 Floats = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 AUTO = "auto"
 AXES = ("x", "y", "z", "-x", "-y", "-z")

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..rendering.camera import SIZE, Camera, check_direction, view_axes
+from ..arguments import check_direction
+from ..rendering.camera import SIZE, Camera, view_axes
 from .sample import Sample
 
 Floats = NDArray[np.float64]

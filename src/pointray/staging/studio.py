@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..rendering.camera import check_direction
+from ..arguments import check_direction
 from ..rendering.settings import INTEGRATORS, PHONG, Settings
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, SunLight

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..arguments import Vector, check_flag, check_number, check_position
+
 
 @dataclass(frozen=True)
 class Control:
@@ -65,24 +67,17 @@ class Control:
         raise ValueError(f"{self.name} cannot be {value!r}")
 
     def _check_number(self, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"{self.name} must be a number, not {value!r}")
-        return float(value)
+        return check_number(value, self.name, "a number")
 
     _check_range = _check_number
 
     def _check_switch(self, value: Any) -> bool:
-        if not isinstance(value, bool):
-            raise ValueError(f"{self.name} must be true or false, not {value!r}")
-        return value
+        return check_flag(value, self.name)
 
-    def _check_vector(self, value: Any) -> tuple[float, float, float]:
-        if not isinstance(value, list) or len(value) != 3:
-            raise ValueError(f"{self.name} must be three numbers, not {value!r}")
-        x, y, z = (self._check_number(part) for part in value)
-        return x, y, z
+    def _check_vector(self, value: Any) -> Vector:
+        return check_position(value, self.name)
 
-    def _check_color(self, value: Any) -> tuple[float, float, float]:
+    def _check_color(self, value: Any) -> Vector:
         color = self._check_vector(value)
         if not all(0 <= part <= 1 for part in color):
             raise ValueError(f"{self.name} must be a colour, not {value!r}")

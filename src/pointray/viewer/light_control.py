@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import rgb
+from ..arguments import Vector, rgb
 from ..image.tone import linear_to_srgb, srgb_to_linear
 from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
@@ -15,7 +15,6 @@ from ..shade.lights import Light, PointLight, SunLight
 from ..staging.direction import angles_of, direction_of
 
 Color = tuple[float, float, float]
-Vector = tuple[float, float, float]
 
 SUN, POINT, SKY, OWN = "sun", "point", "sky", "own"
 BRIGHT = 3.0  # irradiance of a new sun, and of a new point light at the model's middle

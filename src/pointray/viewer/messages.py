@@ -7,6 +7,7 @@ import math
 import struct
 from typing import Any
 
+from ..arguments import check_number
 from ..rendering.camera import Camera
 
 WIDEST = 3840  # pixels: limit of a view
@@ -25,12 +26,10 @@ def parse(text: str) -> dict[str, Any]:
 
 def number(message: dict[str, Any], name: str, low: float = -math.inf, high: float = math.inf) -> float:
     """A finite number within limits."""
-    value = message.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{name} must be a number")
+    value = check_number(message.get(name), name, "a number")
     if not low <= value <= high:
         raise ValueError(f"{name} must lie between {low:g} and {high:g}, not {value!r:.40}")
-    return float(value)
+    return value
 
 
 def word(message: dict[str, Any], name: str) -> str:
@@ -70,9 +69,6 @@ def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
 def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
     """The camera in a page's message, for a picture of a given size."""
     places = {name: message.get(name) for name in ("eye", "target", "up")}
-    for name, place in places.items():
-        if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, int | float) for x in place):
-            raise ValueError(f"{name} must be three numbers")
     projection = "orthographic" if message.get("orthographic") is True else "perspective"
     fov = number(message, "fov", 0.01, 179)
     return Camera.look_at(**places, fov=fov, size=size, projection=projection)  # type: ignore[arg-type]

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+from ..arguments import check_direction
 from ..jit import BACKLOG
 from ..model import Model
-from ..rendering.camera import Camera, check_direction
+from ..rendering.camera import Camera
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
 from ..staging.first_view import Scan, ViewChoice

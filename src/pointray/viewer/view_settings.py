@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import Vector
 from ..image.exposure import AUTO, EXPOSED, tone_of
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..model import Model
@@ -23,7 +24,7 @@ from ..shade.lights import Light
 from ..shade.materials import Dielectric, Diffuse, Material, Mirror, Phong, Principled
 from ..staging.direction import axes_of
 from ..staging.studio import ALBEDO
-from .light_control import Color, LightControl, Vector, light_controls_of, new_light_control
+from .light_control import Color, LightControl, light_controls_of, new_light_control
 from .shared_scene import SharedScene
 
 OWN, CONSTANT = "own", "constant"  # colours: the points' own, or one for all
