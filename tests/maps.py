@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pointray.shade.colormaps import EMBEDDED, TABLES
+from pointray.choices import COLORMAPS
+from pointray.shade.colormaps import TABLES
 
 
 def map_of_matplotlib(name: str) -> np.ndarray:
@@ -16,5 +17,5 @@ def map_of_matplotlib(name: str) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    np.savez_compressed(TABLES, **{name: map_of_matplotlib(name) for name in EMBEDDED})
+    np.savez_compressed(TABLES, **{name: map_of_matplotlib(name) for name in COLORMAPS})
     print(f"{TABLES}: {TABLES.stat().st_size:,} bytes")

@@ -7,12 +7,13 @@ import pytest
 
 import pointray as pr
 from maps import map_of_matplotlib
+from pointray.choices import COLORMAPS
 from pointray.cli import execute
 from pointray.image.tone import linear_to_srgb, srgb_to_linear
-from pointray.shade.colormaps import EMBEDDED, colormap, shows_classes
+from pointray.shade.colormaps import colormap, shows_classes
 
 CAMERA = pr.Camera.look_at((0, -4, 0), (0, 0, 0), fov=32, size=(24, 24))
-SMOOTH = [name for name in EMBEDDED if not shows_classes(name)]
+SMOOTH = [name for name in COLORMAPS if not shows_classes(name)]
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def at(name, share):
 # ---------------------------------------------------------------------------------------------------- the maps
 
 
-@pytest.mark.parametrize("name", EMBEDDED)
+@pytest.mark.parametrize("name", COLORMAPS)
 def test_maps_are_matplotlibs(name):
     pytest.importorskip("matplotlib")
     for each in (name, name + "_r"):

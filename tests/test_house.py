@@ -15,9 +15,9 @@ PACKAGE = Path(pointray.__file__).parent
 # From the ground up: what stands in a room imports only from rooms before it, and from its own. A room is a folder, or
 # a file at the top.
 TOWER = [
-    *("jit", "simd", "arguments", "extras", "progress", "memory", "kernels", "data", "neighbors"),
-    *("points", "tree", "splats", "intersect", "trace", "model_file", "model", "shade", "image"),
-    *("scene", "rendering", "staging"),
+    *("jit", "simd", "arguments", "choices", "extras", "progress", "memory", "kernels", "data"),
+    *("neighbors", "points", "tree", "splats", "intersect", "trace", "model_file", "model", "shade"),
+    *("image", "scene", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]
 

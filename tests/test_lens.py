@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.choices import FILTERS, number_of
 from pointray.jit import borrow, keep_alive, kernel
 from pointray.kernels.sampling import pixel_key
 from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, load3, new_scratch
 from pointray.rendering.film import EDGE, begin_tile, pixel_of, set_pixel_rays
-from pointray.rendering.lens import FILTERS, place_in_pixel
+from pointray.rendering.lens import place_in_pixel
 
 EYE, TARGET = np.array([5.0, 3, 2]), np.array([-1.0, 0, 1])
 FORWARD = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
@@ -50,7 +51,7 @@ def rays(camera, spp, shape="box", seed=0):
     """Origins and directions, (h, w, spp, 3)."""
     width, height = camera.size
     out = np.empty((2, height, width, spp, 3))
-    _camera_rays(camera.record(), (seed, spp, FILTERS.index(shape)), out[0], out[1])
+    _camera_rays(camera.record(), (seed, spp, number_of(FILTERS, shape)), out[0], out[1])
     return out
 
 
@@ -199,7 +200,7 @@ def farthest(places, shape):
 @pytest.mark.parametrize("shape", FILTERS)
 def test_places_are_spread_like_the_filter_and_like_no_other(shape):
     out = np.empty((64, 1024, 2))
-    _places((1, 1024, FILTERS.index(shape)), out)
+    _places((1, 1024, number_of(FILTERS, shape)), out)
     for places in np.moveaxis(out.reshape(-1, 2), 1, 0):
         assert farthest(places, shape) < 0.003
         others = {other: farthest(places, other) for other in FILTERS if other != shape}

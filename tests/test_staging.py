@@ -8,8 +8,9 @@ import pytest
 
 import pointray as pr
 from conftest import shared_model
+from pointray.choices import VIEWS
 from pointray.image.exposure import auto_exposure
-from pointray.staging.direction import VIEWS, angles_of, direction_of, find_outlook
+from pointray.staging.direction import angles_of, direction_of, find_outlook
 from pointray.staging.first_view import Scan, ViewChoice
 from pointray.staging.framing import MARGIN, STRAY, Lens, frame_points, frame_turning
 from pointray.staging.sample import sample_of

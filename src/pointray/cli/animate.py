@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..arguments import check_positive
+from ..choices import AUTO
 from .keys import read_keys
-from .options import AUTO
 from .scan_scene import ScanScene
 from .views import SceneView, View
 from .waiting import Progress, in_background, writing

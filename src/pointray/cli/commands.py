@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from ..choices import AUTO
 from .options import (
-    AUTO,
     ApertureOption,
     AzimuthOption,
     BackgroundOption,
@@ -77,16 +77,16 @@ def render(
     eye: EyeOption = None,
     target: TargetOption = None,
     up: UpOption = AUTO,
-    view: ViewOption = Side.auto,
+    view: ViewOption = Side["auto"],
     azimuth: AzimuthOption = None,
     elevation: ElevationOption = None,
     zoom: ZoomOption = 1.0,
     fov: FovOption = 40.0,
     size: SizeOption = "800x600",
-    projection: ProjectionOption = Projection.perspective,
+    projection: ProjectionOption = Projection["perspective"],
     aperture: ApertureOption = 0.0,
     focus: FocusOption = None,
-    integrator: IntegratorOption = Integrator.phong,
+    integrator: IntegratorOption = Integrator["phong"],
     spp: SppOption = 4,
     max_depth: MaxDepthOption = 4,
     time_limit: TimeLimitOption = None,
@@ -99,12 +99,12 @@ def render(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
-    normals: NormalsOption = Normals.auto,
+    normals: NormalsOption = Normals["auto"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
     exposure: ExposureOption = AUTO,
-    material: MaterialOption = Look.own,
+    material: MaterialOption = Look["own"],
     color: ColorOption = None,
     ground: GroundOption = False,
     color_by: ColorByOption = None,
@@ -151,16 +151,16 @@ def animate(
     eye: EyeOption = None,
     target: TargetOption = None,
     up: UpOption = AUTO,
-    view: ViewOption = Side.auto,
+    view: ViewOption = Side["auto"],
     azimuth: AzimuthOption = None,
     elevation: ElevationOption = None,
     zoom: ZoomOption = 1.0,
     fov: FovOption = 40.0,
     size: SizeOption = "800x600",
-    projection: ProjectionOption = Projection.perspective,
+    projection: ProjectionOption = Projection["perspective"],
     aperture: ApertureOption = 0.0,
     focus: FocusOption = None,
-    integrator: IntegratorOption = Integrator.phong,
+    integrator: IntegratorOption = Integrator["phong"],
     spp: SppOption = 4,
     max_depth: MaxDepthOption = 4,
     time_limit: TimeLimitOption = None,
@@ -173,12 +173,12 @@ def animate(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
-    normals: NormalsOption = Normals.auto,
+    normals: NormalsOption = Normals["auto"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
     exposure: ExposureOption = AUTO,
-    material: MaterialOption = Look.own,
+    material: MaterialOption = Look["own"],
     color: ColorOption = None,
     ground: GroundOption = False,
     color_by: ColorByOption = None,
@@ -210,12 +210,12 @@ def view(
     port: Annotated[int, typer.Option(min=0, max=65535, help="0: 8080, or the next one that is free.")] = 0,
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True,
     up: UpOption = AUTO,
-    integrator: IntegratorOption = Integrator.phong,
+    integrator: IntegratorOption = Integrator["phong"],
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
-    normals: NormalsOption = Normals.auto,
+    normals: NormalsOption = Normals["auto"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -249,7 +249,7 @@ def prepare(
     count: Annotated[int | None, typer.Option(help="Leave so many points.")] = None,
     drop_duplicates: Annotated[bool, typer.Option("--drop-duplicates", help="Of equal positions keep one.")] = False,
     drop_outliers: Annotated[bool, typer.Option("--drop-outliers", help="Drop what lies far from the rest.")] = False,
-    normals: NormalsOption = Normals.auto,
+    normals: NormalsOption = Normals["auto"],
     estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="The same as --normals fit.")] = False,
     viewpoint: Annotated[str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it.")] = None,
     levels: Annotated[
@@ -261,9 +261,9 @@ def prepare(
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
     from .prepare import prepare as work
 
-    if estimate_normals and normals is Normals.file:
+    if estimate_normals and normals == "file":
         raise ValueError("--estimate-normals and --normals file exclude each other")
-    estimate_normals = estimate_normals or normals is Normals.fit
+    estimate_normals = estimate_normals or normals == "fit"
     if viewpoint is not None and not estimate_normals:
         raise ValueError("--viewpoint is for --estimate-normals or --normals fit, which is not given")
     use_threads(threads)

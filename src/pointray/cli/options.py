@@ -11,15 +11,30 @@ from typing import Annotated, Any
 
 import typer
 
+from ..choices import (
+    AUTO,
+    EXPOSED,
+    FILTERS,
+    INTEGRATORS,
+    LIGHTS,
+    MATERIALS,
+    NORMALS,
+    PROJECTIONS,
+    SURFACES,
+    VIEWS,
+    listed,
+)
+
 SUN = 3.0  # irradiance of a light without a strength
 
-Surface = StrEnum("Surface", ["paper", "imls", "apss", "disc"])
-Integrator = StrEnum("Integrator", ["phong", "ao", "path", "normal", "depth", "color", "cost"])
-Projection = StrEnum("Projection", ["perspective", "orthographic", "panorama"])
-Side = StrEnum("Side", ["auto", "iso", "front", "back", "left", "right", "top", "bottom"])
-Look = StrEnum("Look", ["own", "clay", "phong", "metal", "glass"])
-Normals = StrEnum("Normals", ["auto", "file", "fit"])
-Filter = StrEnum("Filter", ["box", "tent", "gaussian", "blackman-harris"])
+# mypy knows an enumeration by its literal members only: these are made of the tables.
+Surface = StrEnum("Surface", list(SURFACES))  # type: ignore[misc]
+Integrator = StrEnum("Integrator", list(INTEGRATORS))  # type: ignore[misc]
+Projection = StrEnum("Projection", list(PROJECTIONS))  # type: ignore[misc]
+Side = StrEnum("Side", [AUTO, *VIEWS])  # type: ignore[misc]
+Look = StrEnum("Look", list(MATERIALS))  # type: ignore[misc]
+Normals = StrEnum("Normals", list(NORMALS))  # type: ignore[misc]
+Filter = StrEnum("Filter", list(FILTERS))  # type: ignore[misc]
 
 SubjectArgument = Annotated[
     Path, typer.Argument(help="A scan: .ply, a model that prepare has saved: .pointray, or a scene: .toml.")
@@ -35,18 +50,17 @@ ElevationOption = Annotated[float | None, typer.Option(help="Degrees above the h
 ZoomOption = Annotated[float, typer.Option(help="2: half as far away as where all is seen.")]
 FovOption = Annotated[float, typer.Option(help="Vertical field of view, degrees.")]
 SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
-IntegratorOption = Annotated[Integrator, typer.Option(help="What is shown.")]
+SHOWN = "; ".join(INTEGRATORS.values())
+IntegratorOption = Annotated[Integrator, typer.Option(help=f"What is shown, in this order: {SHOWN}.")]
 SppOption = Annotated[int, typer.Option(help="Samples a pixel; 1 with a limit of time or noise: as many as it takes.")]
-ProjectionOption = Annotated[
-    Projection, typer.Option(help="Orthographic: as high at the target; panorama: 360 x 180 degrees.")
-]
+ProjectionOption = Annotated[Projection, typer.Option(help=f"How rays begin. {listed(PROJECTIONS)}.")]
 ApertureOption = Annotated[float, typer.Option(help="Diameter of the lens, in the scan's units; 0: all is sharp.")]
 FocusOption = Annotated[float | None, typer.Option(help="How far away it is sharp; default: the target.")]
 MaxDepthOption = Annotated[int, typer.Option(help="Scatterings along a path; of phong, mirrors and panes.")]
 TimeLimitOption = Annotated[float | None, typer.Option(help="Seconds after which no more samples are begun.")]
 NoiseOption = Annotated[float | None, typer.Option(help="Stop at this standard error, as a share of the mean: 0.02.")]
 DenoiseOption = Annotated[bool, typer.Option("--denoise/--no-denoise", help="Take out the noise of path and ao.")]
-FilterOption = Annotated[Filter, typer.Option(help="How a pixel is made of its samples.")]
+FilterOption = Annotated[Filter, typer.Option(help=f"How a pixel is made of its samples. {listed(FILTERS)}.")]
 SeedOption = Annotated[int, typer.Option(help="Of all that is left to chance.")]
 ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
 LevelsOption = Annotated[
@@ -56,10 +70,7 @@ SurfaceOption = Annotated[Surface | None, typer.Option(help="Which surface; defa
 SamplesOption = Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")]
 NormalsOption = Annotated[
     Normals,
-    typer.Option(
-        help="Whose normals: the file's, fitted ones, or auto: the file's unless they are a median of more than 15 "
-        "degrees off the surface."
-    ),
+    typer.Option(help=f"Whose normals. {listed(NORMALS)}."),
 ]
 RadiusScaleOption = Annotated[float, typer.Option(help="All radii times this.")]
 BackgroundOption = Annotated[
@@ -84,7 +95,7 @@ FillOption = Annotated[
 ]
 ExposureOption = Annotated[str, typer.Option(help="Stops; auto: of medium brightness, highlights kept.")]
 ColorOption = Annotated[str | None, typer.Option(help="One colour for all of the scan: linear r,g,b, 0 to 1.")]
-MaterialOption = Annotated[Look, typer.Option(help="What the scan is made of; own: matt, in its own colours.")]
+MaterialOption = Annotated[Look, typer.Option(help=f"What the scan is made of. {listed(MATERIALS)}.")]
 GroundOption = Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")]
 ColorByOption = Annotated[
     str | None,
@@ -95,7 +106,6 @@ ColorByOption = Annotated[
 ]
 LegendOption = Annotated[bool, typer.Option("--legend/--no-legend", help="Draw what the colors of --color-by mean.")]
 
-AUTO = "auto"
 FILL = 0.3  # see `staging.studio.fill`
 
 
@@ -122,8 +132,6 @@ def up_axis(text: str) -> tuple[float, float, float] | None:
 
 def exposure_of(text: str, integrator: str = "phong") -> float | str:
     """Stops that float32 can hold, or "auto"; pictures that show no light are shown as they are."""
-    from ..image.exposure import EXPOSED
-
     if text == AUTO:
         return AUTO if integrator in EXPOSED else 0.0
     try:
@@ -166,7 +174,7 @@ def light_of(text: str) -> Callable[[Any], Any]:
     rest, along, _ = rest.partition(",camera")
     camera = bool(along)
     place, _, strength = rest.partition(":")
-    if kind not in ("sun", "point"):
+    if kind not in LIGHTS:
         raise ValueError(f"--light must be like sun:1,1,-2, point:0,-3,4:20, sky:1,1,1 or sky:FILE, not {text!r}")
     if camera and not text.endswith(",camera"):
         raise ValueError(f"--light: ,camera comes at the end, not as in {text!r}")

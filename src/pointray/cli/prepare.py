@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ..choices import AUTO
 from ..model_file import SAVED
 from ..points.trust import trusted
 from ..splats.radii import radii_in
-from .options import AUTO
 from .scan_scene import check_saved, check_scan
 from .waiting import Progress, in_background, writing
 

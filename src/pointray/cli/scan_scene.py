@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..arguments import check_positive
+from ..choices import AUTO
 from ..model_file import SAVED
 from ..points.trust import trusted
 from ..splats.radii import radii_in
 from ..staging.first_view import ViewChoice
-from .options import AUTO, FILL, background_of, color_of, light_of, numbers, settings_of
+from .options import FILL, background_of, color_of, light_of, numbers, settings_of
 from .views import View
 from .waiting import Progress, in_background
 

@@ -12,7 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from .options import AUTO, background_of, light_of
+from ..choices import AUTO
+from .options import background_of, light_of
 from .scan_scene import PLAIN, check_saved, check_scan, fill_of, ground_under, lights_for
 from .scene_file import DescribedScene, is_scene
 from .views import View

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from typing import Any
 
-from .options import AUTO, numbers, size_of, up_axis
+from ..choices import AUTO
+from .options import numbers, size_of, up_axis
 
 
 class View:

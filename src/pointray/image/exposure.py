@@ -7,17 +7,16 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import AUTO
 from ..kernels.vec import LUMINANCE
 from .tone import tone
 
-EXPOSED = ("phong", "ao", "path")  # integrators whose pictures are light; others are shown as they are
 MIDDLE = 0.24  # what the log average becomes, linear: sRGB 0.53
 BURNT, WHITE = 0.995, 0.92  # so many of the pixels stay below this, linear: level 246
 COVERED = 0.5  # alpha from which a pixel counts
 DARKEST = 1e-4  # of the brightest: what is darker counts as this
 LEAST, MOST = -20.0, 20.0  # stops
 DARKENED = 1.0  # stops that highlights may cost before they are shown by the soft curve
-AUTO = "auto"
 STEP = 1 << 18  # pixels that are looked at
 
 

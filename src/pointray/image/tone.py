@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import check_choice, check_number, check_numbers, wrong
+from ..choices import CURVES
 
 Floats = NDArray[np.float32]
 
-CURVES = ("srgb", "filmic", "soft")
 SOFT_WHITE = 16.0  # what the soft curve makes white: four stops more than 1
 MOST_STOPS = 100  # that float32 can hold
 # sRGB, above and below, behind a scan: darker than its lit side, lighter than its shadows.

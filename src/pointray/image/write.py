@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from ..arguments import check_mapping, check_path
+from ..choices import AUTO
 from ..memory import check_memory
 from ..points.files import check_writable, replacing
 from ..shade.attributes import Attribute
-from .exposure import AUTO, tone_of
+from .exposure import tone_of
 from .exr import channels_of, check_exr, write_exr
 from .legend import check_legend, draw_legend
 from .tone import Backdrop, backdrop_rows, check_backdrop, check_tone, linear_to_srgb, tone

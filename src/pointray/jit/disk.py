@@ -25,7 +25,7 @@ CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 # Files that files with kernels import: an edit to one of them recompiles all kernels. An edit to any other file
 # recompiles the kernels in it.
 SHARED = (
-    *("arguments.py", "data.py", "neighbors.py", "progress.py"),
+    *("arguments.py", "choices.py", "data.py", "neighbors.py", "progress.py"),
     *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),
     *("points/normals/orientation.py", "points/normals/planes.py"),
     *("tree/blocks.py", "tree/cells.py", "tree/columns.py"),

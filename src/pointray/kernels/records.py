@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..choices import PROJECTIONS, SURFACES, number_of
 from ..jit import Array, array_at, f32, i32, inline
 from .vec import Vec3
 
@@ -58,8 +59,7 @@ GROUP = 64
 HEAD = 16
 BOUNDS = 0  # 0..5: lo x y z, hi x y z of all supports
 SURFACE = 6  # which surface: one of the next four
-PAPER, IMLS, APSS, DISC = 0, 1, 2, 3
-SURFACES = ("paper", "imls", "apss", "disc")
+PAPER, IMLS, APSS, DISC = (number_of(SURFACES, name) for name in ("paper", "imls", "apss", "disc"))
 REFINE = 7  # secant steps after the bracket
 TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
 OVERHANG = 9  # how far a hit may lie out of an open border, in local radii; inf: no limit
@@ -245,8 +245,9 @@ FORWARD = 3  # 3..5: unit
 # panorama, whose picture has no size in the world, unit vectors.
 ACROSS, UPWARD = 6, 9
 PROJECTION = 12  # one of the next three
-PERSPECTIVE, ORTHOGRAPHIC, PANORAMA = 0, 1, 2
-PROJECTIONS = ("perspective", "orthographic", "panorama")
+PERSPECTIVE, ORTHOGRAPHIC, PANORAMA = (
+    number_of(PROJECTIONS, name) for name in ("perspective", "orthographic", "panorama")
+)
 LENS_RADIUS = 13  # world; 0: a pinhole
 NEARNESS = 14  # 1 / distance along the view of the plane that is sharp
 

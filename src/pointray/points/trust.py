@@ -7,13 +7,13 @@ import warnings
 import numpy as np
 
 from ..arguments import check_choice
+from ..choices import NORMALS
 from ..data import Points
 from ..progress import Progress
 from .normals.estimate import estimate_normals
 from .normals.given import NormalsCheck, compare_normals
 from .rounding import find_rounding
 
-WISHES = ("auto", "file", "fit")  # which normals are used
 KEEP = "--normals file"  # the option that keeps the file's normals
 CLEAR = 0.5  # cosine from which a file's normal decides a sign
 AGREED = 0.5  # the signs are turned if the share of opposite ones exceeds the share of equal ones by more than this
@@ -64,7 +64,7 @@ def judged(points: Points, wish: str = "auto", keep: str = KEEP, name: str = "")
 
 def check_wish(points: Points, wish: str, keep: str = KEEP) -> None:
     """ValueError if the file's normals are requested and there are none."""
-    check_choice(wish, "normals", WISHES)
+    check_choice(wish, "normals", NORMALS)
     if wish == "file" and points.normals is None:
         raise ValueError(f"{keep}: there are no normals in the file")
 

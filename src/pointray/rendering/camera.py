@@ -19,6 +19,7 @@ from ..arguments import (
     check_position,
     wrong,
 )
+from ..choices import PROJECTIONS, number_of
 from ..kernels.records import (
     ACROSS,
     CAMERA,
@@ -29,7 +30,6 @@ from ..kernels.records import (
     ORTHOGRAPHIC,
     PANORAMA,
     PROJECTION,
-    PROJECTIONS,
     UPWARD,
 )
 
@@ -195,7 +195,7 @@ class Camera:
         across, upward = (1.0, 1.0) if self.projection == "panorama" else (half * width / height, half)
         out[EYE : EYE + 3], out[FORWARD : FORWARD + 3] = eye, forward
         out[ACROSS : ACROSS + 3], out[UPWARD : UPWARD + 3] = right * across, up * upward
-        out[PROJECTION] = PROJECTIONS.index(self.projection)
+        out[PROJECTION] = number_of(PROJECTIONS, self.projection)
         out[LENS_RADIUS], out[NEARNESS] = self.aperture / 2, 1 / (self.focus or distance)
         return out
 

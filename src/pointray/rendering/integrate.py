@@ -70,11 +70,11 @@ RayPair: TypeAlias = tuple[Vec3, Vec3]  # origin and direction, world
 class Pass(NamedTuple):
     """What kernels need to know of a pass of samples, besides the world and the camera.
 
-    integrator : number in `settings.INTEGRATORS`; shadows : whether direct light has shadows
+    integrator : number in `choices.INTEGRATORS`; shadows : whether direct light has shadows
     max_depth : limit of scatterings, or of mirrors and panes one behind the other
     sky_shows : whether a camera's ray that meets nothing sees the sky
     sky_rays, reach : number of rays that look for the sky, and how far these and ambient occlusion look
-    seed, spp, filter : of the samples: spp is the final number a pixel; filter is a number of `lens.FILTERS`
+    seed, spp, filter : of the samples: spp is the final number a pixel; filter is a number of `choices.FILTERS`
     draws : whether random numbers are drawn
     first, end : numbers of the first sample and of the one after the last
     window : pixels (left, top, right, bottom) outside of which nothing is met
@@ -310,7 +310,7 @@ def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Arr
     return 0
 
 
-# The kernel for each name in `settings.INTEGRATORS`.
+# The kernel for each name in `choices.INTEGRATORS`.
 KERNELS: dict[str, Any] = {
     **dict.fromkeys(("phong", "normal", "depth", "color", "cost"), quick_frame),
     **dict.fromkeys(("ao", "path"), sampled_frame),

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from ..choices import FILTERS, number_of
 from ..jit import Array, inline
 from ..kernels.records import (
     ACROSS,
@@ -25,8 +26,9 @@ from ..kernels.records import (
 from ..kernels.sampling import IN_PIXEL, sample_pair
 from ..kernels.vec import Vec3, add, dot, load3_flat, scale, sub, unit
 
-FILTERS = ("box", "tent", "gaussian", "blackman-harris")
-BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = range(4)
+BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = (
+    number_of(FILTERS, name) for name in ("box", "tent", "gaussian", "blackman-harris")
+)
 
 # In pixels, from the pixel's middle. The box ends at 0.5, the tent at 1.
 SIGMA, GAUSSIAN_END = 0.5, 1.5

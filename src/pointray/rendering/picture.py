@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind
+from ..choices import EXPOSED, FILTERS, INTEGRATORS, NOISY, number_of
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run
 from ..kernels.records import (
@@ -34,9 +35,8 @@ from ..shade.environment import EnvironmentLight
 from .camera import Camera
 from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS, Window
 from .integrate import BLOCK, KERNELS, Pass
-from .lens import FILTERS
 from .lod import at_distance
-from .settings import AO, COST, INTEGRATORS, PATH, PHONG, Settings
+from .settings import AO, COST, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
 
 AO_SHARE = 0.2  # share of the scene's diagonal: how far ambient occlusion looks
@@ -246,7 +246,7 @@ def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, P
     """The world as the integrator needs it, and what the kernel needs to know of all samples."""
     world = at_distance(scene, camera, settings.most) if settings.levels else scene.world
     color = scene.background
-    integrator = INTEGRATORS.index(settings.integrator)
+    integrator = number_of(INTEGRATORS, settings.integrator)
     lit = integrator == PATH or (integrator == AO and scene.shows_sky)
     world = _lit(world) if lit else world
     looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
@@ -254,13 +254,13 @@ def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, P
         integrator=integrator,
         shadows=settings.shadows,
         max_depth=min(settings.depth, MOST_ONWARD) if integrator == PHONG else settings.depth,
-        sky_shows=scene.shows_sky and integrator in (PHONG, AO, PATH),
+        sky_shows=scene.shows_sky and settings.integrator in EXPOSED,
         sky_rays=settings.sky_rays if looks_up else 0,
         reach=_reach(scene, settings) if looks_up or integrator == AO else 0.0,
         seed=settings.seed,
         spp=settings.most,
-        filter=FILTERS.index(settings.filter),
-        draws=settings.most > 1 or looks_up or integrator in (AO, PATH),
+        filter=number_of(FILTERS, settings.filter),
+        draws=settings.most > 1 or looks_up or settings.integrator in NOISY,
         first=0,
         end=settings.most,
         window=EVERYWHERE,

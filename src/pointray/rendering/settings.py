@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..arguments import check_choice, check_flag, check_positive, check_whole
-from .lens import FILTERS
+from ..choices import FILTERS, INTEGRATORS, NOISY, number_of
 
-INTEGRATORS = ("phong", "ao", "path", "normal", "depth", "color", "cost")
-PHONG, AO, PATH, NORMAL, DEPTH, COLOR, COST = range(7)
+PHONG, AO, PATH, NORMAL, DEPTH, COLOR, COST = (
+    number_of(INTEGRATORS, name) for name in ("phong", "ao", "path", "normal", "depth", "color", "cost")
+)
 MOST_SAMPLES = 65536
 MOST_SKY_RAYS = 64
 DEEPEST = 1000  # scatterings of a path without limit
@@ -104,7 +105,7 @@ class Settings:
     @property
     def denoised(self) -> bool:
         """Whether noise is taken out: where it is asked for, and there is any."""
-        return self.denoise and self.integrator in ("ao", "path")
+        return self.denoise and self.integrator in NOISY
 
     @property
     def depth(self) -> int:

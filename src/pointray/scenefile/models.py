@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..arguments import check_positive
+from ..choices import NORMALS
 from ..model import SURFACE, Model, _check_settings
 from ..model_file import SAVED
 from ..points import procedural, read
 from ..points.files import check_readable, check_regular
 from ..points.procedural import MOST, NAMES
-from ..points.trust import WISHES, trusted
+from ..points.trust import trusted
 from ..splats.radii import radii_in
 from .lines import Key
 from .source import Source
@@ -22,7 +23,7 @@ from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, 
 
 WORDS = words_of(Model, "points", "radii")
 LEVELS = {"levels": Word(("bool",), False)}
-NORMALS = {"normals": Word(("str",), False)}  # of a scan: whose
+WHOSE = {"normals": Word(("str",), False)}  # of a scan: whose
 
 Say = Callable[[str, float], None]
 
@@ -57,7 +58,7 @@ def check_model(source: Source, key: Key) -> Recipe:
     if isinstance(table, dict) and "file" not in table and "procedural" not in table:
         raise source.error(key, "file or procedural is missing")
     if isinstance(table, dict) and "file" in table:
-        values = check_table(source, key, {"file": TEXT, **WORDS, **LEVELS, **NORMALS})
+        values = check_table(source, key, {"file": TEXT, **WORDS, **LEVELS, **WHOSE})
         levels, file = values.pop("levels", False), source.path(values.pop("file"))
         _check_file(source, key, file, values)
         recipe = Recipe(key, file, ("", 0, 0), values, levels, values.pop("normals", "auto"))
@@ -80,8 +81,8 @@ def check_model(source: Source, key: Key) -> Recipe:
 def _check_file(source: Source, key: Key, file: Path, how: dict[str, Any]) -> None:
     if file.suffix.lower() == SAVED and how:
         raise source.error((*key, next(iter(how))), f"is part of a saved model ({file.name})")
-    if how.get("normals", "auto") not in WISHES:
-        raise source.error((*key, "normals"), unknown("kind of normals", how["normals"], WISHES))
+    if how.get("normals", "auto") not in NORMALS:
+        raise source.error((*key, "normals"), unknown("kind of normals", how["normals"], NORMALS))
     with source.telling((*key, "file")):
         (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
 

@@ -16,21 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-EMBEDDED = (
-    "viridis",
-    "magma",
-    "inferno",
-    "plasma",
-    "cividis",
-    "turbo",
-    "gray",
-    "coolwarm",
-    "RdBu",
-    "terrain",
-    "twilight",
-    "tab10",
-    "tab20",
-)
+from ..choices import COLORMAPS
+
 TABLES = Path(__file__).with_name("colormaps.npz")
 REVERSED = "_r"
 MOST_CLASSES = 64  # a map with fewer colours is one of classes
@@ -43,7 +30,7 @@ def colormap(name: str) -> NDArray[np.uint8]:
     A name that ends in "_r" is the reversed map, as in matplotlib.
     """
     plain = name.removesuffix(REVERSED)
-    if plain not in EMBEDDED:
+    if plain not in COLORMAPS:
         return _of_matplotlib(name)
     with np.load(TABLES) as tables:
         colors: NDArray[np.uint8] = tables[plain]
@@ -62,6 +49,6 @@ def _of_matplotlib(name: str) -> NDArray[np.uint8]:
     except ImportError:
         known, more = {}, "with matplotlib (pip install 'pointray[plot]') all of its"
     if name not in known:
-        raise ValueError(f"unknown colormap {name!r}: there are {', '.join(EMBEDDED)}, {more}; reversed: viridis_r")
+        raise ValueError(f"unknown colormap {name!r}: there are {', '.join(COLORMAPS)}, {more}; reversed: viridis_r")
     colors: NDArray[np.float64] = known[name](np.arange(known[name].N))
     return np.rint(255 * colors[:, :3]).astype(np.uint8)

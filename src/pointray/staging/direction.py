@@ -13,15 +13,6 @@ from .upright import STRAY, is_depth_picture, is_flat
 
 Floats = NDArray[np.float64]
 
-VIEWS = {  # azimuth and elevation, degrees: 0 and 0 is the front, 90 to the right
-    "iso": (45.0, 35.264),
-    "front": (0.0, 0.0),
-    "right": (90.0, 0.0),
-    "back": (180.0, 0.0),
-    "left": (-90.0, 0.0),
-    "top": (0.0, 90.0),
-    "bottom": (0.0, -90.0),
-}
 BODY = (25.0, 18.0)  # from the front, a little to the right and above
 TERRAIN = (25.0, 40.0)
 ASIDE = 20.0  # degrees that a scanned side is turned away, so that its depth is seen

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Vector, check_choice, check_direction, check_kind, check_number
+from ..choices import AUTO, VIEWS
 from ..data import Points
 from ..model import Model
 from ..rendering.camera import SIZE, Camera
 from ..scene.scene import Scene
-from .direction import VIEWS, Outlook, find_outlook, towards
+from .direction import Outlook, find_outlook, towards
 from .framing import STANDARD, WHOLE, Lens, Part, frame_points, frame_turning, magnified
 from .sample import Sample, sample_of
 from .upright import find_up
 
 Floats = NDArray[np.float64]
 
-AUTO = "auto"
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 MOST_ZOOM = 1000.0
 WIDE = 75.0  # degrees: field of view of a camera within a room

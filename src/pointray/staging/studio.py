@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import check_direction
-from ..rendering.settings import INTEGRATORS, PHONG, Settings
+from ..rendering.settings import Settings
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, SunLight
 
@@ -48,4 +48,4 @@ def fill(strength: float, up: ArrayLike = (0, 0, 1)) -> EnvironmentLight:
 
 def with_contact(settings: Settings) -> Settings:
     """Settings whose sky leaves contact shadows, where the integrator has none of its own."""
-    return replace(settings, sky_rays=SKY_RAYS) if INTEGRATORS.index(settings.integrator) == PHONG else settings
+    return replace(settings, sky_rays=SKY_RAYS) if settings.integrator == "phong" else settings

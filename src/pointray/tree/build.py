@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import SURFACES, number_of
 from ..jit import run
 from ..kernels.records import (
     BOUNDS,
@@ -21,7 +22,6 @@ from ..kernels.records import (
     REFINE,
     STEP,
     SURFACE,
-    SURFACES,
     TRIM,
     WIDTH,
     Tree,
@@ -130,7 +130,7 @@ def build_tree(
     reach = splats.radii[:, None]
     head[BOUNDS : BOUNDS + 3] = (splats.positions - reach).min(axis=0)
     head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + reach).max(axis=0)
-    head[SURFACE], head[REFINE], head[TRIM] = SURFACES.index(settings.surface), settings.refine, settings.trim
+    head[SURFACE], head[REFINE], head[TRIM] = number_of(SURFACES, settings.surface), settings.refine, settings.trim
     head[OVERHANG] = settings.overhang
     head[LONGEST] = leaves.reshape(-1, LEAF)[:, STEP].max(initial=0.0)
     say(1.0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..choices import SURFACES
 from ..kernels.records import (
     BLOCK,
     BORDERED,
@@ -24,7 +25,6 @@ from ..kernels.records import (
     SHEETED,
     STEP,
     SURFACE,
-    SURFACES,
     TRIM,
     WIDTH,
     Tree,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Vector, rgb
+from ..choices import LIGHTS
 from ..image.tone import linear_to_srgb, srgb_to_linear
 from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
@@ -16,7 +17,8 @@ from ..staging.direction import angles_of, direction_of
 
 Color = tuple[float, float, float]
 
-SUN, POINT, SKY, OWN = "sun", "point", "sky", "own"
+SUN, POINT, SKY = LIGHTS
+OWN = "own"
 BRIGHT = 3.0  # irradiance of a new sun, and of a new point light at the model's middle
 MOST_LAMPS = 32  # rows of lights in the panel: it cannot add more
 AWAY = 1.2  # share of the model's diagonal: distance of a new point light from its middle

@@ -4,26 +4,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..rendering.settings import INTEGRATORS
+from ..choices import AUTO, COLORMAPS, CURVES, INTEGRATORS, LIGHTS, SURFACES
+from ..model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
-from ..shade.colormaps import EMBEDDED
 from .controls import Control, Folder
 from .light_control import MOST_LAMPS, POINT, SKY, SUN, LightControl
 from .light_control import OWN as OWN_LIGHT
 from .shared_scene import Build, SharedScene
-from .view_settings import CONSTANT, OWN, ViewSettings, colorings
+from .view_settings import CONSTANT, MATERIALS, OWN, ViewSettings, colorings
 
-CURVES = [("auto", "chosen"), ("srgb", "sRGB"), ("filmic", "filmic"), ("soft", "soft")]
-SAID = {
-    "phong": "Phong: direct light, shadows",
-    "ao": "Ambient occlusion",
-    "path": "Path tracing: all light",
-    "normal": "Normals",
-    "depth": "Depth",
-    "color": "Colours, unlit",
-    "cost": "Cost: nodes and leaves",
-}
 COUNTS = (1, 4, 16, 64, 256, 1024, 4096)
 KEYS = (
     "Drag: turn. Right drag: move. Wheel: nearer.\nDouble click: look there. Click: what is there.\n? shows all keys."
@@ -77,7 +67,7 @@ def _view(view: ViewSettings, has_levels: bool) -> Folder:
     return Folder(
         "View",
         [
-            _choice(view, "integrator", "Show", [(name, SAID[name]) for name in INTEGRATORS]),
+            _choice(view, "integrator", "Show", list(INTEGRATORS.items())),
             Control(
                 "samples",
                 "Samples",
@@ -90,7 +80,7 @@ def _view(view: ViewSettings, has_levels: bool) -> Folder:
             *levels,
             Control("exposes", "Choose exposure", "switch", view.exposes, hint="Of medium brightness, highlights kept"),
             _range(view, "exposure", "Exposure", -6, 6, 0.1, "Stops, from what was chosen: each doubles the light"),
-            _choice(view, "curve", "Curve", CURVES),
+            _choice(view, "curve", "Curve", [(AUTO, "chosen"), *CURVES.items()]),
             _choice(view, "around", "Background", around),
             *([Control("backdrop", "Colour", "color", view.backdrop)] if view.around == "color" else []),
             Control("help", "", "note", KEYS),
@@ -119,7 +109,7 @@ def _light(view: ViewSettings) -> Folder:
 
 def _lamp(at: str, number: int, lamp: LightControl) -> list[Control]:
     """The rows of one light."""
-    name = {SUN: "Sun", POINT: "Point light", SKY: "Sky", OWN_LIGHT: type(lamp.light).__name__}[lamp.kind]
+    name = LIGHTS.get(lamp.kind, type(lamp.light).__name__)
     rows = [Control(f"{at}on", f"{number + 1}: {name}", "switch", lamp.on)]
     if lamp.kind != OWN_LIGHT:
         top = max(100.0, 100.0 * lamp.strength)
@@ -152,7 +142,7 @@ def _lamp(at: str, number: int, lamp: LightControl) -> list[Control]:
 def _material(view: ViewSettings, scene: Scene) -> Folder:
     kinds = [
         (OWN, "the scene's own"),
-        *((name, name) for name in ("diffuse", "phong", "principled", "mirror", "glass")),
+        *((name, name) for name in MATERIALS),
     ]
     rows = [_choice(view, "material", "Material", kinds)]
     if view.material not in ("mirror", "glass"):
@@ -161,7 +151,7 @@ def _material(view: ViewSettings, scene: Scene) -> Folder:
         if view.color_by == CONSTANT:
             rows.append(Control("color", "", "color", view.color))
         elif view.color_by != OWN:
-            rows.append(_choice(view, "colormap", "Map", [(name, name) for name in EMBEDDED]))
+            rows.append(_choice(view, "colormap", "Map", [(name, name) for name in COLORMAPS]))
             rows += _limits(view)
     more = {
         "phong": [("specular", "Specular", 0.0, 1.0, 0.01), ("exponent", "Exponent", 1.0, 1000.0, 1.0)],
@@ -181,7 +171,7 @@ def _limits(view: ViewSettings) -> list[Control]:
 
 
 def _surface(build: Build) -> Folder:
-    kinds = [("apss", "spheres (apss)"), ("imls", "imls"), ("paper", "the paper's"), ("disc", "discs")]
+    kinds = sorted(SURFACES.items(), key=lambda kind: kind[0] != SURFACE)  # the default first
     return Folder(
         "Surface (for all browsers)",
         [

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import AUTO, VIEWS
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
-from ..staging.direction import VIEWS
-from ..staging.first_view import AUTO
 from ..staging.framing import Lens
 from .controls import Control, Folder
 from .exports import Exports

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Vector
-from ..image.exposure import AUTO, EXPOSED, tone_of
+from ..choices import AUTO, EXPOSED
+from ..image.exposure import tone_of
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..model import Model
 from ..rendering.settings import Settings
@@ -209,15 +211,17 @@ class ViewSettings:
             color = Attribute(self.color_by, self.colormap, limits)
         elif uncolored:
             color = (ALBEDO, ALBEDO, ALBEDO)
-        made: dict[str, Any] = {
-            OWN: lambda: Diffuse(color),
-            "diffuse": lambda: Diffuse(color),
-            "phong": lambda: Phong(color, self.specular, self.exponent),
-            "principled": lambda: Principled(color, self.roughness, self.metallic),
-            "mirror": Mirror,
-            "glass": lambda: Dielectric(self.ior),
-        }
-        return made[self.material]()
+        return Diffuse(color) if self.material == OWN else MATERIALS[self.material](self, color)
+
+
+# What the panel offers beside the scene's own materials, and how each is made of the settings and a colour.
+MATERIALS: dict[str, Callable[[ViewSettings, Any], Material]] = {
+    "diffuse": lambda view, color: Diffuse(color),
+    "phong": lambda view, color: Phong(color, view.specular, view.exponent),
+    "principled": lambda view, color: Principled(color, view.roughness, view.metallic),
+    "mirror": lambda view, color: Mirror(),
+    "glass": lambda view, color: Dielectric(view.ior),
+}
 
 
 _FITTING: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # found once for each model: it reads all values
