@@ -13,7 +13,7 @@ import pointray as pr
 from conftest import sphere_points
 from pointray import choices
 from pointray.cli.scan_scene import Coat
-from pointray.rendering.integrate import KERNELS
+from pointray.rendering.picture import KERNELS
 from pointray.scenefile import looks
 from pointray.shade.materials import Material
 
@@ -66,5 +66,5 @@ def test_documents_name_all_choices(place: str) -> None:
 def test_the_document_of_scene_files_names_all_kinds() -> None:
     if not SCENES:
         pytest.skip("no documents beside the tests")
-    ours = {kind for kind, made in looks.MATERIALS.items() if made.__module__.startswith("pointray.")}
+    ours = {kind for kind, made in looks.materials().items() if made.__module__.startswith("pointray.")}
     assert [kind for kind in (*ours, *looks.LIGHTS) if kind not in SCENES] == []

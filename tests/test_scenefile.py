@@ -236,7 +236,7 @@ def test_colour_by_an_attribute(folder: Path, capsys: pytest.CaptureFixture[str]
 
 def test_every_light_and_material_has_a_kind() -> None:
     assert sorted(looks.LIGHTS) == ["disk", "environment", "point", "rect", "sphere", "sun"]
-    assert {"diffuse", "phong", "mirror", "dielectric", "principled", "emissive"} <= set(looks.MATERIALS)
+    assert {"diffuse", "phong", "mirror", "dielectric", "principled", "emissive"} <= set(looks.materials())
 
 
 def test_a_camera_that_frames(folder: Path) -> None:

@@ -10,6 +10,8 @@ from collections.abc import Iterable
 
 AUTO = "auto"
 
+FORMATS = {".ply": "ply"}  # of scans; by which file in points/formats/ each is read, and perhaps written
+
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 
 INTEGRATORS = {

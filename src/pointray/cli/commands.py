@@ -9,6 +9,7 @@ import typer
 
 from ..choices import AUTO
 from .options import (
+    SCANS,
     ApertureOption,
     AzimuthOption,
     BackgroundOption,
@@ -202,7 +203,7 @@ def animate(
 def view(
     context: typer.Context,
     files: Annotated[
-        list[Path], typer.Argument(help="Scans, .ply, and saved models, .pointray, together; or a scene: .toml.")
+        list[Path], typer.Argument(help=f"Scans, {SCANS}, and saved models, .pointray, together; or a scene: .toml.")
     ],
     host: Annotated[str, typer.Option(help="The address to listen on; another than 127.0.0.1 is seen by others.")] = (
         "127.0.0.1"
@@ -240,7 +241,7 @@ def view(
 
 @app.command()
 def prepare(
-    file: Annotated[Path, typer.Argument(help="A scan, .ply, or a saved model, .pointray: its points.")],
+    file: Annotated[Path, typer.Argument(help=f"A scan, {SCANS}, or a saved model, .pointray: its points.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply, or .pointray: the model, ready.")],
     tolerance: Annotated[
         str | None,
@@ -283,7 +284,7 @@ def prepare(
 
 @app.command()
 def info(
-    file: Annotated[Path, typer.Argument(help="A scan, .ply, or a saved model, .pointray.")],
+    file: Annotated[Path, typer.Argument(help=f"A scan, {SCANS}, or a saved model, .pointray.")],
     deep: Annotated[
         bool, typer.Option("--deep", help="Look at the neighbours of all points: 10 million take a minute and 7 GB.")
     ] = False,

@@ -33,11 +33,11 @@ def tolerance_of(text: str) -> tuple[float, bool]:
 
 def check_output(file: Path, output: Path, force: bool) -> None:
     """Raise what would keep the result from being written, before the work is done; or an input from being kept."""
-    from ..points.files import check_writable
+    from ..points.files import check_writable, written
 
-    if output.suffix.lower() not in (".ply", SAVED):
+    if output.suffix.lower() not in (*written(), SAVED):
         extension = output.suffix or "a file without extension"
-        raise ValueError(f"{output}: cannot write {extension}; can write .ply and {SAVED}")
+        raise ValueError(f"{output}: cannot write {extension}; can write {', '.join(written())} and {SAVED}")
     check_writable(output)
     if not force and output.exists() and file.exists() and os.path.samefile(file, output):
         raise ValueError(f"{output}: is the input itself; --force overwrites it")

@@ -11,13 +11,14 @@ import stat
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..arguments import check_callback, check_kind, check_path
+from ..choices import FORMATS
 from ..data import Points
 from ..progress import Progress
-from .formats import ply
 
 if sys.platform != "win32":
     import fcntl
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
 BESIDE = re.compile(r"\.pointray-[0-9a-f]{16}(\..*)?")  # names of files that are to replace others
 BUFFER = 1 << 20  # bytes
 _swept: set[Path] = set()
-
-# Extension -> reader. A new format adds its file's READERS here.
-READERS: dict[str, Callable[[Path, Progress | None], Points]] = {**ply.READERS}
 
 
 def read(path: str | os.PathLike[str], progress: Progress | None = None) -> Points:
@@ -75,11 +73,21 @@ def check_regular(path: str | os.PathLike[str]) -> Path:
 def check_readable(path: str | os.PathLike[str]) -> Callable[[Path, Progress | None], Points]:
     """The reader of a file; OSError or ValueError if it cannot be opened, or no reader knows its extension."""
     file = check_regular(path)
-    reader = READERS.get(file.suffix.lower())
-    if reader is None:
-        known = ", ".join(sorted(READERS))
+    if file.suffix.lower() not in FORMATS:
+        known = ", ".join(sorted(FORMATS))
         raise ValueError(f"{file}: cannot read {file.suffix or 'a file without extension'}; can read {known}")
+    reader: Callable[[Path, Progress | None], Points] = _format(file.suffix.lower()).read
     return reader
+
+
+def _format(extension: str) -> Any:
+    """The file of formats/ that knows an extension, imported when it is needed."""
+    return import_module(f"{__package__}.formats.{FORMATS[extension]}")
+
+
+def written() -> list[str]:
+    """The extensions of formats that can be written."""
+    return [extension for extension in sorted(FORMATS) if hasattr(_format(extension), "write")]
 
 
 def write(path: str | os.PathLike[str], points: Points) -> None:
@@ -102,10 +110,11 @@ def write(path: str | os.PathLike[str], points: Points) -> None:
     """
     file = check_path(path)
     check_kind(points, "points", Points, "Points")
-    if file.suffix.lower() != ".ply":
-        raise ValueError(f"{file}: cannot write {file.suffix or 'a file without extension'}; can write .ply")
+    if file.suffix.lower() not in written():
+        known = ", ".join(written())
+        raise ValueError(f"{file}: cannot write {file.suffix or 'a file without extension'}; can write {known}")
     with replacing(file) as beside:
-        ply.write_ply(beside, points)
+        _format(file.suffix.lower()).write(beside, points)
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:

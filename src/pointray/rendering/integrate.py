@@ -8,13 +8,14 @@ that the picture does not depend on how it is cut into passes. After 65,536 samp
 `image` (h, w, 4) holds the means, over the background.
 
 An integrator is a function for one sample of a tile: it adds the light along the tile's rays to the sums of its
-pixels. `KERNELS` names the kernel of each integrator.
+pixels. A new one is a file of its own, with a kernel made of `render_tiles`, a word in `choices.INTEGRATORS` and a line
+in `picture.KERNELS`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -112,7 +113,7 @@ def _is_beside(corner: Corner, window: Window) -> bool:
 
 
 @inline
-def _render_tiles(
+def render_tiles(
     integrate: Callable[[World, Array, Pass, int, Scratch], None],
     work: Array,
     world: World,
@@ -299,19 +300,12 @@ def _integrate_sampled(world: World, camera: Array, job: Pass, sample: int, scra
 @kernel
 def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
     """Direct light, and integrators that show the first hit."""
-    _render_tiles(_integrate_quick, work, world, camera, job, film, image)
+    render_tiles(_integrate_quick, work, world, camera, job, film, image)
     return 0
 
 
 @kernel
 def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
     """Ambient occlusion and path tracing."""
-    _render_tiles(_integrate_sampled, work, world, camera, job, film, image)
+    render_tiles(_integrate_sampled, work, world, camera, job, film, image)
     return 0
-
-
-# The kernel for each name in `choices.INTEGRATORS`.
-KERNELS: dict[str, Any] = {
-    **dict.fromkeys(("phong", "normal", "depth", "color", "cost"), quick_frame),
-    **dict.fromkeys(("ao", "path"), sampled_frame),
-}

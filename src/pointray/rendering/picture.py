@@ -34,7 +34,7 @@ from ..scene.world import Snapshot
 from ..shade.environment import EnvironmentLight
 from .camera import Camera
 from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS, Window
-from .integrate import BLOCK, KERNELS, Pass
+from .integrate import BLOCK, Pass, quick_frame, sampled_frame
 from .lod import at_distance
 from .settings import AO, COST, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
@@ -235,6 +235,13 @@ class Picture:
             light += float(mean.sum())
         pixels = film.shape[0] * film.shape[1]
         return float(np.sqrt(variance / pixels)) * pixels / light if light > 0 else 0.0
+
+
+# The kernel of each of `choices.INTEGRATORS`.
+KERNELS: dict[str, Any] = {
+    **dict.fromkeys(("phong", "normal", "depth", "color", "cost"), quick_frame),
+    **dict.fromkeys(("ao", "path"), sampled_frame),
+}
 
 
 def kernel_for(settings: Settings) -> Any:

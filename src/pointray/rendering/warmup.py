@@ -15,7 +15,7 @@ from ..jit import BACKLOG, KERNELS, compile_beside, is_compiled, name_of, wait_f
 from ..scene.instances import Plane
 from ..scene.scene import Scene
 from .camera import Camera
-from .integrate import KERNELS as INTEGRATOR_KERNELS
+from .picture import KERNELS as INTEGRATOR_KERNELS
 from .picture import kernel_for, render
 from .settings import Settings
 

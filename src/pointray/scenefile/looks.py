@@ -21,7 +21,11 @@ def _by_kind(classes: Iterable[Any]) -> dict[str, Any]:
 
 
 LIGHTS = _by_kind([*get_args(Light), EnvironmentLight])
-MATERIALS = _by_kind(Material.__subclasses__())
+
+
+def materials() -> dict[str, Any]:
+    """Material classes by kind, wherever they stand."""
+    return _by_kind(Material.__subclasses__())
 
 
 class Lamp(NamedTuple):
@@ -34,7 +38,7 @@ class Lamp(NamedTuple):
 
 def check_material(source: Source, key: Key) -> Material:
     """What a table under `materials` says."""
-    kind, values = _check_kind(source, key, MATERIALS)
+    kind, values = _check_kind(source, key, materials())
     with source.telling(key, values):
         material: Material = kind(**values)
     return material

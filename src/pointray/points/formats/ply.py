@@ -52,7 +52,7 @@ class _Watched(io.FileIO):
         return super().readinto(buffer)
 
 
-def read_ply(path: Path, progress: Progress | None = None) -> Points:
+def read(path: Path, progress: Progress | None = None) -> Points:
     """Read the vertices of a PLY file; ValueError says what is wrong with its contents."""
     with io.BufferedReader(_Watched(path, progress), BLOCK) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
@@ -298,7 +298,7 @@ def _to_uint8(colors: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
     return np.rint(colors / (1 if high <= 255 else 257)).astype(np.uint8)
 
 
-def write_ply(file: io.BufferedIOBase, points: Points) -> None:
+def write(file: io.BufferedIOBase, points: Points) -> None:
     """Write all that the points hold, binary little-endian."""
     columns: Columns = {}
     positions = points.world if points.origin.any() else points.positions
@@ -326,6 +326,3 @@ def _add(columns: Columns, names: Sequence[str], values: NDArray[Any]) -> None:
             reason = "it stands for something else" if name in columns else "only ASCII without spaces is allowed"
             raise ValueError(f"a PLY file cannot hold an attribute named {name!r}: {reason}")
         columns[name] = column
-
-
-READERS = {".ply": read_ply}
