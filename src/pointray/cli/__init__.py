@@ -1,4 +1,12 @@
-"""The command line: `main`, and what a run's end means to the shell."""
+"""A command line -> pictures, films, tables: `main`, and what a run's end means to the shell.
+
+commands, options : the commands, and the options that several share
+scan_scene, scene_file, views, keys : from a scan or a scene file to a scene and cameras
+outputs, animate : `render` and `animate`; prepare, report (`info`), demo, serve (`view`), benchmark (`bench`)
+waiting : the bar, and Ctrl-C
+
+Begin with commands.
+"""
 
 from __future__ import annotations
 

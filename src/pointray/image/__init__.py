@@ -1,4 +1,11 @@
-"""Radiance -> pixels: tone and files."""
+"""Radiance -> pixels -> files.
+
+tone, exposure : from light to levels, and how bright; screen : the same by a table, for the viewer
+write : pictures and layers as files; exr, mp4 : two formats; frames : a film's numbered pictures
+denoise : noise removed; legend : what colours stand for
+
+Begin with write, then tone. `image.tone` is the function; the file's other names: `from pointray.image.tone import`.
+"""
 
 from ..choices import CURVES
 from .legend import draw_legend

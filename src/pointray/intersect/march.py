@@ -189,6 +189,7 @@ def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
     early, late = falls & (gain > vabs(slope_a) * (ZERO - part)), rises & (gain < vabs(slope) * part)
     # Support may also begin or end between them, close to the surface.
     begins, ends = rises & (vabs(f) < vabs(slope) * (t - t_a)), falls & (vabs(f_a) < vabs(slope_a) * (t - t_a))
+    # NaN has no square >= 0: what is left has no support at the other sample.
     rim = (begins ^ (begins & (f_a * f_a >= ZERO))) | (ends ^ (ends & (f * f >= ZERO)))
     sinks = ((f_a * f > ZERO) & ((falls & rises) | early | late)) | rim
     if bits(sinks) != 0:
@@ -248,6 +249,7 @@ def search(
         if starts != 0:
             lift = select(mask16(starts), _lift_of(tree, leaf, first_quarter(f)), lift)
             between = reach.begin > ZERO
+            # ONE is a mark: reported as lifted, so that the caller traces the ray alone.
             lift = select(between, broadcast16(ONE), lift)
             left &= ~fold(bits(between))
             starts = 0
@@ -267,6 +269,7 @@ def search(
             if bits(root.t < INF) != 0:
                 early = root.t < vabs(reach.begin)
                 if bits(early) != 0:
+                    # As above: a root before the ray's begin.
                     lift = select(early, broadcast16(ONE), lift)
                     left &= ~fold(bits(early))
                     events &= ~bits(early)

@@ -1,4 +1,4 @@
-"""From a bracket to the root of f along a ray: four samples a step; the last two are so close that a line joins them.
+"""From a bracket to the root of f along a ray (`look_into`): four samples a step, the last two joined by a line.
 
 Four rays go together: lane 4 s + r holds sample s of ray r; values of a ray as a whole are repeated in all quarters.
 """

@@ -1,7 +1,14 @@
-"""Kernels: how they are compiled, cached on disk and run on all cores.
+"""A Python function -> a compiled kernel, cached on disk and run on all cores.
 
 This folder and `simd` are the only ones that import Numba. A *kernel* is called from Python and is cached on disk;
 an *inline* and a *routine* are pieces of a kernel and are compiled into it.
+
+compile : the decorators; disk : the cache
+threads : `run`, `next_tile` and `Cancel`; a tile is here any part of the work
+arrays, numbers : what kernels compute with
+beside, backlog : kernels compiled in a second process; how long it will take
+
+Begin with compile, then threads.
 """
 
 from __future__ import annotations

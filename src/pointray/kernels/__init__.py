@@ -1,4 +1,4 @@
-"""What kernels of all rooms share: arrays and numbers in, the same out; nothing here knows points, rays or light.
+"""What kernels of all rooms share: arrays and numbers in, the same out. Nothing here computes with points or light.
 
 records : what every array means that kernels are handed, and what "none" is in each
 scratch : one thread's working memory, and the rows of a tile of rays

@@ -7,7 +7,7 @@ What 'none' means
 -----------------
 - A ray that misses has t = inf; a degenerate ray (a direction that is zero or not finite) misses.
 - An empty box is lo = +inf, hi = -inf: no ray enters it. Every box test must get this right without a special case.
-- A column of a leaf that no support reaches has PATCH_LOW = PATCH_HIGH = NOWHERE (1e30): no ray is in its slab.
+- A column of a leaf that no support reaches has PATCH_LOW = PATCH_HIGH = NO_SURFACE (1e30): no ray is in its slab.
 - An empty slot of a block is a splat at EMPTY (1e15) with radius 1: its weight is 0 everywhere. No other is beyond FAR.
 - An empty slot of a group of spheres has the radius NaN: no ray is near it.
 - The surface function is NaN where no support reaches; a comparison with it is false, so that no sign change counts.

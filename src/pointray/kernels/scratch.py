@@ -7,20 +7,22 @@ below, part by part: each name is where its rows begin in the part's array.
 |---|---|---|---|
 | DIRECTION, ORIGIN, T_MIN, SIDE_OF | `set_ray`, `set_ray_from`, `film` | `trace/`, `shade/` | until rays are set anew |
 | NEAREST, NORMAL, LOCAL, INSTANCE_OF, LEAF_OF | `trace_tile` | `tile_hit`, `shade/` | until the next `trace_tile` |
-| COLOR, SLOT_OF | `describe_tile` | `tile_hit`, `shade/` | until the next `trace_tile` |
+| COLOR, SLOT_OF | `describe_tile`; a plane's COLOR `trace_tile` | `tile_hit`, `shade/` | until the next `trace_tile` |
 | START, HEADING, SPEED, LOW | `instance` | `instance` | while the tile is in one model |
 | TOP_*, top_what, top_rays, top_near | `instance_bvh` | `world`, `instance_bvh` | one `trace_tile` |
-| model but TOP_*, FOUND | `instance`, `tile`, `leaf` | the same | while the tile is in one model |
+| OX to BEGIN but TOP_*, FOUND | `instance`, `tile`, `leaf` | the same | while the tile is in one model |
+| CUT | `trace/world.py` | `plane`, `instance` | one `trace_tile` |
 | ASIDE, FOUND_ASIDE | `group` | `group` | while a group of the rays is in one model |
 | stack, stack_near | `traverse`, `tile` | the same | one walk through a model |
-| part | `leaf` | `leaf`, `gather` | one leaf |
+| part | `leaf`; later `hits`, `paint` | `leaf`, `gather`; `hits`, `paint` | one leaf; one `describe_tile` |
 | near, splats, listed, COUNT_NEAR, COUNT_SPLATS | `gather` | `surface`, `march`, `hits` | one leaf |
 | places | `new_scratch` | `gather` | always |
 | COUNT_NODES, COUNT_LEAVES | `traverse`, `tile` | `integrate` | set to 0 by who asks |
 | SHADING_* | `store_shading_points` | `shade/` | until the tile's next points |
-| RADIANCE, THROUGHPUT, KEY, PDF, SHADING_DEPTH | `shade/`, `film` | the same | one sample of the tile |
-| GAIN, SKY_SEEN, UNLIT, LIT, NEXT* | `shade/` | `shade/`, `film` | one light, look at the sky, or scattering |
-| CAUGHT | `find_caught` | `catcher`, `film` | one sample of the tile |
+| KEY | `film` | `film`, `shade/` | one tile of the picture |
+| RADIANCE, THROUGHPUT, PDF, SHADING_DEPTH | `shade/`, `film` | the same | one sample of the tile |
+| GAIN, SKY_SEEN, NEXT* | `shade/` | `shade/`, `film` | one light, look at the sky, or scattering |
+| CAUGHT, UNLIT, LIT | `catcher` | `catcher`, `film` | one sample of the tile |
 | waiting, WAITING_COUNT | `specular_rays` | `specular_rays` | one sample of the tile |
 | sums | `film` | `film` | one tile of the picture |
 
@@ -53,7 +55,7 @@ class Rows:
         return begin
 
 
-# world, float64.
+# world, float64: the rays in world space. Kernels call it `wide`, as `world` is the scene's `World`.
 _rows = Rows(TILE)
 DIRECTION, ORIGIN = _rows(3), _rows(3)  # the ray as asked for
 T_MIN, NEAREST = _rows(), _rows()  # where it begins; the nearest hit so far, at first where it ends
@@ -75,7 +77,7 @@ WAITING_COUNT = _rows()  # rays that wait at each place
 FOUND_ASIDE = _rows()  # FOUND of all the tile's rays, while a group of them is in the rows above
 NUMBERS_SIZE = _rows.size
 
-# model, float32: the rays in the current model, see `Ray`, and what is computed of them at a leaf.
+# model, float32: the rays in the current model, see `records.Ray`, and what is computed of them at a leaf.
 _rows = Rows(TILE)
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (_rows() for _ in range(9))
 # Where its nearest hit in this model is, at first a step behind where it ends: see `intersect/march.py`; below 0 where
@@ -99,7 +101,7 @@ PART = TILE + LANES
 _rows = Rows(PART)
 AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (_rows() for _ in range(6))  # the middle of what is searched; the direction
 AT_FIRST_X, AT_FIRST_Y, AT_FIRST_Z = (_rows() for _ in range(3))  # where the first sample is
-AT_HALF, AT_FIRST, AT_LAST = _rows(), _rows(), _rows()  # half the length; the first and the last sample
+AT_HALF, AT_FIRST, AT_LAST = _rows(), _rows(), _rows()  # half the length; numbers of the first and the last sample
 AT_BEGIN, AT_LENGTH, AT_SIDE = _rows(), _rows(), _rows()  # see `march.Reach`; the nearest hit; the side
 PART_SIZE = _rows.size
 

@@ -1,4 +1,14 @@
-"""File -> Points: a module for each format, estimates of missing normals, and models made by formula."""
+"""A file -> `Points`, with normals, cleaned; or models made by formula.
+
+files : `read` and `write`, and how a file is replaced; formats : a file for each format
+normals : estimated ones, and whether given ones are the surface's
+cleaning, rounding : duplicates and outliers; coordinates that were rounded
+trust : which normals of a file are used, and which warnings are given
+nearby : the neighbours of a few points among many
+procedural : models made by formula
+
+Begin with files, then normals/estimate.
+"""
 
 from .files import read, write
 from .normals.estimate import estimate_normals

@@ -81,7 +81,7 @@ def check_readable(path: str | os.PathLike[str]) -> Callable[[Path, Progress | N
 
 
 def _format(extension: str) -> Any:
-    """The file of formats/ that knows an extension, imported when it is needed."""
+    """The module that reads an extension, such as `formats/ply.py`, imported when it is needed."""
     return import_module(f"{__package__}.formats.{FORMATS[extension]}")
 
 

@@ -8,8 +8,8 @@ that the picture does not depend on how it is cut into passes. After 65,536 samp
 `image` (h, w, 4) holds the means, over the background.
 
 An integrator is a function for one sample of a tile: it adds the light along the tile's rays to the sums of its
-pixels. A new one is a file of its own, with a kernel made of `render_tiles`, a word in `choices.INTEGRATORS` and a line
-in `picture.KERNELS`.
+pixels. Those of pointray share the two kernels at the end of this file. A new one is a file of its own, with a kernel
+made of `render_tiles`, a word in `choices.INTEGRATORS` and a line in `picture.KERNELS`.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ from .film import (
 from .lens import depth_of
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 
-BLOCK = 16  # pixels a side of the block that a thread takes at a time: 4 tiles of 8 x 8
+BLOCK_EDGE = 16  # pixels a side of the block that a thread takes at a time: 4 tiles of 8 x 8
 RayPair: TypeAlias = tuple[Vec3, Vec3]  # origin and direction, world
 
 
@@ -101,8 +101,8 @@ class Pass(NamedTuple):
 @inline
 def _corner(block: int, tile: int, width: int) -> Corner:
     """The first pixel of a tile in a block."""
-    across = (width + BLOCK - 1) // BLOCK
-    return block % across * BLOCK + tile % 2 * EDGE, block // across * BLOCK + tile // 2 * EDGE
+    across = (width + BLOCK_EDGE - 1) // BLOCK_EDGE
+    return block % across * BLOCK_EDGE + tile % 2 * EDGE, block // across * BLOCK_EDGE + tile // 2 * EDGE
 
 
 @inline
@@ -128,7 +128,7 @@ def render_tiles(
     height, width = image.shape[:2]
     block = next_tile(work)
     while block >= 0:
-        for tile in range(BLOCK * BLOCK // TILE):
+        for tile in range(BLOCK_EDGE * BLOCK_EDGE // TILE):
             corner = _corner(block, tile, width)
             if corner[0] >= width or corner[1] >= height:
                 continue
@@ -244,7 +244,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
 
 @inline
 def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Direct light with hard shadows, mirrors and glass."""
+    """The integrator "phong": direct light with hard shadows, mirrors and glass."""
     trace_tile(world, scratch)
     if meets_nothing(scratch) and not job.sky_shows:  # only background: empty frames take 0.6 of the time
         return

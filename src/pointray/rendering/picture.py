@@ -34,7 +34,7 @@ from ..scene.world import Snapshot
 from ..shade.environment import EnvironmentLight
 from .camera import Camera
 from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS, Window
-from .integrate import BLOCK, Pass, quick_frame, sampled_frame
+from .integrate import BLOCK_EDGE, Pass, quick_frame, sampled_frame
 from .lod import at_distance
 from .settings import AO, COST, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
@@ -165,7 +165,7 @@ class Picture:
         scene = scene.seen_by(camera.record())
         width, height = camera.size
         self._settings, self._camera = settings, camera.record()
-        self._blocks = -(-width // BLOCK) * -(-height // BLOCK)
+        self._blocks = -(-width // BLOCK_EDGE) * -(-height // BLOCK_EDGE)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
         self._kernel = kernel_for(settings)
         self._world, self._pass = _plan(scene, camera, settings)

@@ -1,7 +1,9 @@
 """Scene files: a whole scene as TOML, in the words of the Python classes and parameters.
 
-source: the text, and on which line a key stands; words: what a table may hold, as signatures have it; looks, models,
-places: the parts, checked, then made; plan: all of it.
+source, lines: the text, and on which line a key stands; words: what a table may hold, as signatures have it; looks,
+models, places: the parts, checked, then made; plan: all of it.
+
+Begin with plan.
 """
 
 from __future__ import annotations

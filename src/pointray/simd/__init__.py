@@ -1,8 +1,12 @@
-"""The vector type of the kernels: `lanes` numbers that one instruction handles together.
+"""The vector type of the kernels: 4, 8 or 16 numbers, its lanes, that one instruction handles together.
 
 Vectors are LLVM's own (<16 x float>, <8 x float>, <4 x float>, <16 x i32>); LLVM splits them into what the processor
 has. A comparison gives a mask, `bits` turns a mask into an integer whose set bits are walked with
 `count_trailing_zeros`. Arithmetic with a scalar broadcasts it to all lanes.
+
+vector : the type and its operators; lanes : operations lane by lane and across; memory : loads and stores
+
+Begin with vector.
 """
 
 from __future__ import annotations

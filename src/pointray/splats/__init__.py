@@ -1,4 +1,14 @@
-"""Points -> Splats: how far each point reaches."""
+"""Points -> the support of each: radius, open border, close sheets. Also fewer points for the same surface.
+
+support : all of it, from one search for neighbours (`find_support`, which a model calls)
+radii, voronoi, strays : the smallest radii that cover the surface; its cells; discs that would be too wide
+borders, sheets : where the surface ends; where two of it are close together
+levels : levels of detail
+subsample : fewer points; its steps: grow (candidates), cover (the choice), subset (the fit), deviation (the error)
+heap : what grow and cover sort with
+
+Begin with support, then radii. The `Splats` that a tree is built of is that of `tree/build.py`, not that of grow.
+"""
 
 from .radii import check_radii, choose_radii
 

@@ -20,7 +20,7 @@ from ..kernels.vec import Vec3, tangents
 GAP = math.radians(115)  # a straight border leaves 180 degrees; one in 75 sets of 20 random directions leaves this
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
 COMPANY = 2  # a border is a curve: at least this many of a splat's neighbours lie on it too
-TILE = 2048
+CHUNK = 2048
 
 
 @inline
@@ -57,7 +57,7 @@ def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near:
     angles = np.empty(2 * near.shape[1])
     tile = next_tile(work)
     while tile >= 0:
-        for at in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+        for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             i = rows[at]
             n = (f64(normals[i, 0]), f64(normals[i, 1]), f64(normals[i, 2]))
             axes = tangents(n)
@@ -101,7 +101,7 @@ def find_gaps(
     """
     out = np.zeros((len(rows), 3), np.float32)
     arrays = [np.ascontiguousarray(array) for array in (positions, normals, rows, near)]
-    run(_find_gaps, -(-len(out) // TILE), *arrays, out)
+    run(_find_gaps, -(-len(out) // CHUNK), *arrays, out)
     return out
 
 

@@ -20,8 +20,8 @@ from .radii import NEIGHBORS
 from .sheets import find_sheets
 
 WIDE = 8  # boxes in a box
-BLOCK = 32  # neighbouring points that share one search for splats
-TILE = 64  # blocks
+SHARING = 32  # neighbouring points that share one search for splats
+CHUNK = 64  # times SHARING points
 HOLLOW = 0.9  # |x - P(x)| in local radii beyond which a point counts as uncovered: most subsets are trimmed at 0.95
 
 Box: TypeAlias = tuple[float, float, float, float, float, float]  # low x y z, high x y z
@@ -148,8 +148,8 @@ def _survey(
     found, stack = np.empty(len(lent[2]), np.int32), np.empty((16 * WIDE, 2), np.int64)
     tile = next_tile(work)
     while tile >= 0:
-        for first in range(tile * TILE * BLOCK, min((tile + 1) * TILE * BLOCK, len(out)), BLOCK):
-            last = min(first + BLOCK, len(out))
+        for first in range(tile * CHUNK * SHARING, min((tile + 1) * CHUNK * SHARING, len(out)), SHARING):
+            last = min(first + SHARING, len(out))
             x, y, z = positions[first:last, 0], positions[first:last, 1], positions[first:last, 2]
             pad = 4.0 * close if close < np.inf else 0.0
             box = (x.min() - pad, y.min() - pad, z.min() - pad, x.max() + pad, y.max() + pad, z.max() + pad)
@@ -190,6 +190,6 @@ def deviations(
     boxes = _box(sorted_splats[0] - reach, sorted_splats[0] + reach)
     out, hollow = np.empty(len(positions), np.float32), np.empty(len(positions), np.float32)
     gated = (*sorted_splats, none if sheets is None else sheets)
-    run(_survey, -(-len(out) // (TILE * BLOCK)), positions, normals, gated, boxes, float(close), out, hollow)
+    run(_survey, -(-len(out) // (CHUNK * SHARING)), positions, normals, gated, boxes, float(close), out, hollow)
     bare: NDArray[Any] = ~(hollow <= HOLLOW)
     return np.where(bare, f32(0), out), bare

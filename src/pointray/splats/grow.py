@@ -20,7 +20,7 @@ from .heap import pop, push
 AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many
 SMALL = 0.25  # in error bounds: a splat may always be this wide, as it cannot exceed the bound
 MOST = 1 << 16  # the most points in a splat
-TILE = 256
+CHUNK = 256
 FIRST_ROUND, GROWTH = 200, 1.1  # a pool is grown in rounds: a 200th of the seeds first, 1.1 times as many in each next
 
 Floats = NDArray[np.float32]
@@ -160,7 +160,7 @@ def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -
     done = used = 0
     tile = next_tile(work)
     while tile >= 0:
-        for s in range(tile * TILE, min((tile + 1) * TILE, len(seeds))):
+        for s in range(tile * CHUNK, min((tile + 1) * CHUNK, len(seeds))):
             count, last = _grow_one(lent, seeds[s], (bound[seeds[s]], error), (met, i32(s)), queue, one)
             members = _roomy(members, used, count)
             members[used : used + count] = one[:count]
@@ -173,7 +173,7 @@ def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -
 
 def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) -> tuple[Splats, Floats]:
     """A splat around each of the seeds, no wider than `bound` (n,), and the radius that each reached."""
-    results = run(_grow, -(-len(seeds) // TILE), cloud, seeds, bound, float(error))
+    results = run(_grow, -(-len(seeds) // CHUNK), cloud, seeds, bound, float(error))
     which, counts, radii, members = (np.concatenate(column) for column in zip(*results, strict=True))
     order = np.argsort(which)  # the same order whatever thread grew each splat
     starts = np.concatenate([[0], np.cumsum(counts)])
@@ -191,7 +191,7 @@ def grow_pool(
     rows = np.arange(n, dtype=np.int32) if wanted is None else np.flatnonzero(wanted).astype(np.int32)
     order = np.random.default_rng(len(rows)).permutation(rows)
     cover = np.zeros(n, np.int64)
-    parts, first, step = [], 0, max(len(order) // FIRST_ROUND, 4 * TILE)
+    parts, first, step = [], 0, max(len(order) // FIRST_ROUND, 4 * CHUNK)
     while first < len(order):
         seeds = order[first : first + step]
         seeds = np.sort(seeds[cover[seeds] < times])

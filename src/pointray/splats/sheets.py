@@ -16,7 +16,7 @@ from ..kernels.vec import dot, load3_flat, sub
 
 OPPOSED = math.cos(math.radians(150))  # cosine of two normals below which they are of two sheets
 BESIDE = 8  # neighbours
-TILE = 2048
+CHUNK = 2048
 
 
 @kernel
@@ -25,7 +25,7 @@ def _find(work: Array, positions: Array, normals: Array, radii: Array, near: Arr
     positions, normals, radii, near, out = borrow(positions), borrow(normals), borrow(radii), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             at, n = load3_flat(positions, 3 * i), load3_flat(normals, 3 * i)
             for j in near[i]:
                 if dot(n, load3_flat(normals, 3 * i64(j))) < OPPOSED:
@@ -59,7 +59,7 @@ def find_sheets(
     """
     found = np.zeros(len(positions), np.int8)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
-    run(_find, -(-len(found) // TILE), *flat, np.ascontiguousarray(radii), np.ascontiguousarray(near), found)
+    run(_find, -(-len(found) // CHUNK), *flat, np.ascontiguousarray(radii), np.ascontiguousarray(near), found)
     # Splats beside them are included: a fragment of a sheet whose other splats are ignored would be seen by itself.
     found |= found[near[:, : BESIDE + 1]].any(axis=1)
     return found if found.any() else None

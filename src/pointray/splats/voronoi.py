@@ -24,7 +24,7 @@ USUAL = 8  # neighbours whose cells define the usual size
 FLAT = 0.05  # sine of the angle between a seam and a plane below which they meet too far away to count
 SHARED = 1e-5  # share of a bisector's distance: a vertex this close is on it; exact grids have four points at a vertex
 CORNERS = 64  # the most corners of a polygon; no cell is bounded by more neighbours
-TILE = 2048
+CHUNK = 2048
 
 Vec2: TypeAlias = tuple[float, float]  # in a tangent plane
 
@@ -212,7 +212,7 @@ def _measure(
     polygons = borrow(memory)
     tile = next_tile(work)
     while tile >= 0:
-        for at in range(tile * TILE, min((tile + 1) * TILE, len(reach))):
+        for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(reach))):
             i = i64(rows[at])
             n = load3_flat(normals, 3 * i)
             axes = tangents((f64(n[0]), f64(n[1]), f64(n[2])))
@@ -255,7 +255,7 @@ def _medians(work: Array, values: Array, normals: Array, near: Array, own: int, 
     found = borrow(memory)
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             count = _gather_sorted(values, normals, i, near[i, 1 - own :], OTHER_SHEET, found)
             if count < USUAL // 2:  # too few neighbours on its sheet: any neighbour counts
                 count = _gather_sorted(values, normals, i, near[i, 1 - own :], -2.0, found)
@@ -281,7 +281,7 @@ def medians_around(
     """
     out = np.empty(len(values), np.float32)
     flat = np.ascontiguousarray(normals).reshape(-1)
-    run(_medians, -(-len(out) // TILE), np.ascontiguousarray(values), flat, np.ascontiguousarray(near), int(own), out)
+    run(_medians, -(-len(out) // CHUNK), np.ascontiguousarray(values), flat, np.ascontiguousarray(near), int(own), out)
     return out
 
 
@@ -335,5 +335,5 @@ def measure_cells(
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
     tables = np.ascontiguousarray(hood.distances), np.ascontiguousarray(hood.near)
     known = (none, none, void) if usual is None or gaps is None else (gaps.reshape(-1), usual, void)
-    run(_measure, -(-len(reach) // TILE), *flat, hood.rows, tables, known, (reach, closed))
+    run(_measure, -(-len(reach) // CHUNK), *flat, hood.rows, tables, known, (reach, closed))
     return reach, closed

@@ -2,6 +2,8 @@
 
 sample: some of a scene's points, in the world; upright: which way is up; direction: the view direction; framing: the
 distance; first_view: all of these together, as `pointray.frame`; studio: the lights.
+
+Begin with first_view.
 """
 
 from __future__ import annotations

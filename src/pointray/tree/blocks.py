@@ -11,7 +11,7 @@ from ..jit import Array, cancelled, f32, inline, kernel, next_tile, run, uncompi
 from ..kernels.records import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
-TILE = 4096  # blocks that a thread fills at a time
+CHUNK = 4096  # blocks that a thread fills at a time
 
 
 @inline
@@ -119,7 +119,7 @@ def _fill_blocks(
     blocks, bounds = out
     tile = next_tile(work)
     while tile >= 0:
-        for b in range(tile * TILE, min((tile + 1) * TILE, bounds.size // 4)):
+        for b in range(tile * CHUNK, min((tile + 1) * CHUNK, bounds.size // 4)):
             count = min(PER_BLOCK, order.size - b * PER_BLOCK)
             for k in range(PER_BLOCK):
                 i = order[b * PER_BLOCK + k] if k < count else -1
@@ -164,5 +164,5 @@ def make_blocks(
     count = -(-len(order) // PER_BLOCK)
     blocks = np.empty(count * BLOCK, np.float32)
     bounds = np.empty(count * 4, np.float32)
-    run(_fill_blocks, -(-count // TILE), order, positions, normals, radii, (blocks, bounds), threads=threads)
+    run(_fill_blocks, -(-count // CHUNK), order, positions, normals, radii, (blocks, bounds), threads=threads)
     return blocks, bounds

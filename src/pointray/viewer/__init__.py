@@ -5,8 +5,10 @@ A browser has a session (its messages), an outbox (messages to it), view setting
 light_control) and a painter (its pictures, at a pace). All browsers show one shared scene, which loading brings;
 sketch: dots, while kernels are compiled. pick: what is under the mouse; exports: files; page: what the browser runs.
 
-The path of a slider's value: `session` takes its message, `view_settings` the value, `painter` draws the requested
-frame, and `outbox` sends it.
+The path of a slider's value: `server` hands the page's message to `session`, the panel's control checks the value,
+`view_settings` holds it, `painter` draws the requested frame, `outbox` packs it and `link` sends it.
+
+Begin with viewer, then session.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Messages to a page, in the terms of the protocol."""
+"""Messages to a page, in the terms of the protocol (`docs/viewer.md`)."""
 
 from __future__ import annotations
 

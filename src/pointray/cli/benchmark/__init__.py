@@ -1,4 +1,9 @@
-"""The paper's frame rates beside this machine's: what `pointray bench` does."""
+"""The paper's frame rates beside this machine's: what `pointray bench` does.
+
+frames : the measured cases; views : the cameras; show : the table as text, JSON or a plot
+
+Begin with frames.
+"""
 
 from .frames import measure as measure
 from .show import check_plot as check_plot

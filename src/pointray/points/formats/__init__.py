@@ -1,6 +1,8 @@
 """Files -> Points and back: one file a format, which `choices.FORMATS` names.
 
-It has `read(path, progress)`, which returns Points, and perhaps `write(file, points)`; both raise ValueError.
+Each has `read(path, progress)`, which returns Points, and perhaps `write(file, points)`; both raise ValueError.
 
 ply : binary and text; ply_lists : rows that hold lists of varying length
+
+Begin with `read` of ply.
 """

@@ -25,7 +25,7 @@ LONGEST_HEADER = 1 << 20
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-BLOCK = 1 << 20  # bytes of ascii that are parsed together
+TEXT_BYTES = 1 << 20  # bytes of ascii that are parsed together
 STACKED = 1 << 18  # rows that are copied together
 SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or LF, so that CR LF ends a blank line too
 LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
@@ -54,7 +54,7 @@ class _Watched(io.FileIO):
 
 def read(path: Path, progress: Progress | None = None) -> Points:
     """Read the vertices of a PLY file; ValueError says what is wrong with its contents."""
-    with io.BufferedReader(_Watched(path, progress), BLOCK) as file, warnings.catch_warnings():
+    with io.BufferedReader(_Watched(path, progress), TEXT_BYTES) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
         header = _read_header(file)
         places = [i for i, element in enumerate(header.elements) if element.name == "vertex"]
@@ -212,7 +212,7 @@ def _read_ascii(file: BinaryIO, header: _Header, place: int) -> Columns:
 def _skip_lines(file: BinaryIO, element: Any, count: int) -> None:
     """Skip `count` lines that are not blank, whatever ends them, to the start of the next such line."""
     within = False  # whether the current byte is in such a line
-    while block := file.read(BLOCK):
+    while block := file.read(TEXT_BYTES):
         kinds = LETTERS[np.frombuffer(block, np.uint8)]
         places = np.flatnonzero(kinds != SPACE)
         letters = kinds[places] == LETTER

@@ -39,7 +39,7 @@ LINE = 0.05  # ratio below which a plane is fitted if there are no more points
 SLIM_VARIANCE = 1e30  # stands for the slope's variance where no quadric was fitted
 TERMS = 6  # terms of a quadric over two variables
 JET_LEAST = 8  # points; fewer are fitted by a plane
-TILE = 1024
+CHUNK = 1024
 
 
 @routine
@@ -169,7 +169,7 @@ def _fit(
     )
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             for j in range(most):
                 for c in range(3):
                     d[j, c] = f64(positions[near[i, j], c]) - f64(positions[rows[i], c])
@@ -197,7 +197,7 @@ def _fit_rows(
     positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], sizes: list[int], noise: float
 ) -> tuple[Floats, Floats]:
     out, residuals = np.empty((len(rows), 6), np.float32), np.empty(len(rows), np.float32)
-    run(_fit, -(-len(rows) // TILE), positions, rows, near, np.array(sizes), noise, out, residuals)
+    run(_fit, -(-len(rows) // CHUNK), positions, rows, near, np.array(sizes), noise, out, residuals)
     return out, residuals
 
 

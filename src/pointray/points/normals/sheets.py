@@ -34,7 +34,7 @@ SAMPLE = 500  # points that tell whether there is an inside
 CLOSED = 0.97  # share of them whose numbers must add up to 1 within LOOSE, one spacing away: the bunny's raw scans 0.96
 LOOSE = 0.4
 RINGS = 2  # rings of neighbours around points whose numbers do not add up
-TILE = 256
+CHUNK = 256
 STACK = 64
 
 
@@ -45,7 +45,7 @@ def _spacings(work: Array, positions: Array, near: Array, out: Array) -> int:
     k = min(AREA, near.shape[1] - 1)
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(out))):
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             square = 0.0
             for c in range(3):
                 square += (f64(positions[near[i, k], c]) - f64(positions[i, c])) ** 2
@@ -109,7 +109,7 @@ def _wind(
     share = f32(1.0 / (4.0 * math.pi))
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(rows))):
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
             r = rows[i]
             h = f32(step) * spacing[r]
             soft = (f32(SOFT) * spacing[r]) ** 2
@@ -147,7 +147,7 @@ def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(rows))):
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
             r, total = rows[i], 0.0
             for j in near[r, 1:]:
                 square = height = 0.0
@@ -167,7 +167,7 @@ def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * TILE, min((tile + 1) * TILE, len(rows))):
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
             out[i] = 0.0
             for j in near[rows[i], 1:]:
                 out[i] += agreement(positions, normals, rows[i], j)
@@ -183,7 +183,7 @@ class _Field:
         self.positions = (positions - positions[0]) / f32(size)  # no square is too large or too small
         self.normals, self.near = normals, near
         self.spacing = np.empty(len(positions), np.float32)
-        run(_spacings, -(-len(positions) // TILE), self.positions, near, self.spacing)
+        run(_spacings, -(-len(positions) // CHUNK), self.positions, near, self.spacing)
         leaves = 1 << max(0, (-(-len(positions) // LEAF) - 1).bit_length())
         self.nodes = np.empty((2 * leaves, 8), np.float32)
         self.build()
@@ -194,7 +194,7 @@ class _Field:
     def around(self, rows: Rows, step: float = STEP) -> Floats:
         """The winding numbers `step` spacings in front and behind, (m, 2)."""
         out = np.empty((len(rows), 2), np.float32)
-        tiles = -(-len(rows) // TILE)
+        tiles = -(-len(rows) // CHUNK)
         run(_wind, tiles, rows, self.positions, self.normals, self.spacing, self.nodes, step, out)
         return out
 
@@ -208,7 +208,7 @@ class _Field:
 
     def _ask(self, ask: Any, rows: Rows) -> Floats:
         out = np.empty(len(rows), np.float32)
-        run(ask, -(-len(rows) // TILE), rows, self.positions, self.normals, self.near, out)
+        run(ask, -(-len(rows) // CHUNK), rows, self.positions, self.normals, self.near, out)
         return out
 
     def is_closed(self) -> bool:

@@ -4,6 +4,12 @@ They need no file and no network, and a picture of their points can be compared 
 
     points = pr.procedural("statue", 1_000_000)
     error = pr.procedural_distance("statue", hits.position)
+
+clay, strokes, cells : solids made of strokes; sculpture : the statue, of head, bust and reliefs
+solids : the field and distance of every solid; smooth : minimum and step without corners
+meshing, creases, scatter : a mesh, finer in creases, and points spread over it; paint : their colours
+
+Begin with `sample` below, then solids.
 """
 
 from __future__ import annotations
@@ -42,7 +48,7 @@ if TYPE_CHECKING:
 NAMES = ("statue", "sphere", "torus", "lattice")
 MOST = 100_000_000
 
-_TILE = 4096
+_CHUNK = 4096
 _MESH_CELL = {"statue": 0.006, "sphere": 0.012, "torus": 0.012, "lattice": 0.008}
 
 
@@ -100,7 +106,7 @@ def _finish(work: Array, solid: Solid, positions: Array, normals: Array, colors:
     """Move points onto the exact surface, and compute normals and colours there."""
     t = next_tile(work)
     while t >= 0:
-        for i in range(t * _TILE, min((t + 1) * _TILE, positions.shape[0])):
+        for i in range(t * _CHUNK, min((t + 1) * _CHUNK, positions.shape[0])):
             x, y, z = f64(positions[i, 0]), f64(positions[i, 1]), f64(positions[i, 2])
             x, y, z = settle(solid, x, y, z, 8)
             gx, gy, gz = slope(solid, x, y, z, STENCIL)
@@ -128,7 +134,7 @@ def sample(name: str, n: int, seed: int = 0) -> tuple[NDArray[np.float32], NDArr
     vertices, faces = mesh(name)
     positions = scatter(refine_creases(solid(name), vertices, faces, n), n, seed)
     normals, colors = np.empty_like(positions), np.empty(positions.shape, np.uint8)
-    run(_finish, -(-n // _TILE), solid(name), positions, normals, colors)
+    run(_finish, -(-n // _CHUNK), solid(name), positions, normals, colors)
     return positions, normals, colors
 
 

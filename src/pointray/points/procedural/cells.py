@@ -30,7 +30,7 @@ from .clay import (
 from .smooth import blend
 from .solids import CLAY
 
-_TILE = 64
+_CHUNK = 64
 
 
 @kernel
@@ -42,7 +42,7 @@ def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: flo
     table = solid.table
     t = next_tile(work)
     while t >= 0:
-        for cell in range(t * _TILE, min((t + 1) * _TILE, parents.size)):
+        for cell in range(t * _CHUNK, min((t + 1) * _CHUNK, parents.size)):
             x, y, z = centers[cell, 0], centers[cell, 1], centers[cell, 2]
             f, slack, count = FAR, 0.0, 0
             for j in range(solid.starts[parents[cell]], solid.starts[parents[cell] + 1]):
@@ -115,7 +115,7 @@ def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArr
         near = np.empty(len(centers), np.bool_)
         run(
             _select,
-            -(-len(centers) // _TILE),
+            -(-len(centers) // _CHUNK),
             solid,
             np.ascontiguousarray(centers),
             parents,

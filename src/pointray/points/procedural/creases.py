@@ -12,7 +12,7 @@ from .solids import settle
 BEND = np.cos(np.radians(20.0))  # between a face and the mean of the faces at its corner
 SAG = 0.2  # how far the surface may be from the middle of an edge, in units of the spacing
 LEVELS = 5
-_TILE = 1024
+_CHUNK = 1024
 
 
 @kernel
@@ -20,7 +20,7 @@ def settle_all(work: Array, solid: Solid, points: Array) -> None:
     """Move every point onto the surface."""
     t = next_tile(work)
     while t >= 0:
-        for i in range(t * _TILE, min((t + 1) * _TILE, points.shape[0])):
+        for i in range(t * _CHUNK, min((t + 1) * _CHUNK, points.shape[0])):
             x, y, z = settle(solid, points[i, 0], points[i, 1], points[i, 2], 2)
             points[i, 0], points[i, 1], points[i, 2] = x, y, z
         t = next_tile(work)
@@ -28,7 +28,7 @@ def settle_all(work: Array, solid: Solid, points: Array) -> None:
 
 def settled(solid: Solid, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points (n, 3), in place, moved onto the surface."""
-    run(settle_all, -(-len(points) // _TILE), solid, points)
+    run(settle_all, -(-len(points) // _CHUNK), solid, points)
     return points
 
 

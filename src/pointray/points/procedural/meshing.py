@@ -12,7 +12,7 @@ from ...jit import Array, inline, kernel, next_tile, run
 from .clay import Solid
 from .solids import field, settle
 
-BLOCK = 8  # cells along a block's edge; blocks far from the surface are skipped whole
+BLOCK_EDGE = 8  # cells along a block's edge; blocks far from the surface are skipped whole
 
 Cell: TypeAlias = tuple[int, int, int]  # its position in the grid
 
@@ -28,7 +28,7 @@ class Grid(NamedTuple):
 @kernel
 def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
     """Note whether the surface may pass through each block."""
-    half = 0.5 * BLOCK * grid.cell
+    half = 0.5 * BLOCK_EDGE * grid.cell
     i = next_tile(work)
     while i >= 0:
         for j in range(near.shape[1]):
@@ -44,9 +44,9 @@ def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array) -> None:
     """Evaluate the field at all corners of the blocks; shared corners are written twice with the same number."""
     t = next_tile(work)
     while t >= 0:
-        for i in range(blocks[t, 0] * BLOCK, (blocks[t, 0] + 1) * BLOCK + 1):
-            for j in range(blocks[t, 1] * BLOCK, (blocks[t, 1] + 1) * BLOCK + 1):
-                for k in range(blocks[t, 2] * BLOCK, (blocks[t, 2] + 1) * BLOCK + 1):
+        for i in range(blocks[t, 0] * BLOCK_EDGE, (blocks[t, 0] + 1) * BLOCK_EDGE + 1):
+            for j in range(blocks[t, 1] * BLOCK_EDGE, (blocks[t, 1] + 1) * BLOCK_EDGE + 1):
+                for k in range(blocks[t, 2] * BLOCK_EDGE, (blocks[t, 2] + 1) * BLOCK_EDGE + 1):
                     x, y = grid.low[0] + i * grid.cell, grid.low[1] + j * grid.cell
                     grid.values[i, j, k] = field(solid, x, y, grid.low[2] + k * grid.cell)
         t = next_tile(work)
@@ -81,9 +81,9 @@ def _vertices(
     t = next_tile(work)
     while t >= 0:
         number = first[t]
-        for i in range(blocks[t, 0] * BLOCK, (blocks[t, 0] + 1) * BLOCK):
-            for j in range(blocks[t, 1] * BLOCK, (blocks[t, 1] + 1) * BLOCK):
-                for k in range(blocks[t, 2] * BLOCK, (blocks[t, 2] + 1) * BLOCK):
+        for i in range(blocks[t, 0] * BLOCK_EDGE, (blocks[t, 0] + 1) * BLOCK_EDGE):
+            for j in range(blocks[t, 1] * BLOCK_EDGE, (blocks[t, 1] + 1) * BLOCK_EDGE):
+                for k in range(blocks[t, 2] * BLOCK_EDGE, (blocks[t, 2] + 1) * BLOCK_EDGE):
                     count, x, y, z = _crossings(grid.values, i, j, k)
                     if count == 0:
                         continue
@@ -120,9 +120,9 @@ def _faces(grid: Grid, blocks: Array, numbers: Array, faces: Array) -> int:
     count = 0
     v = grid.values
     for t in range(blocks.shape[0]):
-        for i in range(max(blocks[t, 0] * BLOCK, 1), (blocks[t, 0] + 1) * BLOCK):
-            for j in range(max(blocks[t, 1] * BLOCK, 1), (blocks[t, 1] + 1) * BLOCK):
-                for k in range(max(blocks[t, 2] * BLOCK, 1), (blocks[t, 2] + 1) * BLOCK):
+        for i in range(max(blocks[t, 0] * BLOCK_EDGE, 1), (blocks[t, 0] + 1) * BLOCK_EDGE):
+            for j in range(max(blocks[t, 1] * BLOCK_EDGE, 1), (blocks[t, 1] + 1) * BLOCK_EDGE):
+                for k in range(max(blocks[t, 2] * BLOCK_EDGE, 1), (blocks[t, 2] + 1) * BLOCK_EDGE):
                     inside = v[i, j, k] < 0.0
                     cell = (i, j, k)
                     if inside != (v[i + 1, j, k] < 0.0):
@@ -156,9 +156,9 @@ def mesh_solid(
     faces : (f, 3) int32
         Counterclockwise seen from outside.
     """
-    shape = tuple(ceil(float(extent) / (cell * BLOCK)) for extent in high - low)
+    shape = tuple(ceil(float(extent) / (cell * BLOCK_EDGE)) for extent in high - low)
     near = np.empty(shape, np.bool_)
-    corners = tuple(BLOCK * s + 1 for s in shape)
+    corners = tuple(BLOCK_EDGE * s + 1 for s in shape)
     grid = Grid(low, cell, np.ones(corners, np.float32))
     run(_near, shape[0], solid, grid, near)
     blocks = np.argwhere(near).astype(np.int32)
