@@ -54,6 +54,7 @@ def test_a_film_through_a_lens(scan):
     assert not np.array_equal(frames[0], frames[1]) and not np.array_equal(frames[1], frames[2])
 
 
+@pytest.mark.long
 def test_frames_end_by_noise_or_time(scan):
     """One sample a pixel means as many as it takes."""
     corner = ["--integrator", "ao", "--ground"]

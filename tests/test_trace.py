@@ -45,7 +45,9 @@ def test_depth_and_normal_of_a_sphere(surface, depth):
     assert np.abs(np.linalg.norm(hits.normal[hit], axis=-1) - 1).max() < 1e-5
 
 
-@pytest.mark.parametrize(("name", "inside"), [("sphere", 0.7), ("torus", 0.25), ("statue", None)])
+@pytest.mark.parametrize(
+    ("name", "inside"), [("sphere", 0.7), ("torus", 0.25), pytest.param("statue", None, marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize("count", [100_000, pytest.param(10_000_000, marks=pytest.mark.long)])
 def test_no_ray_escapes_from_inside(name, inside, count):
     scene, _ = scene_of(name, 1_000_000 if name == "statue" else 60_000)

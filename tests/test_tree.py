@@ -35,7 +35,10 @@ def test_trees_are_whole(name, surface):
 
 
 @pytest.mark.parametrize("width", [pytest.param(LEAF_WIDTH / 4, marks=pytest.mark.long), LEAF_WIDTH / 2, LEAF_WIDTH])
-@pytest.mark.parametrize("name", ["stanford_bunny", "nefertiti_50k", "stanford_dragon_stand_rangescans"])
+@pytest.mark.parametrize(
+    "name",
+    ["stanford_bunny", "nefertiti_50k", pytest.param("stanford_dragon_stand_rangescans", marks=pytest.mark.long)],
+)
 def test_trees_over_uneven_splats_are_whole(name, width):
     cloud = splats(name)
     radii = cloud.radii.copy()
