@@ -3,9 +3,10 @@
     python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--mesh MESH] [--reach 1.25]
         [scan.ply ...]
 
-For each cloud the views of `views.py`, far and near, the shadow rays from all hits of the far view to a point light,
-and one diffuse bounce from each of them. Prints million rays a second of both, the ratio (medians of alternating runs;
-Embree's better query counts), the shares of hits, and the frame rate of the first cloud against the second.
+For each cloud the views of `pointray.cli.benchmark.views`, far and near, the shadow rays from all hits of the far view
+to a point light, and one diffuse bounce from each of them. Prints million rays a second of both, the ratio (medians of
+alternating runs; Embree's better query counts), the shares of hits, and the frame rate of the first cloud against the
+second.
 
 Radii are pointray's own, for both. With --reach they are so many distances to the eighth neighbour, for both: what
 discs need who have no better rule.

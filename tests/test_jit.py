@@ -136,6 +136,27 @@ def test_the_cache_serves_the_second_process_and_never_runs_stale_code(tmp_path)
     assert use(copy, cache) == ["10.0", "1"]
 
 
+SCREEN = """
+import numpy as np
+from pointray.image.screen import _levels, levels_of
+from pointray.jit import compilations, is_compiled
+before = is_compiled(_levels)
+levels_of(np.zeros((4, 4, 4), np.float32), np.zeros((4, 3)), 0.0, "srgb")
+print(before, compilations())
+"""
+
+
+def test_an_edit_of_a_kernels_own_file_compiles_only_that_and_is_told(tmp_path):
+    copy, cache = tmp_path / "copy", tmp_path / "cache"
+    copy.mkdir()
+    shutil.copytree(PACKAGE, copy / "pointray", ignore=shutil.ignore_patterns("__pycache__"))
+    assert use(copy, cache, SCREEN) == ["False", "1"] and use(copy, cache, SCREEN) == ["True", "0"]
+    for file, known in (("image/screen.py", False), ("cli/options.py", True), ("points/formats/ply.py", True)):
+        path = copy / "pointray" / file
+        path.write_text(path.read_text() + "# edited\n")
+        assert use(copy, cache, SCREEN) == [str(known), str(int(not known))]
+
+
 def test_a_cache_folder_that_cannot_be_written_is_no_error(tmp_path):
     file = tmp_path / "file"
     file.write_text("in the way")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -114,8 +113,7 @@ def count_beside(kernels: int, waited: float) -> None:
 
 def is_compiled(dispatcher: Any) -> bool:
     """Whether a kernel is compiled, in this process or on disk."""
-    cached = cache_folder() is not None and Path(dispatcher._cache._cache_file._index_path).exists()
-    return bool(dispatcher.overloads) or cached
+    return bool(dispatcher.overloads) or (cache_folder() is not None and dispatcher._cache.is_fresh)
 
 
 class _Listener(event.Listener):

@@ -7,7 +7,7 @@ import os
 import shutil
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -21,6 +21,8 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
 # Check every array access and every SIMD load (slow). The test suite runs once with it; it is part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
+
+ROOT = Path(__file__).parent.parent  # of the package
 
 # Files that files with kernels import: an edit to one of them recompiles all kernels. An edit to any other file
 # recompiles the kernels in it.
@@ -59,15 +61,19 @@ def source_key() -> str:
 
     Numba checks only the function's own file, so an edit to `kernels/vec.py` would leave stale kernels behind.
     """
-    digest = hashlib.sha256()
-    root = Path(__file__).parent.parent
-    for path in sorted(root.rglob("*.py")):
-        name = path.relative_to(root).as_posix()
-        if name.startswith(SHARED):
-            digest.update(name.encode())
-            digest.update(path.read_bytes())
+    shared = [path for path in sorted(ROOT.rglob("*.py")) if path.relative_to(ROOT).as_posix().startswith(SHARED)]
+    digest = hashlib.sha256(_hash_of(shared).encode())
     facts = (numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2], CHECK)
     digest.update(repr((facts, cpu_name(), cpu_features())).encode())
+    return digest.hexdigest()[:16]
+
+
+def _hash_of(files: Iterable[Path]) -> str:
+    """A hash of the names and contents of files."""
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
@@ -111,7 +117,10 @@ class _Locator:
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._line = py_func.__code__.co_firstlineno
         own = Path(py_file)
-        self._stamp = source_key() + (hashlib.sha256(own.read_bytes()).hexdigest()[:16] if own.exists() else "")
+        # A kernel from elsewhere may call anything in the package.
+        inner = own.is_relative_to(ROOT)
+        key = source_key() if inner else _hash_of(sorted(ROOT.rglob("*.py")))
+        self._stamp = key + (_hash_of([own]) if own.exists() else "")
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator:
@@ -141,6 +150,14 @@ class KernelCache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether the kernel is on disk, compiled from the source of today."""
+        try:
+            return bool(self._cache_file._load_index())
+        except Exception:  # a damaged index
+            return False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:

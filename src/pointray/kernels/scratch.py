@@ -5,9 +5,10 @@ below, part by part: each name is where its rows begin in the part's array.
 
 | part | who writes | who reads | how long it holds |
 |---|---|---|---|
-| DIRECTION, ORIGIN, T_MIN, SIDE_OF | `set_ray`, `set_ray_from`, `film` | `trace/`, `shade/` | until rays are set anew |
-| NEAREST, NORMAL, LOCAL, INSTANCE_OF, LEAF_OF | `trace_tile` | `tile_hit`, `shade/` | until the next `trace_tile` |
-| COLOR, SLOT_OF | `describe_tile`; a plane's COLOR `trace_tile` | `tile_hit`, `shade/` | until the next `trace_tile` |
+| DIRECTION, ORIGIN, T_MIN, SIDE_OF | `set_ray`, `film`, `trace/world.py` | `trace/`, `shade/` | until set anew |
+| NEAREST | `set_ray`; `trace_tile`, `occlude_tile` | `trace/`, `tile_hit`, `shade/` | until rays are set anew |
+| NORMAL, LOCAL, INSTANCE_OF, LEAF_OF | `trace_tile`, `occlude_tile` | `tile_hit`, `shade/` | until the next of these |
+| COLOR, SLOT_OF | `describe_tile`; a plane's COLOR `trace_tile` | `tile_hit`, `shade/` | until rays are traced again |
 | START, HEADING, SPEED, LOW | `instance` | `instance` | while the tile is in one model |
 | TOP_*, top_what, top_rays, top_near | `instance_bvh` | `world`, `instance_bvh` | one `trace_tile` |
 | OX to BEGIN but TOP_*, FOUND | `instance`, `tile`, `leaf` | the same | while the tile is in one model |
@@ -15,13 +16,14 @@ below, part by part: each name is where its rows begin in the part's array.
 | ASIDE, FOUND_ASIDE | `group` | `group` | while a group of the rays is in one model |
 | stack, stack_near | `traverse`, `tile` | the same | one walk through a model |
 | part | `leaf`; later `hits`, `paint` | `leaf`, `gather`; `hits`, `paint` | one leaf; one `describe_tile` |
-| near, splats, listed, COUNT_NEAR, COUNT_SPLATS | `gather` | `surface`, `march`, `hits` | one leaf |
+| near, COUNT_NEAR | `gather` | `disc`, `hits`, `paint`, `cast` | one leaf, or four hits |
+| splats, listed, COUNT_SPLATS | `gather` | `surface`, `march`, `leaf` | one leaf |
 | places | `new_scratch` | `gather` | always |
 | COUNT_NODES, COUNT_LEAVES | `traverse`, `tile` | `integrate` | set to 0 by who asks |
-| SHADING_* | `store_shading_points` | `shade/` | until the tile's next points |
+| SHADING_* | `store_shading_points`, `path`, `catcher` | `shade/` | until the tile's next points |
 | KEY | `film` | `film`, `shade/` | one tile of the picture |
-| RADIANCE, THROUGHPUT, PDF, SHADING_DEPTH | `shade/`, `film` | the same | one sample of the tile |
-| GAIN, SKY_SEEN, NEXT* | `shade/` | `shade/`, `film` | one light, look at the sky, or scattering |
+| RADIANCE, THROUGHPUT, PDF, SHADING_DEPTH | `shade/` | `shade/`, `film` | one sample of the tile |
+| GAIN, SKY_SEEN, NEXT* | `shade/` | `shade/` | one light, look at the sky, or scattering |
 | CAUGHT, UNLIT, LIT | `catcher` | `catcher`, `film` | one sample of the tile |
 | waiting, WAITING_COUNT | `specular_rays` | `specular_rays` | one sample of the tile |
 | sums | `film` | `film` | one tile of the picture |

@@ -40,7 +40,7 @@ from .settings import AO, COST, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
 
 AO_SHARE = 0.2  # share of the scene's diagonal: how far ambient occlusion looks
-MOST_ONWARD = 32  # limit of mirrors and panes one behind the other
+MOST_SPECULAR = 32  # limit of mirrors and panes one behind the other
 IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel, and of each of its numbers in a film
 DENOISE_BYTES = 68  # a pixel: its light, its noisy share, colours and normals, and what Open Image Denoise takes
 ROUNDING = 4e-6  # share of a squared mean: the variance that sums of equal samples may have by rounding
@@ -162,9 +162,9 @@ class Picture:
         background: tuple[float, float, float, float] | None = None,
         in_passes: bool = False,
     ) -> None:
-        scene = scene.seen_by(camera.record())
-        width, height = camera.size
         self._settings, self._camera = settings, camera.record()
+        scene = scene.seen_by(self._camera)
+        width, height = camera.size
         self._blocks = -(-width // BLOCK_EDGE) * -(-height // BLOCK_EDGE)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
         self._kernel = kernel_for(settings)
@@ -260,7 +260,7 @@ def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, P
     job = Pass(
         integrator=integrator,
         shadows=settings.shadows,
-        max_depth=min(settings.depth, MOST_ONWARD) if integrator == PHONG else settings.depth,
+        max_depth=min(settings.depth, MOST_SPECULAR) if integrator == PHONG else settings.depth,
         sky_shows=scene.shows_sky and settings.integrator in EXPOSED,
         sky_rays=settings.sky_rays if looks_up else 0,
         reach=_reach(scene, settings) if looks_up or integrator == AO else 0.0,

@@ -36,7 +36,7 @@ class Settings:
     shadows : bool
         Of "phong".
     ao_distance : float, optional
-        How far "ao" and these look, in the world's units; None: a fifth of the scene's diagonal.
+        How far "ao" and `sky_rays` look, in the world's units; None: a fifth of the scene's diagonal.
     seed : int
         Of all that is left to chance.
     threads : int, optional

@@ -106,5 +106,7 @@ def _end_with_input() -> None:
 
 if __name__ == "__main__":
     _end_with_input()
-    _compile(sys.argv[1:])
-    os._exit(0)  # the thread that reads the input would prevent a normal exit
+    try:
+        _compile(sys.argv[1:])
+    finally:
+        os._exit(0)  # the thread that reads the input would be in the way

@@ -141,7 +141,7 @@ def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tu
 def _survey(
     work: Array, positions: Array, normals: Array, splats: Gated, boxes: Boxes, close: float, out: Array, hollow: Array
 ) -> int:
-    """Fill in `out` and `hollow` for every point, a block of neighbouring points at a time."""
+    """Fill in `out` and `hollow` for every point, SHARING neighbouring points at a time at a time."""
     positions, normals, out, hollow = borrow(positions), borrow(normals), borrow(out), borrow(hollow)
     lent = borrow(splats[0]), borrow(splats[1]), borrow(splats[2]), borrow(splats[3])
     tree = Boxes(borrow(boxes.low), borrow(boxes.high), borrow(boxes.heads))

@@ -73,7 +73,7 @@ class Scan:
     """
 
     def __init__(self, subject: Scene | Model | Points, choice: ViewChoice) -> None:
-        self._sample = sample_of(subject).without_islands()
+        self._sample = sample_of(subject, islands=False)
         self._choice = choice
         self.found = ""
         if choice.up is None:
@@ -150,7 +150,7 @@ def frame(
     ----------
     subject : Scene, Model or Points
         Its points are framed as they are seen, the central 99.9% of them along each side of the picture; small groups
-            far from all others are left out.
+        far from all others in a scan are left out.
     view : {"auto", "iso", "front", "back", "left", "right", "top", "bottom"}
         The front is seen from -y where z is up, from +z where y is. Auto: bodies from the front, a little from the
         right and above; flat scans from 40 degrees above; one-sided scans from that side; rooms from within.

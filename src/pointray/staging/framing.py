@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_direction
 from ..rendering.camera import SIZE, Camera, view_axes
-from .sample import Sample
+from .sample import STRAY, Sample
 
 Floats = NDArray[np.float64]
 
-STRAY = 0.0005  # share of the points at either end of a side that counts as strays
 MARGIN = 0.05  # share of the picture, on either side of what fills it
 ROUNDS = 60
 ENOUGH = 1e-4  # share of the picture: precision of the centring

@@ -63,21 +63,26 @@ class Sample(NamedTuple):
         return self._replace(positions=self.positions[within[large]], normals=self.normals[within[large]])
 
 
-def sample_of(subject: Scene | Model | Points, most: int = MOST) -> Sample:
+def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool = True) -> Sample:
     """At most the given number of a subject's points, spread evenly over its rows; ValueError if it has none.
 
     Planes do not count. A model that a scene contains several times counts as often.
+    islands : whether small groups of a model's points that are far from its others count, see `without_islands`
     """
     placed = _placed(subject)
     total = sum(len(points) for points, _ in placed)
     if total == 0:
         raise ValueError("there are no points to look at")
     origin = (placed[0][1] @ [*placed[0][0].origin, 1.0])[:3]
-    parts = [_part(points, matrix, min(most / total, 1.0), origin) for points, matrix in placed]
-    positions, normals = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    if len(positions) == 0:
+    far = any(points.origin.any() for points, _ in placed)
+    drawn = (_part(points, matrix, min(most / total, 1.0), origin) for points, matrix in placed)
+    parts = [Sample(positions, normals, origin, far) for positions, normals in drawn if len(positions) > 0]
+    if not parts:
         raise ValueError("no point has finite coordinates")
-    return Sample(positions, normals, origin, any(points.origin.any() for points, _ in placed))
+    if not islands:
+        parts = [part.without_islands() for part in parts]
+    positions, normals = (np.concatenate(arrays) for arrays in zip(*(part[:2] for part in parts), strict=True))
+    return Sample(positions, normals, origin, far)
 
 
 def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:

@@ -12,8 +12,7 @@ Pairs that do the same for one ray and for the rays of a tile:
 |---|---|
 | `traverse.closest` | `tile.closest_of_tile` |
 | `traverse.walk_begin` | `tile._walk_begin` |
-| `traverse.prefetch_child` | `tile._prefetch_search` |
-| `world.is_blocked` | `world.occlude_tile` |
+| `traverse.prefetch_columns` | `tile._prefetch_search` |
 
 Begin with traverse, then tile, then world.
 """

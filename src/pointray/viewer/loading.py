@@ -58,15 +58,15 @@ class Files:
 
     def __call__(self, shared: SharedScene) -> None:
         clouds = [self._read(path, shared) for path in self.paths]
-        few = [self._some(cloud) for cloud in clouds]
+        few = [self._some(cloud, k) for k, cloud in enumerate(clouds)]
         self._prepare(clouds, few, shared)
         large = [_is_large(cloud) for cloud in clouds]
         if any(large):
             shared.say("building a coarse version", None)
             # From here on small scans are models, which are not built again.
             clouds = [c if _is_large(c) else self._whole(c, k, shared) for k, c in enumerate(clouds)]
-            pairs = zip(clouds, few, strict=True)
-            self._show([c if isinstance(c, Model) else self._coarse(some) for c, some in pairs], shared)
+            pairs = enumerate(zip(clouds, few, strict=True))
+            self._show([c if isinstance(c, Model) else self._coarse(some, k) for k, (c, some) in pairs], shared)
         models = [self._whole(cloud, k, shared) for k, cloud in enumerate(clouds)]
         self._show(models, shared)
         if self.leveled and any(large):
@@ -86,7 +86,7 @@ class Files:
         if any(some.normals is None for some in few):
             expect(NORMALS)
         if not is_warm(shared.settings):
-            sketch = Sketch(few, sum(len(_points(cloud)) for cloud in clouds))
+            sketch = Sketch(few, [len(_points(cloud)) for cloud in clouds])
             shared.outline(sketch, Scan(sketch.points, self.choice).up)
 
     def _read(self, path: Path, shared: SharedScene) -> Points | Model:
@@ -99,21 +99,22 @@ class Files:
             check_wish(points, self.normals)
         return points
 
-    def _some(self, cloud: Points | Model) -> Points:
+    def _some(self, cloud: Points | Model, number: int) -> Points:
         """A limited number of the points, without normals if those are unwanted or, by this sample, wrong."""
         points = _points(cloud)
         if len(points) > COARSE:
-            rows = np.random.default_rng(0).choice(np.flatnonzero(points.finite), COARSE)
-            points = points.select(np.unique(rows))
+            rows = np.flatnonzero(points.finite)
+            rows = np.random.default_rng(0).choice(rows, min(COARSE, len(rows)), replace=False, shuffle=False)
+            points = points.select(np.sort(rows))
         if isinstance(cloud, Model):
             return points
-        with warnings.catch_warnings():  # warnings are given for all points later
+        with _named(self.paths[number]), warnings.catch_warnings():  # warnings are given for all points later
             warnings.simplefilter("ignore")
             points, wrong = judged(points, self.normals)
         return points.with_normals(None) if wrong else points
 
-    def _coarse(self, some: Points) -> Model:
-        with warnings.catch_warnings():
+    def _coarse(self, some: Points, number: int) -> Model:
+        with _named(self.paths[number]), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return Model(some, **self.surface)
 

@@ -158,7 +158,7 @@ class SharedScene:
     def show(self, scene: Scene, home: Camera | None = None) -> None:
         """Show a scene from now on; `home` is where a browser begins."""
         self._scene, self._built, self.sketch = scene, None, None
-        if home is not None:  # the page knows only this projection
+        if home is not None:  # the page opens in perspective, without a lens
             self.home = replace(home, projection="perspective", aperture=0.0, focus=None)
         self._shown += 1
         self.notify()

@@ -30,8 +30,8 @@ class Sketch:
     ----------
     clouds : sequence of Points
         They are drawn together.
-    count : int, optional
-        How many points they represent; by default their own number.
+    counts : sequence of int, optional
+        How many points each represents; by default its own number.
 
     Attributes
     ----------
@@ -40,11 +40,13 @@ class Sketch:
     count : int
     """
 
-    def __init__(self, clouds: Sequence[Points], count: int | None = None) -> None:
-        known = sum(len(cloud) for cloud in clouds)
-        self.count = known if count is None else count
-        share, rng = min(MOST / known, 1.0), np.random.default_rng(0)
-        some = [cloud.select(np.flatnonzero(cloud.finite & (rng.random(len(cloud)) < share))) for cloud in clouds]
+    def __init__(self, clouds: Sequence[Points], counts: Sequence[int] | None = None) -> None:
+        counts = [len(cloud) for cloud in clouds] if counts is None else counts
+        self.count, rng = sum(counts), np.random.default_rng(0)
+        some = []
+        for cloud, count in zip(clouds, counts, strict=True):
+            share = min(MOST * count / self.count / max(len(cloud), 1), 1.0)
+            some.append(cloud.select(np.flatnonzero(cloud.finite & (rng.random(len(cloud)) < share))))
         world = np.concatenate([cloud.origin + cloud.positions for cloud in some])
         self.points = Points(world, _together([cloud.normals for cloud in some]))
         ranks = np.arange(1, min(NEIGHBORS, len(world)) + 1)
