@@ -32,11 +32,13 @@ def test_direct_light(pair, light):
     assert row.all.apart < 1.2 * row.all.apart_noise + 0.005
 
 
+@pytest.mark.long
 def test_four_bounces_in_a_corner(pair):
     row = compare(pair, Case("rectangle", "diffuse", "corner", 4))
     assert row.met, row
 
 
+@pytest.mark.long
 def test_mirrors(pair):
     row = compare(pair, Case("gradient", "mirror", "floor", 2))
     assert row.met, row

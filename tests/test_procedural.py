@@ -69,7 +69,7 @@ def test_points_are_spread_evenly(name, n):
     assert gaps.max() < 1.5
 
 
-@pytest.mark.parametrize("name", ["statue", "torus"])
+@pytest.mark.parametrize("name", [pytest.param("statue", marks=pytest.mark.long), "torus"])
 def test_the_same_points_with_any_number_of_threads(name, monkeypatch):
     first = sample(name, 30_000, seed=3)
     monkeypatch.setenv("POINTRAY_THREADS", "1")

@@ -288,6 +288,7 @@ def test_what_cannot_be_a_model_is_told_with_its_file(tmp_path, capsys):
     assert not (tmp_path / "one.pointray").exists()
 
 
+@pytest.mark.long
 def test_no_extreme_number_in_a_file_leads_a_ray_astray(tmp_path):
     """In a process of its own: a ray that reads foreign memory may end it."""
     command = [sys.executable, str(Path(__file__).with_name("extremes.py")), str(tmp_path)]

@@ -57,7 +57,7 @@ def clouds_of(rng, count, splats):
     return np.concatenate([x, n, r, np.zeros((count, splats, 6))], axis=2), m / np.linalg.norm(m, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("trim", [TRIM, 0.4, 5.0])
+@pytest.mark.parametrize("trim", [TRIM, *(pytest.param(trim, marks=pytest.mark.long) for trim in (0.4, 5.0))])
 @pytest.mark.parametrize("surface", ["apss", "paper", "imls"])
 def test_all_surface_lies_in_the_slab(surface, trim):
     rng = np.random.default_rng(11)

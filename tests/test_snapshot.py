@@ -132,6 +132,7 @@ def test_all_that_a_scene_holds_can_be_pickled():
         assert repr(pickle.loads(pickle.dumps(one))) == repr(one)
 
 
+@pytest.mark.long
 def test_each_call_sees_the_scene_of_one_moment():
     """While a ball jumps to and fro no call may see it in both places or in none; others come and go beside it."""
     scene = pr.Scene()

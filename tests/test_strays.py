@@ -162,6 +162,7 @@ def radii_around(points, rows, radii, k=200):
     return np.median(radii[cKDTree(points.positions).query(points.positions[rows], k)[1]], axis=1)
 
 
+@pytest.mark.long
 def test_autzen_has_no_ball_on_its_end_wall():
     """Some 15 returns of a wall, 30 times sparser than the seats: a ball of discs up to 13 times as wide as usual."""
     points = pr.read(shared_model("points/autzen_stadium_crop_rgb.ply"))

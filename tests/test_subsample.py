@@ -75,7 +75,11 @@ def test_the_traced_subset_is_within_the_tolerance(name, n, share):
     assert (away <= tolerance).mean() >= 0.999
 
 
-HALF = [("lattice", 50_000, 8000), ("torus", 30_000, 3000), ("sphere", 20_000, 1500)]
+HALF = [
+    pytest.param("lattice", 50_000, 8000, marks=pytest.mark.long),
+    ("torus", 30_000, 3000),
+    ("sphere", 20_000, 1500),
+]
 
 
 def both_errors(points, count):
@@ -94,6 +98,7 @@ def test_half_the_largest_error_of_a_grid(name, n, count):
     assert ours[-1] <= 0.5 * theirs[-1]
 
 
+@pytest.mark.long
 def test_half_the_error_of_a_grid_where_it_is_sharp(statue):
     """All but 10 of 50,000 points; the last lie in crevices as narrow as the cloud's spacing."""
     ours, theirs = both_errors(statue, 8000)

@@ -28,7 +28,9 @@ def torus():
     return splats("torus")
 
 
-@pytest.mark.parametrize("name", ["sphere", "torus", "lattice", "statue", "stanford_bunny"])
+@pytest.mark.parametrize(
+    "name", ["sphere", "torus", "lattice", pytest.param("statue", marks=pytest.mark.long), "stanford_bunny"]
+)
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), places=4000) == []
