@@ -190,56 +190,56 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 
 
 @inline
-def _gather_for(tree: Tree, leaf: int, at: int, count: int, scratch: Scratch) -> None:
+def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch) -> None:
     """List and gather the blocks near up to 16 of the rays in `scratch.part`."""
     part = scratch.part
     frame = Frame(
-        load16(part, AT_X + at),
-        load16(part, AT_Y + at),
-        load16(part, AT_Z + at),
-        load16(part, AT_DX + at),
-        load16(part, AT_DY + at),
-        load16(part, AT_DZ + at),
-        load16(part, AT_FIRST + at),
-        load16(part, AT_SIDE + at),
+        load16(part, AT_X + first),
+        load16(part, AT_Y + first),
+        load16(part, AT_Z + first),
+        load16(part, AT_DX + first),
+        load16(part, AT_DY + first),
+        load16(part, AT_DZ + first),
+        load16(part, AT_FIRST + first),
+        load16(part, AT_SIDE + first),
     )
-    active, ends = mask16((1 << count) - 1), (at, at + count - 1)
-    list_blocks(tree, leaf, around(part, ends, frame, load16(part, AT_HALF + at), active), scratch)
+    active, ends = mask16((1 << count) - 1), (first, first + count - 1)
+    list_blocks(tree, leaf, around(part, ends, frame, load16(part, AT_HALF + first), active), scratch)
     gather(tree, scratch)
 
 
 @inline
-def _four(tree: Tree, leaf: int, part: Array, at: int) -> tuple[Frame, Reach]:
+def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Reach]:
     """The frame and the samples of rays at to at + 3 in `scratch.part`."""
-    reach = Reach(repeat4(part, AT_FIRST + at), repeat4(part, AT_LAST + at), repeat4(part, AT_BEGIN + at))
+    reach = Reach(repeat4(part, AT_FIRST + first), repeat4(part, AT_LAST + first), repeat4(part, AT_BEGIN + first))
     frame = Frame(
-        repeat4(part, AT_FIRST_X + at),
-        repeat4(part, AT_FIRST_Y + at),
-        repeat4(part, AT_FIRST_Z + at),
-        repeat4(part, AT_DX + at),
-        repeat4(part, AT_DY + at),
-        repeat4(part, AT_DZ + at),
+        repeat4(part, AT_FIRST_X + first),
+        repeat4(part, AT_FIRST_Y + first),
+        repeat4(part, AT_FIRST_Z + first),
+        repeat4(part, AT_DX + first),
+        repeat4(part, AT_DY + first),
+        repeat4(part, AT_DZ + first),
         span(tree, leaf, reach)[0],
-        repeat4(part, AT_SIDE + at),
+        repeat4(part, AT_SIDE + first),
     )
     return frame, reach
 
 
 @inline
-def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, at: int, scratch: Scratch) -> Bits:
+def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch: Scratch) -> Bits:
     """Store the hits of the asked rays among four (4 bits) where they are nearer; returns the rays that were lifted.
 
     rays : the numbers of the four in the tile, as bits; where there are fewer, the others have found nothing. The loop
         always takes four steps, so that lanes are known when it is compiled: 1 to 2% of the time
     """
     rows, part, lifted = scratch.model, scratch.part, i64(0)
-    hits, lifts = bits(found.t < repeat4(part, AT_LENGTH + at)) & asked, bits(found.lift > ZERO) & asked
+    hits, lifts = bits(found.t < repeat4(part, AT_LENGTH + first)) & asked, bits(found.lift > ZERO) & asked
     for i in range(4):
         k = count_trailing_zeros(rays | BEYOND)
         rays &= rays - 1
         lifted |= ((lifts >> i) & 1) << k
         if (hits >> i) & 1 != 0:
-            rows[LENGTH + k] = part[AT_LENGTH + at + i] = lane(found.t, i)
+            rows[LENGTH + k] = part[AT_LENGTH + first + i] = lane(found.t, i)
             rows[NX + k], rows[NY + k], rows[NZ + k] = lane(found.nx, i), lane(found.ny, i), lane(found.nz, i)
             scratch.numbers[FOUND + k] = leaf
     return lifted

@@ -32,68 +32,68 @@ LEAST_PDF = 1e-200  # below it a quotient by the pdf may overflow
 
 
 @inline
-def base_color(world: World, at: int, color: Vec3) -> Vec3:
+def base_color(world: World, material: int, color: Vec3) -> Vec3:
     """The material's colour, or the given colour of the surface where the material has none."""
-    if world.materials[at + OWN_COLOR] != 0.0:
+    if world.materials[material + OWN_COLOR] != 0.0:
         return color
-    return load3_flat(world.materials, at + BASE_COLOR)
+    return load3_flat(world.materials, material + BASE_COLOR)
 
 
 @inline
-def emitted(world: World, at: int) -> Vec3:
+def emitted(world: World, material: int) -> Vec3:
     """Radiance that the surface emits by itself, to both sides."""
-    if world.materials[at + MATERIAL_KIND] == EMISSIVE:
-        return load3_flat(world.materials, at + EMITTED)
+    if world.materials[material + MATERIAL_KIND] == EMISSIVE:
+        return load3_flat(world.materials, material + EMITTED)
     return BLACK
 
 
 @inline
-def is_specular(world: World, at: int) -> bool:
+def is_specular(world: World, material: int) -> bool:
     """Whether light is scattered into one or two directions only."""
-    kind = world.materials[at + MATERIAL_KIND]
+    kind = world.materials[material + MATERIAL_KIND]
     return kind in (MIRROR, DIELECTRIC)
 
 
 @inline
-def ambient(world: World, at: int, point: ShadingPoint) -> Vec3:
+def ambient(world: World, material: int, point: ShadingPoint) -> Vec3:
     """The share of even light from all around that is reflected, highlights left out."""
-    if is_specular(world, at):
+    if is_specular(world, material):
         return BLACK
-    share = 1.0 - world.materials[at + SPECULAR] if world.materials[at + MATERIAL_KIND] == PHONG else 1.0
+    share = 1.0 - world.materials[material + SPECULAR] if world.materials[material + MATERIAL_KIND] == PHONG else 1.0
     return scale(point.color, share)
 
 
 @inline
-def eval_bsdf(world: World, at: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec3, float]:
+def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec3, float]:
     """(BSDF times cosine as RGB, pdf with which `sample_bsdf` chooses this direction).
 
     wi : unit. Black and 0 where light or eye is not on the normal's side, and for specular materials.
     """
     cosine = dot(point.normal, wi)
-    if cosine <= 0.0 or dot(point.normal, point.wo) <= 0.0 or is_specular(world, at):
+    if cosine <= 0.0 or dot(point.normal, point.wo) <= 0.0 or is_specular(world, material):
         return BLACK, 0.0
-    kind = world.materials[at + MATERIAL_KIND]
+    kind = world.materials[material + MATERIAL_KIND]
     if kind == PHONG:
-        return eval_phong(world, at, point, wi, cosine)
+        return eval_phong(world, material, point, wi, cosine)
     if kind == PRINCIPLED:
-        return eval_principled(world, at, point, wi, cosine)
+        return eval_principled(world, material, point, wi, cosine)
     return eval_diffuse(point, cosine)
 
 
 @inline
-def _direction(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
+def _direction(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
     """A direction chosen with the pdf of `eval_bsdf`; it may lie below the surface."""
-    kind = world.materials[at + MATERIAL_KIND]
+    kind = world.materials[material + MATERIAL_KIND]
     if kind == PHONG:
-        return sample_phong(world, at, point, which, u, v)
+        return sample_phong(world, material, point, which, u, v)
     if kind == PRINCIPLED:
-        return sample_principled(world, at, point, which, u, v)
+        return sample_principled(world, material, point, which, u, v)
     return sample_diffuse(point.normal, u, v)
 
 
 @inline
 def sample_bsdf(
-    world: World, at: int, point: ShadingPoint, which: float, u: float, v: float
+    world: World, material: int, point: ShadingPoint, which: float, u: float, v: float
 ) -> tuple[Vec3, Vec3, float, float]:
     """Choose where a path continues: (unit direction, weight, pdf, side).
 
@@ -103,10 +103,10 @@ def sample_bsdf(
     """
     if dot(point.normal, point.wo) <= 0.0:
         return point.normal, BLACK, 0.0, point.side
-    if is_specular(world, at):
-        return sample_specular(world, at, point, which)
-    direction = _direction(world, at, point, which, u, v)
-    rgb, pdf = eval_bsdf(world, at, point, direction)
+    if is_specular(world, material):
+        return sample_specular(world, material, point, which)
+    direction = _direction(world, material, point, which, u, v)
+    rgb, pdf = eval_bsdf(world, material, point, direction)
     if pdf < LEAST_PDF:
         return direction, BLACK, 0.0, point.side
     return direction, scale(rgb, 1.0 / pdf), pdf, point.side

@@ -132,11 +132,11 @@ def catch_occlusion(caught: Bits, scratch: Scratch) -> None:
 
 
 @inline
-def _ask_lamp(world: World, at: int, i: int, sample: int, scratch: Scratch) -> None:
+def _ask_lamp(world: World, light: int, i: int, sample: int, scratch: Scratch) -> None:
     """Ask at catcher i for light from a point on a light."""
     x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
     u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + ON_LIGHT)
-    incoming = sample_light(world, at, x, u, v)
+    incoming = sample_light(world, light, x, u, v)
     cosine = max(dot(normal, incoming.wi), 0.0)
     _ask(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
 
@@ -167,16 +167,16 @@ def catch_paths(world: World, sample: int, sky_shows: bool, scratch: Scratch) ->
     Returns those that stay.
     """
     caught, sky = scratch.counts[CAUGHT], world.lights.size
-    for at in range(0, sky + LIGHT, LIGHT):
-        if at == sky and not has_sky(world):
+    for light in range(0, sky + LIGHT, LIGHT):
+        if light == sky and not has_sky(world):
             continue
         _ask_nothing(scratch)
         for i in range(TILE):
             if (caught >> i) & 1 != 0:
-                if at == sky:
+                if light == sky:
                     _ask_sky(world, i, sample, scratch)
                 else:
-                    _ask_lamp(world, at, i, sample, scratch)
+                    _ask_lamp(world, light, i, sample, scratch)
         _answer(world, caught, True, scratch)
     _leave(caught, scratch)
     return show_caught(world, sky_shows, scratch)

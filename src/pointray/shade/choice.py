@@ -48,11 +48,11 @@ def _steady(x: float) -> float:
 
 
 @inline
-def _enters(boxes: Array, at: int, o: Vec3, inverse: Vec3, nearest: float) -> bool:
+def _enters(boxes: Array, offset: int, o: Vec3, inverse: Vec3, nearest: float) -> bool:
     """Whether a ray enters a box before `nearest`."""
-    ax, bx = (boxes[at] - o[0]) * inverse[0], (boxes[at + 3] - o[0]) * inverse[0]
-    ay, by = (boxes[at + 1] - o[1]) * inverse[1], (boxes[at + 4] - o[1]) * inverse[1]
-    az, bz = (boxes[at + 2] - o[2]) * inverse[2], (boxes[at + 5] - o[2]) * inverse[2]
+    ax, bx = (boxes[offset] - o[0]) * inverse[0], (boxes[offset + 3] - o[0]) * inverse[0]
+    ay, by = (boxes[offset + 1] - o[1]) * inverse[1], (boxes[offset + 4] - o[1]) * inverse[1]
+    az, bz = (boxes[offset + 2] - o[2]) * inverse[2], (boxes[offset + 5] - o[2]) * inverse[2]
     enter = max(max(min(ax, bx), min(ay, by)), max(min(az, bz), 0.0))
     leave = min(min(max(ax, bx), max(ay, by)), min(max(az, bz), nearest))
     return enter <= leave
@@ -84,11 +84,11 @@ def meets_lamp(world: World, ray: tuple[Vec3, Vec3], end: float) -> bool:
 
 
 @inline
-def _is_within(boxes: Array, at: int, d: Vec3) -> bool:
+def _is_within(boxes: Array, offset: int, d: Vec3) -> bool:
     """Whether a direction points into a box."""
-    x = (boxes[at] <= d[0]) & (d[0] <= boxes[at + 3])
-    y = (boxes[at + 1] <= d[1]) & (d[1] <= boxes[at + 4])
-    return x & y & (boxes[at + 2] <= d[2]) & (d[2] <= boxes[at + 5])
+    x = (boxes[offset] <= d[0]) & (d[0] <= boxes[offset + 3])
+    y = (boxes[offset + 1] <= d[1]) & (d[1] <= boxes[offset + 4])
+    return x & y & (boxes[offset + 2] <= d[2]) & (d[2] <= boxes[offset + 5])
 
 
 @inline

@@ -57,9 +57,9 @@ def _light_from(world: World, light: int, scratch: Scratch) -> bool:
     for i in range(TILE):
         gain = BLACK
         if is_shaded(scratch, i):
-            at, point = shading_point(world, scratch, i)
+            material, point = shading_point(world, scratch, i)
             wi = load3(scratch.world, DIRECTION + i)
-            gain = multiply(eval_bsdf(world, at, point, wi)[0], load3(points, GAIN + i))
+            gain = multiply(eval_bsdf(world, material, point, wi)[0], load3(points, GAIN + i))
         store3(points, GAIN + i, gain)
         if gain[0] + gain[1] + gain[2] > 0.0:
             lit = True
@@ -88,14 +88,14 @@ def light_tile(world: World, shadows: bool, look: tuple[int, int, float], scratc
         find_sky_seen(world, look, scratch)
     for i in range(TILE):
         if is_shaded(scratch, i):
-            at, point = shading_point(world, scratch, i)
-            add_radiance(scratch, i, emitted(world, at))
+            material, point = shading_point(world, scratch, i)
+            add_radiance(scratch, i, emitted(world, material))
             if dark:
-                add_radiance(scratch, i, scale(eval_bsdf(world, at, point, point.wo)[0], math.pi))
+                add_radiance(scratch, i, scale(eval_bsdf(world, material, point, point.wo)[0], math.pi))
             elif has_sky(world):
                 even = sky_irradiance(world, load3(scratch.shading_points, SHADING_NORMAL + i))
                 share = scratch.shading_points[SKY_SEEN + i] / math.pi
-                add_radiance(scratch, i, multiply(ambient(world, at, point), scale(even, share)))
+                add_radiance(scratch, i, multiply(ambient(world, material, point), scale(even, share)))
     for light in range(0, world.lights.size, LIGHT):
         if not _light_from(world, light, scratch):
             continue

@@ -63,10 +63,10 @@ def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
 
 
 @inline
-def _cone_of_sphere(world: World, at: int, x: Vec3) -> tuple[Vec3, float, float]:
+def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, float]:
     """(unit direction to a sphere's middle, distance, 1 - cosine of half the angle it fills; 0 inside the sphere)."""
-    v = sub(load3_flat(world.lights, at + LIGHT_PLACE), x)
-    distance, radius = length(v), world.lights[at + LIGHT_RADIUS]
+    v = sub(load3_flat(world.lights, light + LIGHT_PLACE), x)
+    distance, radius = length(v), world.lights[light + LIGHT_RADIUS]
     if distance <= radius:
         return v, distance, 0.0
     share = (radius / distance) ** 2
@@ -74,9 +74,9 @@ def _cone_of_sphere(world: World, at: int, x: Vec3) -> tuple[Vec3, float, float]
 
 
 @inline
-def from_middle(world: World, at: int, kind: float, x: Vec3) -> LightSample:
+def from_middle(world: World, light: int, kind: float, x: Vec3) -> LightSample:
     """The light at x if all of a light of that kind came from its middle: hard shadows."""
-    place, power = load3_flat(world.lights, at + LIGHT_PLACE), load3_flat(world.lights, at + LIGHT_POWER)
+    place, power = load3_flat(world.lights, light + LIGHT_PLACE), load3_flat(world.lights, light + LIGHT_POWER)
     if kind == SUN_LIGHT:
         return LightSample(scale(place, -1.0), np.inf, power, 0.0)
     v = sub(place, x)
@@ -86,47 +86,49 @@ def from_middle(world: World, at: int, kind: float, x: Vec3) -> LightSample:
     if kind == POINT_LIGHT:
         return LightSample(wi, distance, scale(power, 1.0 / square), 0.0)
     if kind == SPHERE_LIGHT:
-        radius = world.lights[at + LIGHT_RADIUS]
+        radius = world.lights[light + LIGHT_RADIUS]
         if distance <= radius:
             return _nothing()
         return LightSample(wi, distance - radius, scale(power, math.pi * radius * radius / square), 0.0)
-    cosine = max(-dot(load3_flat(world.lights, at + LIGHT_FACING), wi), 0.0)
+    cosine = max(-dot(load3_flat(world.lights, light + LIGHT_FACING), wi), 0.0)
     # A disk seen from its axis has pi r^2 / (d^2 + r^2): close to it the square of the distance alone is too much.
-    area = world.lights[at + LIGHT_AREA]
+    area = world.lights[light + LIGHT_AREA]
     return LightSample(wi, distance, scale(power, area * cosine / (square + area / math.pi)), 0.0)
 
 
 @inline
-def sample_light(world: World, at: int, x: Vec3, u: float, v: float) -> LightSample:
+def sample_light(world: World, light: int, x: Vec3, u: float, v: float) -> LightSample:
     """The light that arrives at x from a point on a light; two numbers in 0..1 choose the point."""
-    kind, power = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_POWER)
-    place = load3_flat(world.lights, at + LIGHT_PLACE)
+    kind, power = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_POWER)
+    place = load3_flat(world.lights, light + LIGHT_PLACE)
     if kind == POINT_LIGHT:
-        return from_middle(world, at, kind, x)
+        return from_middle(world, light, kind, x)
     if kind == SUN_LIGHT:
-        missing = world.lights[at + LIGHT_RADIUS]
+        missing = world.lights[light + LIGHT_RADIUS]
         if missing == 0.0:
-            return from_middle(world, at, kind, x)
+            return from_middle(world, light, kind, x)
         wi = _in_cone(scale(place, -1.0), missing, u, v)
         return LightSample(wi, np.inf, _sun_share(power, missing), 1.0 / (2.0 * math.pi * missing))
     if kind == SPHERE_LIGHT:
-        axis, distance, missing = _cone_of_sphere(world, at, x)
+        axis, distance, missing = _cone_of_sphere(world, light, x)
         if missing == 0.0:
             return _nothing()
         wi = _in_cone(axis, missing, u, v)
         pdf = 1.0 / (2.0 * math.pi * missing)
-        t = _intersect_sphere(scale(axis, distance), world.lights[at + LIGHT_RADIUS], wi)
+        t = _intersect_sphere(scale(axis, distance), world.lights[light + LIGHT_RADIUS], wi)
         return LightSample(wi, min(t, distance), scale(power, 1.0 / pdf), pdf)
     a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
     if kind == DISK_LIGHT:
         a, b = on_disc(u, v)
-    aside = add(scale(load3_flat(world.lights, at + LIGHT_U), a), scale(load3_flat(world.lights, at + LIGHT_V), b))
+    aside = add(
+        scale(load3_flat(world.lights, light + LIGHT_U), a), scale(load3_flat(world.lights, light + LIGHT_V), b)
+    )
     to_place = add(sub(place, x), aside)
     distance = length(to_place)
     if distance == 0.0:
         return _nothing()
     wi = scale(to_place, 1.0 / distance)
-    pdf = _flat_pdf(world, at, wi, distance)
+    pdf = _flat_pdf(world, light, wi, distance)
     if pdf == 0.0:
         return _nothing()
     return LightSample(wi, distance, scale(power, 1.0 / pdf), pdf)
@@ -140,10 +142,10 @@ def _sun_share(irradiance: Vec3, missing: float) -> Vec3:
 
 
 @inline
-def _flat_pdf(world: World, at: int, wi: Vec3, distance: float) -> float:
+def _flat_pdf(world: World, light: int, wi: Vec3, distance: float) -> float:
     """The pdf of a direction to a point on a flat light at a distance; 0 behind it."""
-    cosine = -dot(load3_flat(world.lights, at + LIGHT_FACING), wi)
-    return distance * distance / (cosine * world.lights[at + LIGHT_AREA]) if cosine > 1e-12 else 0.0
+    cosine = -dot(load3_flat(world.lights, light + LIGHT_FACING), wi)
+    return distance * distance / (cosine * world.lights[light + LIGHT_AREA]) if cosine > 1e-12 else 0.0
 
 
 @inline
@@ -157,20 +159,20 @@ def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
 
 
 @inline
-def intersect_light(world: World, at: int, o: Vec3, d: Vec3) -> float:
+def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
     """t of a ray of unit direction with the shining side of a light; inf for none, and for lights without size."""
-    kind, place = world.lights[at + LIGHT_KIND], load3_flat(world.lights, at + LIGHT_PLACE)
+    kind, place = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_PLACE)
     if kind in (POINT_LIGHT, SUN_LIGHT):
         return np.inf
     if kind == SPHERE_LIGHT:
-        return _intersect_sphere(sub(place, o), world.lights[at + LIGHT_RADIUS], d)
-    facing = load3_flat(world.lights, at + LIGHT_FACING)
+        return _intersect_sphere(sub(place, o), world.lights[light + LIGHT_RADIUS], d)
+    facing = load3_flat(world.lights, light + LIGHT_FACING)
     fall = -dot(facing, d)
     if fall <= 1e-12:
         return np.inf
     t = dot(facing, sub(o, place)) / fall
     x = sub(add(o, scale(d, t)), place)
-    u, v = load3_flat(world.lights, at + LIGHT_U), load3_flat(world.lights, at + LIGHT_V)
+    u, v = load3_flat(world.lights, light + LIGHT_U), load3_flat(world.lights, light + LIGHT_V)
     # The coordinates in u and v, which need not be at right angles.
     uu, uv, vv, xu, xv = dot(u, u), dot(u, v), dot(v, v), dot(x, u), dot(x, v)
     whole = uu * vv - uv * uv
@@ -180,27 +182,27 @@ def intersect_light(world: World, at: int, o: Vec3, d: Vec3) -> float:
 
 
 @inline
-def light_pdf(world: World, at: int, o: Vec3, d: Vec3, t: float) -> float:
+def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
     """The pdf with which `sample_light` at o would have chosen the direction d, in which the light is met at t."""
-    if world.lights[at + LIGHT_KIND] == SPHERE_LIGHT:
-        missing = _cone_of_sphere(world, at, o)[2]
+    if world.lights[light + LIGHT_KIND] == SPHERE_LIGHT:
+        missing = _cone_of_sphere(world, light, o)[2]
         return 1.0 / (2.0 * math.pi * missing) if missing > 0.0 else 0.0
-    return _flat_pdf(world, at, d, t)
+    return _flat_pdf(world, light, d, t)
 
 
 @inline
-def light_radiance(world: World, at: int) -> Vec3:
+def light_radiance(world: World, light: int) -> Vec3:
     """Radiance of a light that a ray meets."""
-    return load3_flat(world.lights, at + LIGHT_POWER)
+    return load3_flat(world.lights, light + LIGHT_POWER)
 
 
 @inline
-def sun_in(world: World, at: int, d: Vec3) -> tuple[Vec3, float]:
+def sun_in(world: World, light: int, d: Vec3) -> tuple[Vec3, float]:
     """(radiance, pdf) of the sun's disk in a direction; black outside of it, and for a sun without size."""
-    missing = world.lights[at + LIGHT_RADIUS]
-    if world.lights[at + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:
+    missing = world.lights[light + LIGHT_RADIUS]
+    if world.lights[light + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:
         return BLACK, 0.0
-    if 1.0 + dot(load3_flat(world.lights, at + LIGHT_PLACE), d) > missing:
+    if 1.0 + dot(load3_flat(world.lights, light + LIGHT_PLACE), d) > missing:
         return BLACK, 0.0
     pdf = 1.0 / (2.0 * math.pi * missing)
-    return scale(_sun_share(load3_flat(world.lights, at + LIGHT_POWER), missing), pdf), pdf
+    return scale(_sun_share(load3_flat(world.lights, light + LIGHT_POWER), missing), pdf), pdf

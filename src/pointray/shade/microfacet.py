@@ -61,38 +61,41 @@ def _facets(alpha: float, cosine: float, cos_o: float, half: float) -> tuple[flo
 
 
 @inline
-def _share_of_facets(world: World, at: int, point: ShadingPoint, cos_o: float) -> float:
+def _share_of_facets(world: World, material: int, point: ShadingPoint, cos_o: float) -> float:
     """The probability with which facets are sampled, not the base: roughly by what they reflect."""
-    metallic, through = world.materials[at + METALLIC], _let_in(load3_flat(world.materials, at + COAT), cos_o)
+    metallic, through = (
+        world.materials[material + METALLIC],
+        _let_in(load3_flat(world.materials, material + COAT), cos_o),
+    )
     gray = _mean(point.color)
     reflected = (1.0 - metallic) * (1.0 - through) + metallic * gray + 1e-6  # black metal reflects at grazing angles
     return reflected / (reflected + (1.0 - metallic) * gray * through)
 
 
 @inline
-def eval_principled(world: World, at: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
+def eval_principled(world: World, material: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
     """(BRDF times cosine, pdf)."""
-    metallic, coat = world.materials[at + METALLIC], load3_flat(world.materials, at + COAT)
+    metallic, coat = world.materials[material + METALLIC], load3_flat(world.materials, material + COAT)
     cos_o = dot(point.normal, point.wo)
     normal = unit(add(point.wo, wi))
-    lobe, visible = _facets(world.materials[at + ALPHA], cosine, cos_o, dot(point.normal, normal))
+    lobe, visible = _facets(world.materials[material + ALPHA], cosine, cos_o, dot(point.normal, normal))
     plain = F0 * (1.0 - metallic)
     at_normal = add((plain, plain, plain), scale(point.color, metallic))
     gloss = scale(_schlick(at_normal, dot(point.wo, normal)), lobe)
     through = _let_in(coat, cos_o) * _let_in(coat, cosine) / _let_in_on_average(coat)
     pdf = cosine / math.pi
-    share = _share_of_facets(world, at, point, cos_o)
+    share = _share_of_facets(world, material, point, cos_o)
     both = add(gloss, scale(point.color, (1.0 - metallic) * through * pdf))
     return both, share * visible + (1.0 - share) * pdf
 
 
 @inline
-def sample_principled(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
+def sample_principled(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
     """A cosine-distributed direction, or one mirrored at a visible facet, which may lie below the surface."""
     normal, cos_o = point.normal, dot(point.normal, point.wo)
-    if which >= _share_of_facets(world, at, point, cos_o):
+    if which >= _share_of_facets(world, material, point, cos_o):
         return sample_diffuse(normal, u, v)
-    alpha = world.materials[at + ALPHA]
+    alpha = world.materials[material + ALPHA]
     # Stretched along the normal, the facets form a hemisphere. The eye sees a cap of it about the stretched direction,
     # and the points of that cap mirror this direction uniformly.
     eye = unit(add(scale(point.wo, alpha), scale(normal, (1.0 - alpha) * cos_o)))

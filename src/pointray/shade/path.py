@@ -128,13 +128,13 @@ def _light_at(world: World, i: int, sample: int, depth: int, which: int, scratch
 def _go_on(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
     """Choose whether and where a path continues from surface point i."""
     points = scratch.shading_points
-    at, point = shading_point(world, scratch, i)
+    material, point = shading_point(world, scratch, i)
     u, v = _pair(scratch, i, sample, depth, DIRECTION_OF)
-    d, weight, pdf, side = sample_bsdf(world, at, point, lobe, u, v)
+    d, weight, pdf, side = sample_bsdf(world, material, point, lobe, u, v)
     weight = multiply(load3(points, THROUGHPUT + i), weight)
-    most = max(weight[0], weight[1], weight[2])
-    if most < FAINT:
-        share = most / FAINT
+    largest = max(weight[0], weight[1], weight[2])
+    if largest < FAINT:
+        share = largest / FAINT
         weight = scale(weight, 1.0 / share) if _pair(scratch, i, sample, depth, ROULETTE)[0] < share else BLACK
     store3(points, NEXT + i, d)
     store3(points, NEXT_THROUGHPUT + i, weight)
@@ -153,12 +153,12 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
             continue
         choice, lobe = _pair(scratch, i, sample, depth, WHICH)
         _go_on(world, i, sample, depth, lobe, scratch)
-        at, point = shading_point(world, scratch, i)
+        material, point = shading_point(world, scratch, i)
         which, chance = choose_light(world, choice)
-        if chance == 0.0 or is_specular(world, at):
+        if chance == 0.0 or is_specular(world, material):
             continue
         incoming = _light_at(world, i, sample, depth, which, scratch)
-        share, pdf = eval_bsdf(world, at, point, incoming.wi)
+        share, pdf = eval_bsdf(world, material, point, incoming.wi)
         gain = multiply(share, scale(incoming.light, mis_weight(incoming.pdf * chance, pdf) / chance))
         # The front of another light ends the paths' rays, so it blocks this one too.
         ray = load3(points, SHADING_POINT + i), incoming.wi
@@ -191,13 +191,13 @@ def follow(scratch: Scratch) -> bool:
 
 
 @inline
-def trace_paths(world: World, sample: int, most: int, sky_shows: bool, scratch: Scratch) -> Bits:
+def trace_paths(world: World, sample: int, max_depth: int, sky_shows: bool, scratch: Scratch) -> Bits:
     """From the tile's camera rays, already set, to radiance in RADIANCE; returns the rays that met anything (bits).
 
-    most : limit of scatterings
+    max_depth : limit of scatterings
     """
     covered = i64(0)
-    for depth in range(most + 1):
+    for depth in range(max_depth + 1):
         trace_tile(world, scratch)
         describe_tile(world, True, scratch)
         met = receive(world, depth, sky_shows, scratch)
@@ -205,7 +205,7 @@ def trace_paths(world: World, sample: int, most: int, sky_shows: bool, scratch: 
             covered = met
             if find_caught(world, scratch) != 0:
                 covered &= ~catch_paths(world, sample, sky_shows, scratch)
-        if depth == most:
+        if depth == max_depth:
             break
         scatter_paths(world, sample, depth, scratch)
         if not follow(scratch):

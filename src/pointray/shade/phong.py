@@ -32,13 +32,13 @@ def _share_of_highlight(color: Vec3, specular: float) -> float:
 
 
 @inline
-def eval_phong(world: World, at: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
+def eval_phong(world: World, material: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
     """(BRDF times cosine, pdf)."""
-    specular = world.materials[at + SPECULAR]
+    specular = world.materials[material + SPECULAR]
     diffuse, pdf = eval_diffuse(point, cosine)
     if specular == 0.0:  # the power is what takes long here
         return diffuse, pdf
-    exponent, share = world.materials[at + EXPONENT], _share_of_highlight(point.color, specular)
+    exponent, share = world.materials[material + EXPONENT], _share_of_highlight(point.color, specular)
     along = dot(mirrored(wi, point.normal), point.wo)
     lobe = along**exponent / (2.0 * math.pi) if along > 0.0 else 0.0
     gloss = specular * (exponent + 2.0) * lobe * cosine
@@ -47,13 +47,13 @@ def eval_phong(world: World, at: int, point: ShadingPoint, wi: Vec3, cosine: flo
 
 
 @inline
-def sample_phong(world: World, at: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
+def sample_phong(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
     """A direction by the cosine, or by a power of the cosine about the mirrored one, which may lie below the surface.
 
     After Lafortune and Willems (1994).
     """
-    specular = world.materials[at + SPECULAR]
+    specular = world.materials[material + SPECULAR]
     if specular == 0.0 or which >= _share_of_highlight(point.color, specular):
         return sample_diffuse(point.normal, u, v)
-    cosine = (1.0 - u) ** (1.0 / (world.materials[at + EXPONENT] + 1.0))
+    cosine = (1.0 - u) ** (1.0 / (world.materials[material + EXPONENT] + 1.0))
     return around(mirrored(point.wo, point.normal), cosine, v)

@@ -75,8 +75,8 @@ def is_shaded(scratch: Scratch, i: int) -> bool:
 def shading_point(world: World, scratch: Scratch, i: int) -> tuple[int, ShadingPoint]:
     """(where its material begins in world.materials, the `ShadingPoint`) of a surface point."""
     points = scratch.shading_points
-    at = material_at(world, int(points[SHADING_INSTANCE + i]))
-    color = base_color(world, at, load3(points, SHADING_COLOR + i))
-    return at, ShadingPoint(
+    material = material_at(world, int(points[SHADING_INSTANCE + i]))
+    color = base_color(world, material, load3(points, SHADING_COLOR + i))
+    return material, ShadingPoint(
         load3(points, SHADING_NORMAL + i), load3(points, SHADING_WO + i), color, points[SHADING_SIDE + i]
     )

@@ -22,12 +22,12 @@ def fresnel(cosine: float, beyond: float, ratio: float) -> float:
 
 
 @inline
-def glass(world: World, at: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
+def glass(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
     """(reflected direction, refracted direction, share reflected) of a Dielectric; the rest is refracted.
 
     With total reflection, or a ray that only grazes, the share is 1 and the refracted direction is the reflected one.
     """
-    ior = world.materials[at + IOR]
+    ior = world.materials[material + IOR]
     ratio = ior if point.side > 0.0 else 1.0 / ior
     cosine = min(max(dot(point.normal, point.wo), 0.0), 1.0)
     reflected = mirrored(point.wo, point.normal)
@@ -40,11 +40,11 @@ def glass(world: World, at: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float
 
 
 @inline
-def sample_specular(world: World, at: int, point: ShadingPoint, which: float) -> tuple[Vec3, Vec3, float, float]:
+def sample_specular(world: World, material: int, point: ShadingPoint, which: float) -> tuple[Vec3, Vec3, float, float]:
     """(direction, weight, pdf 0, side on which it leaves) of a Mirror or a Dielectric, see `bsdf.sample_bsdf`."""
-    if world.materials[at + MATERIAL_KIND] == MIRROR:
+    if world.materials[material + MATERIAL_KIND] == MIRROR:
         return mirrored(point.wo, point.normal), point.color, 0.0, point.side
-    reflected, refracted, share = glass(world, at, point)
+    reflected, refracted, share = glass(world, material, point)
     if which < share:
         return reflected, WHITE, 0.0, point.side
     return refracted, WHITE, 0.0, -point.side

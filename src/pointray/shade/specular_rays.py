@@ -58,21 +58,21 @@ def _wait(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
 
 
 @inline
-def spawn_specular(world: World, most: int, scratch: Scratch) -> None:
+def spawn_specular(world: World, max_depth: int, scratch: Scratch) -> None:
     """Send rays on from the tile's specular surface points, up to a depth; glass sends both of its rays on."""
     for i in range(TILE):
-        if not is_shaded(scratch, i) or scratch.shading_points[SHADING_DEPTH + i] >= most:
+        if not is_shaded(scratch, i) or scratch.shading_points[SHADING_DEPTH + i] >= max_depth:
             continue
-        at, point = shading_point(world, scratch, i)
-        if not is_specular(world, at):
+        material, point = shading_point(world, scratch, i)
+        if not is_specular(world, material):
             continue
         weight, side = load3(scratch.shading_points, THROUGHPUT + i), scratch.shading_points[SHADING_SIDE + i]
-        if world.materials[at + MATERIAL_KIND] == DIELECTRIC:
-            reflected, refracted, share = glass(world, at, point)
+        if world.materials[material + MATERIAL_KIND] == DIELECTRIC:
+            reflected, refracted, share = glass(world, material, point)
             _wait(scratch, i, reflected, scale(weight, share), side)
             _wait(scratch, i, refracted, scale(weight, 1.0 - share), -side)
         else:
-            d, tint, _, side = sample_bsdf(world, at, point, 0.0, 0.0, 0.0)
+            d, tint, _, side = sample_bsdf(world, material, point, 0.0, 0.0, 0.0)
             _wait(scratch, i, d, multiply(weight, tint), side)
 
 

@@ -162,9 +162,9 @@ def _check_places(places: Any) -> None:
 
 
 @inline
-def move4(source: Any, index: Any, target: Any, at: Any) -> None:
+def move4(source: Any, index: Any, target: Any, start: Any) -> None:
     """target[at : at + 4] = source[index : index + 4]."""
-    store(target, at, _load4(source, index))
+    store(target, start, _load4(source, index))
 
 
 @intrinsic
@@ -181,34 +181,34 @@ def _compress(typingctx: Any, mask: Any, vector: Any) -> Any:
 
 
 @inline
-def pack(mask: Any, source: Any, index: Any, target: Any, at: Any) -> int:
+def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
     """Append source[index + lane] of each set lane of a 16-lane mask to target[at:], int32; returns how many.
 
     All of target[at : at + 16] may be overwritten.
     """
     if CHECK:
         _check(source, index, 16)
-        _check(target, at, 16)
+        _check(target, start, 16)
     if PACKS:
         # All 16 lanes are stored: a compressing store is slow on some processors.
-        _store(target, at, _compress(mask, _load_int16(source, index)))
+        _store(target, start, _compress(mask, _load_int16(source, index)))
         return count_bits(bits(mask))
     left, n = bits(mask), 0
     while left != 0:
-        target[at + n] = source[index + count_trailing_zeros(left)]
+        target[start + n] = source[index + count_trailing_zeros(left)]
         n += 1
         left &= left - 1
     return n
 
 
 @inline
-def store_packed(target: Any, at: Any, mask: Any, vector: Any) -> None:
+def store_packed(target: Any, start: Any, mask: Any, vector: Any) -> None:
     """Store the set lanes of a float32 vector one after the other; the rest of target[at : at + 16] is undefined."""
     if PACKS:
-        store(target, at, _compress(mask, vector))
+        store(target, start, _compress(mask, vector))
         return
     left, n = bits(mask), 0
     while left != 0:
-        target[at + n] = lane(vector, count_trailing_zeros(left))
+        target[start + n] = lane(vector, count_trailing_zeros(left))
         n += 1
         left &= left - 1

@@ -81,7 +81,7 @@ def coherent(edge: float, rows: Array) -> bool:
 @inline
 def alike(edge: float, rows: Array, left: Bits) -> Bits:
     """Those of the given rays (bits), all set aside, that may be traced together with the first of them."""
-    i, some = ASIDE + count_trailing_zeros(left), i64(0)
+    i, rays = ASIDE + count_trailing_zeros(left), i64(0)
     far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
     for v in range(0, TILE, LANES):
         word, at = (left >> v) & 0xFFFF, ASIDE + v
@@ -91,8 +91,8 @@ def alike(edge: float, rows: Array, left: Bits) -> Bits:
             o, d = load16(rows, OX + c + at), load16(rows, DX + c + at)
             word &= bits((vabs(o - rows[OX + c + i]) <= far) & (vabs(d - rows[DX + c + i]) <= wide))
             word &= bits(load16(rows, IX + c + at) * rows[IX + c + i] > ZERO)
-        some |= word << v
-    return some
+        rays |= word << v
+    return rays
 
 
 @inline
@@ -113,11 +113,11 @@ def set_aside(scratch: Scratch) -> None:
 
 
 @inline
-def _bring_row(rows: Array, row: int, some: Bits, last: float) -> None:
+def _bring_row(rows: Array, row: int, rays: Bits, last: float) -> None:
     """Bring one row of the given rays, all set aside, together; the rest of the last 16 slots gets `last`."""
     n = i64(0)
     for v in range(0, TILE, LANES):
-        word = (some >> v) & 0xFFFF
+        word = (rays >> v) & 0xFFFF
         store_packed(rows, row + n, mask16(word), load16(rows, ASIDE + row + v))
         n += count_bits(word)
     at = (n - 1) // LANES * LANES
@@ -125,28 +125,28 @@ def _bring_row(rows: Array, row: int, some: Bits, last: float) -> None:
 
 
 @inline
-def bring(some: Bits, scratch: Scratch) -> int:
+def bring(rays: Bits, scratch: Scratch) -> int:
     """Bring the given rays (bits) together in the first slots; returns where they end, a multiple of 16.
 
     Slots left over hold copies of the first ray that have already ended, so that they do not widen the group.
     """
-    rows, first = scratch.model, ASIDE + count_trailing_zeros(some)
+    rows, first = scratch.model, ASIDE + count_trailing_zeros(rays)
     for row in BROUGHT:
-        _bring_row(rows, row, some, rows[row + first])
-    _bring_row(rows, LENGTH, some, -ONE)
-    end = (count_bits(some) + LANES - 1) // LANES * LANES
+        _bring_row(rows, row, rays, rows[row + first])
+    _bring_row(rows, LENGTH, rays, -ONE)
+    end = (count_bits(rays) + LANES - 1) // LANES * LANES
     for k in range(end):
         scratch.numbers[FOUND + k] = -1
     return end
 
 
 @inline
-def take_back(some: Bits, lifted: Bits, scratch: Scratch) -> Bits:
+def take_back(rays: Bits, lifted: Bits, scratch: Scratch) -> Bits:
     """Set aside what the given rays (bits) have found; returns those that were lifted, by their numbers in the tile."""
     rows, numbers, k, back = scratch.model, scratch.numbers, 0, i64(0)
-    while some != 0:
-        i = count_trailing_zeros(some)
-        some &= some - 1
+    while rays != 0:
+        i = count_trailing_zeros(rays)
+        rays &= rays - 1
         if numbers[FOUND + k] >= 0:
             numbers[FOUND_ASIDE + i] = numbers[FOUND + k]
             for row in FOUND_ROWS:

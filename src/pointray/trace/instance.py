@@ -87,12 +87,12 @@ def _narrow(i: int, scratch: Scratch) -> None:
 
 
 @inline
-def _some_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
+def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
     """Put the given rays (bits) into a model's space, one by one; returns those that meet its bounds."""
     meeting = i64(0)
-    while some != 0:
-        i = count_trailing_zeros(some)
-        some &= some - 1
+    while rays != 0:
+        i = count_trailing_zeros(rays)
+        rays &= rays - 1
         _enter(matrix, box, i, scratch)
         if scratch.model[LENGTH + i] >= ZERO:
             _narrow(i, scratch)
@@ -101,7 +101,7 @@ def _some_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits
 
 
 @inline
-def _all_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
+def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
     """Put the tile's rays into a model's space; returns those of the given rays (bits) that meet its bounds.
 
     It has no branches but for tiles of which not all rays do: the rays are processed as vectors.
@@ -109,9 +109,9 @@ def _all_enter(matrix: ToModel, box: Box, some: Bits, scratch: Scratch) -> Bits:
     rows = scratch.model
     for i in range(TILE):
         _enter(matrix, box, i, scratch)
-    if some != ALL:
+    if rays != ALL:
         for i in range(TILE):
-            rows[LENGTH + i] = rows[LENGTH + i] if (some >> i) & 1 != 0 else -ONE
+            rows[LENGTH + i] = rows[LENGTH + i] if (rays >> i) & 1 != 0 else -ONE
     meeting = bits_of_row(rows, LENGTH)
     if meeting == 0:
         return meeting
@@ -136,38 +136,38 @@ def _together(table: Array, model: int, entered: Bits, any_hit: bool, scratch: S
         set_aside(scratch)
     left, alone, failures = entered, i64(0), 0
     while left != 0:
-        some, end = left, TILE
+        rays, end = left, TILE
         if not whole:
-            some = alike(edge, rows, left)
-            if count_bits(some) < FEWEST:
+            rays = alike(edge, rows, left)
+            if count_bits(rays) < FEWEST:
                 failures += 1
-                some = left if failures == FAILURES else some
-                alone |= some
-                left &= ~some
+                rays = left if failures == FAILURES else rays
+                alone |= rays
+                left &= ~rays
                 continue
-            end = bring(some, scratch)
+            end = bring(rays, scratch)
         lifted = closest_of_tile(table, model, (0, end), any_hit, scratch)
-        alone |= lifted if whole else take_back(some, lifted, scratch)
-        left &= ~some
+        alone |= lifted if whole else take_back(rays, lifted, scratch)
+        left &= ~rays
     if not whole:
         put_back(scratch)
     return alone & entered
 
 
 @inline
-def through_instance(world: World, at: int, some: Bits, any_hit: bool, scratch: Scratch) -> None:
+def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scratch: Scratch) -> None:
     """Nearest hits of the given rays of the tile (bits) with an instance, where they are nearer than earlier hits.
 
     any_hit : whether it only matters that they hit, not where
     """
-    model = i64(world.instances[at + SHAPE_ROW])
+    model = i64(world.instances[offset + SHAPE_ROW])
     tree = tree_at(world.table, model)
     step = f64(tree.head[LONGEST])
     box = model_bounds(tree.head), (step, 1.0 / step), int(tree.head[SURFACE]) == DISC
-    matrix = matrix_at(world, at)
+    matrix = matrix_at(world, offset)
     rows, numbers = scratch.model, scratch.numbers
-    few = count_bits(some) <= LONELY
-    alone = _some_enter(matrix, box, some, scratch) if few else _all_enter(matrix, box, some, scratch)
+    few = count_bits(rays) <= LONELY
+    alone = _some_enter(matrix, box, rays, scratch) if few else _all_enter(matrix, box, rays, scratch)
     if alone == 0:
         return
     entered = alone
@@ -187,9 +187,9 @@ def through_instance(world: World, at: int, some: Bits, any_hit: bool, scratch: 
             if numbers[FOUND + i] >= 0:
                 _keep_t(i, scratch)
                 _keep_place(of_size_one(matrix), i, scratch)
-                _keep_leaf(at, i, scratch)
+                _keep_leaf(offset, i, scratch)
     else:
-        _keep_nearest(matrix, at, scratch)
+        _keep_nearest(matrix, offset, scratch)
 
 
 @inline
@@ -217,15 +217,15 @@ def _keep_place(matrix: ToModel, i: int, scratch: Scratch) -> None:
 
 
 @inline
-def _keep_leaf(at: int, i: int, scratch: Scratch) -> None:
+def _keep_leaf(offset: int, i: int, scratch: Scratch) -> None:
     """Keep the instance and the leaf that a nearer hit belongs to."""
     numbers = scratch.numbers
     if numbers[FOUND + i] >= 0:
-        numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = at // INSTANCE, numbers[FOUND + i]
+        numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = offset // INSTANCE, numbers[FOUND + i]
 
 
 @inline
-def _keep_nearest(matrix: ToModel, at: int, scratch: Scratch) -> None:
+def _keep_nearest(matrix: ToModel, offset: int, scratch: Scratch) -> None:
     """Keep the hits in a model that are nearer than earlier hits. No branches: the rays are processed as vectors."""
     found = False
     for i in range(TILE):
@@ -238,4 +238,4 @@ def _keep_nearest(matrix: ToModel, at: int, scratch: Scratch) -> None:
     for i in range(TILE):
         _keep_place(matrix, i, scratch)
     for i in range(TILE):
-        _keep_leaf(at, i, scratch)
+        _keep_leaf(offset, i, scratch)

@@ -41,9 +41,9 @@ def _clip(span: tuple[float, float], edges: tuple[float, float], o: float, d: fl
 
 
 @inline
-def matrix_at(world: World, at: int) -> ToModel:
+def matrix_at(world: World, offset: int) -> ToModel:
     """An instance's transform from the world to its model: three rows of four."""
-    m, k = world.instances, at + TO_MODEL
+    m, k = world.instances, offset + TO_MODEL
     return (
         (m[k], m[k + 1], m[k + 2], m[k + 3]),
         (m[k + 4], m[k + 5], m[k + 6], m[k + 7]),

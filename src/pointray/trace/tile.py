@@ -66,29 +66,29 @@ ROUNDING = f32(1e-6)
 
 
 @inline
-def bits_of_row(rows: Array, at: int) -> Bits:
+def bits_of_row(rows: Array, row: int) -> Bits:
     """The rays of a tile whose number in a row is not below 0, as bits."""
     word = i64(0)
     for k in range(0, TILE, LANES):
-        word |= bits(load16(rows, at + k) >= ZERO) << k
+        word |= bits(load16(rows, row + k) >= ZERO) << k
     return word
 
 
 @inline
-def range_of(rows: Array, at: int, some: tuple[int, int]) -> tuple[float, float]:
+def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float]:
     """Least and greatest number of a span of rays, (first, end), in a row."""
-    low = high = load16(rows, at + some[0])
-    for k in range(some[0] + LANES, some[1], LANES):
-        numbers = load16(rows, at + k)
+    low = high = load16(rows, row + span[0])
+    for k in range(span[0] + LANES, span[1], LANES):
+        numbers = load16(rows, row + k)
         low, high = vmin(low, numbers), vmax(high, numbers)
     return reduce_min(low), reduce_max(high)
 
 
 @inline
-def bounds_of_planes(rows: Array, at: int, inverse: int, some: tuple[int, int]) -> tuple[float, float, float, float]:
+def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int]) -> tuple[float, float, float, float]:
     """(origin for near planes, origin for far planes, least inverse, greatest inverse) of one axis."""
-    low, high = range_of(rows, at, some)
-    slow, fast = range_of(rows, inverse, some)
+    low, high = range_of(rows, row, span)
+    slow, fast = range_of(rows, inverse, span)
     return (high, low, slow, fast) if slow > ZERO else (low, high, slow, fast)
 
 
@@ -184,23 +184,23 @@ def _prefetch_search(tree: Tree, child: int) -> None:
 
 
 @inline
-def _end_where_hit(tree: Tree, some: tuple[int, int], scratch: Scratch) -> None:
+def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
     """End the rays that have met something, where rounding leaves no doubt that the hit lies before their end."""
     rows, step = scratch.model, tree.head[LONGEST]
-    for k in range(some[0], some[1]):
+    for k in range(span[0], span[1]):
         sure = (scratch.numbers[FOUND + k] >= 0) & (rows[LENGTH + k] < (ONE - ROUNDING) * rows[END + k] - step)
         rows[LENGTH + k] = -ONE if sure else rows[LENGTH + k]
 
 
 @inline
-def _walk_begin(tree: Tree, rows: Array, some: tuple[int, int]) -> float:
+def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
     """Where the traversal begins: at the first of a span of rays. Values may have a sign, see `scratch.BEGIN`."""
-    low, high = range_of(rows, BEGIN, some)
+    low, high = range_of(rows, BEGIN, span)
     return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
 
 
 @inline
-def closest_of_tile(table: Array, model: int, some: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
+def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
     """First hits of a span of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
 
     Returns the rays (as bits) that the start rule lifted: the effect of the rule depends on the order of the leaves, so
@@ -208,16 +208,16 @@ def closest_of_tile(table: Array, model: int, some: tuple[int, int], any_hit: bo
     """
     tree = tree_at(table, model)
     rows = scratch.model
-    x = bounds_of_planes(rows, OX, IX, some)
-    y = bounds_of_planes(rows, OY, IY, some)
-    z = bounds_of_planes(rows, OZ, IZ, some)
+    x = bounds_of_planes(rows, OX, IX, span)
+    y = bounds_of_planes(rows, OY, IY, span)
+    z = bounds_of_planes(rows, OZ, IZ, span)
     near_rows = near_planes(x[2], y[2], z[2])
-    begin = _walk_begin(tree, rows, some)
+    begin = _walk_begin(tree, rows, span)
     planes = near_rows, far_planes(near_rows), begin
     px, py, pz = planes[0][0] * WIDTH, planes[0][1] * WIDTH, planes[0][2] * WIDTH
     qx, qy, qz = planes[1][0] * WIDTH, planes[1][1] * WIDTH, planes[1][2] * WIDTH
     stack, stack_near = scratch.stack, scratch.stack_near
-    farthest = range_of(rows, LENGTH, some)[1]
+    farthest = range_of(rows, LENGTH, span)[1]
     node, top, lifted = 0, 0, i64(0)
     while True:
         scratch.counts[COUNT_NODES] += 1
@@ -256,10 +256,10 @@ def closest_of_tile(table: Array, model: int, some: tuple[int, int], any_hit: bo
                 _prefetch_search(tree, tree.children[i64(stack[top - 1])])
             box = slot // WIDTH * NODE + slot % WIDTH
             passing = i64(0)
-            for v in range(some[0], some[1], LANES):
+            for v in range(span[0], span[1], LANES):
                 passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:
                 lifted |= _search(tree, leaf, passing, scratch)
                 if any_hit:
-                    _end_where_hit(tree, some, scratch)
-                farthest = range_of(rows, LENGTH, some)[1]
+                    _end_where_hit(tree, span, scratch)
+                farthest = range_of(rows, LENGTH, span)[1]

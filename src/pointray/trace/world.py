@@ -71,10 +71,10 @@ def _settle(scratch: Scratch) -> None:
 
 
 @inline
-def _cut_by(world: World, at: int, scratch: Scratch) -> None:
+def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
     """Cut the tile's rays by one clip plane. No branches: rays as vectors."""
     wide = scratch.world
-    normal, offset = load3_flat(world.clips, at), world.clips[at + CLIP_OFFSET]
+    normal, offset = load3_flat(world.clips, clip), world.clips[clip + CLIP_OFFSET]
     for i in range(TILE):
         o, d, t_min = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i]
         height, rise = dot(normal, o) - offset, dot(normal, d)
@@ -95,8 +95,8 @@ def _cut(world: World, scratch: Scratch) -> None:
     wide = scratch.world
     for i in range(TILE):
         scratch.model[CUT + i] = ZERO
-    for at in range(0, world.clips.size, CLIP):
-        _cut_by(world, at, scratch)
+    for clip in range(0, world.clips.size, CLIP):
+        _cut_by(world, clip, scratch)
     for i in range(TILE):
         left = (wide[T_MIN + i] <= wide[NEAREST + i]) & (wide[T_MIN + i] < np.inf)
         wide[T_MIN + i], wide[NEAREST + i] = (wide[T_MIN + i] if left else 0.0), (wide[NEAREST + i] if left else -1.0)
