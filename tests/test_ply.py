@@ -142,7 +142,7 @@ def test_lines_before_ascii_vertices_end_as_they_may_and_blank_ones_are_no_rows(
 
 @pytest.mark.parametrize("block", [1, 2, 3, 7])
 def test_blocks_of_ascii_end_anywhere(tmp_path, monkeypatch, block):
-    monkeypatch.setattr(ply, "BLOCK", block)
+    monkeypatch.setattr(ply, "TEXT_BYTES", block)
     for line_end in ("\n", "\r\n", "\r"):
         text = STRIPS.format(vertices=PLAIN, body="\n2 7 8\n \n2 7 8\n2 7 8 \n\n 1 2 3\n4 5 6")
         (tmp_path / "a.ply").write_bytes(text.replace("\n", line_end).encode())
