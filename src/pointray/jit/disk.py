@@ -156,6 +156,8 @@ class KernelCache(FunctionCache):
         """Whether the kernel is on disk, compiled from the source of today."""
         try:
             return bool(self._cache_file._load_index())
+        except MemoryError:
+            raise
         except Exception:  # a damaged index
             return False
 
