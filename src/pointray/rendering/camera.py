@@ -171,7 +171,7 @@ class Camera:
         depth = corners @ forward
         nearest = float(-depth.min())  # the eye stays in front of this corner, also where the box is only a line
         if _check_projection(projection) == "panorama":
-            ahead = np.cross(_unit(above), right) * (nearest or 1.0)
+            ahead = np.cross(unit(above), right) * (nearest or 1.0)
             return cls.look_at(middle, middle + ahead, up, fov, size, projection)
         if projection == "orthographic":
             tall = max(np.abs(corners @ right).max() * height / width, np.abs(corners @ top).max())
@@ -259,26 +259,27 @@ def _fit(offset: NDArray[np.float64], depth: NDArray[np.float64], half: float) -
 
 def view_axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """Unit vectors forward, right and up."""
-    forward = _unit(view)
+    forward = unit(view)
     # Straight down, the picture's top is +y, as on a map.
-    for choice in (_unit(up), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])):
+    for choice in (unit(up), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])):
         right = np.cross(forward, choice)
         if np.linalg.norm(right) > 1e-6:
             break
-    right = _unit(right)
+    right = unit(right)
     return forward, right, np.cross(right, forward)
 
 
 def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """THREE_QUARTER, turned the shortest way that takes z to up; about x where that is down."""
-    way, up = np.array(THREE_QUARTER), _unit(up)
+    way, up = np.array(THREE_QUARTER), unit(up)
     if np.abs(up[:2]).max() < 1e-6:
         return way if up[2] >= 0 else way * (1.0, -1.0, -1.0)
     half = up + (0.0, 0.0, 1.0)
     return np.asarray(way - (half @ way) / (1.0 + up[2]) * half + 2.0 * way[2] * up)
 
 
-def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The vector of length 1."""
     scaled = vector / np.abs(vector).max()  # the square of 1e-200 is 0
     return np.asarray(scaled / np.linalg.norm(scaled))
 

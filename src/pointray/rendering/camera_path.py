@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import check_kind, check_number, check_positive, check_whole, wrong
 from ..kernels.records import UPWARD
-from .camera import Camera
+from .camera import Camera, unit
 
 Floats = NDArray[np.float64]
 
@@ -44,9 +44,9 @@ def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
     check_kind(camera, "camera", Camera, "a Camera")
     frames = check_whole(frames, "frames", 1, MOST_FRAMES)
     turns = check_number(turns, "turns", "a finite number")
-    target, axis = np.asarray(camera.target), _unit(np.asarray(camera.up))
+    target, axis = np.asarray(camera.target), unit(np.asarray(camera.up))
     arm, up = np.asarray(camera.eye) - target, np.asarray(camera.up)
-    if np.linalg.norm(np.cross(_unit(arm), axis)) < 1e-6:
+    if np.linalg.norm(np.cross(unit(arm), axis)) < 1e-6:
         up = camera.record()[UPWARD : UPWARD + 3]  # straight above the axis the picture turns, and so does its top
     angles = 2 * np.pi * turns * np.arange(1, frames) / frames
     others = [(target + _turned(arm, axis, angle), _turned(up, axis, angle)) for angle in angles]
@@ -142,7 +142,7 @@ def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
 
 def _way_of_directions(times: Floats, directions: Floats, at: Floats) -> Floats:
     """Unit vectors along a smooth path on the sphere through (n, 3) directions; (m, 3)."""
-    units = np.array([_unit(direction) for direction in directions])
+    units = np.array([unit(direction) for direction in directions])
     places, when = [units[0]], [times[0]]
     for k in range(len(units) - 1):
         axis, angle = _turn_between(units[k], units[k + 1])
@@ -163,15 +163,10 @@ def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
     if np.linalg.norm(axis) < 1e-9:
         axis = np.array([0.0, 0.0, 1.0]) - a * a[2]
         axis = axis if np.linalg.norm(axis) > 1e-3 else np.array([1.0, 0.0, 0.0])
-    return _unit(axis), angle
+    return unit(axis), angle
 
 
 def _turned(vectors: Floats, axis: Floats, angle: float) -> Floats:
     """Vectors, (..., 3), turned about a unit axis (Rodrigues)."""
     along = (vectors @ axis)[..., None] * axis
     return np.asarray(along + (vectors - along) * np.cos(angle) + np.cross(axis, vectors) * np.sin(angle))
-
-
-def _unit(vector: Floats) -> Floats:
-    scaled = vector / np.abs(vector).max()  # the square of 1e-200 is 0
-    return np.asarray(scaled / np.linalg.norm(scaled))

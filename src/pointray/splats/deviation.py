@@ -141,10 +141,9 @@ def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tu
 def _survey(
     work: Array, positions: Array, normals: Array, splats: Gated, boxes: Boxes, close: float, out: Array, hollow: Array
 ) -> int:
-    """Fill in `out` and `hollow` for every point, SHARING neighbouring points at a time at a time."""
+    """Fill in `out` and `hollow` for every point, SHARING neighbouring points at a time."""
     positions, normals, out, hollow = borrow(positions), borrow(normals), borrow(out), borrow(hollow)
-    lent = borrow(splats[0]), borrow(splats[1]), borrow(splats[2]), borrow(splats[3])
-    tree = Boxes(borrow(boxes.low), borrow(boxes.high), borrow(boxes.heads))
+    lent, tree = borrow(splats), borrow(boxes)
     found, stack = np.empty(len(lent[2]), np.int32), np.empty((16 * WIDE, 2), np.int64)
     tile = next_tile(work)
     while tile >= 0:

@@ -127,18 +127,6 @@ def _grow_one(
 
 
 @inline
-def _borrowed(cloud: Cloud) -> Cloud:
-    return Cloud(
-        borrow(cloud.positions),
-        borrow(cloud.normals),
-        borrow(cloud.near),
-        borrow(cloud.area),
-        borrow(cloud.reach),
-        borrow(cloud.border),
-    )
-
-
-@inline
 def _roomy(array: Array, used: int, more: int) -> Array:
     """The array, or a copy of twice the size where there is no room for more."""
     if used + more <= len(array):
@@ -151,7 +139,7 @@ def _roomy(array: Array, used: int, more: int) -> Array:
 @kernel
 def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -> tuple[Array, Array, Array, Array]:
     """Grow splats from the seeds: seed number, number of members and radius of each splat, and all members."""
-    lent, seeds, bound = _borrowed(cloud), borrow(seeds), borrow(bound)
+    lent, seeds, bound = borrow(cloud), borrow(seeds), borrow(bound)
     met = np.full(len(lent.positions), -1, np.int32)
     queue = np.empty(4 * MOST, np.float32), np.empty(4 * MOST, np.int32)
     one = np.empty(MOST, np.int32)
