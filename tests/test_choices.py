@@ -14,7 +14,7 @@ from conftest import sphere_points
 from pointray import choices
 from pointray.cli.scan_scene import Coat
 from pointray.rendering.picture import KERNELS
-from pointray.scenefile import looks
+from pointray.scenefile import shading
 from pointray.shade.materials import Material
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -66,5 +66,5 @@ def test_documents_name_all_choices(place: str) -> None:
 def test_the_document_of_scene_files_names_all_kinds() -> None:
     if not SCENES:
         pytest.skip("no documents beside the tests")
-    ours = {kind for kind, made in looks.materials().items() if made.__module__.startswith("pointray.")}
-    assert [kind for kind in (*ours, *looks.LIGHTS) if kind not in SCENES] == []
+    ours = {kind for kind, made in shading.material_kinds().items() if made.__module__.startswith("pointray.")}
+    assert [kind for kind in (*ours, *shading.LIGHTS) if kind not in SCENES] == []

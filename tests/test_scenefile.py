@@ -10,7 +10,7 @@ from PIL import Image
 import pointray as pr
 from conftest import sphere_points
 from pointray.cli import execute
-from pointray.scenefile import looks
+from pointray.scenefile import shading
 from pointray.scenefile.source import Source
 
 GOOD = """
@@ -235,8 +235,8 @@ def test_colour_by_an_attribute(folder: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_every_light_and_material_has_a_kind() -> None:
-    assert sorted(looks.LIGHTS) == ["disk", "environment", "point", "rect", "sphere", "sun"]
-    assert {"diffuse", "phong", "mirror", "dielectric", "principled", "emissive"} <= set(looks.materials())
+    assert sorted(shading.LIGHTS) == ["disk", "environment", "point", "rect", "sphere", "sun"]
+    assert {"diffuse", "phong", "mirror", "dielectric", "principled", "emissive"} <= set(shading.material_kinds())
 
 
 def test_a_camera_that_frames(folder: Path) -> None:

@@ -1,7 +1,9 @@
 """Scene files: a whole scene as TOML, in the words of the Python classes and parameters.
 
-source, lines: the text, and on which line a key stands; words: what a table may hold, as signatures have it; looks,
-models, places: the parts, checked, then made; plan: all of it.
+source, lines : the text, and the line on which each key stands
+words : the keys that a table may have, from the signatures of Python classes and functions
+shading, models, instances : the parts of a scene, first checked and then made
+plan : the whole file
 
 Begin with plan.
 """
@@ -20,7 +22,7 @@ __all__ = ["Plan", "SceneFile", "load_scene"]
 def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], None] | None = None) -> SceneFile:
     """Make the scene that a TOML file describes.
 
-    Everything is checked before any other file is read.
+    The file is checked completely before any file that it names is read.
 
     Parameters
     ----------
@@ -43,12 +45,12 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
 
     Notes
     -----
-    The words are those of the Python parameters, "none" stands for None; docs/scenes.md has all tables::
+    Keys are the names of Python parameters, and "none" stands for None. docs/scenes.md has all tables::
 
-        background = [0.5, 0.6, 0.8]           # or "none", "environment"; exposure, curve: of `write_image`
+        background = [0.5, 0.6, 0.8]           # or "none", "environment"; exposure and curve as for `write_image`
 
-        [models.bust]                          # the parameters of `Model`, and
-        procedural = "statue"                  # this with points (and seed), or file = "scan.ply"
+        [models.bust]                          # the parameters of `Model`, and either
+        procedural = "statue"                  # with points (and seed), or file = "scan.ply"
         points = 100_000
 
         [materials.gold]                       # a class of material, and its parameters
@@ -65,15 +67,15 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
         point = [0, 0, 0]
         normal = [0, 0, 1]
 
-        [[lights]]                             # point, sun, rect, disk, sphere, environment
+        [[lights]]                             # kinds: point, sun, rect, disk, sphere, environment
         kind = "sun"
         direction = [1, 1, -1.5]
 
-        [[clips]]                              # of `Scene.clips`: what the normal points to is cut away
+        [[clips]]                              # `Scene.clips`: the side that the normal points to is cut away
         point = [0, 0, 1.5]
         normal = [0, 0, 1]
 
-        [camera]                               # `Camera.look_at`, or without eye and target `Camera.frame`
+        [camera]                               # `Camera.look_at`; without eye and target `Camera.frame`
         size = [320, 400]
 
         [settings]                             # `Settings`

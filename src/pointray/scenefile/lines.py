@@ -1,6 +1,6 @@
-"""On which line of a TOML text a key stands, which tomllib does not tell: one walk over its tokens.
+"""The line on which a key of a TOML text stands, found in one walk over the text's tokens; tomllib does not tell it.
 
-The text is one that tomllib has read: what is no TOML does not come here.
+The text is valid: tomllib has read it before.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 Key = tuple[str | int, ...]
 
-# Strings of several lines may hold one or two quotes in a row, and end in five. Possessive: no text is looked at twice.
+# A multi-line string may hold one or two quotes in a row, and may end in five. Possessive quantifiers never read a
+# text twice.
 _TOKENS = re.compile(
     r"""
     (?P<string> \"{3} (?: [^"\\]++ | \\. | "{1,2}(?!") )*+ "{3,5}
@@ -37,14 +38,14 @@ class _Token(NamedTuple):
 
 
 def line_of(text: str, key: Key) -> int:
-    """The line on which a key that is there begins: the first that holds a part of it; 0 for the empty key.
+    """The first line of a key, or of the longest part of it that is in the text; 0 if no part is.
 
-    Within a table in braces it is the line on which that begins.
+    A key within a table in braces has the line of that table.
     """
     best, found = 0, 0
-    for place, line in _places(text):
-        if len(place) > best and key[: len(place)] == place:
-            best, found = len(place), line
+    for path, line in _key_lines(text):
+        if len(path) > best and key[: len(path)] == path:
+            best, found = len(path), line
             if best == len(key):
                 break
     return found
@@ -59,23 +60,23 @@ def _tokens(text: str) -> Iterator[_Token]:
         line += token.count("\n")
 
 
-def _places(text: str) -> Iterator[tuple[Key, int]]:
-    """The keys of a text in its order, and their lines; what encloses a key comes before it."""
-    tables: dict[Key, int] = {}  # of each array of tables, the number of its last one
+def _key_lines(text: str) -> Iterator[tuple[Key, int]]:
+    """The key paths of a text and their lines, in order; what encloses a key comes before it."""
+    last_rows: dict[Key, int] = {}  # array of tables -> index of its last table
     table: Key = ()
     tokens = _tokens(text)
     for token in tokens:
         if token.kind == "end":
             continue
         if token.text == "[":
-            parts, twice = _header(tokens)
-            table = _inside(parts[:-1], tables)
+            parts, is_array = _header(tokens)
+            table = _resolve(parts[:-1], last_rows)
             yield from _prefixes((), table, token.line)
             table = (*table, parts[-1])
-            if twice:
-                tables[table] = tables.get(table, -1) + 1
+            if is_array:
+                last_rows[table] = last_rows.get(table, -1) + 1
                 yield table, token.line
-            table = _inside(parts, tables)
+            table = _resolve(parts, last_rows)
             yield table, token.line
             continue
         words = [token.text]
@@ -89,20 +90,20 @@ def _places(text: str) -> Iterator[tuple[Key, int]]:
 
 
 def _header(tokens: Iterator[_Token]) -> tuple[Key, bool]:
-    """The parts of the name of a table, and whether it is one of an array."""
-    words, twice = [], False
+    """The parts of a table's name, and whether the table is a row of an array: `[[name]]`."""
+    words, is_array = [], False
     for token in tokens:
         if token.kind == "end":
             break
         if token.kind == "mark":
-            twice |= token.text == "["
+            is_array |= token.text == "["
         else:
             words.append(token.text)
-    return _parts("".join(words)), twice
+    return _parts("".join(words)), is_array
 
 
 def _parts(name: str) -> Key:
-    """A key with dots, perhaps in quotes, as its parts."""
+    """The parts of a dotted key, which may be quoted."""
     if _BARE.fullmatch(name):
         return tuple(name.split("."))
     parts: list[str] = []
@@ -113,28 +114,28 @@ def _parts(name: str) -> Key:
     return tuple(parts)
 
 
-def _inside(parts: Key, tables: dict[Key, int]) -> Key:
-    """Where a name leads: of an array of tables into the last one."""
-    place: Key = ()
+def _resolve(parts: Key, last_rows: dict[Key, int]) -> Key:
+    """The key path that a table's name stands for; the name of an array of tables stands for its last table."""
+    path: Key = ()
     for part in parts:
-        place = (*place, part)
-        if place in tables:
-            place = (*place, tables[place])
-    return place
+        path = (*path, part)
+        if path in last_rows:
+            path = (*path, last_rows[path])
+    return path
 
 
-def _prefixes(outer: Key, place: Key, line: int) -> Iterator[tuple[Key, int]]:
-    for length in range(len(outer) + 1, len(place) + 1):
-        yield place[:length], line
+def _prefixes(outer: Key, path: Key, line: int) -> Iterator[tuple[Key, int]]:
+    for length in range(len(outer) + 1, len(path) + 1):
+        yield path[:length], line
 
 
 def _elements(tokens: Iterator[_Token], key: Key) -> Iterator[tuple[Key, int]]:
-    """The places of the elements of arrays, up to the end of a value; braces are passed over."""
-    place, braces, fresh = key, 0, False  # fresh: the next token begins an element
+    """The key paths of a value's array elements, and their lines; tables in braces are skipped."""
+    path, braces, fresh = key, 0, False  # fresh: the next token begins an element
     depth = len(key)
     for token in tokens:
         if token.kind == "end":
-            if len(place) == depth and not braces:
+            if len(path) == depth and not braces:
                 return
             continue
         mark = token.text if token.kind == "mark" else ""
@@ -142,13 +143,13 @@ def _elements(tokens: Iterator[_Token], key: Key) -> Iterator[tuple[Key, int]]:
             braces += (mark == "{") - (mark == "}")
             continue
         if fresh and mark != "]":
-            yield place, token.line
+            yield path, token.line
             fresh = False
         if mark == "[":
-            place, fresh = (*place, 0), True
+            path, fresh = (*path, 0), True
         elif mark == "]":
-            place, fresh = place[:-1], False
-        elif mark == "," and len(place) > depth:
-            place, fresh = (*place[:-1], int(place[-1]) + 1), True
+            path, fresh = path[:-1], False
+        elif mark == "," and len(path) > depth:
+            path, fresh = (*path[:-1], int(path[-1]) + 1), True
         elif mark == "{":
             braces = 1

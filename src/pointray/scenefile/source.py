@@ -1,4 +1,4 @@
-"""The text of a scene file: its data, and on which line a key stands when something is wrong with it."""
+"""A scene file that has been read: its data, and errors that tell file, line and key."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from .lines import Key, line_of
 
 
 class Source:
-    """A scene file that has been read.
+    """The text of a scene file.
 
     Attributes
     ----------
     file : Path
     data : dict
-        As tomllib has it.
+        As tomllib returns it.
 
     Raises
     ------
     OSError
         If the file cannot be opened.
     ValueError
-        If it is no TOML.
+        If it is not TOML.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -42,32 +42,35 @@ class Source:
             raise ValueError(f"{self.file}:{f'{line[1]}:' if line else ''} this is no TOML: {message}") from None
 
     def path(self, name: str) -> Path:
-        """A path as the file gives it: relative to where the file is."""
+        """A path that the file gives, relative to the file's folder."""
         return self.file.parent / name
 
     def error(self, key: Key, message: str) -> ValueError:
-        """What is wrong with the value of a key."""
-        return ValueError(self._tell(key, message))
+        """An error about the value of a key."""
+        return ValueError(self._message(key, message))
 
     @contextmanager
-    def telling(self, key: Key, words: Iterable[str] = ()) -> Iterator[None]:
-        """Errors in here are of the table at `key`, or of the one of its words that they name first."""
+    def errors_at(self, key: Key, names: Iterable[str] = ()) -> Iterator[None]:
+        """Add file, line and key to errors raised within.
+
+        They concern the first of `names`, keys of the table at `key`, that the message mentions; without one, the table.
+        """
         try:
             yield
         except ValueError as error:
             message = str(error)
-            named = next((name for name in re.findall(r"\w+", message) if name in set(words)), None)
+            named = next((name for name in re.findall(r"\w+", message) if name in set(names)), None)
             if named is None:
                 raise self.error(key, message) from error
             raise self.error((*key, named), message.removeprefix(f"{named} ")) from error
         except OSError as error:
-            raise type(error)(self._tell(key, f"{error.filename}: {error.strerror}")) from error
+            raise type(error)(self._message(key, f"{error.filename}: {error.strerror}")) from error
 
     def line_of(self, key: Key) -> int:
-        """The line on which a key, or the longest part of it that is there, begins; 0 where there is none."""
+        """The first line of a key, or of the longest part of it that is in the file; 0 if no part is."""
         return line_of(self._text, key)
 
-    def _tell(self, key: Key, message: str) -> str:
+    def _message(self, key: Key, message: str) -> str:
         line = self.line_of(key)
         name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
         return " ".join(f"{self.file}:{f'{line}:' if line else ''} {f'{name}: ' if name else ''}{message}".split())

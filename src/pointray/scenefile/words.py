@@ -1,4 +1,4 @@
-"""The words of a table: the parameters of what it makes, and what their annotations say of the values."""
+"""The keys that a table may have: the parameters of what it makes, with the types that their annotations allow."""
 
 from __future__ import annotations
 
@@ -13,14 +13,21 @@ from ..shade.attributes import Attribute
 from .lines import Key
 from .source import Source
 
-LARGEST = 1e18  # of a number: the square of a larger one is none in float32
+LARGEST = 1e18  # the square of a larger number overflows float32
 
 
 class Word(NamedTuple):
-    """What a table has by a name."""
+    """What a table may have under a key.
 
-    kinds: tuple[str, ...]
-    needed: bool
+    Attributes
+    ----------
+    types : tuple of str
+        Keys of TYPES: the value must have one of them.
+    required : bool
+    """
+
+    types: tuple[str, ...]
+    required: bool
 
 
 def _is_number(value: Any) -> bool:
@@ -35,8 +42,8 @@ def _is_whole(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-# Annotation -> how messages call it, and whether a value of TOML is one.
-KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
+# Annotation -> its name in messages, and whether a value of TOML is of that type.
+TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "bool": ("true or false", lambda value: isinstance(value, bool)),
     "int": ("a whole number", _is_whole),
     "float": ("a number", _is_number),
@@ -57,21 +64,21 @@ TEXT, WHOLE = Word(("str",), True), Word(("int",), True)
 
 def optional(word: Word) -> Word:
     """A word that may be left out."""
-    return word._replace(needed=False)
+    return word._replace(required=False)
 
 
 def words_of(make: Callable[..., Any], *without: str) -> dict[str, Word]:
-    """The parameters of a class or a function that TOML has values for, without some."""
+    """The parameters of a class or function whose values TOML can express, except those in `without`."""
     words = {}
     for name, parameter in inspect.signature(make).parameters.items():
-        kinds = tuple(kind for kind in str(parameter.annotation).split(" | ") if kind in KINDS)
-        if name not in without and kinds not in ((), ("None",)):
-            words[name] = Word(kinds, parameter.default is parameter.empty)
+        types = tuple(part for part in str(parameter.annotation).split(" | ") if part in TYPES)
+        if name not in without and types not in ((), ("None",)):
+            words[name] = Word(types, parameter.default is parameter.empty)
     return words
 
 
 def unknown(what: str, name: Any, known: Iterable[str]) -> str:
-    """A message: a name that is none of those known."""
+    """The message about a name that is not among those known."""
     names = list(known)
     near = difflib.get_close_matches(str(name), names, 1)
     guess = f" (did you mean {near[0]!r}?)" if near else ""
@@ -79,7 +86,10 @@ def unknown(what: str, name: Any, known: Iterable[str]) -> str:
 
 
 def check_table(source: Source, key: Key, words: Mapping[str, Word], what: str = "key") -> dict[str, Any]:
-    """The values of a table, of the kinds that its words have; "none" as None."""
+    """The values of a table, whose keys and types are checked; "none" becomes None.
+
+    what : what messages call a key
+    """
     table = value_at(source, key)
     if not isinstance(table, dict):
         raise source.error(key, f"must be a table, not {reprlib.repr(table)}")
@@ -87,33 +97,33 @@ def check_table(source: Source, key: Key, words: Mapping[str, Word], what: str =
         if name not in words:
             raise source.error((*key, name), unknown(what, name, words))
     for name, word in words.items():
-        if word.needed and name not in table:
+        if word.required and name not in table:
             raise source.error(key, f"{name} is missing")
-    return {name: _value(source, (*key, name), value, words[name].kinds) for name, value in table.items()}
+    return {name: _value(source, (*key, name), value, words[name].types) for name, value in table.items()}
 
 
 def value_at(source: Source, key: Key) -> Any:
-    """What the file has at a key that is there."""
+    """The value of a key that the file has."""
     value: Any = source.data
     for part in key:
         value = value[part]
     return value
 
 
-def _value(source: Source, key: Key, value: Any, kinds: tuple[str, ...]) -> Any:
-    if ("None" in kinds or "Color" in kinds) and value == "none":
+def _value(source: Source, key: Key, value: Any, types: tuple[str, ...]) -> Any:
+    if ("None" in types or "Color" in types) and value == "none":
         return None
-    if not any(KINDS[kind][1](value) for kind in kinds):
-        choice = " or ".join(KINDS[kind][0] for kind in kinds)
+    if not any(TYPES[name][1](value) for name in types):
+        choice = " or ".join(TYPES[name][0] for name in types)
         raise source.error(key, f"must be {choice}, not {reprlib.repr(value)}")
-    if "Color" in kinds and isinstance(value, dict):
-        words = check_table(source, key, words_of(Attribute))
-        with source.telling(key, words):
-            return Attribute(**words)
+    if "Color" in types and isinstance(value, dict):
+        values = check_table(source, key, words_of(Attribute))
+        with source.errors_at(key, values):
+            return Attribute(**values)
     for number in _numbers_in(value):
         if number != number:
             raise source.error(key, "must not be NaN")
-        if LARGEST < abs(number) < math.inf:  # what may be infinite, the class knows
+        if LARGEST < abs(number) < math.inf:  # the class knows whether infinity is allowed
             raise source.error(key, f"must not be larger than {LARGEST:g}")
     return value
 

@@ -1,4 +1,4 @@
-"""What stands where in a scene file: instances of models, one or many, and planes; and those that cut all open."""
+"""The instances, planes and clip planes of a scene file."""
 
 from __future__ import annotations
 
@@ -18,94 +18,95 @@ from .lines import Key
 from .source import Source
 from .words import TEXT, check_table, optional, unknown, words_of
 
-PLACE = words_of(transform)  # translate, rotate, axis, scale
-ADD = {**words_of(Scene.add), "material": optional(TEXT), **PLACE}
+TRANSFORM = words_of(transform)  # translate, rotate, axis, scale
+ADD = {**words_of(Scene.add), "material": optional(TEXT), **TRANSFORM}
 
 
-class Place(NamedTuple):
-    """What `Scene.add` is told.
+class Placement(NamedTuple):
+    """The arguments of `Scene.add`.
 
     Attributes
     ----------
     shape : str or Plane
         The name of a model, or a plane.
     matrix : (4, 4) float64
-    many : Path or None
-        A file of such matrices, instead.
+        Model to world.
+    matrices : Path or None
+        A file of many such matrices, each for an instance; it replaces `matrix`.
     material : str or None
-        Its name.
+        A material's name.
     """
 
     key: Key
     shape: str | Plane
     matrix: NDArray[np.float64]
-    many: Path | None
+    matrices: Path | None
     material: str | None
 
 
-def check_instance(source: Source, key: Key, models: Any, materials: Any) -> Place:
-    """What a table of `instances` says."""
+def check_instance(source: Source, key: Key, models: Any, materials: Any) -> Placement:
+    """The placement that a table of `instances` describes. A file of matrices is checked, but not read."""
     values = check_table(source, key, {"model": TEXT, **ADD, "transforms": optional(TEXT)})
     model = values.pop("model")
     if model not in models:
         raise source.error((*key, "model"), unknown("model", model, models))
-    many = values.pop("transforms", None)
-    if many is None:
-        return _place(source, key, model, values, materials)
+    file_name = values.pop("transforms", None)
+    if file_name is None:
+        return _placement(source, key, model, values, materials)
     others = [name for name in values if name != "material"]
     if others:
         raise source.error((*key, others[0]), "transforms say it already")
-    path = source.path(many)
-    with source.telling((*key, "transforms")):
-        _open_transforms(path)
-    return _place(source, key, model, values, materials)._replace(many=path)
+    path = source.path(file_name)
+    with source.errors_at((*key, "transforms")):
+        _open_matrices(path)
+    return _placement(source, key, model, values, materials)._replace(matrices=path)
 
 
-def check_plane(source: Source, key: Key, materials: Any) -> Place:
-    """What a table of `planes` says."""
+def check_plane(source: Source, key: Key, materials: Any) -> Placement:
+    """The placement that a table of `planes` describes."""
     words = words_of(Plane)
     values = check_table(source, key, {**words, **ADD})
-    with source.telling(key, values):
+    with source.errors_at(key, values):
         plane = Plane(**{name: values.pop(name) for name in words if name in values})
-    return _place(source, key, plane, values, materials)
+    return _placement(source, key, plane, values, materials)
 
 
-def check_cut(source: Source, key: Key) -> NDArray[np.float64]:
-    """What a table of `clips` says, (2, 3)."""
+def check_clip_plane(source: Source, key: Key) -> NDArray[np.float64]:
+    """The point and normal, (2, 3), that a table of `clips` gives."""
     if key[-1] == MOST:
         raise source.error(key, f"there are at most {MOST} planes")
     values = check_table(source, key, words_of(check_clip))
-    with source.telling(key, values):
+    with source.errors_at(key, values):
         return check_clip(**values)
 
 
-def _place(source: Source, key: Key, shape: str | Plane, values: dict[str, Any], materials: Any) -> Place:
+def _placement(source: Source, key: Key, shape: str | Plane, values: dict[str, Any], materials: Any) -> Placement:
     material = values.pop("material", None)
     if material is not None and material not in materials:
         raise source.error((*key, "material"), unknown("material", material, materials))
-    parts = [name for name in values if name in PLACE]
+    parts = [name for name in values if name in TRANSFORM]
     if parts and "transform" in values:
         raise source.error((*key, parts[0]), "transform says it already")
-    with source.telling(key, values):
+    with source.errors_at(key, values):
         matrix = check_transform(values["transform"] if "transform" in values else transform(**values))
-    return Place(key, shape, matrix, None, material)
+    return Placement(key, shape, matrix, None, material)
 
 
-def matrices(source: Source, place: Place) -> list[NDArray[np.float64]]:
-    """All places of an instance; a file of them is read."""
-    if place.many is None:
-        return [place.matrix]
-    with source.telling((*place.key, "transforms")):
-        rows = np.array(_open_transforms(place.many), np.float64)
-    out = []
+def load_matrices(source: Source, placement: Placement) -> list[NDArray[np.float64]]:
+    """The matrices of all instances of a placement; their file, if any, is read."""
+    if placement.matrices is None:
+        return [placement.matrix]
+    with source.errors_at((*placement.key, "transforms")):
+        rows = np.array(_open_matrices(placement.matrices), np.float64)
+    matrices = []
     for k, row in enumerate(rows):
-        with source.telling((*place.key, "transforms", f"row {k}")):
-            out.append(check_transform(row))
-    return out
+        with source.errors_at((*placement.key, "transforms", f"row {k}")):
+            matrices.append(check_transform(row))
+    return matrices
 
 
-def _open_transforms(path: Path) -> NDArray[Any]:
-    """A .npy of (n, 4, 4) numbers, mapped; Python objects are refused."""
+def _open_matrices(path: Path) -> NDArray[Any]:
+    """Map a .npy file of (n, 4, 4) numbers into memory; Python objects are refused."""
     try:
         array = open_memmap(check_regular(path), mode="r")
     except ValueError as error:
