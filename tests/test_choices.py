@@ -12,7 +12,7 @@ import pytest
 import pointray as pr
 from conftest import sphere_points
 from pointray import choices
-from pointray.cli.scan_scene import Coat
+from pointray.cli.scan_scene import ScanMaterial
 from pointray.rendering.picture import KERNELS
 from pointray.scenefile import shading
 from pointray.shade.materials import Material
@@ -42,7 +42,7 @@ def test_every_integrator_has_a_kernel() -> None:
 @pytest.mark.parametrize("name", choices.MATERIALS)
 def test_every_material_of_the_command_line_can_be_made(name: str) -> None:
     points = pr.Points(sphere_points(100))
-    assert isinstance(Coat(name).material(points, (0.0, 0.0, 1.0)), Material)
+    assert isinstance(ScanMaterial(name).build(points, (0.0, 0.0, 1.0)), Material)
 
 
 NAMED: dict[str, tuple[Any, list[str]]] = {

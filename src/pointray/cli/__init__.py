@@ -1,9 +1,10 @@
-"""A command line -> pictures, films, tables: `main`, and what a run's end means to the shell.
+"""The command line: `main`, and the exit status of a run.
 
 commands, options : the commands, and the options that several share
 scan_scene, scene_file, views, keys : from a scan or a scene file to a scene and cameras
-outputs, animate : `render` and `animate`; prepare, report (`info`), demo, serve (`view`), benchmark (`bench`)
-waiting : the bar, and Ctrl-C
+outputs, animate : the work of `render` and `animate`
+prepare, report, demo, serve, benchmark : the work of `prepare`, `info`, `demo`, `view` and `bench`
+waiting : progress bars, and Ctrl-C
 
 Begin with commands.
 """
@@ -19,9 +20,10 @@ from contextlib import suppress
 from typing import Any
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-# What a lack of memory is called by those who have no MemoryError: C++, threads, and what loads libraries.
-NO_MEMORY = ("bad_alloc", "start new thread", "failed to map segment", "annot allocate memory")
-FULL = {getattr(errno, name, None) for name in ("ENOSPC", "EDQUOT", "EFBIG")} - {None}  # the disk: no input is wrong
+# A lack of memory in messages of errors other than MemoryError: from C++, threads, and the loader of libraries.
+NO_MEMORY_SIGNS = ("bad_alloc", "start new thread", "failed to map segment", "annot allocate memory")
+# A full disk is no fault of the input.
+FULL_DISK = {getattr(errno, name, None) for name in ("ENOSPC", "EDQUOT", "EFBIG")} - {None}
 
 
 def execute(arguments: Sequence[str]) -> int:
@@ -36,12 +38,12 @@ def execute(arguments: Sequence[str]) -> int:
         except KeyboardInterrupt:
             return INTERRUPTED
         except Exception as error:
-            return _tell(error)
+            return _report(error)
 
 
-def _tell(error: Exception) -> int:
-    """Say in one line what went wrong."""
-    status = getattr(error, "exit_code", None)  # of typer's own errors
+def _report(error: Exception) -> int:
+    """Print one line that tells what went wrong; returns the exit status."""
+    status = getattr(error, "exit_code", None)  # typer's own errors have one
     if type(error).__name__ == "NoArgsIsHelpError":
         print(error)
         return BAD_INPUT
@@ -53,26 +55,26 @@ def _tell(error: Exception) -> int:
         return FAILED
     if isinstance(error, OSError | ValueError):
         _say(_reason(error))
-        return FAILED if isinstance(error, OSError) and error.errno in FULL else BAD_INPUT
+        return FAILED if isinstance(error, OSError) and error.errno in FULL_DISK else BAD_INPUT
     _say(str(error) if type(error).__name__ == "WriteError" else f"{type(error).__name__}: {error}")
     return FAILED
 
 
 def _lacks_memory(error: BaseException | None) -> bool:
-    """Whether it, or what it comes from, is a lack of memory."""
+    """Whether an error, or one that caused it, is a lack of memory."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
             return True
-        if any(sign in str(error) for sign in NO_MEMORY):
+        if any(sign in str(error) for sign in NO_MEMORY_SIGNS):
             return True
         error = error.__cause__ or error.__context__
     return False
 
 
 def _reason(error: OSError | ValueError) -> str:
-    """The message; of the system's errors the file and the reason."""
+    """The message; for errors of the operating system the file and the reason."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return str(error)
@@ -83,25 +85,25 @@ def _say(text: str) -> None:
 
 
 def _note(message: Any, *rest: Any) -> None:
-    """A warning of the library as one line."""
+    """Print a warning of the library as one line."""
     _say(f"note: {message}")
 
 
 def main() -> None:
-    """What the shell starts."""
+    """The entry point of the program `pointray`."""
     try:
         status = execute(sys.argv[1:])
-    except KeyboardInterrupt:  # a second one
+    except KeyboardInterrupt:  # a second Ctrl-C
         status = INTERRUPTED
     try:
         sys.stdout.flush()
-    except (BrokenPipeError, ValueError, AttributeError):  # whoever read it has gone, or it is closed
+    except (BrokenPipeError, ValueError, AttributeError):  # its reader has gone, or it is closed
         pass
     except OSError as error:
-        if status == DONE:  # else it has been said
+        if status == DONE:  # otherwise an error has been reported
             status = FAILED
             _say(f"standard output: {error.strerror}")
     with suppress(OSError, ValueError, AttributeError):
         sys.stderr.flush()
-    # A thread may still be inside of the compiler, which nothing interrupts: do not wait for it.
+    # Do not wait for threads: one may still be in the compiler, which cannot be interrupted.
     os._exit(status)

@@ -1,4 +1,4 @@
-"""pointray animate: a film of a scan or a scene file, which goes on where it was interrupted."""
+"""pointray animate: a film of a scan or a scene file; an interrupted film continues when it is started again."""
 
 from __future__ import annotations
 
@@ -18,39 +18,47 @@ from .scan_scene import ScanScene
 from .views import SceneView, View
 from .waiting import Progress, in_background, writing
 
-SECONDS, TURNS = 6.0, 1.0  # of a film that says nothing
-PREVIEWS, PREVIEW, PREVIEW_SAMPLES = 8, 128, 16  # frames by which it is exposed, their pixels across, their samples
+SECONDS, TURNS = 6.0, 1.0  # defaults of a turntable
+PREVIEWS, PREVIEW, PREVIEW_SAMPLES = 8, 128, 16  # frames that choose the exposure: number, longer side, samples
 TRANSPARENT = "an MP4 cannot be transparent, numbered .png can"
 
 
 class CameraPath:
-    """The way of the camera: a turntable, or along keys. Raises what is wrong with the options at once."""
+    """A turntable, or a path through keys. A wrong option raises ValueError at once.
 
-    def __init__(self, view: View | SceneView, fps: float, wishes: dict[str, Any]) -> None:
+    Attributes
+    ----------
+    count : int
+        Number of frames.
+    inputs : dict
+        What the cameras depend on, besides the size, as values of JSON.
+    """
+
+    def __init__(self, view: View | SceneView, fps: float, options: dict[str, Any]) -> None:
         self.view, self.fps = view, check_positive(fps, "--fps")
-        self._cameras: list[Any] = []  # of keys; a turntable's depend on the first one
-        if wishes["keys"] is None:
+        self._cameras: list[Any] = []  # empty for a turntable, whose cameras depend on the first one
+        if options["keys"] is None:
             if isinstance(view, View) and view.framed and view.lens["projection"] == "panorama":
                 raise ValueError("a panorama is all around the camera, no turntable before it: say --keys, or --eye")
-            seconds = SECONDS if wishes["seconds"] is None else check_positive(wishes["seconds"], "--seconds")
-            self._turns = TURNS if wishes["turns"] is None else wishes["turns"]
+            seconds = SECONDS if options["seconds"] is None else check_positive(options["seconds"], "--seconds")
+            self._turns = TURNS if options["turns"] is None else options["turns"]
             if not math.isfinite(self._turns):
                 raise ValueError(f"--turns must be finite, not {self._turns}")
             self.count = _frames(seconds * fps)
-            self.settings: dict[str, Any] = {"turns": self._turns, **view.settings}
+            self.inputs: dict[str, Any] = {"turns": self._turns, **view.inputs}
             return
         from ..rendering.camera_path import fly
 
         for name in ("seconds", "turns", "eye", "target"):
-            if wishes[name] is not None:
+            if options[name] is not None:
                 raise ValueError(f"--{name} is not for --keys, which say it themselves")
-        keys = read_keys(wishes["keys"], view)
+        keys = read_keys(options["keys"], view)
         self._cameras = fly(keys, fps)
         self.count = len(self._cameras)
-        self.settings = {"fps": fps, "keys": [[time, *astuple(camera)] for time, camera in keys]}
+        self.inputs = {"fps": fps, "keys": [[time, *astuple(camera)] for time, camera in keys]}
 
     def cameras(self, first: Any) -> list[Any]:
-        """The camera of each frame; a turntable turns the one that is given."""
+        """The camera of each frame; a turntable begins with `first`."""
         from ..rendering.camera_path import turntable
 
         return self._cameras or turntable(first, self.count, self._turns)
@@ -66,13 +74,16 @@ def _frames(count: float) -> int:
 
 @dataclass(frozen=True)
 class FilmOutput:
-    """Where a film goes.
+    """Where to write a film.
 
     Attributes
     ----------
-    pattern : path
-        Of the numbered pictures: the result, or beside the MP4 until it is made.
+    path : Path
+        As the user gave it.
+    pattern : Path
+        The name of numbered pictures: of the result, or of files that stay beside the MP4 until it is written.
     mp4 : bool
+        Whether the result is an MP4.
     """
 
     path: Path
@@ -81,7 +92,7 @@ class FilmOutput:
 
 
 def film_output(output: Path, background: str) -> FilmOutput:
-    """What -o means; raises what would keep the film from being written."""
+    """The output that -o names; raises an error if the film cannot be written there."""
     from ..image.frames import check_pattern, note_of
     from ..image.mp4 import check_mp4
     from ..points.files import sweep
@@ -110,54 +121,54 @@ class FilmSource(NamedTuple):
     Attributes
     ----------
     build : callable
-        Makes, with a Progress, the scene and the camera that a turntable turns.
-    picture : Settings
+        Takes a Progress; returns the scene and the first camera of a turntable.
+    settings : Settings
     exposure : float or "auto"
         Auto: one for all frames.
     curve : str
         "auto": chosen with the exposure.
-    backdrop : two sRGB colours, or None
-    settings : dict
-        What the scene depends on, as JSON takes it.
+    inputs : dict
+        What the scene depends on, as values of JSON.
     leveled : bool
-        Whether its models get levels of detail where frames would show these.
+        Whether models get levels of detail if a frame would show them.
+    backdrop : two sRGB colours, or None
     """
 
     build: Callable[[Progress], tuple[Any, Any]]
-    picture: Any
+    settings: Any
     exposure: float | str
     curve: str
-    settings: dict[str, Any]
+    inputs: dict[str, Any]
     leveled: bool = False
     backdrop: Any = None
 
 
-def scan_source(scan_scene: ScanScene, view: View, picture: Any, exposure: float | str) -> FilmSource:
-    """A film of a scan: the whole of it stays in the picture, where the view says nothing else."""
+def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: float | str) -> FilmSource:
+    """A film of a scan. Unless options place the camera, a turntable keeps the whole scan in the picture."""
 
     def build(progress: Progress) -> tuple[Any, Any]:
         scene, _, scan = scan_scene.build(progress)
         return scene, view.turning(scan)
 
-    leveled = picture.levels and scan_scene.is_plain
-    return FilmSource(build, picture, exposure, AUTO, scan_scene.settings, leveled, scan_scene.backdrop)
+    leveled = settings.levels and scan_scene.is_plain
+    return FilmSource(build, settings, exposure, AUTO, scan_scene.inputs, leveled, scan_scene.backdrop)
 
 
 def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource) -> str:
-    """Render the frames that are not there yet, and write the film; returns a line that says what was done."""
+    """Render the missing frames and write the film; returns a line for the user."""
     from ..image.frames import Frames
     from ..image.mp4 import even, write_mp4
     from ..image.write import SHOWN_BYTES
     from ..rendering.picture import check_picture, picture_bytes
 
     size = camera_path.view.size
-    check_picture(size, picture_bytes(source.picture, written=SHOWN_BYTES))
-    frames = Frames(output.pattern, _settings(camera_path, source), camera_path.count, size)
+    check_picture(size, picture_bytes(source.settings, written=SHOWN_BYTES))
+    frames = Frames(output.pattern, _inputs(camera_path, source), camera_path.count, size)
     missing, other = frames.find()
     if other:
         differ = ", ".join(name.replace("_", " ") for name in other)
         warnings.warn(f"{frames.pattern}: all frames are rendered anew: not as before: {differ}", stacklevel=2)
-    with Progress(source.picture if missing else None) as progress:
+    with Progress(source.settings if missing else None) as progress:
         try:
             if missing:
                 _render(frames, missing, camera_path, source, progress)
@@ -183,63 +194,63 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource) -> 
 
 
 def _render(frames: Any, missing: list[int], camera_path: CameraPath, source: FilmSource, progress: Progress) -> None:
-    """Render frames, one after the other: each is kept before the next one begins."""
+    """Render the missing frames in order; each is stored before the next one begins."""
     from ..rendering.lod import is_far
     from ..rendering.picture import render
 
     scene, first = source.build(progress)
     cameras = camera_path.cameras(first)
     for model in scene.models if source.leveled else ():
-        if not model.levels and any(is_far(model, camera, source.picture.most) for camera in cameras):
+        if not model.levels and any(is_far(model, camera, source.settings.most) for camera in cameras):
             in_background(partial(model.make_levels, progress.show))
 
-    def picture(camera: Any, done: int) -> Any:
+    def frame(camera: Any, done: int) -> Any:
         def show(share: float) -> None:
             progress.show(f"frame {done + 1} of {len(missing)}", (done + share) / len(missing))
 
         show(0.0)
-        return render(scene, camera, source.picture, show)
+        return render(scene, camera, source.settings, show)
 
     exposure, curve = source.exposure, "srgb" if source.curve == AUTO else source.curve
     if isinstance(exposure, str):
         progress.show("choosing the exposure", 0.0)
-        exposure, curve = in_background(lambda: _exposure(scene, cameras, source.picture))
+        exposure, curve = in_background(lambda: _exposure(scene, cameras, source.settings))
     with writing(frames.pattern):
         frames.begin()
     for done, k in enumerate(missing):
-        image = in_background(partial(picture, cameras[k], done))
+        image = in_background(partial(frame, cameras[k], done))
         with writing(frames.path(k)):
             frames.keep(k, image, exposure, curve, source.backdrop)
 
 
-def _exposure(scene: Any, cameras: list[Any], picture: Any) -> tuple[float, str]:
-    """Exposure and curve for a film: the least of those that some small frames would have, so that none burns out."""
+def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str]:
+    """Exposure and curve for a film: the lowest exposure of some small frames, so that no frame is overexposed."""
     from ..image.exposure import auto_exposure, auto_tone
     from ..rendering.picture import render_snapshot
 
     snapshot = scene.snapshot()
-    few = replace(picture, spp=1, time_limit=None, noise=None, denoise=False)
-    if picture.integrator != "phong":
-        few = replace(few, spp=min(picture.most, PREVIEW_SAMPLES))
+    preview = replace(settings, spp=1, time_limit=None, noise=None, denoise=False)
+    if settings.integrator != "phong":
+        preview = replace(preview, spp=min(settings.most, PREVIEW_SAMPLES))
     images = []
     for camera in cameras[:: max(len(cameras) // PREVIEWS, 1)]:
         width, height = camera.size
         share = min(PREVIEW / max(width, height), 1.0)
         small = replace(camera, size=(max(1, round(width * share)), max(1, round(height * share))))
-        images.append(render_snapshot(snapshot, small, few, None))
+        images.append(render_snapshot(snapshot, small, preview, None))
     curve = "soft" if any(auto_tone(image)[1] == "soft" for image in images) else "srgb"
     return min(auto_exposure(image, curve) for image in images), curve
 
 
-def _settings(camera_path: CameraPath, source: FilmSource) -> dict[str, Any]:
-    """All that the pictures depend on; not the threads, which make no difference."""
+def _inputs(camera_path: CameraPath, source: FilmSource) -> dict[str, Any]:
+    """All that the pictures depend on, as values of JSON; the number of threads is not part of it."""
     from .. import __version__
 
-    picture = {name: value for name, value in asdict(source.picture).items() if name != "threads"}
+    settings = {name: value for name, value in asdict(source.settings).items() if name != "threads"}
     film = {
         "version": __version__,
         "frames": camera_path.count,
         "size": camera_path.view.size,
         "exposure": source.exposure,
     }
-    return {**film, **camera_path.settings, **picture, **source.settings}
+    return {**film, **camera_path.inputs, **settings, **source.inputs}

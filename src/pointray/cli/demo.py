@@ -1,4 +1,4 @@
-"""The main job on the embedded model: what `pointray demo` does, stage by stage, with the clock."""
+"""pointray demo: renders the embedded statue and times each stage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SKY = (0.62, 0.72, 0.84)
 
 
 def statue_scene(model: Model) -> Scene:
-    """The statue on the ground, under a sun."""
+    """The statue on the ground, under a sun and a weaker second one."""
     scene = Scene()
     scene.add(model, material=Phong(specular=0.04, exponent=40))
     scene.add(Plane((0, 0, float(model.bounds[0, 2])), (0, 0, 1), color=GROUND, checker=0.5))
@@ -36,12 +36,12 @@ def statue_scene(model: Model) -> Scene:
 
 
 def statue_camera(model: Model, size: tuple[int, int]) -> Camera:
-    """The statue from its front, a little to its left."""
+    """A camera in front of the statue, a little to the statue's left."""
     return Camera.frame(model.bounds, (0.32, -1.0, 0.16), fov=30, size=size)
 
 
 class Clock:
-    """Seconds of each stage, without those for compiling kernels, from the calls that tell the progress."""
+    """A progress callback that measures the seconds of each stage, without the compilation of kernels."""
 
     def __init__(self, show: Callable[[str, float], None]) -> None:
         self.seconds: dict[str, float] = {}
@@ -52,7 +52,7 @@ class Clock:
         return time.perf_counter() - compile_seconds()
 
     def __call__(self, stage: str, share: float) -> None:
-        """A stage begins, or goes on."""
+        """Begin or continue a stage."""
         now = self._now()
         if self._stage:
             self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
@@ -68,9 +68,9 @@ def run_demo(
     threads: int | None,
     show: Callable[[str, float], None],
 ) -> dict[str, Any]:
-    """Make the statue, its model and its picture; returns the table.
+    """Make the statue, its model and its picture; returns the table of results.
 
-    Rays a second counts the camera rays and one shadow ray for each light and covered pixel that faces it.
+    The rays counted are one camera ray for each pixel, and one shadow ray for each light and covered pixel.
     """
     clock = Clock(show)
     clock("points", 0.0)
@@ -88,7 +88,7 @@ def run_demo(
         image = render(scene, camera, settings)
         times.append(time.perf_counter() - start)
     clock("", 1.0)
-    # With the background every pixel has alpha 1: what is covered is told by a picture of the normals.
+    # The background gives every pixel alpha 1, so that a picture of depths has to tell which pixels are covered.
     covered = int((render(scene, camera, Settings("depth", threads=threads))[..., 0] != scene_sky(scene)).sum())
     median = statistics.median(times)
     rays = image.shape[0] * image.shape[1] + 2 * covered
@@ -109,6 +109,6 @@ def run_demo(
 
 
 def scene_sky(scene: Scene) -> float:
-    """Red of the background: what a picture of depths shows where nothing is."""
+    """Red of the background, which a picture of depths shows where there is no surface."""
     color = scene.background
     return 0.0 if color is None else float(color[0])

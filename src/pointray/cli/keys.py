@@ -1,4 +1,4 @@
-"""Keys of a film from a file: moments, and the camera at each; what is wrong is said with file and key."""
+"""The keys of a film, read from a file: a time and a camera for each. Errors name file and key."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KNOWN = (*NEEDED, "up", "fov")
 
 
 def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
-    """(seconds, Camera) of each key; size and lens, and up and fov where a key has none, are those of the view."""
+    """The (seconds, Camera) of each key; the view gives size and lens, and up and fov if a key has none."""
     from ..points.files import check_regular
 
     rows = _rows(check_regular(file))
@@ -24,7 +24,7 @@ def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
             keys.append(_key(row, view))
             if number > 1 and keys[-1][0] <= keys[-2][0]:
                 raise ValueError(f"its time, {keys[-1][0]:g}, is not after that of the key before, {keys[-2][0]:g}")
-        except (ValueError, OverflowError) as error:  # of a whole number of 400 digits
+        except (ValueError, OverflowError) as error:  # OverflowError: an integer of 400 digits
             raise ValueError(f"{file}: key {number}: {error}") from None
     if len(keys) < 2:
         raise ValueError(f"{file}: a film needs two keys or more, not {len(keys)}")
@@ -32,7 +32,7 @@ def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
 
 
 def _rows(file: Path) -> list[Any]:
-    """What the file lists under `keys`."""
+    """The list under `keys`."""
     kind = file.suffix.lower()
     if kind not in (".toml", ".json"):
         raise ValueError(f"{file}: keys are .toml or .json, not {file.suffix or 'a file without extension'}")

@@ -1,4 +1,4 @@
-"""The options that several commands share, and what their texts mean; ValueError says what is wrong with one."""
+"""The options that several commands share, and functions that parse their texts; a wrong text raises ValueError."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from ..choices import (
     listed,
 )
 
-SUN = 3.0  # irradiance of a light without a strength
+SUN = 3.0  # irradiance of a sun without a strength
 
-# mypy knows an enumeration by its literal members only: these are made of the tables.
+# mypy accepts enumerations with literal members only; these are made from tables.
 Surface = StrEnum("Surface", list(SURFACES))  # type: ignore[misc]
 Integrator = StrEnum("Integrator", list(INTEGRATORS))  # type: ignore[misc]
 Projection = StrEnum("Projection", list(PROJECTIONS))  # type: ignore[misc]
@@ -49,7 +49,7 @@ UpOption = Annotated[
 ViewOption = Annotated[Side, typer.Option(help="The side that is seen; auto: what shows the scan best.")]
 AzimuthOption = Annotated[float | None, typer.Option(help="Degrees around it: 0 the front, 90 the right side.")]
 ElevationOption = Annotated[float | None, typer.Option(help="Degrees above the horizon, -90 to 90.")]
-ZoomOption = Annotated[float, typer.Option(help="2: half as far away as where all is seen.")]
+ZoomOption = Annotated[float, typer.Option(help="2: half as far away as the camera that sees all.")]
 FovOption = Annotated[float, typer.Option(help="Vertical field of view, degrees.")]
 SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
 SHOWN = "; ".join(INTEGRATORS.values())
@@ -58,23 +58,23 @@ SppOption = Annotated[int, typer.Option(help="Samples a pixel; 1 with a limit of
 ProjectionOption = Annotated[Projection, typer.Option(help=f"How rays begin. {listed(PROJECTIONS)}.")]
 ApertureOption = Annotated[float, typer.Option(help="Diameter of the lens, in the scan's units; 0: all is sharp.")]
 FocusOption = Annotated[float | None, typer.Option(help="How far away it is sharp; default: the target.")]
-MaxDepthOption = Annotated[int, typer.Option(help="Scatterings along a path; of phong, mirrors and panes.")]
+MaxDepthOption = Annotated[int, typer.Option(help="Scatterings along a path; for phong: mirrors and panes in a row.")]
 TimeLimitOption = Annotated[float | None, typer.Option(help="Seconds after which no more samples are begun.")]
 NoiseOption = Annotated[float | None, typer.Option(help="Stop at this standard error, as a share of the mean: 0.02.")]
 DenoiseOption = Annotated[bool, typer.Option("--denoise/--no-denoise", help="Take out the noise of path and ao.")]
 FilterOption = Annotated[Filter, typer.Option(help=f"How a pixel is made of its samples. {listed(FILTERS)}.")]
-SeedOption = Annotated[int, typer.Option(help="Of all that is left to chance.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of random numbers.")]
 ThreadsOption = Annotated[int | None, typer.Option(help="Threads; default: POINTRAY_THREADS, else all processors.")]
 LevelsOption = Annotated[
-    bool, typer.Option("--levels/--no-levels", help="From afar, take levels of detail in the place of all points.")
+    bool, typer.Option("--levels/--no-levels", help="From afar, show levels of detail instead of all points.")
 ]
 SurfaceOption = Annotated[Surface | None, typer.Option(help="Which surface; default: apss.")]
 SamplesOption = Annotated[int, typer.Option(min=2, max=64, help="Samples along a ray in a support's diameter.")]
 NormalsOption = Annotated[
     Normals,
-    typer.Option(help=f"Whose normals. {listed(NORMALS)}."),
+    typer.Option(help=f"Which normals. {listed(NORMALS)}."),
 ]
-RadiusScaleOption = Annotated[float, typer.Option(help="All radii times this.")]
+RadiusScaleOption = Annotated[float, typer.Option(help="All radii are multiplied by this.")]
 BackgroundOption = Annotated[
     str,
     typer.Option(
@@ -95,7 +95,7 @@ FillOption = Annotated[
     float | None,
     typer.Option(help="The sky's light beside --light sun and point, as a share of a sun's; 0: none. Default: 0.3."),
 ]
-ExposureOption = Annotated[str, typer.Option(help="Stops; auto: of medium brightness, highlights kept.")]
+ExposureOption = Annotated[str, typer.Option(help="Stops; auto: medium brightness, highlights kept.")]
 ColorOption = Annotated[str | None, typer.Option(help="One colour for all of the scan: linear r,g,b, 0 to 1.")]
 MaterialOption = Annotated[Look, typer.Option(help=f"What the scan is made of. {listed(MATERIALS)}.")]
 GroundOption = Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")]
@@ -112,7 +112,7 @@ FILL = 0.3  # see `staging.studio.fill`
 
 
 def numbers(text: str, name: str) -> tuple[float, float, float]:
-    """`x,y,z`."""
+    """Parse `x,y,z`; messages call the option `name`."""
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
@@ -123,7 +123,7 @@ def numbers(text: str, name: str) -> tuple[float, float, float]:
 
 
 def up_axis(text: str) -> tuple[float, float, float] | None:
-    """`z`, `-y`, ..., or `x,y,z`; None: `auto`."""
+    """Parse `z`, `-y`, ..., or `x,y,z`; None for `auto`."""
     from ..staging.first_view import up_of
 
     try:
@@ -133,7 +133,7 @@ def up_axis(text: str) -> tuple[float, float, float] | None:
 
 
 def exposure_of(text: str, integrator: str = "phong") -> float | str:
-    """Stops that float32 can hold, or "auto"; pictures that show no light are shown as they are."""
+    """Parse a number of stops, or "auto"; auto is 0 stops if the integrator's pictures show no light."""
     if text == AUTO:
         return AUTO if integrator in EXPOSED else 0.0
     try:
@@ -146,7 +146,7 @@ def exposure_of(text: str, integrator: str = "phong") -> float | str:
 
 
 def size_of(text: str) -> tuple[int, int]:
-    """`640x480`."""
+    """Parse `640x480`."""
     try:
         width, height = (int(part) for part in text.lower().split("x"))
     except ValueError:
@@ -155,32 +155,34 @@ def size_of(text: str) -> tuple[int, int]:
 
 
 def background_of(text: str) -> Any:
-    """`none`, `sky` or `r,g,b`, as `Scene.background` takes it; `auto`: it is put behind the picture afterwards."""
+    """Parse `none`, `sky` or `r,g,b` for `Scene.background`; None for `auto`, which becomes a backdrop later."""
     named = {"none": None, "sky": "environment", AUTO: None}
     return named[text] if text in named else numbers(text, "--background")
 
 
 def light_of(text: str) -> Callable[[Any], Any]:
-    """`sun:dx,dy,dz` (direction of travel) or `point:x,y,z`, either with a strength behind another colon.
+    """Parse `sun:dx,dy,dz` (direction of travel), `point:x,y,z`, `sky:r,g,b` or `sky:FILE`.
 
-    Or the light from all around: `sky:r,g,b`, `sky:FILE`.
+    A sun and a point may end in `:strength`, `,camera`, or both in this order; with `,camera` the
+    light moves with the camera.
 
-    Returns what makes the light, given the scan's middle: a point light without a strength is there as bright as a sun.
+    Returns a function that makes the light, given the scan's middle. A point light without a strength is as bright
+    there as a sun.
     """
     import pointray as pr
 
     kind, _, rest = text.partition(":")
     if kind == "sky":
-        around = _sky_of(rest)
-        return lambda middle: around
-    rest, along, _ = rest.partition(",camera")
-    camera = bool(along)
-    place, _, strength = rest.partition(":")
+        sky = _sky_of(rest)
+        return lambda middle: sky
+    rest, suffix, _ = rest.partition(",camera")
+    camera = bool(suffix)
+    vector, _, strength = rest.partition(":")
     if kind not in LIGHTS:
         raise ValueError(f"--light must be like sun:1,1,-2, point:0,-3,4:20, sky:1,1,1 or sky:FILE, not {text!r}")
     if camera and not text.endswith(",camera"):
         raise ValueError(f"--light: ,camera comes at the end, not as in {text!r}")
-    at = numbers(place, "--light")
+    at = numbers(vector, "--light")
     try:
         power = float(strength) if strength else None
     except ValueError:
@@ -196,7 +198,7 @@ def light_of(text: str) -> Callable[[Any], Any]:
 
 
 def _sky_of(text: str) -> Any:
-    """Light from all around: a radiance, or a picture."""
+    """An environment light of one radiance, or of a picture."""
     import pointray as pr
 
     if text.lower().endswith((".hdr", ".exr")):
@@ -205,7 +207,7 @@ def _sky_of(text: str) -> Any:
 
 
 def color_of(text: str) -> Any:
-    """`NAME`, `NAME:colormap` or `NAME:colormap:low,high` as an `Attribute`."""
+    """Parse `NAME`, `NAME:colormap` or `NAME:colormap:low,high` into an `Attribute`."""
     import pointray as pr
 
     name, _, rest = text.partition(":")
@@ -216,11 +218,11 @@ def color_of(text: str) -> Any:
         low_high = tuple(float(x) for x in limits.split(",")) if limits else None
     except ValueError:
         raise ValueError(f"--color-by: {limits!r} is no range like 0,250") from None
-    return pr.Attribute(name, colormap or "viridis", low_high)  # type: ignore[arg-type]  # it checks the length
+    return pr.Attribute(name, colormap or "viridis", low_high)  # type: ignore[arg-type]  # Attribute checks the length
 
 
 def settings_of(integrator: Integrator, filter: Filter, *, threads: int | None, **others: Any) -> Any:
-    """How a picture is made; raises what is wrong, also where what takes out noise is not installed."""
+    """Settings of a picture; raises ValueError if one is wrong, or if the denoiser is needed and not installed."""
     from ..image.denoise import check_denoise
     from ..rendering.settings import Settings
 
@@ -231,7 +233,7 @@ def settings_of(integrator: Integrator, filter: Filter, *, threads: int | None, 
 
 
 def given(context: typer.Context) -> dict[str, Any]:
-    """The options that the user has typed: those that are not at their defaults by themselves."""
+    """The options that the user has typed, even with values equal to the defaults."""
     values = {}
     for name, value in context.params.items():
         source = context.get_parameter_source(name)
@@ -241,7 +243,7 @@ def given(context: typer.Context) -> dict[str, Any]:
 
 
 def use_threads(threads: int | None) -> int:
-    """The number of threads, for all stages."""
+    """Set the number of threads for all stages; returns it."""
     from ..jit import thread_count
 
     count = thread_count(threads)

@@ -1,4 +1,4 @@
-"""What `render` ends in: a picture, or all its layers."""
+"""The result of `render`: a picture, or all its layers."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any, NamedTuple
 
 from .waiting import Progress, in_background, writing
 
-LEGEND_BYTES = 8  # a pixel, for the legend, which is drawn into a picture of its own
+LEGEND_BYTES = 8  # a pixel, for the copy of the picture into which the legend is drawn
 
 
 def is_layered(output: Path) -> bool:
-    """Whether it is all layers, not a picture to look at."""
+    """Whether the result is layers, not a picture to look at."""
     from ..image.write import LAYERED
 
     return output.suffix.lower() in LAYERED
 
 
 def check_output(output: Path, exposed: bool, legend: bool) -> None:
-    """Raise what would keep the result from being written, before the work is done."""
+    """Raise an error, before any work is done, if the result cannot be written."""
     from ..image.write import LAYERED, SHOWN, check_layers_path
     from ..points.files import check_writable
 
@@ -35,7 +35,7 @@ def check_output(output: Path, exposed: bool, legend: bool) -> None:
 
 
 def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool = False) -> None:
-    """Raise ValueError if there is too little memory for the picture and what is written of it."""
+    """Raise ValueError if there is too little memory for rendering and writing the picture."""
     from ..image.write import EXR_BYTES, LAYERED, SHOWN_BYTES
     from ..rendering.layers import LAYER_BYTES
     from ..rendering.picture import check_picture, picture_bytes
@@ -48,7 +48,7 @@ def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool 
 
 
 class Shown(NamedTuple):
-    """How a picture is shown.
+    """How to show a picture.
 
     Attributes
     ----------
@@ -64,8 +64,11 @@ class Shown(NamedTuple):
     backdrop: Any = None
 
 
-def write_picture(output: Path, subject: tuple[Any, Any, Any], shown: Shown, progress: Progress) -> str:
-    """Render and write; returns what the message says of it. subject : scene, camera, settings"""
+def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progress: Progress) -> str:
+    """Render and write a picture; returns the end of the message about it.
+
+    job : scene, camera and settings
+    """
     import pointray as pr
 
     from ..image.exposure import tone_of
@@ -76,13 +79,13 @@ def write_picture(output: Path, subject: tuple[Any, Any, Any], shown: Shown, pro
         progress.show("rendering", share)
 
     if not is_layered(output):
-        image = in_background(lambda: render(*subject, show))
+        image = in_background(lambda: render(*job, show))
         with writing(output):
             exposure, curve = tone_of(image, shown.exposure, shown.curve)
             pr.write_image(output, image, exposure, curve, shown.legend, shown.backdrop)
         soft = ", highlights softened" if shown.curve != curve == "soft" else ""
         return f", exposure {exposure:g}{soft}" if shown.exposure == "auto" else ""
-    layers = in_background(lambda: render_layers(*subject, show))
+    layers = in_background(lambda: render_layers(*job, show))
     with writing(output):
         pr.write_layers(output, layers)
     return f", {len(layers)} layers"

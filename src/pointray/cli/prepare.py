@@ -1,4 +1,4 @@
-"""pointray prepare: a scan made smaller, cleaner, or given normals."""
+"""pointray prepare: makes a scan smaller or cleaner, or gives it normals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .waiting import Progress, in_background, writing
 
 
 def tolerance_of(text: str) -> tuple[float, bool]:
-    """`0.5`, or `0.05%` of the diagonal: the number, and whether it is a share."""
+    """Parse `0.5`, or `0.05%` of the diagonal: the number, and whether it is a share."""
     share = text.endswith("%")
     try:
         value = float(text.removesuffix("%"))
@@ -32,7 +32,7 @@ def tolerance_of(text: str) -> tuple[float, bool]:
 
 
 def check_output(file: Path, output: Path, force: bool) -> None:
-    """Raise what would keep the result from being written, before the work is done; or an input from being kept."""
+    """Raise an error, before any work is done, if the result cannot be written or would overwrite the input."""
     from ..points.files import check_writable, written
 
     if output.suffix.lower() not in (*written(), SAVED):
@@ -44,7 +44,7 @@ def check_output(file: Path, output: Path, force: bool) -> None:
 
 
 def read_scan(file: Path, progress: Progress) -> tuple[Any, Any]:
-    """The points of a file, and the model if it is a saved one, else None."""
+    """The points of a file, and its model if it is a saved model, otherwise None."""
     import pointray as pr
 
     if file.suffix.lower() != SAVED:
@@ -54,28 +54,28 @@ def read_scan(file: Path, progress: Progress) -> tuple[Any, Any]:
 
 
 def surface_of(settings: Any) -> dict[str, Any]:
-    """The arguments of `Model` that give the surface of a saved one."""
+    """The arguments of `Model` that repeat the surface of a saved model."""
     trim = "auto" if settings.overhang < math.inf else settings.trim if settings.trim < math.inf else None
     return {"surface": settings.surface, "samples": settings.samples, "refine": settings.refine, "trim": trim}
 
 
-def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
-    """Do what is wished for and write the result; returns a line that says what was done."""
-    tolerance = None if wishes["tolerance"] is None else tolerance_of(wishes["tolerance"])
-    if tolerance is not None and wishes["count"] is not None:
+def prepare(file: Path, output: Path, options: dict[str, Any]) -> str:
+    """Do what the options ask for and write the result; returns a line for the user."""
+    tolerance = None if options["tolerance"] is None else tolerance_of(options["tolerance"])
+    if tolerance is not None and options["count"] is not None:
         raise ValueError("give either --tolerance or --count, not both")
-    if wishes["count"] is not None and wishes["count"] < 1:
-        raise ValueError(f"--count must be 1 or more, not {wishes['count']}")
-    check_output(file, output, wishes["force"])
+    if options["count"] is not None and options["count"] < 1:
+        raise ValueError(f"--count must be 1 or more, not {options['count']}")
+    check_output(file, output, options["force"])
     check_scan(file)
-    check_saved(file, wishes["normals"] == AUTO)
+    check_saved(file, options["normals"] == AUTO)
     import pointray as pr
 
     with Progress() as progress:
         progress.show("reading", 0.0)
         read, model = in_background(lambda: read_scan(file, progress))
         try:
-            points, done = in_background(lambda: _prepared(read, tolerance, wishes, progress.show, model is None))
+            points, done = in_background(lambda: _prepared(read, tolerance, options, progress.show, model is None))
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
         if output.suffix.lower() == SAVED:
@@ -85,7 +85,7 @@ def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
                     model = in_background(lambda: pr.Model(points, radii_in(points), **surface, progress=progress.show))
                 except ValueError as error:
                     raise ValueError(f"{file}: {error}") from error
-            if not wishes["levels"]:
+            if not options["levels"]:
                 model.levels = ()
             elif not model.levels:
                 in_background(lambda: model.make_levels(progress.show))
@@ -98,46 +98,47 @@ def prepare(file: Path, output: Path, wishes: dict[str, Any]) -> str:
 
 
 def _prepared(
-    points: Any, tolerance: tuple[float, bool] | None, wishes: dict[str, Any], show: Any, is_scan: bool
+    points: Any, tolerance: tuple[float, bool] | None, options: dict[str, Any], show: Any, is_scan: bool
 ) -> tuple[Any, Any]:
+    """The points after all steps that the options ask for, and what was done, in words."""
     import pointray as pr
 
     from ..points.cleaning import find_flaws
     from ..splats.subsample import find_subsample
 
     done = []
-    if wishes["drop_duplicates"] or wishes["drop_outliers"]:
+    if options["drop_duplicates"] or options["drop_outliers"]:
         show("cleaning", 0.0)
         flaws = find_flaws(points, partial(show, "cleaning"))
         drop = np.zeros(len(points), np.bool_)
         for name, rows in zip(("duplicates", "outliers"), flaws, strict=True):
-            if wishes[f"drop_{name}"]:
+            if options[f"drop_{name}"]:
                 drop |= rows
                 done.append(f"{int(rows.sum()):,} {name} dropped")
         points = points.select(~drop)
-    if wishes["estimate_normals"]:
+    if options["estimate_normals"]:
         show("normals", 0.0)
-        points = pr.estimate_normals(points, viewpoint=wishes["viewpoint"], progress=partial(show, "normals"))
+        points = pr.estimate_normals(points, viewpoint=options["viewpoint"], progress=partial(show, "normals"))
         done.append("normals estimated")
     elif is_scan:
         show("normals", 0.0)
-        points = trusted(points, wishes["normals"], progress=partial(show, "normals"))
-    if tolerance is not None or wishes["count"] is not None:
+        points = trusted(points, options["normals"], progress=partial(show, "normals"))
+    if tolerance is not None or options["count"] is not None:
         before = len(points)
         limit = None
         if tolerance is not None:
             limit = tolerance[0] * (float(np.linalg.norm(np.subtract(*points.bounds))) if tolerance[1] else 1.0)
-        found = find_subsample(points, limit, wishes["count"], show)
+        found = find_subsample(points, limit, options["count"], show)
         if found.message:
             warnings.warn(found.message, stacklevel=2)
-        few, attributes = found.points, {**found.points.attributes, "radius": found.radii}
-        points = pr.Points.about(few.origin, few.positions, few.normals, few.colors, attributes)
-        done.append(f"of {before:,}{_told(found, limit)}")
+        kept, attributes = found.points, {**found.points.attributes, "radius": found.radii}
+        points = pr.Points.about(kept.origin, kept.positions, kept.normals, kept.colors, attributes)
+        done.append(f"of {before:,}{_fit_of(found, limit)}")
     return points, done
 
 
-def _told(found: Any, limit: float | None) -> str:
-    """How near the points have the surface that is left of them."""
+def _fit_of(found: Any, limit: float | None) -> str:
+    """How well the surface of the kept points fits all points, in words."""
     from ..splats.subsample import NOISY, SHARE
 
     if limit is None:

@@ -1,4 +1,4 @@
-"""Facts as a table or as JSON."""
+"""pointray info: facts about a scan or a model, as a table or as JSON."""
 
 from __future__ import annotations
 
@@ -22,33 +22,34 @@ from ..splats.support import find_support
 
 Positions = NDArray[np.float32]
 
-FEW = 500_000  # points of which everything is looked for: a second
-SAMPLE = 200_000  # places whose spacing is measured where all neighbours are looked for
-SAMPLED = 4_000  # points whose spacing is measured where they are not
-GUESS = 20_000  # points that tell how large the cells are in which neighbours are looked for
+FEW = 500_000  # up to so many points are searched for everything, which takes a second
+SAMPLE = 200_000  # points whose spacing is measured with a search among all points
+SAMPLED = 4_000  # points whose spacing is measured with a search in nearby cells
+GUESS = 20_000  # points that give a first guess of the spacing, for the size of these cells
 MEASURED, FLAWLESS, COUNTED = 0.1, 0.4, 0.95  # shares of the time after which spacing, flaws, lone points are known
-CELL = 3.0  # the size of a cell, in spacings
+CELL = 3.0  # the size of a cell, in guessed spacings
 
 
 def describe(points: Points, deep: bool = False, progress: Progress | None = None) -> dict[str, Any]:
-    """What is in a cloud, and what pointray does about what is missing.
+    """What a cloud contains, and what pointray does about missing parts.
 
     Parameters
     ----------
     points : Points
     deep : bool
-        Look for what takes long of more than FEW points: `duplicates` and `outliers`, which else are None, and the
-        spacing from many points; and, of any number, for `lone` points, as long as a model takes, else None.
+        Measure what takes long. For more than FEW points these are `duplicates`, `outliers` and a spacing from many
+        points; for any number of points it is `lone`, which takes as long as building a model.
     progress : callable, optional
         Called with the share done.
 
     Returns
     -------
     dict
-        As JSON can hold it. `spacing` is the median distance from a point to the nearest in another place, and
-        `spacing_sample` of how many points. `steps` is what each coordinate was rounded to, 0 where that is not coarse
-        for the spacing; `normals_off` the median angle between normals and surface in degrees, None where there are
-        none or the points do not tell. `notes` says what is wrong with either.
+        Values of JSON; None is what was not measured. `spacing` is the median distance from a point to the nearest
+        one at another position, and `spacing_sample` the number of points measured. `steps` are the steps to which
+        coordinates were rounded; a step that is fine compared with the spacing is given as 0. `normals_off` is the
+        median angle between normals and surface in degrees; None if there are no normals, or the points do not tell.
+        `notes` are warnings about normals and rounding.
     """
     low, high = points.bounds
     is_finite = points.finite
@@ -100,7 +101,7 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
 
 
 def _count_lone(points: Points, finite: Positions, progress: Progress | None) -> int:
-    """Points that a model would draw no larger than their neighbours' supports."""
+    """The number of stray points whose radii a model would make smaller; 0 if the points bring radii."""
     if radii_in(points) is not None or len(distinct(finite)[0]) < 2:
         return 0
     cloud = points if len(finite) == len(points) else points.select(points.finite)
@@ -110,7 +111,7 @@ def _count_lone(points: Points, finite: Positions, progress: Progress | None) ->
 
 
 def describe_model(model: Model) -> dict[str, Any]:
-    """What a model has besides its points: its surface, and the points of each level of detail."""
+    """Facts about a model besides its points: its surface, and the number of points in each level of detail."""
     radii = model.radii[model.radii > 0]
     return {
         "surface": model.surface,
@@ -121,26 +122,26 @@ def describe_model(model: Model) -> dict[str, Any]:
 
 
 def _spacing(positions: Positions) -> tuple[float, int]:
-    """Median distance to the nearest neighbour in another place, and of how many points."""
-    places = positions[distinct(positions)[0]]
-    queries = places[:: -(-len(places) // SAMPLE)]
-    return _median_distance(places, queries), len(queries)
+    """Median distance to the nearest neighbour at another position, and the number of points measured."""
+    unique = positions[distinct(positions)[0]]
+    queries = unique[:: -(-len(unique) // SAMPLE)]
+    return _median_distance(unique, queries), len(queries)
 
 
-def _median_distance(places: Positions, queries: Positions) -> float:
-    """From queries, which are places, to the nearest other place; 0 if there is none."""
-    return float(np.median(neighbors(places, 2, queries)[0][:, 1])) if len(places) > 1 else 0.0
+def _median_distance(unique: Positions, queries: Positions) -> float:
+    """Median distance from queries to the nearest other one of distinct positions, which contain them; 0 if none."""
+    return float(np.median(neighbors(unique, 2, queries)[0][:, 1])) if len(unique) > 1 else 0.0
 
 
 def _sampled_spacing(positions: Positions) -> tuple[float, int]:
-    """The same of a sample: its neighbours are looked for among all points, but in the cells around it only.
+    """The spacing as in `_spacing` for a sample of the points, whose neighbours are searched in nearby cells only.
 
-    What is nearer than a cell's size is found, so that a median below it is that of the sample without any error.
+    Every neighbour within a cell's size is found, so that a median below that size is exact for the sample.
     """
     random = np.random.default_rng(0)
     some, queries = (positions[np.unique(random.integers(len(positions), size=n))] for n in (GUESS, SAMPLED))
     diagonal = float(np.linalg.norm(positions.max(axis=0).astype(np.float64) - positions.min(axis=0)))
-    guess = _spacing(some)[0] * np.sqrt(len(some) / len(positions))  # of a surface
+    guess = _spacing(some)[0] * np.sqrt(len(some) / len(positions))  # if the points lie on a surface
     cell = CELL * (guess or diagonal / np.sqrt(len(positions)))
     while cell < diagonal:
         near = positions[rows_around(positions, queries, cell)]
@@ -160,13 +161,13 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
     from rich.table import Table
 
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in _shown(facts).items():
+    for name, value in _rows(facts).items():
         table.add_row(name.replace("_", " "), _text(value))
     Console().print(table)
 
 
-def _shown(facts: dict[str, Any]) -> dict[str, Any]:
-    """Facts for people: what is said of normals in one line, and nothing where there is nothing to be said."""
+def _rows(facts: dict[str, Any]) -> dict[str, Any]:
+    """The facts for a table: one line about normals, and no lines for `steps` and `notes` without content."""
     shown = {name: value for name, value in facts.items() if name not in ("normals_off", "normals_wrong")}
     if shown.get("normals"):
         off, verdict = facts["normals_off"], "wrong" if facts["normals_wrong"] else "right"

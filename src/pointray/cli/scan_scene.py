@@ -1,4 +1,4 @@
-"""From a file and the options of `render` and `animate` to a scene."""
+"""From a scan and the options of `render` and `animate` to a scene."""
 
 from __future__ import annotations
 
@@ -20,71 +20,73 @@ from .options import FILL, background_of, color_of, light_of, numbers, settings_
 from .views import View
 from .waiting import Progress, in_background
 
-PLAIN = {"surface": None, "samples": 4, "radius_scale": 1.0}  # of a surface: what the options say by default
-HEIGHT = "height"  # of --color-by: the coordinate along --up
+PLAIN = {"surface": None, "samples": 4, "radius_scale": 1.0}  # the surface that the options give by default
+HEIGHT = "height"  # a value of --color-by: the coordinate along --up
 
 
 def check_scan(file: Path) -> None:
-    """Raise what keeps a scan or a saved model from being opened."""
+    """Raise an error if a scan or a saved model cannot be opened."""
     from ..points.files import check_readable, check_regular
 
     (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
 
 
 def check_saved(file: Path, is_plain: bool) -> None:
-    """Raise if a saved model is asked for another surface or other normals than it has."""
+    """Raise ValueError if options ask for another surface or other normals than a saved model has."""
     if file.suffix.lower() == SAVED and not is_plain:
         raise ValueError(f"{file}: --surface, --samples, --radius-scale and --normals are part of a saved model")
 
 
-SHAPE = ("samples", "radius_scale")
+SURFACE = ("samples", "radius_scale")
 LENS = ("fov", "projection", "aperture", "focus")
 FRAMING = ("eye", "target", "view", "azimuth", "elevation", "zoom")
 EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels")
-PLACE = ("light", "fill", "background", "ground", "material", "color", "color_by")
+APPEARANCE = ("light", "fill", "background", "ground", "material", "color", "color_by")
 
 
 def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[View, Any, ScanScene]:
-    """How a scan is seen, rendered and lit, by all options of `render` or `animate`. Raises what is wrong at once.
+    """The view, settings and scene of a scan from all options of `render` or `animate`.
 
-    layers : whether the result is numbers for other programs, not a picture to look at
+    A wrong option raises ValueError at once.
+
+    layers : whether the result is layers for other programs, not a picture to look at
     """
     from ..staging.studio import with_contact
 
     check_scan(file)
     plain = {name: getattr(value, "value", value) for name, value in options.items()}
-    lens, framing, effort, shape, place = (
-        {k: plain[k] for k in names} for names in (LENS, FRAMING, EFFORT, SHAPE, PLACE)
+    lens, framing, effort, surface, appearance = (
+        {k: plain[k] for k in names} for names in (LENS, FRAMING, EFFORT, SURFACE, APPEARANCE)
     )
-    seen = View(plain["size"], plain["up"], lens, **framing)
+    view = View(plain["size"], plain["up"], lens, **framing)
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
-    surface = {"surface": plain["surface"], **shape}
-    return seen, settings, ScanScene(file, surface, place, seen.choice, layers, plain["normals"])
+    surface = {"surface": plain["surface"], **surface}
+    return view, settings, ScanScene(file, surface, appearance, view.choice, layers, plain["normals"])
 
 
 class ScanScene:
-    """The scan under its lights. Raises what is wrong with an option at once, before the file is read.
+    """A scan with its lights. A wrong option raises ValueError before the file is read.
 
     Parameters
     ----------
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
-    place : dict
-        The texts of the options light, background, material and perhaps color and color_by; fill, a number or None;
-        whether there is a ground.
+    appearance : dict
+        Texts of the options light, background, material and perhaps color and color_by; fill, a number or None;
+        ground, a bool.
     choice : ViewChoice
-        How the scan is seen.
+        How to view the scan.
     layers : bool
-        Whether a background is part of the light, as in layers; in a picture it stands behind.
-    normals : str
-        Whose: "auto", "file" or "fit".
+        Whether the background is part of the scene, as layers need it. A picture gets it as a backdrop.
+    normals : {"auto", "file", "fit"}
+        The normals to use, as for `trusted`.
     """
 
     def __init__(
         self,
         file: Path,
         surface: dict[str, Any],
-        place: dict[str, Any],
+        appearance: dict[str, Any],
         choice: ViewChoice,
         layers: bool = False,
         normals: str = AUTO,
@@ -92,37 +94,37 @@ class ScanScene:
         import pointray as pr
 
         check_positive(surface["radius_scale"], "--radius-scale")
-        self.file, self._surface, self._place, self._choice = file, surface, place, choice
+        self.file, self._surface, self._appearance, self._choice = file, surface, appearance, choice
         self._normals = normals
         check_saved(file, surface == PLAIN and normals == AUTO)
-        self._lights = [light_of(text) for text in place["light"] or []]
-        self._fill = fill_of(place["fill"], place["light"])
-        self._coat = Coat(place["material"], place.get("color"), place.get("color_by"))
+        self._lights = [light_of(text) for text in appearance["light"] or []]
+        self._fill = fill_of(appearance["fill"], appearance["light"])
+        self._material = ScanMaterial(appearance["material"], appearance.get("color"), appearance.get("color_by"))
         self._scene = pr.Scene()
-        self._background = background_of(place["background"])
-        self._scene.background = self._background  # raises what is wrong
-        # A colour stands behind the picture, where it is not exposed with the light.
+        self._background = background_of(appearance["background"])
+        self._scene.background = self._background  # raises ValueError if it is wrong
+        # A colour becomes the backdrop of a picture, which the exposure does not change.
         if not layers and not isinstance(self._background, str):
             self._scene.background = None
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """What the scene depends on, as JSON takes it."""
+    def inputs(self) -> dict[str, Any]:
+        """What the scene depends on, as values of JSON."""
         facts = self.file.stat()
         scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
-        return {**scan, **self._surface, "normals": self._normals, **self._place, **asdict(self._choice)}
+        return {**scan, **self._surface, "normals": self._normals, **self._appearance, **asdict(self._choice)}
 
     @property
     def is_plain(self) -> bool:
-        """Whether the surface is the default one, and not one that the user wants to see."""
+        """Whether the options leave the surface at its default."""
         return self._surface == PLAIN
 
     @property
     def backdrop(self) -> Any:
-        """What stands behind the picture, as `write_image` takes it."""
+        """The backdrop of the picture, as `write_image` takes it."""
         from ..image.tone import GRADIENT, linear_to_srgb
 
-        if self._place["background"] == AUTO:
+        if self._appearance["background"] == AUTO:
             return GRADIENT
         if not isinstance(self._background, tuple):
             return None
@@ -131,24 +133,24 @@ class ScanScene:
 
     @property
     def legend(self) -> Any:
-        """What the scan is coloured by, with the range that is shown, by the name that was asked for."""
-        assert self._coat.attribute is not None
-        return replace(self._scene.shown_attributes[0], name=self._coat.attribute.name)
+        """The attribute that colours the scan, with the range shown and the name that the user gave."""
+        assert self._material.attribute is not None
+        return replace(self._scene.shown_attributes[0], name=self._material.attribute.name)
 
     def build(self, progress: Progress) -> tuple[Any, Any, Any]:
-        """The scene, the model in it, and what was found out about it: a `Scan`."""
+        """The scene, the model in it, and a `Scan` that tells what was found out about it."""
         from ..staging.first_view import Scan
 
         model = self._load(progress)
         scan = in_background(lambda: Scan(model, self._choice))
-        self._scene.add(model, material=self._coat.material(model.points, scan.up))
-        if self._place["ground"]:
+        self._scene.add(model, material=self._material.build(model.points, scan.up))
+        if self._appearance["ground"]:
             self._scene.add(ground_under(model.bounds, scan.up))
         self._scene.lights = lights_for(self._lights, self._fill, model.bounds.mean(axis=0), scan.up)
         return self._scene, model, scan
 
     def _load(self, progress: Progress) -> Any:
-        """The model of the file: a scan's, or a saved one."""
+        """The model of the file, which is a scan or a saved model."""
         import pointray as pr
 
         from ..rendering.warmup import NORMALS, expect
@@ -160,7 +162,7 @@ class ScanScene:
         points = in_background(lambda: pr.read(file, partial(progress.show, "reading")))
         if points.normals is None or self._normals == "fit":
             expect(NORMALS)
-        self._coat.material(points, self._choice.up)  # raises what is wrong
+        self._material.build(points, self._choice.up)  # raises ValueError if an option is wrong
         radii = radii_in(points)
         progress.show("normals", 0.0)
         try:
@@ -170,17 +172,16 @@ class ScanScene:
             raise ValueError(f"{file}: {error}") from error
 
 
-class Coat:
-    """What the scan is made of, and in which colour. Raises what is wrong with the options at once.
+class ScanMaterial:
+    """The material and colour of a scan. A wrong option raises ValueError at once.
 
     Parameters
     ----------
-    material : str
-        "own", "clay", "phong", "metal" or "glass".
+    material : {"own", "clay", "phong", "metal", "glass"}
     color : str or None
         Linear r,g,b.
     color_by : str or None
-        What the colour tells.
+        What the colour shows, as for `color_of`.
     """
 
     def __init__(self, material: str, color: str | None = None, color_by: str | None = None) -> None:
@@ -194,8 +195,11 @@ class Coat:
         if self._color is not None and not all(0 <= part <= 1 for part in self._color):
             raise ValueError(f"--color must be linear r,g,b from 0 to 1, not {color}")
 
-    def material(self, points: Any, up: Any) -> Any:
-        """The material for points; what they have no colour for is grey. up : None: it will be along an axis"""
+    def build(self, points: Any, up: Any) -> Any:
+        """The material for points, grey if nothing gives them a colour.
+
+        up : (3,) tuple; None if it is not known yet, in which case it will be an axis
+        """
         from ..scene.paints import check_attribute
         from ..shade.materials import Dielectric, Diffuse, Phong, Principled
         from ..staging.studio import ALBEDO, CLAY
@@ -219,7 +223,7 @@ class Coat:
 
 
 def fill_of(fill: float | None, lights: list[str] | None) -> float:
-    """How much light comes from the sky beside lights that are given: none where one of them is a sky."""
+    """The strength of the sky that is added to the given lights; 0 if one of them is a sky."""
     if fill is not None and not 0 <= fill <= 1e6:
         raise ValueError(f"--fill must be a number from 0 on, not {fill}")
     if fill is not None and not lights:
@@ -232,7 +236,7 @@ def fill_of(fill: float | None, lights: list[str] | None) -> float:
 
 
 def lights_for(lights: Sequence[Any], fill: float, middle: Any, up: Any) -> list[Any]:
-    """The lights of the options, see `light_of`, around a scan's middle; where there are none, a studio."""
+    """The lights of the options (see `light_of`) for a scan's middle; a studio if there are none."""
     from ..staging import studio
 
     if not lights:
@@ -241,7 +245,7 @@ def lights_for(lights: Sequence[Any], fill: float, middle: Any, up: Any) -> list
 
 
 def _axis_of(up: tuple[float, float, float]) -> str:
-    """The coordinate that rises upwards."""
+    """The name of the coordinate that increases upwards."""
     axes = sorted(map(abs, up))
     if axes[:2] != [0, 0] or max(up) <= 0:
         raise ValueError(f"--color-by {HEIGHT} is for --up along x, y or z, not {up}: name the coordinate")

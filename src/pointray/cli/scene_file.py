@@ -1,4 +1,4 @@
-"""Scene files on the command line: options change what the file says, where they can."""
+"""Scene files on the command line; some options replace what the file says."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ if TYPE_CHECKING:
 VECTORS = ("eye", "target")
 CAMERA = (*VECTORS, "up", "fov", "size", "projection", "aperture", "focus")
 SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads", "levels")
-LOOK = ("background", "exposure")
-FILM = ("seconds", "fps", "turns", "keys")  # options that are about the film, not about what it shows
+ROOT = ("background", "exposure")
+FILM = ("seconds", "fps", "turns", "keys")  # options about the film, not about what it shows
 
 
 def is_scene(file: Path) -> bool:
-    """Whether it is called like a scene file."""
+    """Whether a file has the extension of scene files."""
     return file.suffix.lower() == ".toml"
 
 
 class DescribedScene:
-    """A scene file, and the options that were given with it. Raises what is wrong with either at once.
+    """A scene file with the options given beside it. A mistake in either raises ValueError at once.
 
     Parameters
     ----------
     options : dict
-        Those that the user has typed.
-    film : sequence of str
-        Names of options that are about neither the scene nor the picture.
+        The options that the user has typed.
+    others : sequence of str
+        Names of options about neither the scene nor the picture, which are allowed too.
     """
 
-    def __init__(self, file: Path, options: dict[str, Any], film: Sequence[str] = ()) -> None:
-        unfit = [name for name in options if name not in ("file", "output", *CAMERA, *SETTINGS, *LOOK, *film)]
+    def __init__(self, file: Path, options: dict[str, Any], others: Sequence[str] = ()) -> None:
+        unfit = [name for name in options if name not in ("file", "output", *CAMERA, *SETTINGS, *ROOT, *others)]
         if unfit:
             raise ValueError(f"--{unfit[0].replace('_', '-')} is not for a scene file, which says it itself: {file}")
-        texts: dict[str, Any] = {name: numbers(options[name], f"--{name}") for name in VECTORS if name in options}
-        texts |= {"size": size_of(options["size"])} if "size" in options else {}
-        texts |= {"background": background_of(options["background"])} if "background" in options else {}
+        parsed: dict[str, Any] = {name: numbers(options[name], f"--{name}") for name in VECTORS if name in options}
+        parsed |= {"size": size_of(options["size"])} if "size" in options else {}
+        parsed |= {"background": background_of(options["background"])} if "background" in options else {}
         if "up" in options:
-            texts["up"] = up_axis(options["up"])
-            if texts["up"] is None:
+            parsed["up"] = up_axis(options["up"])
+            if parsed["up"] is None:
                 raise ValueError("--up auto is for a scan: a scene file says which way is up")
         if "exposure" in options:
-            texts["exposure"] = exposure_of(options["exposure"])
-            if isinstance(texts["exposure"], str):
+            parsed["exposure"] = exposure_of(options["exposure"])
+            if isinstance(parsed["exposure"], str):
                 raise ValueError("--exposure auto is for a scan: a scene file says how bright its light is")
-        plain = {name: getattr(value, "value", value) for name, value in options.items()} | texts
+        plain = {name: getattr(value, "value", value) for name, value in options.items()} | parsed
         from ..image.denoise import check_denoise
         from ..scenefile import Plan
 
@@ -60,21 +60,21 @@ class DescribedScene:
         plan.change(
             {name: plain[name] for name in CAMERA if name in plain},
             {name: plain[name] for name in SETTINGS if name in plain},
-            {name: plain[name] for name in LOOK if name in plain},
+            {name: plain[name] for name in ROOT if name in plain},
         )
         if plan.settings.denoised:
             check_denoise()
         use_threads(plan.settings.threads)
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """What the scene depends on, as JSON takes it."""
+    def inputs(self) -> dict[str, Any]:
+        """What the scene depends on, as values of JSON."""
         facts = [(path, path.stat()) for path in self.plan.files]
         files = [(str(path.resolve()), fact.st_size, fact.st_mtime_ns) for path, fact in facts]
         return {"scene": files, "background": self.plan.background}
 
     def source(self) -> FilmSource:
-        """What a film of it shows."""
+        """The source of a film of the scene."""
         from .animate import FilmSource
 
         def build(progress: Progress) -> tuple[Any, Any]:
@@ -82,11 +82,11 @@ class DescribedScene:
             return made.scene, made.camera
 
         plan = self.plan
-        return FilmSource(build, plan.settings, plan.exposure, plan.curve, self.settings)
+        return FilmSource(build, plan.settings, plan.exposure, plan.curve, self.inputs)
 
 
 def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
-    """Render what a scene file describes; returns a line that says what was done."""
+    """Render what a scene file describes; returns a line for the user."""
     plan = DescribedScene(file, options).plan
     check_fits(output, SceneView(plan.camera).size, plan.settings)
     with Progress(plan.settings) as progress:
@@ -96,12 +96,12 @@ def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     return f"{output}: {width}x{height}{what}"
 
 
-def animate_scene(file: Path, goal: FilmOutput, options: dict[str, Any], fps: float) -> str:
-    """A film of what a scene file describes; returns a line that says what was done."""
+def animate_scene(file: Path, output: FilmOutput, options: dict[str, Any], fps: float) -> str:
+    """Make a film of what a scene file describes; returns a line for the user."""
     from .animate import TRANSPARENT, CameraPath, animate
 
     described = DescribedScene(file, options, FILM)
-    if goal.mp4 and described.plan.background is None:
+    if output.mp4 and described.plan.background is None:
         raise described.plan.error("background", f"{TRANSPARENT}; or say --background")
-    wishes = {name: options.get(name) for name in ("seconds", "turns", "keys", "eye", "target")}
-    return animate(goal, CameraPath(SceneView(described.plan.camera), fps, wishes), described.source())
+    film_options = {name: options.get(name) for name in ("seconds", "turns", "keys", "eye", "target")}
+    return animate(output, CameraPath(SceneView(described.plan.camera), fps, film_options), described.source())

@@ -1,4 +1,4 @@
-"""pointray view: the page in the browser, at once; what it shows comes as it is read."""
+"""pointray view: opens the page in the browser at once, and shows files there while they load."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from .scan_scene import PLAIN, check_saved, check_scan, fill_of, ground_under, l
 from .scene_file import DescribedScene, is_scene
 from .views import View
 
-M_ARENA_MAX = -8  # of glibc's mallopt
-SERVING = ("host", "port", "open_browser")  # options that are about neither the scene nor the picture
+M_ARENA_MAX = -8  # a parameter of glibc's mallopt
+SERVING = ("host", "port", "open_browser")  # options about neither the scene nor the picture
 
 
 def shared_scene_of(
-    files: Sequence[Path], options: dict[str, Any], place: dict[str, Any], surface: dict[str, Any]
+    files: Sequence[Path], typed: dict[str, Any], options: dict[str, Any], surface: dict[str, Any]
 ) -> Any:
-    """What is viewed, and what brings it. Raises what is wrong with files and options at once.
+    """The shared scene to view, and its loader. A wrong file or option raises an error at once.
 
-    options : those that the user has typed; place : settings, up, light, background, ground and normals;
-    surface : as `Model` takes it; another than the default one is shown with all points always
+    typed : the options that the user has typed
+    options : settings, up, light, fill, background, ground and normals
+    surface : as `Model` takes it; only the default surface gets levels of detail
     """
     from ..staging.first_view import Scan
     from ..viewer.loading import Described, Files
@@ -37,14 +38,14 @@ def shared_scene_of(
     if any(is_scene(file) for file in files):
         if len(files) > 1:
             raise ValueError("a scene file is viewed alone")
-        typed = {name: value for name, value in options.items() if name != "files"}
-        plan = DescribedScene(files[0], typed, SERVING).plan
+        given = {name: value for name, value in typed.items() if name != "files"}
+        plan = DescribedScene(files[0], given, SERVING).plan
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
         return SharedScene(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
-    choice = View("1x1", place["up"]).choice
-    lights, fill = [light_of(text) for text in place["light"] or []], fill_of(place["fill"], place["light"])
-    background = background_of(place["background"])
-    known: list[Any] = []  # which way is up, and the lights: once, for the coarse version as for the whole
+    choice = View("1x1", options["up"]).choice
+    lights, fill = [light_of(text) for text in options["light"] or []], fill_of(options["fill"], options["light"])
+    background = background_of(options["background"])
+    known: list[Any] = []  # up direction and lights: found once, for the coarse version and for all points
 
     def furnish(scene: Any) -> Any:
         bounds = scene.bounds
@@ -54,27 +55,27 @@ def shared_scene_of(
                 _tell(scan.found)
             known.extend((scan.up, lights_for(lights, fill, bounds.mean(axis=0), scan.up)))
         up, scene.lights = known
-        if place["ground"]:
+        if options["ground"]:
             scene.add(ground_under(bounds, up))
         scene.background = background
         return up
 
     for file in files:
         check_scan(file)
-        check_saved(file, place["normals"] == AUTO)
+        check_saved(file, options["normals"] == AUTO)
     title, source = files[0].name, str(files[0])
     if len(files) > 1:
         title, source = f"{title} and {len(files) - 1} more", ""
-    settings = place["settings"]
+    settings = options["settings"]
     large = settings.levels and surface == PLAIN
-    loader = Files(files, surface, furnish, large, place["normals"], choice)
+    loader = Files(files, surface, furnish, large, options["normals"], choice)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes = True
     return shared, loader
 
 
 def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
-    """Show it until Ctrl-C."""
+    """Show the scene until Ctrl-C."""
     from ..viewer.viewer import Viewer
 
     _keep_one_heap()
@@ -89,7 +90,7 @@ def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) ->
     _tell(f"{viewer.url}{'' if opened else ' (open it in a browser)'}, Ctrl-C ends")
     interrupted: list[int] = []
     if threading.current_thread() is threading.main_thread():
-        # A note, no exception: one that is raised while something is being freed is lost.
+        # The handler raises nothing: an exception that is raised while an object is being freed is lost.
         signal.signal(signal.SIGINT, lambda number, frame: interrupted.append(number))
     viewer.wait(lambda: bool(interrupted))
     if interrupted:
@@ -101,10 +102,10 @@ def _tell(text: str) -> None:
 
 
 def _keep_one_heap() -> None:
-    """Have threads share one heap, where the C library is glibc.
+    """Let all threads share one heap, if the C library is glibc.
 
-    Else each of the threads that come and go leaves holes in another one: over 10,000 events of browsers that come and
-    go memory grew by 14%, with one heap by 7%, and by 1% over the next 10,000; no picture takes longer.
+    Otherwise short-lived threads leave holes in many heaps. Over 10,000 events of browsers that connect and leave,
+    memory grew by 14%; with one heap it grew by 7%, and by 1% over the next 10,000. Pictures take no longer.
     """
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)

@@ -1,4 +1,4 @@
-"""Waiting for the work: a bar on the terminal, and Ctrl-C at any moment."""
+"""Waiting for work: progress bars on the terminal, and Ctrl-C at any moment."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-LOOK = 0.2  # seconds between two looks at what is being compiled
+POLL = 0.2  # seconds between two checks of what is being compiled
 
 
 class Progress:
-    """Bars on the terminal, with the time left, for what takes a moment; and while kernels are compiled.
+    """Progress bars on the terminal with the time left: one for the current stage, one for compiling kernels.
 
     Parameters
     ----------
     settings : Settings, optional
-        Of pictures that will be made: what they need is compiled in the meantime.
+        Of pictures that will be rendered; their kernels are compiled in the meantime.
     """
 
     def __init__(self, settings: Any = None) -> None:
@@ -46,24 +46,24 @@ class Progress:
         self._bars.stop()
 
     def show(self, stage: str, share: float) -> None:
-        """Where it is."""
-        if stage != self._stage:  # the time left is that of this stage
+        """Show the current stage and the share of it that is done."""
+        if stage != self._stage:  # the time left is estimated for each stage
             self._stage = stage
             self._bars.reset(self._task, total=1.0, description=stage)
         self._bars.update(self._task, completed=share)
 
 
 class CompilationWatch:
-    """A bar that is there while kernels are compiled; a line when that begins where there are no bars."""
+    """A bar that is visible while kernels are compiled; without bars, one line when that begins."""
 
     def __init__(self, bars: Any) -> None:
         self._bars, self._task, self._ended = bars, bars.add_task("", total=1.0, visible=False), threading.Event()
-        self._told = not bars.disable
+        self._announced = not bars.disable
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def end(self) -> None:
-        """Look no longer."""
+        """Stop watching."""
         self._ended.set()
         self._thread.join()
 
@@ -73,24 +73,27 @@ class CompilationWatch:
         often = "once for this processor"
         if cache_folder() is None:
             often = "each time, as the cache folder (POINTRAY_CACHE) cannot be written"
-        while not self._ended.wait(LOOK):
+        while not self._ended.wait(POLL):
             state = BACKLOG.state
             if state is None:
                 self._bars.update(self._task, visible=False)
                 continue
-            if not self._told:
-                self._told = True
-                word = f"compiling kernels, {often}: {state.total}, some {state.seconds:.0f} seconds"
-                self._bars.console.print(word, style="dim")
-            word = f"compiling, {often}: kernel {state.number} of {state.total}"
-            self._bars.update(self._task, description=word, completed=state.share, visible=True)
+            if not self._announced:
+                self._announced = True
+                text = f"compiling kernels, {often}: {state.total}, some {state.seconds:.0f} seconds"
+                self._bars.console.print(text, style="dim")
+            text = f"compiling, {often}: kernel {state.number} of {state.total}"
+            self._bars.update(self._task, description=text, completed=state.share, visible=True)
 
 
 def in_background(work: Callable[[], T]) -> T:
-    """Do it in a thread and wait: the compiler and SciPy do not listen to Ctrl-C, the main thread does."""
+    """Do work in a thread and return its result.
+
+    The compiler and SciPy do not react to Ctrl-C; the main thread, which waits, does.
+    """
     results: list[T] = []
     errors: list[BaseException] = []
-    ended = threading.Event()  # an interrupted Thread.join takes the thread for dead (Python 3.11)
+    ended = threading.Event()  # instead of Thread.join, which takes the thread for dead once interrupted (Python 3.11)
 
     def body() -> None:
         try:
@@ -112,12 +115,12 @@ def in_background(work: Callable[[], T]) -> T:
 
 
 class WriteError(Exception):
-    """The input was good, and yet it did not work."""
+    """The result could not be written, though the input was good."""
 
 
 @contextmanager
 def writing(output: Path) -> Iterator[None]:
-    """Errors of the system, in here, are no bad input: the disk is full, say."""
+    """Turn errors of the operating system within, such as a full disk, into WriteError: the input is not bad."""
     try:
         yield
     except OSError as error:

@@ -100,9 +100,8 @@ class Plan:
     @property
     def files(self) -> list[Path]:
         """The scene file and the files that it names."""
-        named = [recipe.file for recipe in self._models.values()] + [
-            placement.matrices for placement in self._placements
-        ]
+        named = [recipe.file for recipe in self._models.values()]
+        named += [placement.matrices for placement in self._placements]
         named += [light.values.get("image") for light in self._lights]
         return [self._source.file, *(path for path in named if isinstance(path, Path))]
 

@@ -53,7 +53,7 @@ class Source:
     def errors_at(self, key: Key, names: Iterable[str] = ()) -> Iterator[None]:
         """Add file, line and key to errors raised within.
 
-        They concern the first of `names`, keys of the table at `key`, that the message mentions; without one, the table.
+        They concern the first of `names`, keys of the table at `key`, that the message mentions, or the table.
         """
         try:
             yield

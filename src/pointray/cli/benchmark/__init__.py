@@ -1,6 +1,8 @@
-"""The paper's frame rates beside this machine's: what `pointray bench` does.
+"""pointray bench: the paper's frame rates beside those of this computer.
 
-frames : the measured cases; views : the cameras; show : the table as text, JSON or a plot
+frames : the measured cases
+views : the cameras
+show : the table as text, JSON or a plot
 
 Begin with frames.
 """

@@ -1,4 +1,4 @@
-"""Frames of the statue a second: the cases of Wald and Seidel (2005), section 3, on this machine."""
+"""Frame rates of the statue in the cases of Wald and Seidel (2005), section 3."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from ...splats.subsample import subsample
 from .views import far_view, near_view
 
 SIZE, STRESS_SIZE = (512, 512), (640, 480)
-STRESS = 24_000_000  # points from which on the case is that of the paper's stress test: Phong, a light and shadows
+STRESS = 24_000_000  # clouds of so many points or more are the paper's stress test: Phong, a light and shadows
 SUN = SunLight((-0.5, 0.6, -0.8), 3.0)
-# Frames a second that the paper reports, on two 2.4 GHz Opterons; of 32,000 points it says: comparable.
+# Frames a second that the paper reports, on two 2.4 GHz Opterons. For 32,000 points it says only "comparable".
 PAPER = {(1_000_000, "near"): 4.5, (1_000_000, "far"): 8.7, (STRESS, "far"): 2.1}
 
 Show = Callable[[str, float], None]
@@ -32,7 +32,7 @@ Show = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Row:
-    """One case: what was rendered, and how fast, here and in the paper (None: no figure there)."""
+    """One case: what was rendered, and how fast, here and in the paper (None: the paper gives no number)."""
 
     points: int
     view: str
@@ -47,13 +47,13 @@ class Row:
 
 
 def measure(counts: Sequence[int], runs: int, threads: int, show: Show) -> list[Row]:
-    """Render each case `runs` times, the views of a cloud in turn, and take the medians.
+    """Render each case `runs` times, alternating between the views of a cloud, and take the medians.
 
     Parameters
     ----------
     counts : sequence of int
-        Points of the statue. Of several the smallest is subsampled from the next one, as the paper's 32,000 points
-        were; the others are distinct points on the same surface.
+        Points of the statue. If there are several counts, the smallest cloud is subsampled from the next larger one,
+        as the paper's 32,000 points were. Other clouds are distinct points on the same surface.
     show : callable
         Called with the stage's name and the share done.
 
@@ -75,7 +75,7 @@ def measure(counts: Sequence[int], runs: int, threads: int, show: Show) -> list[
 
 
 def _clouds(counts: list[int], show: Show) -> Iterator[tuple[Points, np.ndarray | None]]:
-    """The statue with each of the counts, and radii where it was subsampled."""
+    """The statue with each number of points, and radii if it was subsampled."""
     for k, count in enumerate(counts):
         if k == 0 and len(counts) > 1:
             continue
@@ -87,7 +87,7 @@ def _clouds(counts: list[int], show: Show) -> Iterator[tuple[Points, np.ndarray 
 
 
 def _cases(model: Model, threads: int) -> Iterator[tuple[str, Scene, Camera, Settings]]:
-    """Views of a model: name, scene, camera, and how it is rendered."""
+    """The cases of a model: view, scene, camera and settings."""
     scene = Scene()
     scene.add(model)
     if len(model.points) >= STRESS:
@@ -100,25 +100,25 @@ def _cases(model: Model, threads: int) -> Iterator[tuple[str, Scene, Camera, Set
 
 
 def _rows(model: Model, seconds: float, runs: int, threads: int, show: Show) -> list[Row]:
-    """Time the views of a model, in turn."""
+    """Time the cases of a model, alternating between them."""
     cases = list(_cases(model, threads))
-    covered = [float((render(scene, camera, how)[..., 3] > 0).mean()) for _, scene, camera, how in cases]
+    covered = [float((render(scene, camera, settings)[..., 3] > 0).mean()) for _, scene, camera, settings in cases]
     times: list[list[float]] = [[] for _ in cases]
     for run in range(runs):
         show(f"frames of {len(model.points):,} points", run / runs)
-        for (_, scene, camera, how), kept in zip(cases, times, strict=True):
+        for (_, scene, camera, settings), kept in zip(cases, times, strict=True):
             start = time.perf_counter()
-            render(scene, camera, how)
+            render(scene, camera, settings)
             kept.append(time.perf_counter() - start)
     rows = []
-    for (view, _, camera, how), share, kept in zip(cases, covered, times, strict=True):
+    for (view, _, camera, settings), share, kept in zip(cases, covered, times, strict=True):
         median = statistics.median(kept)
         rows.append(
             Row(
                 points=len(model.points),
                 view=view,
                 size=f"{camera.size[0]}x{camera.size[1]}",
-                light="sun, shadows" if how.shadows else "headlight",
+                light="sun, shadows" if settings.shadows else "headlight",
                 covered=share,
                 frame_ms=1e3 * median,
                 frames_per_second=1.0 / median,

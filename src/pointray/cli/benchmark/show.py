@@ -1,4 +1,4 @@
-"""The table of frame rates: as text, as JSON, as a plot."""
+"""The table of frame rates as text, JSON or a plot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PLOTS = (".png", ".svg", ".pdf")
 
 
 def show_rows(rows: Sequence[Row], threads: int, as_json: bool) -> None:
-    """Print the rows."""
+    """Print the rows as a table or as JSON."""
     if as_json:
         print(json.dumps({"threads": threads, "cases": [asdict(row) for row in rows]}))
         return
@@ -41,11 +41,11 @@ def show_rows(rows: Sequence[Row], threads: int, as_json: bool) -> None:
             f"{r.seconds_for_model:.2f}",
         )
     Console().print(table)
-    print("paper: Wald and Seidel (2005), two 2.4 GHz Opterons; of 32,000 points it says 'comparable' to 1,000,000")
+    print("paper: Wald and Seidel (2005), two 2.4 GHz Opterons; for 32,000 points it says 'comparable' to 1,000,000")
 
 
 def check_plot(path: Path) -> None:
-    """Raise what keeps a plot from being written: the kind of file, its folder, or that matplotlib is not there."""
+    """Raise an error if a plot cannot be written: wrong extension, no such folder, or matplotlib is absent."""
     if path.suffix.lower() not in PLOTS:
         raise ValueError(f"{path}: a plot is {', '.join(PLOTS)}, not {path.suffix or 'a name without ending'}")
     check_writable(path)
@@ -54,20 +54,20 @@ def check_plot(path: Path) -> None:
 
 
 def plot(path: Path, rows: Sequence[Row]) -> None:
-    """Draw the frame rates, beside the paper's where it has one."""
+    """Draw the frame rates, each beside the paper's if there is one."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
     figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.5 * len(rows)), layout="constrained")
-    places = range(len(rows))[::-1]
-    here = axis.barh([y + 0.2 for y in places], [r.frames_per_second for r in rows], 0.38, label="here")
-    told = [r.paper_frames_per_second or 0.0 for r in rows]
-    paper = axis.barh([y - 0.2 for y in places], told, 0.38, label="paper (2005)")
+    heights = range(len(rows))[::-1]
+    here = axis.barh([y + 0.2 for y in heights], [r.frames_per_second for r in rows], 0.38, label="here")
+    reported = [r.paper_frames_per_second or 0.0 for r in rows]
+    paper = axis.barh([y - 0.2 for y in heights], reported, 0.38, label="paper (2005)")
     axis.bar_label(here, fmt="%.1f", padding=3)
-    axis.bar_label(paper, [f"{t:.1f}" if t else "no figure" for t in told], padding=3)
-    axis.set_yticks(list(places), [f"{r.points:,}, {r.view}" for r in rows])
+    axis.bar_label(paper, [f"{t:.1f}" if t else "no figure" for t in reported], padding=3)
+    axis.set_yticks(list(heights), [f"{r.points:,}, {r.view}" for r in rows])
     axis.set_xlabel("frames a second")
     axis.margins(x=0.12)
     axis.spines[["top", "right"]].set_visible(False)

@@ -1,4 +1,4 @@
-"""The views that speed is measured in: far, the whole model, and near, the whole picture covered."""
+"""The views in which speed is measured: far shows the whole model, near covers the whole picture."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ...rendering.camera import Camera
 from ...scene.scene import Scene
 
 FROM = (0.45, -1.0, 0.2)
-TALL = 0.9  # share of the picture's height that the silhouette spans, from far
-FULL = 0.95  # share of the pixels that hit, from near, at least
-COARSE = 128  # pixels of the pictures that views are chosen by
+TALL = 0.9  # share of the picture's height that the silhouette spans in the far view
+FULL = 0.95  # least share of pixels that hit in the near view
+COARSE = 128  # pixels a side of the pictures by which the near view is chosen
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def far_view(points: Points, bounds: Floats, size: tuple[int, int]) -> Camera:
 
 
 def near_view(scene: Scene, far: Camera, size: tuple[int, int]) -> Camera:
-    """Closer to where the silhouette is widest, until FULL of the pixels hit."""
+    """A camera that approaches the place where the silhouette is widest, until FULL of the pixels hit."""
     coarse = Camera.look_at(far.eye, far.target, fov=far.fov, size=(COARSE, COARSE))
     hits = scene.intersect(*coarse.rays())
     inside = distance_transform_edt(np.pad(np.isfinite(hits.t), 1))[1:-1, 1:-1]
