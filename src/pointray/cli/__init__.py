@@ -1,6 +1,6 @@
 """The command line: `main`, and the exit status of a run.
 
-commands, options : the commands, and the options that several share
+commands, options : the commands, a file for each group of them, and the options that several share
 scan_scene, scene_file, views, keys : from a scan or a scene file to a scene and cameras
 outputs, animate : the work of `render` and `animate`
 prepare, report, demo, serve, benchmark : the work of `prepare`, `info`, `demo`, `view` and `bench`

@@ -1,4 +1,4 @@
-"""The commands. Nothing heavy is imported before it is needed, so that --help answers at once."""
+"""The commands that show a scan or a scene: pictures, films, and the page in the browser."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from ..choices import AUTO
-from .options import (
+from ...choices import AUTO
+from ..options import (
     SCANS,
     ApertureOption,
     AzimuthOption,
@@ -54,21 +54,11 @@ from .options import (
     ZoomOption,
     exposure_of,
     given,
-    numbers,
     use_threads,
 )
-from .views import View
-from .waiting import Progress, in_background, writing
-
-app = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Ray traces point clouds: smooth, lit, shadowed surfaces straight from points.",
-)
+from ..waiting import Progress
 
 
-@app.command()
 def render(
     context: typer.Context,
     file: SubjectArgument,
@@ -112,9 +102,9 @@ def render(
     legend: LegendOption = False,
 ) -> None:
     """Render a scan to a picture, camera and light place themselves; or what a scene file describes."""
-    from .outputs import Shown, check_fits, check_output, is_layered, write_picture
-    from .scan_scene import staged
-    from .scene_file import is_scene, render_scene
+    from ..outputs import Shown, check_fits, check_output, is_layered, write_picture
+    from ..scan_scene import staged
+    from ..scene_file import is_scene, render_scene
 
     stops = exposure_of(exposure, integrator.value)
     check_output(output, exposure != AUTO and stops != 0, legend)
@@ -135,7 +125,6 @@ def render(
         print(scan.found)
 
 
-@app.command()
 def animate(
     context: typer.Context,
     file: SubjectArgument,
@@ -185,10 +174,10 @@ def animate(
     color_by: ColorByOption = None,
 ) -> None:
     """A film of a scan or a scene file, on a turntable or along keys; an interrupted one goes on when started again."""
-    from .animate import CameraPath, film_output, scan_source
-    from .animate import animate as work
-    from .scan_scene import staged
-    from .scene_file import animate_scene, is_scene
+    from ..animate import CameraPath, film_output, scan_source
+    from ..animate import animate as work
+    from ..scan_scene import staged
+    from ..scene_file import animate_scene, is_scene
 
     goal = film_output(output, background)
     if is_scene(file):
@@ -199,7 +188,6 @@ def animate(
     print(work(goal, film, scan_source(scan_scene, seen, settings, exposure_of(exposure, integrator.value))))
 
 
-@app.command()
 def view(
     context: typer.Context,
     files: Annotated[
@@ -224,10 +212,10 @@ def view(
     threads: ThreadsOption = None,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
-    from ..arguments import check_positive
-    from ..rendering.settings import Settings
-    from ..staging.studio import with_contact
-    from .serve import serve, shared_scene_of
+    from ...arguments import check_positive
+    from ...rendering.settings import Settings
+    from ...staging.studio import with_contact
+    from ..serve import serve, shared_scene_of
 
     use_threads(threads)
     settings = with_contact(Settings(integrator=integrator.value, levels=levels))
@@ -237,131 +225,3 @@ def view(
     place["normals"] = normals.value
     shared, loader = shared_scene_of(files, given(context), place, look)
     serve(shared, loader, host, port, open_browser)
-
-
-@app.command()
-def prepare(
-    file: Annotated[Path, typer.Argument(help=f"A scan, {SCANS}, or a saved model, .pointray: its points.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply, or .pointray: the model, ready.")],
-    tolerance: Annotated[
-        str | None,
-        typer.Option(help="Leave out what the surface can spare: it stays within 0.5 (units), or 0.05% (diagonal)."),
-    ] = None,
-    count: Annotated[int | None, typer.Option(help="Leave so many points.")] = None,
-    drop_duplicates: Annotated[bool, typer.Option("--drop-duplicates", help="Of equal positions keep one.")] = False,
-    drop_outliers: Annotated[bool, typer.Option("--drop-outliers", help="Drop what lies far from the rest.")] = False,
-    normals: NormalsOption = Normals["auto"],
-    estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="The same as --normals fit.")] = False,
-    viewpoint: Annotated[str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it.")] = None,
-    levels: Annotated[
-        bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
-    ] = True,
-    force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
-    threads: ThreadsOption = None,
-) -> None:
-    """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
-    from .prepare import prepare as work
-
-    if estimate_normals and normals == "file":
-        raise ValueError("--estimate-normals and --normals file exclude each other")
-    estimate_normals = estimate_normals or normals == "fit"
-    if viewpoint is not None and not estimate_normals:
-        raise ValueError("--viewpoint is for --estimate-normals or --normals fit, which is not given")
-    use_threads(threads)
-    wishes = {
-        "tolerance": tolerance,
-        "count": count,
-        "drop_duplicates": drop_duplicates,
-        "drop_outliers": drop_outliers,
-        "normals": normals.value,
-        "estimate_normals": estimate_normals,
-        "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
-        "levels": levels,
-        "force": force,
-    }
-    print(work(file, output, wishes))
-
-
-@app.command()
-def info(
-    file: Annotated[Path, typer.Argument(help=f"A scan, {SCANS}, or a saved model, .pointray.")],
-    deep: Annotated[
-        bool, typer.Option("--deep", help="Look at the neighbours of all points: 10 million take a minute and 7 GB.")
-    ] = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="As JSON: null is what only --deep finds of so many points.")
-    ] = False,
-) -> None:
-    """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
-    from .prepare import read_scan
-    from .report import describe, describe_model, show_table
-    from .scan_scene import check_scan
-
-    check_scan(file)
-    with Progress() as progress:
-        progress.show("reading", 0.0)
-        points, model = in_background(lambda: read_scan(file, progress))
-        progress.show("looking", 0.0)
-        facts = in_background(lambda: describe(points, deep, lambda share: progress.show("looking", share)))
-    if model is not None:
-        facts |= describe_model(model)
-    show_table({"file": str(file), **facts}, json)
-
-
-@app.command()
-def demo(
-    output: Annotated[Path, typer.Option("--output", "-o", help="The picture.")] = Path("demo.png"),
-    points: Annotated[int, typer.Option(min=1000, max=10**8, help="Points of the statue.")] = 1_000_000,
-    size: SizeOption = "512x512",
-    frames: Annotated[int, typer.Option(min=1, help="Frames that are timed.")] = 10,
-    threads: ThreadsOption = None,
-    json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
-) -> None:
-    """Ray trace the embedded statue, on a ground plane, with a hard shadow; write the picture and print the times."""
-    from ..image.write import check_image_path
-
-    check_image_path(output)
-    wanted, count = View(size).size, use_threads(threads)
-    from ..rendering.settings import Settings
-    from .demo import run_demo
-    from .report import show_table
-
-    with Progress(Settings()) as progress:
-        facts = in_background(lambda: run_demo(output, points, wanted, frames, count, progress.show))
-    show_table(facts, json)
-
-
-@app.command()
-def bench(
-    points: Annotated[
-        list[int] | None,
-        typer.Option(min=1000, max=10**8, help="Points of the statue; repeatable. Default: 32000 and 1000000."),
-    ] = None,
-    runs: Annotated[int, typer.Option(min=1, help="Frames that are timed, of each view.")] = 9,
-    threads: ThreadsOption = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the table: .png, .svg or .pdf.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
-) -> None:
-    """The paper's frame rates beside this machine's; --points 24000000 is its stress test (6 minutes, 8 GiB)."""
-    from . import benchmark
-
-    if plot is not None:
-        benchmark.check_plot(plot)
-    count, counts = use_threads(threads), points or [32_000, 1_000_000]
-    from ..rendering.settings import Settings
-
-    with Progress(Settings()) as progress:
-        rows = in_background(lambda: benchmark.measure(counts, runs, count, progress.show))
-    benchmark.show_rows(rows, count, json)
-    if plot is not None:
-        with writing(plot):
-            benchmark.plot(plot, rows)
-
-
-@app.callback(invoke_without_command=True)
-def _main(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
-    if version:
-        from .. import __version__
-
-        print(__version__)
-        raise typer.Exit()

@@ -1,0 +1,37 @@
+"""The commands, in the order in which `pointray --help` lists them.
+
+pictures : `render`, `animate`, `view`
+files : `prepare`, `info`
+trials : `demo`, `bench`
+
+Nothing heavy is imported before it is needed, so that --help answers at once.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from .files import info, prepare
+from .pictures import animate, render, view
+from .trials import bench, demo
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Ray traces point clouds: smooth, lit, shadowed surfaces straight from points.",
+)
+
+for command in (render, animate, view, prepare, info, demo, bench):
+    app.command()(command)
+
+
+@app.callback(invoke_without_command=True)
+def _main(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        from ... import __version__
+
+        print(__version__)
+        raise typer.Exit()
