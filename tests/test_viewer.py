@@ -12,7 +12,7 @@ from websockets.exceptions import InvalidStatus
 import pointray as pr
 from pointray.kernels.records import ACROSS, FORWARD, UPWARD
 from pointray.staging.direction import axes_of
-from pointray.viewer import session
+from pointray.viewer import lookups, session
 from pointray.viewer.controls import Control
 from pointray.viewer.light_control import SUN, LightControl, light_controls_of
 from pointray.viewer.messages import camera_of, free_of, parse, size_of
@@ -217,7 +217,7 @@ def test_click_tells_coordinates_and_attributes(browser, scene, model):
 def test_what_a_click_needs_is_loaded_after_the_first_picture(viewer, monkeypatch):
     """No click waits seconds for its kernel while pictures refine."""
     prepared = []
-    monkeypatch.setattr(session, "prepare", prepared.append)
+    monkeypatch.setattr(lookups, "prepare", prepared.append)
     with closing(Browser(viewer.url, SIZE)) as browser:
         browser.arrive()
         browser.listen(lambda: browser.frames)
@@ -235,7 +235,7 @@ def test_of_clicks_while_one_is_looked_at_the_last_counts(browser, monkeypatch):
         assert go.wait(60)
         return pick(scene, camera, x, y)
 
-    monkeypatch.setattr(session, "pick", slow)
+    monkeypatch.setattr(lookups, "pick", slow)
     browser.arrive()
     browser.say(type="pick", purpose="query", extend=False, x=0.5, y=0.5)
     assert busy.wait(60)

@@ -15,7 +15,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import pointray as pr
-from pointray.viewer import outbox, session
+from pointray.viewer import lookups, outbox, session
 from pointray.viewer.light_control import MOST_LAMPS
 from pointray.viewer.link import MOST_WAITING, is_loopback
 from pointray.viewer.messages import packed
@@ -461,7 +461,7 @@ def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkey
 def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
     """While one is drawn the page is heard, and none of those between is drawn."""
     busy, go, drawn = threading.Event(), threading.Event(), []
-    whole = session.legend_of
+    whole = lookups.legend_of
 
     def slow(attribute):
         drawn.append(attribute.colormap)
@@ -470,7 +470,7 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
         return whole(attribute)
 
     browser.arrive()
-    monkeypatch.setattr(session, "legend_of", slow)
+    monkeypatch.setattr(lookups, "legend_of", slow)
     browser.set("color_by", "height")
     assert busy.wait(60)
     for name in ("plasma", "magma") * 10:

@@ -1,0 +1,202 @@
+"""What one browser shows: its view of the shared scene, with a camera, view settings and a panel of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from ..choices import AUTO, VIEWS
+from ..rendering.camera import Camera
+from ..scene.scene import Scene
+from ..shade.attributes import Attribute
+from ..staging.framing import Lens
+from .controls import Control, Folder
+from .light_control import light_controls_of
+from .lookups import Lookups
+from .outbox import Outbox
+from .painter import FrameRequest, Painter
+from .panel import Output, folders
+from .shared_scene import SharedScene
+from .view_settings import CONSTANT, OWN, ViewSettings
+
+FOV = 40.0
+SKETCHED = ViewSettings(exposes=True)  # for the sketch, before there is a scene
+
+
+class Display:
+    """What one browser shows; each change is sent to the page, or makes the painter draw.
+
+    It has no lock: its session calls it from one thread at a time.
+
+    Parameters
+    ----------
+    shared : SharedScene
+    outbox : Outbox
+        The outbox of the page.
+    painter : Painter
+        Draws the pictures.
+    lookups : Lookups
+        Draws the legend.
+
+    Attributes
+    ----------
+    size : (2,) tuple of int, or None
+        Pixels of the view; None: it is not known yet, and nothing is shown.
+    time : float
+        The time of the page's last message about its camera.
+    camera : Camera or None
+        None: there is nothing to see yet.
+    view : ViewSettings or None
+        None: there is no scene yet.
+    output : Output
+        The options of saved pictures and films.
+    """
+
+    def __init__(self, shared: SharedScene, outbox: Outbox, painter: Painter, lookups: Lookups) -> None:
+        self._shared, self._outbox, self._painter, self._lookups = shared, outbox, painter, lookups
+        self.size: tuple[int, int] | None = None
+        self.time = 0.0
+        self.camera: Camera | None = None
+        self.view: ViewSettings | None = None
+        self.output = Output()
+        self._free = (0, 0, 1, 1)  # what the panel leaves free of the view: left, top, right, bottom, pixels
+        self._at_home = False  # whether the camera is still where it was placed first
+        self._sketched = False  # whether a sketch was shown last
+        self._version: tuple[int, int] | None = None
+        self._lights: tuple[Any, ...] = ()  # the scene's lights, as last read
+        self._around: Any = None  # the scene's background, as last read
+        self._problem: tuple[int, str] = 0, ""
+
+    def resize(self, size: tuple[int, int], free: tuple[int, int, int, int]) -> None:
+        """Take a new size of the view, and the part of it that the panel leaves free, both in pixels."""
+        self.size, self._free = size, free
+        seen = self._shared.scene or self._shared.sketch
+        if (self.camera is None or self._at_home) and seen is not None:
+            self.go("home", animate=False)  # as large as fits into this view
+        elif self.camera is not None:
+            self.camera = replace(self.camera, size=size)
+        self.refresh()
+
+    def look(self, camera: Camera) -> None:
+        """Take the camera to which the user has moved."""
+        self.camera, self._at_home = camera, False
+
+    def go(self, name: str, animate: bool) -> None:
+        """Move the page to one of the standard views."""
+        seen, size = self._shared.scene or self._shared.sketch, self.size
+        if seen is None or size is None or (name not in VIEWS and name != "home"):
+            raise ValueError(f"there is no view {name!r:.40}")
+        if name == "home" and self._shared.home is not None:
+            camera = replace(self._shared.home, size=size)
+        else:
+            fov = FOV if self.camera is None else self.camera.fov
+            camera = self._shared.scan(AUTO if name == "home" else name).camera(Lens(fov, size), self._part_free())
+        if not animate:
+            self.camera, self._at_home = camera, True
+        self._outbox.go(camera, animate)
+
+    def change(self, view: ViewSettings, new_rows: bool) -> None:
+        """Take new view settings. new_rows : whether the panel may need other rows."""
+        self.view = view
+        if new_rows:
+            self.send_panel()
+        self.refresh()
+        self._send_legend()
+
+    def follow(self) -> None:
+        """Take what has changed in the shared scene."""
+        self._report_problem()
+        scene, version, sketch = self._shared.scene, self._shared.version, self._shared.sketch
+        if version != self._version and ((scene is not None and scene.models) or sketch is not None):
+            self._version = version
+            begins = self.camera is None or (self._sketched and self._at_home)
+            self._sketched = scene is None
+            if scene is not None:
+                self._take(scene)
+            elif sketch is not None:
+                self._outbox.place(sketch, self._shared.up)
+            if begins and self.size is not None:
+                self.go("home", animate=False)
+        self.refresh()
+
+    def explain(self, request: FrameRequest, shown: Attribute, image: str) -> None:
+        """Send the legend that was drawn for a request, if its view settings are still those shown."""
+        if self.view is None or request.view is not self.view:
+            return
+        self._outbox.legend(image)
+        if self.view.low is None and shown.range is not None:  # a range that was found can be changed now
+            self.view = replace(self.view, low=shown.range[0], high=shown.range[1])
+            self.send_panel()
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Have the picture drawn that is to be shown now; nothing happens if it is the one already asked for."""
+        if self.camera is None or self.size is None:
+            return
+        shared, sketch = self._shared, self._shared.sketch
+        if self.view is not None and shared.scene is not None:
+            self._painter.want(self.request())
+        elif sketch is not None:
+            nothing, version = Scene(), shared.version
+            self._painter.want(
+                FrameRequest(self.camera, SKETCHED, nothing, version, shared.up, False, self.time, sketch)
+            )
+
+    def request(self) -> FrameRequest:
+        """The description of the picture to show: there are a camera, view settings and a scene."""
+        shared, scene = self._shared, self._shared.scene
+        assert self.camera is not None and self.view is not None and scene is not None
+        return FrameRequest(self.camera, self.view, scene, shared.version, shared.up, not shared.is_building, self.time)
+
+    def control(self, name: str) -> Control:
+        """The panel's control of this name; ValueError if there is none."""
+        for folder in self._folders():
+            for control in folder.controls:
+                if control.name == name:
+                    return control
+        raise ValueError(f"there is no control {name!r:.60}")
+
+    def send_panel(self) -> None:
+        """Send the panel, if it has changed."""
+        self._outbox.panel(self._folders())
+
+    def _folders(self) -> list[Folder]:
+        scene = self._shared.scene
+        view = self.view or ViewSettings()
+        return folders(view, self._shared, self.output, None if self.view is None else scene)
+
+    def _send_legend(self) -> None:
+        """Have the legend of the colours drawn, or tell the page that there is none."""
+        assert self.view is not None
+        if self.view.color_by in (OWN, CONSTANT) or self.view.material in ("mirror", "glass"):
+            self._outbox.legend(None)
+        else:
+            self._lookups.legend(self.request())
+
+    def _take(self, scene: Scene) -> None:
+        """Take a new scene, or more of it."""
+        lights, around = scene.lights, (scene.shows_sky, None if scene.background is None else list(scene.background))
+        if self.view is None:
+            self.view = ViewSettings.of(self._shared, scene)
+        if len(lights) != len(self._lights) or any(a is not b for a, b in zip(lights, self._lights, strict=True)):
+            self.view = replace(self.view, lamps=light_controls_of(scene, self._shared.up))
+        if around != self._around:
+            self.view = self.view.before(scene)
+        self._lights, self._around = lights, around
+        self._outbox.place(scene, self._shared.up)
+        self.send_panel()
+        self._send_legend()
+
+    def _report_problem(self) -> None:
+        """Tell the page why there is less to see than was asked for, once for each failure."""
+        problem = self._shared.failures, self._shared.problem
+        if problem != self._problem:
+            self._problem = problem
+            if problem[1]:
+                self._outbox.toast("error", problem[1], stay=True)
+
+    def _part_free(self) -> tuple[float, float, float, float]:
+        """The part of the view that the panel leaves free: left, top, right, bottom, shares."""
+        width, height = self.size or (1, 1)
+        left, top, right, bottom = self._free
+        return left / width, top / height, right / width, bottom / height

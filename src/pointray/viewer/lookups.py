@@ -1,0 +1,153 @@
+"""The slower questions of one browser, answered in the background: what is under the mouse, what the colours mean."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.scene import Scene
+from ..shade.attributes import Attribute
+from .outbox import Outbox, legend_of
+from .painter import FrameRequest
+from .pick import pick, prepare
+
+log = logging.getLogger("pointray.view")
+
+T = TypeVar("T")
+
+
+class Click(NamedTuple):
+    """A click on the view.
+
+    Attributes
+    ----------
+    request : FrameRequest
+        What is shown.
+    place : (2,) tuple of float
+        0 to 1 from the left and from the top.
+    purpose : str
+        "target": the camera turns to the point; else the page is told what is there.
+    extend : bool
+        Whether the distance from the point found last is told too.
+    """
+
+    request: FrameRequest
+    place: tuple[float, float]
+    purpose: str
+    extend: bool
+
+
+class Newest(Generic[T]):
+    """A place for one question: a newer question replaces the one that still waits.
+
+    Parameters
+    ----------
+    jobs : Executor
+        Runs `answer`.
+    answer : callable
+        Takes a question.
+    """
+
+    def __init__(self, jobs: Executor, answer: Callable[[T], None]) -> None:
+        self._jobs, self._answer = jobs, answer
+        self._lock = threading.Lock()
+        self._waiting: T | None = None
+
+    def ask(self, question: T) -> None:
+        """Have a question answered, unless a newer one comes first."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, question
+        if waiting is None:  # else a job is on its way, which takes this question
+            self._jobs.submit(self._run)
+
+    def _run(self) -> None:
+        with self._lock:
+            question, self._waiting = self._waiting, None
+        if question is not None:
+            self._answer(question)
+
+
+class Lookups:
+    """Answers the questions of one browser in its own thread, one after the other.
+
+    Parameters
+    ----------
+    outbox : Outbox
+        Takes the answers to clicks.
+    apply : callable
+        Makes the scene of a `FrameRequest`; ValueError: the scene cannot be made, and the painter reports why.
+    explain : callable
+        Takes a request, the attribute that colours its scene, and the picture of the legend.
+    """
+
+    def __init__(
+        self,
+        outbox: Outbox,
+        apply: Callable[[FrameRequest], Scene],
+        explain: Callable[[FrameRequest, Attribute, str], None],
+    ) -> None:
+        self._outbox, self._apply, self._explain = outbox, apply, explain
+        self._found: NDArray[np.float64] | None = None  # the point that was found last
+        self._state = threading.Lock()  # guards the next two
+        self._prepared = self._stopped = False
+        self._jobs = ThreadPoolExecutor(1, "pointray-pick")
+        self._clicks = Newest(self._jobs, self._find)
+        self._legends = Newest(self._jobs, self._draw_legend)
+
+    def click(self, click: Click) -> None:
+        """Find what is under a click, and send it."""
+        self._clicks.ask(click)
+
+    def forget(self) -> None:
+        """Forget the point that was found last: no distance is measured from it."""
+        self._found = None
+
+    def legend(self, request: FrameRequest) -> None:
+        """Draw the legend of the colours."""
+        self._legends.ask(request)
+
+    def prepare(self, scene: Scene) -> None:
+        """Load what a click needs, which takes seconds; only the first call has an effect."""
+        with self._state:
+            if not self._prepared and not self._stopped:
+                self._prepared = True
+                self._jobs.submit(self._prepare, scene)
+
+    def stop(self) -> None:
+        """Answer nothing more."""
+        with self._state:
+            self._stopped = True
+            self._jobs.shutdown(wait=False, cancel_futures=True)
+
+    def _find(self, click: Click) -> None:
+        try:
+            found = pick(self._apply(click.request), click.request.camera, *click.place)
+        except ValueError:  # the painter reports it
+            return
+        if found is None:
+            return
+        if click.purpose == "target":
+            self._outbox.say(type="target", position=found.position.tolist())
+            return
+        self._outbox.found(found, self._found if click.extend else None)
+        self._found = found.position
+
+    def _draw_legend(self, request: FrameRequest) -> None:
+        try:
+            shown = self._apply(request).shown_attributes[0]
+            image = legend_of(shown)
+        except ValueError:  # the painter reports it
+            return
+        self._explain(request, shown, image)
+
+    def _prepare(self, scene: Scene) -> None:
+        try:
+            prepare(scene)
+        except Exception:
+            log.exception("while preparing for clicks")
