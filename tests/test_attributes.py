@@ -286,14 +286,14 @@ def test_memory_only_where_it_is_used(model):
     scene = pr.Scene()
     scene.add(model)
     number = scene.add(model, material=pr.Diffuse(pr.Attribute("z")))
-    assert scene.snapshot().world.levels.size == 0
+    assert scene.snapshot().world.map_positions.size == 0
     scene.update(number, material=pr.Diffuse(pr.Attribute("height")))
-    levels = scene.snapshot().world.levels
-    assert levels.size == len(model.tree.order) < 1.1 * 6000
+    map_positions = scene.snapshot().world.map_positions
+    assert map_positions.size == len(model.tree.order) < 1.1 * 6000
     scene.update(number, transform=2 * np.eye(4) - np.diag([0, 0, 0, 1]))
-    assert scene.snapshot().world.levels is levels  # not made again because something moved
+    assert scene.snapshot().world.map_positions is map_positions  # not made again because something moved
     scene.remove(number)
-    assert scene.snapshot().world.levels.size == 0
+    assert scene.snapshot().world.map_positions.size == 0
 
 
 MATERIALS = {

@@ -88,12 +88,12 @@ def test_materials_of_a_copy_are_let_go(sphere):
     assert twin._instances.materials[0] is scene._instances.materials[0]
     for k in range(20):
         twin.update(0, material=pr.Diffuse(k / 20))
-    assert len(twin._instances._looks) == 2 and len(scene._instances._looks) == 1
+    assert len(twin._instances._equal_materials) == 2 and len(scene._instances._equal_materials) == 1
     twin.add(sphere, material=pr.Diffuse(0.25))
     assert twin._instances.materials[1] is scene._instances.materials[0]  # the same look is kept once
     scene.update(0, material=pr.Diffuse(0.5))
     twin.remove(1)
-    assert len(scene._instances._looks) == 1
+    assert len(scene._instances._equal_materials) == 1
 
 
 def test_ranges_of_attributes_are_those_of_each_copy(sphere):

@@ -196,4 +196,4 @@ def test_materials_that_look_the_same_are_kept_once_and_only_while_they_are_used
     assert len({id(material) for material in scene._instances.materials}) == 1
     for k in range(50):
         scene.update(0, material=pr.Diffuse(k / 50))
-    assert len(scene._instances._looks) == 2
+    assert len(scene._instances._equal_materials) == 2

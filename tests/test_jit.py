@@ -138,10 +138,10 @@ def test_the_cache_serves_the_second_process_and_never_runs_stale_code(tmp_path)
 
 SCREEN = """
 import numpy as np
-from pointray.image.screen import _levels, levels_of
+from pointray.image.screen import _to_8bit, to_8bit
 from pointray.jit import compilations, is_compiled
-before = is_compiled(_levels)
-levels_of(np.zeros((4, 4, 4), np.float32), np.zeros((4, 3)), 0.0, "srgb")
+before = is_compiled(_to_8bit)
+to_8bit(np.zeros((4, 4, 4), np.float32), np.zeros((4, 3)), 0.0, "srgb")
 print(before, compilations())
 """
 

@@ -11,7 +11,7 @@ from pointray.jit import borrow, keep_alive, kernel
 from pointray.kernels.sampling import pixel_key
 from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, load3, new_scratch
 from pointray.rendering.film import EDGE, begin_tile, pixel_of, set_pixel_rays
-from pointray.rendering.lens import place_in_pixel
+from pointray.rendering.lens import position_in_pixel
 
 EYE, TARGET = np.array([5.0, 3, 2]), np.array([-1.0, 0, 1])
 FORWARD = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
@@ -40,7 +40,7 @@ def _camera_rays(camera, how, origins, directions):
 def _places(how, out):
     for k in range(out.shape[0]):
         for sample in range(out.shape[1]):
-            out[k, sample, 0], out[k, sample, 1] = place_in_pixel(pixel_key(k, 7, how[0]), sample, how[2])
+            out[k, sample, 0], out[k, sample, 1] = position_in_pixel(pixel_key(k, 7, how[0]), sample, how[2])
 
 
 def camera_with(projection, **more):

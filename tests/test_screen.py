@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointray.image.screen import levels_of
+from pointray.image.screen import to_8bit
 from pointray.image.tone import linear_to_srgb, tone
 
 
@@ -21,7 +21,7 @@ def test_levels_are_those_of_the_curves(curve, exposure):
     image = np.exp(rng.normal(-2, 3, (70, 90, 4))).astype(np.float32)
     image[..., 3] = rng.uniform(0, 1, (70, 90))
     backdrop = (0.1, 0.5, 0.9)
-    levels, expected = levels_of(image, backdrop, exposure, curve), plain(image, backdrop, exposure, curve)
+    levels, expected = to_8bit(image, backdrop, exposure, curve), plain(image, backdrop, exposure, curve)
     assert np.abs(levels - expected).max() <= 1
     assert (levels != expected).mean() < 0.02
 
@@ -31,10 +31,10 @@ def test_every_level_comes_back():
 
     grey = np.ones((1, 256, 4), np.float32)
     grey[..., :3] = srgb_to_linear(np.arange(256, dtype=np.uint8))[None, :, None]
-    assert (np.abs(levels_of(grey)[0, :, 0].astype(int) - np.arange(256)) <= 1).all()
+    assert (np.abs(to_8bit(grey)[0, :, 0].astype(int) - np.arange(256)) <= 1).all()
 
 
 def test_what_is_no_light_is_dark_and_what_is_too_much_is_white():
     image = np.ones((1, 4, 4), np.float32)
     image[0, :, :3] = np.array([np.nan, -5.0, np.inf, 0.0])[:, None]
-    assert levels_of(image)[0, :, 0].tolist() == [0, 0, 255, 0]
+    assert to_8bit(image)[0, :, 0].tolist() == [0, 0, 255, 0]

@@ -154,7 +154,7 @@ def test_of_many_points_only_those_around_a_sample_are_looked_through(monkeypatc
     all_of_them = nearby.find_neighborhoods(points.positions, 20, 64)
     known = np.isin(all_of_them.rows[:, 0], some.rows[:, 0])
     assert known.mean() >= nearby.SOUND
-    np.testing.assert_array_equal(all_of_them.reach[known], some.reach)
+    np.testing.assert_array_equal(all_of_them.farthest[known], some.farthest)
     np.testing.assert_array_equal(np.sort(all_of_them.rows[known], axis=1), np.sort(some.rows, axis=1))
     monkeypatch.setattr(nearby, "FEW", 10_000)
     again = pr.check_normals(points.with_normals(tilted(points.normals, 30, np.float64([0, 0, 1]))))

@@ -14,7 +14,7 @@ from PIL import Image
 from websockets.sync.client import connect
 
 import pointray as pr
-from pointray.image.screen import levels_of
+from pointray.image.screen import to_8bit
 from pointray.image.tone import GRADIENT, backdrop_rows
 from pointray.viewer.messages import describe
 
@@ -35,7 +35,7 @@ def expected(scene, camera, samples, size=SIZE, exposure=0.0, **settings):
 
 def shown_levels(image, exposure=0.0):
     """A picture over the viewer's backdrop."""
-    return levels_of(image, backdrop_rows(GRADIENT, len(image))[:, 0], exposure).astype(int)
+    return to_8bit(image, backdrop_rows(GRADIENT, len(image))[:, 0], exposure).astype(int)
 
 
 def scene_of(model):

@@ -1,6 +1,6 @@
 """Choices: the words that options, scene files and the viewer's panel know, with what each is, once. Imports nothing.
 
-The numbers by which kernels know surfaces, projections, filters and integrators are places in these tables, see
+The numbers by which kernels know surfaces, projections, filters and integrators are indices of these tables, see
 `number_of`; models that are saved hold those of surfaces: a new one goes to the end.
 """
 
@@ -74,7 +74,7 @@ COLORMAPS = [  # that every installation has
 
 
 def number_of(choices: Iterable[str], name: str) -> int:
-    """A choice as kernels know it: its place."""
+    """A choice as kernels know it: its index."""
     return list(choices).index(name)
 
 

@@ -115,8 +115,8 @@ class Points:
     def finite(self) -> NDArray[np.bool_]:
         """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond `FARTHEST`."""
         x, y, z = self.positions.T
-        reach = np.float32(FARTHEST)
-        return np.asarray((np.abs(x) <= reach) & (np.abs(y) <= reach) & (np.abs(z) <= reach))
+        limit = np.float32(FARTHEST)
+        return np.asarray((np.abs(x) <= limit) & (np.abs(y) <= limit) & (np.abs(z) <= limit))
 
     @property
     def bounds(self) -> NDArray[np.float64]:

@@ -208,11 +208,11 @@ class Model:
         spacing = float(np.median(radii))
         while True:
             spacing *= COARSER
-            coarse, reach = coarsen(cloud, radii, spacing)
+            coarse, limits = coarsen(cloud, radii, spacing)
             if len(coarse) < LEAST_POINTS or len(coarse) * LEAST_GAIN > len(cloud):
                 break
             say("levels", 1.0 - len(coarse) / len(self.points))
-            levels.append(Model._level(coarse, (SUPPORT * spacing, reach)))
+            levels.append(Model._level(coarse, (SUPPORT * spacing, limits)))
             cloud, radii = coarse, levels[-1].radii
         self.levels = tuple(levels)
 

@@ -117,13 +117,13 @@ def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:
     -------
     rows : (m,) int64
         The first row of each group, ascending.
-    places : (n,) int64
-        positions[rows][places] equals positions, to within the size of a cell.
+    ids : (n,) int64
+        positions[rows][ids] equals positions, to within the size of a cell.
     """
     keys = np.floor(positions / np.float64(cell)) if cell else positions + np.float32(0)  # -0 is 0
-    _, first, places = np.unique(_hash(keys), return_index=True, return_inverse=True)
+    _, first, ids = np.unique(_hash(keys), return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
-    return np.sort(first), rank[places]
+    return np.sort(first), rank[ids]
 
 
 def _hash(keys: NDArray[Any]) -> NDArray[np.uint64]:

@@ -1,6 +1,6 @@
 """Radiance -> pixels -> files.
 
-tone, exposure : from light to levels, and how bright; screen : the same by a table, for the viewer
+tone, exposure : from light to 8 bits, and how bright; screen : the same by a table, for the viewer
 write : pictures and layers as files; exr, mp4 : two formats; frames : a film's numbered pictures
 denoise : noise removed; legend : what colours stand for
 

@@ -60,17 +60,17 @@ def draw_legend(image: NDArray[Any], attribute: Attribute, beside: bool = False)
         array = _widened(array, attribute)
     layer = _layer(array.shape[1], array.shape[0], attribute)
     left, top, right, bottom = layer.getbbox() or (0, 0, 0, 0)
-    over, place = layer.crop((left, top, right, bottom)), np.s_[top:bottom, left:right]
+    over, part = layer.crop((left, top, right, bottom)), np.s_[top:bottom, left:right]
     out = array.copy()
     if array.dtype == np.uint8:
         mode = "RGBA" if array.shape[2] == 4 else "RGB"
-        drawn = Image.alpha_composite(Image.fromarray(array[place]).convert("RGBA"), over)
-        out[place] = np.asarray(drawn.convert(mode))
+        drawn = Image.alpha_composite(Image.fromarray(array[part]).convert("RGBA"), over)
+        out[part] = np.asarray(drawn.convert(mode))
         return out
-    levels = np.asarray(over)
-    alpha = (levels[..., 3:] / 255).astype(np.float32)
-    light = np.concatenate([srgb_to_linear(levels[..., :3]) * alpha, alpha], axis=2)
-    out[place] = light[..., : array.shape[2]] + array[place] * (1 - alpha)
+    pixels = np.asarray(over)
+    alpha = (pixels[..., 3:] / 255).astype(np.float32)
+    light = np.concatenate([srgb_to_linear(pixels[..., :3]) * alpha, alpha], axis=2)
+    out[part] = light[..., : array.shape[2]] + array[part] * (1 - alpha)
     return out
 
 
@@ -141,8 +141,8 @@ def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_En
         return fields, step * len(classes)
     length = BAR * height
     values = ticks(low, high, max(2, min(MOST_TICKS, int(length / (1.8 * size)))))
-    places = (high - values) / (high - low) * length
-    return [_Entry(text, y) for text, y in zip(labels(values), places, strict=True)], length
+    heights = (high - values) / (high - low) * length
+    return [_Entry(text, y) for text, y in zip(labels(values), heights, strict=True)], length
 
 
 def _layer(width: int, height: int, attribute: Attribute) -> Image.Image:

@@ -52,16 +52,16 @@ def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int
 
 def _check_whole(path: Path) -> None:
     """OSError if a film was cut off: its boxes do not end where the file does, or one of the three is missing."""
-    end, place, kinds = path.stat().st_size, 0, set()
+    end, offset, kinds = path.stat().st_size, 0, set()
     with path.open("rb") as file:
-        while place < end:
-            file.seek(place)
+        while offset < end:
+            file.seek(offset)
             size, kind = struct.unpack(">I4s", file.read(8).ljust(8, b"\0"))
             if size == 1:  # more than 4 GiB: the size comes behind
                 size = int.from_bytes(file.read(8), "big")
             if size < 8:
                 break
             kinds.add(kind)
-            place += size
-    if place != end or not {b"ftyp", b"moov", b"mdat"} <= kinds:
+            offset += size
+    if offset != end or not {b"ftyp", b"moov", b"mdat"} <= kinds:
         raise OSError(errno.EIO, "the film was cut off: is the disk full?", str(path))

@@ -1,4 +1,4 @@
-"""From light to the levels that a screen shows, fast enough for each frame of a viewer: `image.tone`, by a table."""
+"""From light to the 8 bits that a screen shows, fast enough for each frame of a viewer: `image.tone`, by a table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..jit import Array, borrow, f32, kernel, next_tile, run
 from ..simd import float_bits
 from .tone import linear_to_srgb, tone
 
-Levels = NDArray[np.uint8]
+Rgb8 = NDArray[np.uint8]
 
 ROWS = 16  # that a thread takes at a time
 # The table has an entry for each value of the exponent and the first 9 bits behind it: from 2^-14, which is level 0, to
@@ -23,15 +23,15 @@ _FIRST, _LAST = (int(np.array(x).view(np.int32)) >> SHIFT for x in (DARKEST, BRI
 
 
 @cache
-def _table(curve: str) -> Levels:
-    """sRGB levels along a curve, of numbers from DARKEST to BRIGHTEST."""
+def _table(curve: str) -> Rgb8:
+    """The 8 bits of sRGB along a curve, for numbers from DARKEST to BRIGHTEST."""
     middles = ((np.arange(_FIRST, _LAST, dtype=np.int32) << SHIFT) + (1 << (SHIFT - 1))).view(np.float32)
     return np.rint(linear_to_srgb(tone(middles, 0.0, curve)) * 255).astype(np.uint8)
 
 
 @kernel
-def _levels(work: Array, image: Array, backdrop: Array, gain: float, table: Array, out: Array) -> int:
-    """Levels of an image over a backdrop: (h, w, 3) uint8."""
+def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Array, out: Array) -> int:
+    """An image over a backdrop, in 8 bits: (h, w, 3) uint8."""
     image, backdrop, table, out = borrow(image), borrow(backdrop), borrow(table), borrow(out)
     height, width = image.shape[:2]
     block = next_tile(work)
@@ -48,9 +48,9 @@ def _levels(work: Array, image: Array, backdrop: Array, gain: float, table: Arra
     return 0
 
 
-def levels_of(
+def to_8bit(
     image: NDArray[np.float32], backdrop: ArrayLike = (0.0, 0.0, 0.0), exposure: float = 0.0, curve: str = "srgb"
-) -> Levels:
+) -> Rgb8:
     """What a screen shows of a rendered image.
 
     Parameters
@@ -70,5 +70,5 @@ def levels_of(
     out = np.empty((*image.shape[:2], 3), np.uint8)
     behind = np.broadcast_to(np.asarray(backdrop, np.float32), (len(image), 3)).copy()
     gain = f32(2.0**exposure)
-    run(_levels, -(-len(image) // ROWS), image, behind, gain, _table(curve), out)
+    run(_to_8bit, -(-len(image) // ROWS), image, behind, gain, _table(curve), out)
     return out

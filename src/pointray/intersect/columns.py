@@ -42,8 +42,8 @@ Along: TypeAlias = tuple[tuple[_R, _R, _R], tuple[_R, _R, _R], tuple[_R, _R]]
 @inline
 def axes_of(tree: Tree, leaf: int) -> Axes:
     """The axes (u, v, w) of a leaf's columns."""
-    at = leaf * LEAF + SLAB
-    return across(tree.leaves[at], tree.leaves[at + 1], tree.leaves[at + 2])
+    offset = leaf * LEAF + SLAB
+    return across(tree.leaves[offset], tree.leaves[offset + 1], tree.leaves[offset + 2])
 
 
 @inline
@@ -54,10 +54,10 @@ def _edge(tree: Tree, leaf: int, axis: int) -> tuple[float, float]:
 
 
 @inline
-def _begin(place: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
+def _begin(coordinate: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
     """Across the columns: which one the rays are in, the side on which they leave it, the next one, and the last."""
     ahead = inverse > ZERO
-    column = trunc(vmin(vmax(place, broadcast16(ZERO)), broadcast16(LAST)))
+    column = trunc(vmin(vmax(coordinate, broadcast16(ZERO)), broadcast16(LAST)))
     side = select(ahead, broadcast16(ONE), broadcast16(ZERO))
     return column, side, side + side - ONE, LAST * side
 
@@ -75,10 +75,13 @@ def _in_columns(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], enter: Rea
 
 @inline
 def _in_slab(
-    slopes: tuple[F16, F16], borders: tuple[F16, F16], place: tuple[Real, Real, Real], d: tuple[Real, Real, Real]
+    slopes: tuple[F16, F16], borders: tuple[F16, F16], position: tuple[Real, Real, Real], d: tuple[Real, Real, Real]
 ) -> tuple[F16, F16]:
     """Where rays enter and leave the slabs of columns: t, counted from where the rays enter the leaf."""
-    height, rise = place[2] + slopes[0] * place[0] + slopes[1] * place[1], d[2] + slopes[0] * d[0] + slopes[1] * d[1]
+    height, rise = (
+        position[2] + slopes[0] * position[0] + slopes[1] * position[1],
+        d[2] + slopes[0] * d[0] + slopes[1] * d[1],
+    )
     rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
     x, y = (borders[0] - height) * rise, (borders[1] - height) * rise
     return vmin(x, y), vmax(x, y)
@@ -95,19 +98,22 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[
     if not tree.patches[patch + PATCH_LOW] > -INF:
         return interval
     enter, length = interval[0], interval[1] - interval[0]
-    place, d, (iu, iv) = _in_columns(tree, leaf, axes, rays, enter)
-    u, v = place[0], place[1]
+    position, d, (iu, iv) = _in_columns(tree, leaf, axes, rays, enter)
+    u, v = position[0], position[1]
     (i, side_u, next_u, end_u), (j, side_v, next_v, end_v) = _begin(u, iu), _begin(v, iv)
     inside, first, last = broadcast16(ZERO), broadcast16(INF), broadcast16(-INF)
     for _ in range(MOST):
-        at = f32(COLUMNS) * i + j
-        slopes = permute16(tree.patches, patch + PATCH_B, at), permute16(tree.patches, patch + PATCH_C, at)
-        borders = permute16(tree.patches, patch + PATCH_LOW, at), permute16(tree.patches, patch + PATCH_HIGH, at)
+        column = f32(COLUMNS) * i + j
+        slopes = permute16(tree.patches, patch + PATCH_B, column), permute16(tree.patches, patch + PATCH_C, column)
+        borders = (
+            permute16(tree.patches, patch + PATCH_LOW, column),
+            permute16(tree.patches, patch + PATCH_HIGH, column),
+        )
         # The voxel ends with the outermost columns, but for rounding.
         out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, broadcast16(INF))
         out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, broadcast16(INF))
         out = vmin(vmin(out_u, out_v), length)
-        near, far = _in_slab(slopes, borders, place, d)
+        near, far = _in_slab(slopes, borders, position, d)
         near, far = vmax(inside, near), vmin(out, far)
         met = near <= far
         first, last = select(met, vmin(first, near), first), select(met, vmax(last, far), last)
@@ -121,11 +127,11 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[
 
 
 @inline
-def _across(place: float, inverse: float, column: F16) -> tuple[F16, F16]:
+def _across(coordinate: float, inverse: float, column: F16) -> tuple[F16, F16]:
     """Where a ray enters and leaves columns across one axis; the voxel ends with the outermost columns."""
     outside = broadcast16(INF if inverse > ZERO else -INF)
-    low = select(column > ZERO, (column - place) * inverse, ZERO - outside)
-    high = select(column < broadcast16(LAST), (column + ONE - place) * inverse, outside)
+    low = select(column > ZERO, (column - coordinate) * inverse, ZERO - outside)
+    high = select(column < broadcast16(LAST), (column + ONE - coordinate) * inverse, outside)
     return vmin(low, high), vmax(low, high)
 
 
@@ -141,13 +147,13 @@ def narrow_one(
     if not tree.patches[patch + PATCH_LOW] > -INF:
         return interval
     enter, length = interval[0], interval[1] - interval[0]
-    place, d, inverse = _in_columns(tree, leaf, axes, ray, enter)
+    position, d, inverse = _in_columns(tree, leaf, axes, ray, enter)
     two, three = f32(2.0), f32(3.0)
-    enter_u, leave_u = _across(place[0], inverse[0], quarters(ZERO, ONE, two, three))
-    enter_v, leave_v = _across(place[1], inverse[1], fours(ZERO, ONE, two, three))
+    enter_u, leave_u = _across(position[0], inverse[0], quarters(ZERO, ONE, two, three))
+    enter_v, leave_v = _across(position[1], inverse[1], fours(ZERO, ONE, two, three))
     slopes = load16(tree.patches, patch + PATCH_B), load16(tree.patches, patch + PATCH_C)
     borders = load16(tree.patches, patch + PATCH_LOW), load16(tree.patches, patch + PATCH_HIGH)
-    near, far = _in_slab(slopes, borders, place, d)
+    near, far = _in_slab(slopes, borders, position, d)
     near = vmax(vmax(enter_u, enter_v), vmax(near, broadcast16(ZERO)))
     far = vmin(vmin(leave_u, leave_v), vmin(far, broadcast16(length)))
     met = near <= far

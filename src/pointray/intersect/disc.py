@@ -28,7 +28,7 @@ def search_discs(
 
     frame : position of the first sample, t there, and the ray
     """
-    place, start, ray = frame
+    position, start, ray = frame
     on_surface, ahead = ray.t_min >= ZERO, ray.t_min - start
     ox, oy, oz = ahead * ray.dx, ahead * ray.dy, ahead * ray.dz
     nearest = INF
@@ -36,9 +36,9 @@ def search_discs(
     for k in range(scratch.counts[COUNT_NEAR]):
         slot = i64(scratch.near[k]) * BLOCK
         qx, qy, qz = (
-            repeat4(tree.blocks, slot + PX) - place[0],
-            repeat4(tree.blocks, slot + PY) - place[1],
-            repeat4(tree.blocks, slot + PZ) - place[2],
+            repeat4(tree.blocks, slot + PX) - position[0],
+            repeat4(tree.blocks, slot + PY) - position[1],
+            repeat4(tree.blocks, slot + PZ) - position[2],
         )
         mx, my, mz = repeat4(tree.blocks, slot + NX), repeat4(tree.blocks, slot + NY), repeat4(tree.blocks, slot + NZ)
         slope = mx * ray.dx + my * ray.dy + mz * ray.dz

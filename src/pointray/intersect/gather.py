@@ -123,12 +123,12 @@ def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> No
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     n = 0
     for group in range(first, first + count):
-        at = i64(group) * GROUP
+        offset = i64(group) * GROUP
         square = _distances(
-            capsule, load16(tree.spheres, at), load16(tree.spheres, at + 16), load16(tree.spheres, at + 32)
+            capsule, load16(tree.spheres, offset), load16(tree.spheres, offset + 16), load16(tree.spheres, offset + 32)
         )
-        reach = SLACK * load16(tree.spheres, at + 48) + capsule.spread  # NaN in an empty slot
-        n += pack(square < reach * reach, tree.refs, i64(group) * 16, scratch.near, n)
+        limit = SLACK * load16(tree.spheres, offset + 48) + capsule.spread  # NaN in an empty slot
+        n += pack(square < limit * limit, tree.refs, i64(group) * 16, scratch.near, n)
     scratch.counts[COUNT_NEAR] = n
 
 
@@ -141,15 +141,14 @@ def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
     best, nearest = i64(-1), np.inf
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     for k in range(16 * i64(first), 16 * (i64(first) + count)):
-        group, place = k // 16 * GROUP, k % 16
-        if np.isnan(tree.spheres[group + 48 + place]):
+        if np.isnan(tree.spheres[k // 16 * GROUP + 48 + k % 16]):
             continue  # an empty slot
         block = i64(tree.refs[k])
         for j in range(4):
-            at = block * BLOCK + j
-            dx, dy, dz = tree.blocks[at + PX] - x, tree.blocks[at + PY] - y, tree.blocks[at + PZ] - z
-            away = f64(dx * dx + dy * dy + dz * dz) * f64(tree.blocks[at + INV_R2])
-            away = away if tree.blocks[at + PX] < FAR else np.inf
+            offset = block * BLOCK + j
+            dx, dy, dz = tree.blocks[offset + PX] - x, tree.blocks[offset + PY] - y, tree.blocks[offset + PZ] - z
+            away = f64(dx * dx + dy * dy + dz * dz) * f64(tree.blocks[offset + INV_R2])
+            away = away if tree.blocks[offset + PX] < FAR else np.inf
             if best < 0 or away < nearest:
                 best, nearest = 4 * block + j, away
     return best
@@ -159,28 +158,28 @@ def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
 def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
     """Whether any of the listed splats belongs to a sheet with another one close by."""
     for k in range(scratch.counts[COUNT_SPLATS]):
-        at = 3 * slot_of(scratch, i64(scratch.listed[k]))
-        if (tree.facing[at] | tree.facing[at + 1] | tree.facing[at + 2]) != 0:
+        row = 3 * slot_of(scratch, i64(scratch.listed[k]))
+        if (tree.facing[row] | tree.facing[row + 1] | tree.facing[row + 2]) != 0:
             return True
     return False
 
 
 @inline
-def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, way: float, rays: Bits) -> Bits:
+def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought: float, rays: Bits) -> Bits:
     """Drop the listed splats of sheets that the first of the given rays (4 bits) does not see.
 
     Returns the rays that see the same sheets. Where two sheets are close together, a ray sees one at a time.
-    way : 1 where splats that face a ray are seen, -1 where splats that face away are
+    sought : 1 where splats that face a ray are seen, -1 where splats that face away are
     """
     first, n = count_trailing_zeros(rays), 0
     for k in range(scratch.counts[COUNT_SPLATS]):
-        place = i64(scratch.listed[k])
-        at = 3 * slot_of(scratch, place)
-        along = frame.dx * tree.facing[at] + frame.dy * tree.facing[at + 1] + frame.dz * tree.facing[at + 2]
-        seeing = bits(along * way <= ZERO)
+        offset = i64(scratch.listed[k])
+        row = 3 * slot_of(scratch, offset)
+        along = frame.dx * tree.facing[row] + frame.dy * tree.facing[row + 1] + frame.dz * tree.facing[row + 2]
+        seeing = bits(along * sought <= ZERO)
         if (seeing >> first) & 1 != 0:
             rays &= seeing
-            scratch.listed[n] = place
+            scratch.listed[n] = offset
             n += 1
         else:
             rays &= ~seeing
@@ -193,14 +192,14 @@ def gather(tree: Tree, scratch: Scratch) -> None:
     """Copy the listed blocks' splats to where 16 of them can be tested at once; empty slots hold splats far away."""
     n = scratch.counts[COUNT_NEAR]
     for k in range(n):
-        block, at = i64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
+        block, offset = i64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
         for row in range(7):
-            move4(tree.blocks, block + 4 * row, scratch.splats, at + 16 * row)
+            move4(tree.blocks, block + 4 * row, scratch.splats, offset + 16 * row)
     for k in range(n, (n + 3) // 4 * 4):
-        at = k // 4 * GATHERED + k % 4 * 4
+        offset = k // 4 * GATHERED + k % 4 * 4
         for i in range(4):
-            scratch.splats[at + i] = EMPTY
-            scratch.splats[at + 4 * INV_R2 + i] = ONE
+            scratch.splats[offset + i] = EMPTY
+            scratch.splats[offset + 4 * INV_R2 + i] = ONE
 
 
 @inline
@@ -208,10 +207,10 @@ def list_splats(scratch: Scratch, capsule: Capsule) -> None:
     """List the gathered splats whose support meets a capsule without spread, which is a part of a ray."""
     n, splats = 0, scratch.splats
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
-        at = group * GATHERED
-        x, y, z = load16(splats, at + 4 * PX), load16(splats, at + 4 * PY), load16(splats, at + 4 * PZ)
-        near = _distances(capsule, x, y, z) * load16(splats, at + 4 * INV_R2) < NEAR
-        n += pack(near, scratch.places, group * LANES, scratch.listed, n)
+        offset = group * GATHERED
+        x, y, z = load16(splats, offset + 4 * PX), load16(splats, offset + 4 * PY), load16(splats, offset + 4 * PZ)
+        near = _distances(capsule, x, y, z) * load16(splats, offset + 4 * INV_R2) < NEAR
+        n += pack(near, scratch.offsets, group * LANES, scratch.listed, n)
     scratch.counts[COUNT_SPLATS] = n
 
 
@@ -220,8 +219,8 @@ def list_splats_of(scratch: Scratch, first: int, end: int) -> None:
     """List the gathered splats whose support meets one of the rays in `scratch.part`."""
     n, splats, part = 0, scratch.splats, scratch.part
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
-        at = group * GATHERED
-        x, y, z = load16(splats, at + 4 * PX), load16(splats, at + 4 * PY), load16(splats, at + 4 * PZ)
+        offset = group * GATHERED
+        x, y, z = load16(splats, offset + 4 * PX), load16(splats, offset + 4 * PY), load16(splats, offset + 4 * PZ)
         square = broadcast16(INF)
         for k in range(first, end):
             ray = Capsule(
@@ -235,6 +234,6 @@ def list_splats_of(scratch: Scratch, first: int, end: int) -> None:
                 ZERO,
             )
             square = vmin(square, _distances(ray, x, y, z))
-        near = square * load16(splats, at + 4 * INV_R2) < NEAR
-        n += pack(near, scratch.places, group * LANES, scratch.listed, n)
+        near = square * load16(splats, offset + 4 * INV_R2) < NEAR
+        n += pack(near, scratch.offsets, group * LANES, scratch.listed, n)
     scratch.counts[COUNT_SPLATS] = n

@@ -62,7 +62,7 @@ from ..simd import (
 from .columns import Along, Axes, axes_of, narrow, narrow_one
 from .disc import search_discs
 from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
-from .march import Found, Reach, lattice, search, search_one, span
+from .march import Found, SampleRange, lattice, search, search_one, span
 from .refine import Frame
 from .surface import HALF
 
@@ -94,19 +94,21 @@ def search_alone(
     low, high = narrow_one(tree, leaf, axes, along, (low, high))
     if not low <= high:
         return hit, lift
-    reach, fine = lattice(tree, leaf, (broadcast16(enter), broadcast16(low), broadcast16(high)), broadcast16(ray.t_min))
+    sampled, fine = lattice(
+        tree, leaf, (broadcast16(enter), broadcast16(low), broadcast16(high)), broadcast16(ray.t_min)
+    )
     if bits(fine) == 0:
         return hit, lift
-    first, last = span(tree, leaf, reach)
+    first, last = span(tree, leaf, sampled)
     capsule, start = segment(o, d, lane(first, 0), lane(last, 0)), lane(first, 0)
-    place = o[0] + start * d[0], o[1] + start * d[1], o[2] + start * d[2]
+    position = o[0] + start * d[0], o[1] + start * d[1], o[2] + start * d[2]
     if int(tree.head[SURFACE]) == DISC:
         list_blocks(tree, leaf, capsule, scratch)
-        return search_discs(tree, leaf, scratch, (place, start, ray), max(enter, abs(ray.t_min)), leave), lift
+        return search_discs(tree, leaf, scratch, (position, start, ray), max(enter, abs(ray.t_min)), leave), lift
     frame = Frame(
-        broadcast16(place[0]),
-        broadcast16(place[1]),
-        broadcast16(place[2]),
+        broadcast16(position[0]),
+        broadcast16(position[1]),
+        broadcast16(position[2]),
         broadcast16(d[0]),
         broadcast16(d[1]),
         broadcast16(d[2]),
@@ -114,25 +116,25 @@ def search_alone(
         broadcast16(ray.side),
     )
     lifts = broadcast16(lift)
-    way = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
+    sought = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
     list_blocks(tree, leaf, capsule, scratch)
     gather(tree, scratch)
     while True:
         list_splats(scratch, capsule)
-        if way > ZERO and not lists_sheets(tree, scratch):
-            way = ZERO  # the leaf has sheets, but not where this ray is
-        if way != ZERO:
-            keep_sheet(tree, scratch, frame, way, 1)
+        if sought > ZERO and not lists_sheets(tree, scratch):
+            sought = ZERO  # the leaf has sheets, but not where this ray is
+        if sought != ZERO:
+            keep_sheet(tree, scratch, frame, sought, 1)
         if scratch.counts[COUNT_SPLATS] > 0:
-            found = search_one(tree, leaf, frame, reach, (way, lifts), scratch)
+            found = search_one(tree, leaf, frame, sampled, (sought, lifts), scratch)
             lifted = max(lifted, found.lift)
             if found.t < hit.t:
                 hit = Hit(found.t, found.nx, found.ny, found.nz, leaf)
         else:
             lifted = max(lifted, lift)
-        if not way > ZERO:
+        if not sought > ZERO:
             return hit, lifted
-        way = -ONE
+        sought = -ONE
 
 
 @inline
@@ -161,12 +163,12 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
         low, high = narrow(tree, leaf, axes, _along(axes, rows, v), (load16(rows, FIRST + v), load16(rows, LAST + v)))
         met = low <= high
         interval = load16(rows, ENTER + v), select(met, low, broadcast16(ZERO)), select(met, high, broadcast16(ZERO))
-        reach, fine = lattice(tree, leaf, interval, load16(rows, BEGIN + v))
+        sampled, fine = lattice(tree, leaf, interval, load16(rows, BEGIN + v))
         word &= bits(fine & met)
         if word == 0:
             continue
         active = mask16(word)
-        first, last = span(tree, leaf, reach)
+        first, last = span(tree, leaf, sampled)
         center, half = HALF * (first + last), HALF * (last - first)
         dx, dy, dz = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
         store_packed(part, AT_X + n, active, load16(rows, OX + v) + center * dx)
@@ -179,9 +181,9 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
         store_packed(part, AT_FIRST_Y + n, active, load16(rows, OY + v) + first * dy)
         store_packed(part, AT_FIRST_Z + n, active, load16(rows, OZ + v) + first * dz)
         store_packed(part, AT_HALF + n, active, half)
-        store_packed(part, AT_FIRST + n, active, reach.first)
-        store_packed(part, AT_LAST + n, active, reach.last)
-        store_packed(part, AT_BEGIN + n, active, reach.begin)
+        store_packed(part, AT_FIRST + n, active, sampled.first)
+        store_packed(part, AT_LAST + n, active, sampled.last)
+        store_packed(part, AT_BEGIN + n, active, sampled.begin)
         store_packed(part, AT_LENGTH + n, active, load16(rows, LENGTH + v))
         store_packed(part, AT_SIDE + n, active, load16(rows, SIDE + v))
         n += count_bits(word)
@@ -209,9 +211,11 @@ def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch)
 
 
 @inline
-def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Reach]:
-    """The frame and the samples of rays at to at + 3 in `scratch.part`."""
-    reach = Reach(repeat4(part, AT_FIRST + first), repeat4(part, AT_LAST + first), repeat4(part, AT_BEGIN + first))
+def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, SampleRange]:
+    """The frame and the samples of the rays first to first + 3 in `scratch.part`."""
+    sampled = SampleRange(
+        repeat4(part, AT_FIRST + first), repeat4(part, AT_LAST + first), repeat4(part, AT_BEGIN + first)
+    )
     frame = Frame(
         repeat4(part, AT_FIRST_X + first),
         repeat4(part, AT_FIRST_Y + first),
@@ -219,10 +223,10 @@ def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Reach]
         repeat4(part, AT_DX + first),
         repeat4(part, AT_DY + first),
         repeat4(part, AT_DZ + first),
-        span(tree, leaf, reach)[0],
+        span(tree, leaf, sampled)[0],
         repeat4(part, AT_SIDE + first),
     )
-    return frame, reach
+    return frame, sampled
 
 
 @inline
@@ -253,29 +257,29 @@ def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> B
     are searched together.
     """
     left = _take(tree, leaf, passing, scratch)
-    part, lifted, at = scratch.part, i64(0), 0
+    part, lifted, first = scratch.part, i64(0), 0
     none = broadcast16(ZERO)
     sheeted = tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
-        if at % LANES == 0:
-            _gather_for(tree, leaf, at, min(count_bits(left), LANES), scratch)
+        if first % LANES == 0:
+            _gather_for(tree, leaf, first, min(count_bits(left), LANES), scratch)
         four = i64(0)
         for _ in range(4):
             four |= left & -left
             left &= left - 1
         rays = (1 << count_bits(four)) - 1
-        frame, reach = _four(tree, leaf, part, at)
-        way, waiting = (ONE if sheeted else ZERO), rays
+        frame, sampled = _four(tree, leaf, part, first)
+        sought, waiting = (ONE if sheeted else ZERO), rays
         while waiting != 0:
-            list_splats_of(scratch, at, at + count_bits(four))
-            if way > ZERO and not lists_sheets(tree, scratch):
-                way = ZERO
-            now = keep_sheet(tree, scratch, frame, way, waiting) if way != ZERO else waiting
+            list_splats_of(scratch, first, first + count_bits(four))
+            if sought > ZERO and not lists_sheets(tree, scratch):
+                sought = ZERO
+            now = keep_sheet(tree, scratch, frame, sought, waiting) if sought != ZERO else waiting
             waiting &= ~now
-            found = search(tree, leaf, frame, reach, now, (way, none), scratch)
+            found = search(tree, leaf, frame, sampled, now, (sought, none), scratch)
             if bits((found.t < INF) | (found.lift > ZERO)) != 0:
-                lifted |= _keep(leaf, found, now, four, at, scratch)
-            if waiting == 0 and way > ZERO:
-                way, waiting = -ONE, rays
-        at += 4
+                lifted |= _keep(leaf, found, now, four, first, scratch)
+            if waiting == 0 and sought > ZERO:
+                sought, waiting = -ONE, rays
+        first += 4
     return lifted

@@ -42,7 +42,7 @@ FAINT = f32(0.1)  # weight (1 in the middle of a splat) below which a sample is 
 
 
 class Frame(NamedTuple):
-    """Rays in a voxel, in vectors: four rays as lane 4 s + r, or sixteen rays: x = place + (t - start) d.
+    """Rays in a voxel, in vectors: four rays as lane 4 s + r, or sixteen rays: the point at t is x + (t - start) d.
 
     (x, y, z) : position of the first sample, which does not depend on where the ray ends; start : t there
     (dx, dy, dz) : unit direction
@@ -182,7 +182,7 @@ def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
 
 
 @inline
-def _places(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
+def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
     """Four t in brackets, about `around` of their lengths: two at the inner distance, two at the outer."""
     near = mask16(0x0FF0)
     sign = quarters(-ONE, -ONE, ONE, ONE)
@@ -223,7 +223,7 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         if doing == 0:
             break
         go = mask16(doing)
-        t = _places(ta, tb, share, inner, outer)
+        t = _four_t(ta, tb, share, inner, outer)
         inner, outer = broadcast16(CLOSE[0]), broadcast16(CLOSE[1])
         fresh = means_at(scratch, frame, t)
         f, u4 = value(int(tree.head[SURFACE]), fresh)

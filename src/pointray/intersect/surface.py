@@ -30,7 +30,7 @@ QUARTER = f32(0.25)
 NAN = f32(np.nan)
 TINIEST = f32(1e-35)  # the smallest squared length that is divided by
 
-Places: TypeAlias = tuple[F16, F16, F16]  # four, a quarter each
+FourPoints: TypeAlias = tuple[F16, F16, F16]  # x, y, z, a quarter of the lanes for each point
 Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and the normal on the side that is seen
 
 
@@ -58,19 +58,19 @@ def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
     qx_sum = qy_sum = qz_sum = nx_sum = ny_sum = nz_sum = qn_sum = qq_sum = w_sum
     splats, listed = scratch.splats, scratch.listed
     for k in range(scratch.counts[COUNT_SPLATS]):
-        at = i64(listed[k])
+        offset = i64(listed[k])
         qx, qy, qz = (
-            broadcast_from(splats, at + 4 * PX) - x,
-            broadcast_from(splats, at + 4 * PY) - y,
-            broadcast_from(splats, at + 4 * PZ) - z,
+            broadcast_from(splats, offset + 4 * PX) - x,
+            broadcast_from(splats, offset + 4 * PY) - y,
+            broadcast_from(splats, offset + 4 * PZ) - z,
         )
         qq = qx * qx + qy * qy + qz * qz
-        w = vmax(ONE - qq * broadcast_from(splats, at + 4 * INV_R2), broadcast16(ZERO))
+        w = vmax(ONE - qq * broadcast_from(splats, offset + 4 * INV_R2), broadcast16(ZERO))
         w = w * w
         nx, ny, nz = (
-            broadcast_from(splats, at + 4 * NX),
-            broadcast_from(splats, at + 4 * NY),
-            broadcast_from(splats, at + 4 * NZ),
+            broadcast_from(splats, offset + 4 * NX),
+            broadcast_from(splats, offset + 4 * NY),
+            broadcast_from(splats, offset + 4 * NZ),
         )
         w_sum = w_sum + w
         qx_sum = qx_sum + w * qx
@@ -113,15 +113,15 @@ def value(surface: int, means: Means) -> tuple[F16, F16]:
 
 
 @inline
-def _weight(scratch: Scratch, at: int, x: F16, y: F16, z: F16) -> F16:
+def _weight(scratch: Scratch, offset: int, x: F16, y: F16, z: F16) -> F16:
     """Weights of one listed splat at sixteen points."""
     splats = scratch.splats
     qx, qy, qz = (
-        broadcast_from(splats, at + 4 * PX) - x,
-        broadcast_from(splats, at + 4 * PY) - y,
-        broadcast_from(splats, at + 4 * PZ) - z,
+        broadcast_from(splats, offset + 4 * PX) - x,
+        broadcast_from(splats, offset + 4 * PY) - y,
+        broadcast_from(splats, offset + 4 * PZ) - z,
     )
-    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * broadcast_from(splats, at + 4 * INV_R2), broadcast16(ZERO))
+    w = vmax(ONE - (qx * qx + qy * qy + qz * qz) * broadcast_from(splats, offset + 4 * INV_R2), broadcast16(ZERO))
     return w * w
 
 
@@ -130,10 +130,10 @@ def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
     """Support radius at points: r^2 averaged with the surface's weights (1 / r^2 trims where radii differ much)."""
     weight = square = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_SPLATS]):
-        at = i64(scratch.listed[k])
-        w = _weight(scratch, at, x, y, z)
+        offset = i64(scratch.listed[k])
+        w = _weight(scratch, offset, x, y, z)
         weight = weight + w
-        square = square + w * (ONE / broadcast_from(scratch.splats, at + 4 * INV_R2))
+        square = square + w * (ONE / broadcast_from(scratch.splats, offset + 4 * INV_R2))
     return vsqrt(square / weight)
 
 
@@ -147,17 +147,17 @@ def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16,
     out = broadcast16(ZERO)
     splats = scratch.splats
     for k in range(scratch.counts[COUNT_SPLATS]):
-        at = i64(scratch.listed[k])
-        w = _weight(scratch, at, x, y, z)
+        offset = i64(scratch.listed[k])
+        w = _weight(scratch, offset, x, y, z)
         total = total + w
-        row = 3 * slot_of(scratch, at)
+        row = 3 * slot_of(scratch, offset)
         bx, by, bz = tree.borders[row], tree.borders[row + 1], tree.borders[row + 2]
         if bx != 0 or by != 0 or bz != 0:
             share = share + w
             qx, qy, qz = (
-                x - broadcast_from(splats, at + 4 * PX),
-                y - broadcast_from(splats, at + 4 * PY),
-                z - broadcast_from(splats, at + 4 * PZ),
+                x - broadcast_from(splats, offset + 4 * PX),
+                y - broadcast_from(splats, offset + 4 * PY),
+                z - broadcast_from(splats, offset + 4 * PZ),
             )
             out = out + w * (qx * f32(bx) + qy * f32(by) + qz * f32(bz))
     return share / total, out / (f32(127.0) * share)
@@ -175,17 +175,17 @@ def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
 
 
 @inline
-def weights_seen(tree: Tree, block: int, places: Places, sheet: Sheet, part: Array) -> F16:
+def weights_seen(tree: Tree, block: int, points: FourPoints, sheet: Sheet, part: Array) -> F16:
     """Weights of one block's splats at four points, a quarter each; 0 where a splat's sheet is not seen.
 
     sheet : whether sheets are close together, and the normal of the hit, on the side from which they are seen
     """
-    x, y, z = places
+    x, y, z = points
     w = weights_of_block(tree, block, x, y, z)
     if sheet[0]:
         for j in range(4):
-            at, v = 3 * (4 * i64(block) + j), sheet[1]
-            along = tree.facing[at] * v[0] + tree.facing[at + 1] * v[1] + tree.facing[at + 2] * v[2]
+            row, v = 3 * (4 * i64(block) + j), sheet[1]
+            along = tree.facing[row] * v[0] + tree.facing[row + 1] * v[1] + tree.facing[row + 2] * v[2]
             part[j] = ONE if along >= 0.0 else ZERO
         w = w * repeat4(part, 0)
     return w

@@ -189,9 +189,9 @@ PLANE_INSTANCE = 16  # which instance it is
 
 # The tree over the instances that are models: binary, the boxes of both children (lo x y z, hi x y z) in a node.
 TOP_NODE = 12
-# Where it is, 9 float64: what its boxes are about, and the bounds of all of them (lo x y z, hi x y z) about it.
+# Where it is, 9 float64: the position that its boxes are about, and the bounds of all of them (lo x y z, hi x y z).
 TOP_CENTER, TOP_BOUNDS = 0, 3
-TOP_PLACE = 9
+TOP_SIZE = 9
 
 # A clip plane: 4 float64, in the world: its unit normal n, and o; what has n.x > o is cut away.
 CLIP = 4
@@ -201,7 +201,7 @@ CLIP_OFFSET = 3
 LIGHT = 18
 LIGHT_KIND = 0
 POINT_LIGHT, SUN_LIGHT, RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT = range(5)
-LIGHT_PLACE = 1  # 1..3: position or middle, or direction of travel
+LIGHT_POSITION = 1  # 1..3: position or middle, or direction of travel
 LIGHT_POWER = 4  # RGB: intensity in W/sr, of the sun irradiance in W/m2, of what has a size radiance in W/(m2 sr)
 LIGHT_U, LIGHT_V = 7, 10  # 3 each, of a rectangle and a disk: from the middle to the edge
 LIGHT_FACING = 13  # 13..15, of these two: unit, the side that shines
@@ -231,10 +231,11 @@ EMITTED = 5  # 5..7, of Emissive: radiance, linear RGB
 # A paint, what colours an instance by an attribute: 8 float64.
 PAINT_SIZE = 8
 PAINT_KIND = 0
-BLENDED, CLASSES, PLACED = range(3)  # levels of splats, blended; of the splat of most weight; levels of places
+# The map is looked up by the splats' values, blended; by that of the splat of most weight; by a coordinate of the hit.
+BLENDED, CLASSES, BY_COORDINATE = range(3)
 PAINT_COLORS, PAINT_COUNT = 1, 2  # where its map begins in World.map_colors, how many colours it has
-PAINT_LEVELS = 3  # where the levels of its model's splats begin in World.levels
-PAINT_ALONG, PAINT_START = 3, 6  # PLACED: the level of a place x in the world is along (3).x + start
+PAINT_POSITIONS = 3  # where the splats of its model begin in World.map_positions
+PAINT_ALONG, PAINT_START = 3, 6  # BY_COORDINATE: a point x in the world has the map position along (3).x + start
 PAINT_COARSER = 7  # BLENDED: how many paints follow that are the same for the levels of detail of its model
 
 # A camera: 16 float64.
@@ -278,8 +279,8 @@ class World(NamedTuple):
     sky_rows : (h + 1,) float64, share of the light above each row; sky_columns : (h * (w + 1),) float64, of each row's
         light that to the left of each pixel
     sky_mean : (27,) float64, its irradiance as spherical harmonics, 9 times RGB
-    paints : (paints * 8,) float64, see above; levels : (n,) float32, in the order of a model's splats the place of each
-        one's value in the map, 0 to its number of colours, or NaN
+    paints : (paints * 8,) float64, see above; map_positions : (n,) float32, in the order of a model's splats where the
+        value of each lies in the map, from 0 to its number of colours, or NaN
     map_colors : (m * 3,) float32, linear: the colours of maps, behind each map's that of what has no value
     tone : (256,) float32, linear value of each sRGB level; longest : blocks of the longest leaf
     catchers : number of shadow catchers; clips : float64, see above
@@ -302,7 +303,7 @@ class World(NamedTuple):
     sky_columns: Array
     sky_mean: Array
     paints: Array
-    levels: Array
+    map_positions: Array
     map_colors: Array
     tone: Array
     longest: int
@@ -317,7 +318,7 @@ class World(NamedTuple):
 class WorldHit(NamedTuple):
     """Where a ray meets the scene, in world space: t in lengths of the direction, inf for a miss; instance -1.
 
-    normal : unit; color : linear; slot : place of the splat of most weight in the model's order, -1 for a plane
+    normal : unit; color : linear; slot : number of the splat of most weight in the model's order, -1 for a plane
     leaf, and local : position in model space, for what is blended later
     """
 

@@ -67,9 +67,9 @@ def _second(x: int) -> int:
 def sample_pair(key: int, sample: int, pair: int) -> tuple[float, float]:
     """Two numbers, 0 <= u, v < 1, for a sample of a pixel and a pair of dimensions."""
     key = hash32((key + pair * 0x9E3779B9) & _WORD)
-    place = _reverse(_permute(_reverse(sample), key))
-    u = _reverse(_permute(place, hash32(key ^ 0x2C1B3C6D)))
-    v = _reverse(_permute(_second(place), hash32(key ^ 0x297A2D39)))
+    index = _reverse(_permute(_reverse(sample), key))
+    u = _reverse(_permute(index, hash32(key ^ 0x2C1B3C6D)))
+    v = _reverse(_permute(_second(index), hash32(key ^ 0x297A2D39)))
     return u * _TO_ONE, v * _TO_ONE
 
 

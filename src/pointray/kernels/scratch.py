@@ -18,7 +18,7 @@ below, part by part: each name is where its rows begin in the part's array.
 | part | `leaf`; later `hits`, `paint` | `leaf`, `gather`; `hits`, `paint` | one leaf; one `describe_tile` |
 | near, COUNT_NEAR | `gather` | `disc`, `hits`, `paint`, `cast` | one leaf, or four hits |
 | splats, listed, COUNT_SPLATS | `gather` | `surface`, `march`, `leaf` | one leaf |
-| places | `new_scratch` | `gather` | always |
+| offsets | `new_scratch` | `gather` | always |
 | COUNT_NODES, COUNT_LEAVES | `traverse`, `tile` | `integrate` | set to 0 by who asks |
 | SHADING_* | `store_shading_points`, `path`, `catcher` | `shade/` | until the tile's next points |
 | KEY | `film` | `film`, `shade/` | one tile of the picture |
@@ -51,7 +51,7 @@ class Rows:
         self._width, self.size = width, 0
 
     def __call__(self, count: int = 1) -> int:
-        """The place of so many rows, that follow those before."""
+        """Where so many rows begin, behind those before."""
         begin = self.size
         self.size += count * self._width
         return begin
@@ -75,7 +75,7 @@ IMAGE_X, IMAGE_Y = DIRECTION, DIRECTION + TILE  # until rays are made: where in 
 _rows = Rows(TILE)
 INSTANCE_OF, LEAF_OF, SLOT_OF = _rows(), _rows(), _rows()  # of the nearest hit, -1 for none
 FOUND = _rows()  # leaf of the hit in the current model, -1 for none
-WAITING_COUNT = _rows()  # rays that wait at each place
+WAITING_COUNT = _rows()  # rays that wait at each shading point
 FOUND_ASIDE = _rows()  # FOUND of all the tile's rays, while a group of them is in the rows above
 NUMBERS_SIZE = _rows.size
 
@@ -104,7 +104,7 @@ _rows = Rows(PART)
 AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (_rows() for _ in range(6))  # the middle of what is searched; the direction
 AT_FIRST_X, AT_FIRST_Y, AT_FIRST_Z = (_rows() for _ in range(3))  # where the first sample is
 AT_HALF, AT_FIRST, AT_LAST = _rows(), _rows(), _rows()  # half the length; numbers of the first and the last sample
-AT_BEGIN, AT_LENGTH, AT_SIDE = _rows(), _rows(), _rows()  # see `march.Reach`; the nearest hit; the side
+AT_BEGIN, AT_LENGTH, AT_SIDE = _rows(), _rows(), _rows()  # see `SampleRange`; the nearest hit; the side
 PART_SIZE = _rows.size
 
 # shading_points, float64: where the tile's rays have hit a surface.
@@ -127,7 +127,7 @@ TOTAL, TOTAL_MET, TOTAL_SQUARE = _rows(3), _rows(), _rows()  # light; samples th
 TOTAL_CAUGHT, TOTAL_UNLIT, TOTAL_LIT = _rows(), _rows(), _rows()  # samples that met a shadow catcher; UNLIT, LIT there
 SUMS_SIZE = _rows.size
 
-# waiting, float64, see `shade/specular_rays.py`: rays that mirrors and glass send on, on a stack at each place.
+# waiting, float64, see `shade/specular_rays.py`: rays that mirrors and glass send on, a stack for each shading point.
 _rows = Rows(1)
 WAIT_ORIGIN, WAIT_DIRECTION, WAIT_THROUGHPUT = _rows(3), _rows(3), _rows(3)
 WAIT_SIDE, WAIT_DEPTH = _rows(), _rows()
@@ -165,8 +165,8 @@ class Scratch(NamedTuple):
     stack : (512,) int32, children still to visit; stack_near : (512,) float32, where the ray enters them
     near : (n,) int32, blocks near the rays in the current leaf; counts : int64, see COUNT_*
     splats : (m,) float32, the splats of these blocks, see GATHERED
-    places : (4 n,) int32, where in `splats` each of them is
-    listed : (4 n,) int32, the places of those near the rays that are evaluated
+    offsets : (4 n,) int32, where in `splats` each of them begins
+    listed : (4 n,) int32, the offsets of those near the rays that are evaluated
     world, model, numbers, part, shading_points, sums, waiting : see their rows
     top_what : (128,) int32, entries of the tree over the instances still to visit; top_rays : (128,)
     int64, the rays that enter them; top_near : (128,) float32, where the first of these does
@@ -177,7 +177,7 @@ class Scratch(NamedTuple):
     near: Array
     counts: Array
     splats: Array
-    places: Array
+    offsets: Array
     listed: Array
     world: Array
     model: Array
@@ -195,17 +195,17 @@ class Scratch(NamedTuple):
 def new_scratch(longest: int) -> Scratch:
     """Working memory for models whose longest leaf knows `longest` blocks."""
     groups = longest // 4 + 1
-    places = np.empty(groups * LANES, np.int32)
-    for k in range(places.size):
-        places[k] = k // LANES * GATHERED + k % LANES
+    offsets = np.empty(groups * LANES, np.int32)
+    for k in range(offsets.size):
+        offsets[k] = k // LANES * GATHERED + k % LANES
     return Scratch(
         np.empty(STACK, np.int32),
         np.empty(STACK, np.float32),
         np.empty(longest + 16, np.int32),
         np.zeros(COUNTS_SIZE, np.int64),
         np.empty(groups * GATHERED, np.float32),
-        places,
-        np.empty(places.size + LANES, np.int32),
+        offsets,
+        np.empty(offsets.size + LANES, np.int32),
         np.zeros(WORLD_SIZE, np.float64),
         np.zeros(MODEL_SIZE, np.float32),
         np.zeros(NUMBERS_SIZE, np.int64),
@@ -220,7 +220,7 @@ def new_scratch(longest: int) -> Scratch:
 
 
 @inline
-def slot_of(scratch: Scratch, place: int) -> int:
-    """Which splat of the tree lies at a place of the gathered ones."""
-    k = place // GATHERED * LANES + place % GATHERED
+def slot_of(scratch: Scratch, offset: int) -> int:
+    """Which splat of the tree lies at an offset of the gathered ones."""
+    k = offset // GATHERED * LANES + offset % GATHERED
     return i64(scratch.near[k // 4]) * 4 + k % 4

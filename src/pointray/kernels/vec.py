@@ -122,7 +122,7 @@ def around(axis: Vec3, cosine: float, turn: float) -> Vec3:
 
 @inline
 def along_curve(k: int) -> tuple[int, int]:
-    """(x, y) of place k on a Morton curve, 0..255: the even and the odd bits."""
+    """(x, y) of point k on a Morton curve, 0..255: the even and the odd bits."""
     return _even_bits(k), _even_bits(k >> 1)
 
 

@@ -50,12 +50,12 @@ def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
     finite = np.flatnonzero(points.finite)
-    rows, places = distinct(points.positions[finite])
+    rows, ids = distinct(points.positions[finite])
     duplicates = np.zeros(len(points), np.bool_)
     duplicates[finite] = True
     duplicates[finite[rows]] = False
     outliers = np.zeros(len(points), np.bool_)
-    outliers[finite] = _far(points.positions[finite][rows], part_of(progress, PLACED, 1.0))[places]
+    outliers[finite] = _far(points.positions[finite][rows], part_of(progress, PLACED, 1.0))[ids]
     return Flaws(duplicates, outliers)
 
 

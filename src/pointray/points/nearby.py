@@ -29,13 +29,13 @@ class Neighborhoods(NamedTuple):
         One row for each position, nearest first: the first is the point itself.
     shared : (m, k) int64
         How many rows have that position.
-    reach : (m,) float32
+    farthest : (m,) float32
         Distance to the last position.
     """
 
     rows: Rows
     shared: Rows
-    reach: Floats
+    farthest: Floats
 
 
 def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> Neighborhoods:
@@ -52,12 +52,12 @@ def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> 
         return _nearest(positions, np.arange(len(positions)), queries, k)
     some = positions[random.integers(len(positions), size=GUESS)]
     some = some[distinct(some)[0]]
-    reach = float(np.median(neighbors(some, k, some[:GUESSED])[0][:, -1]))
-    cell = WIDE * reach * np.sqrt(GUESS / len(positions))  # of a surface
+    farthest = float(np.median(neighbors(some, k, some[:GUESSED])[0][:, -1]))
+    cell = WIDE * farthest * np.sqrt(GUESS / len(positions))  # of a surface
     while cell > 0:
         around = rows_around(positions, positions[queries], cell)
         found = _nearest(positions, around, queries, k)
-        sound = found.reach <= cell
+        sound = found.farthest <= cell
         if len(around) == len(positions):
             return found
         if found.rows.shape[1] == k and sound.mean() >= SOUND:
@@ -68,8 +68,8 @@ def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> 
 
 def _nearest(positions: Floats, around: Rows, queries: Rows, k: int) -> Neighborhoods:
     """The neighbourhoods of the rows `queries` among the rows `around`, which contain them."""
-    rows, places = distinct(positions[around])
-    shared = np.bincount(places)
+    rows, ids = distinct(positions[around])
+    shared = np.bincount(ids)
     distances, near = neighbors(positions[around[rows]], k, positions[queries])
     return Neighborhoods(around[rows[near]], shared[near], distances[:, -1])
 

@@ -110,7 +110,7 @@ def _candidates(low: float, high: float) -> list[float]:
 
 def _mean_spacing(near: Neighborhoods) -> float:
     """The square root of the area per row; rows at the same position all count."""
-    return float(np.median(near.reach * np.sqrt(np.pi / near.shared.sum(axis=1))))
+    return float(np.median(near.farthest * np.sqrt(np.pi / near.shared.sum(axis=1))))
 
 
 def _is_no_raster(
@@ -119,7 +119,7 @@ def _is_no_raster(
     """Whether rows share positions on the coarse axes, or lie farther apart there than neighbours in a raster."""
     offsets = positions[near.rows][:, :, axes].astype(np.float64) - positions[near.rows[:, :1]][:, :, axes]
     levels = np.rint(offsets / [steps[axis] for axis in axes]).astype(np.int64)
-    places = sum(len(np.unique(rows, axis=0)) for rows in levels)
+    different = sum(len(np.unique(rows, axis=0)) for rows in levels)
     apart = np.sqrt((levels**2).sum(axis=2).astype(np.float64))
     apart[apart == 0] = np.inf
-    return bool(places < (1 - ALIKE) * near.shared.sum() or np.mean(apart.min(axis=1)) > APART)
+    return bool(different < (1 - ALIKE) * near.shared.sum() or np.mean(apart.min(axis=1)) > APART)

@@ -271,11 +271,11 @@ def view_axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArr
 
 def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     """THREE_QUARTER, turned the shortest way that takes z to up; about x where that is down."""
-    way, up = np.array(THREE_QUARTER), unit(up)
+    direction, up = np.array(THREE_QUARTER), unit(up)
     if np.abs(up[:2]).max() < 1e-6:
-        return way if up[2] >= 0 else way * (1.0, -1.0, -1.0)
+        return direction if up[2] >= 0 else direction * (1.0, -1.0, -1.0)
     half = up + (0.0, 0.0, 1.0)
-    return np.asarray(way - (half @ way) / (1.0 + up[2]) * half + 2.0 * way[2] * up)
+    return np.asarray(direction - (half @ direction) / (1.0 + up[2]) * half + 2.0 * direction[2] * up)
 
 
 def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:

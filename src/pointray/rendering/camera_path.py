@@ -117,13 +117,13 @@ def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camer
     distances = np.linalg.norm(targets - eyes, axis=1)
     scalars = np.stack([np.log(distances), [camera.fov for camera in cameras]], axis=1)
     logs, fov = PchipInterpolator(times, scalars)(at).T
-    view = np.exp(logs)[:, None] * _way_of_directions(times, targets - eyes, at)
-    moves = [np.linalg.norm(np.diff(places, axis=0), axis=1) for places in (eyes, targets)]
+    view = np.exp(logs)[:, None] * _directions_between(times, targets - eyes, at)
+    moves = [np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (eyes, targets)]
     shares = moves[0] / np.maximum(moves[0] + moves[1], 1e-300)  # 1: the target leads, 0: the eye
     lead = np.interp(at, (times[1:] + times[:-1]) / 2, shares)[:, None]
     # At a key the two agree, so the one that leads may change there.
     eye = (1 - lead) * _curve(times, eyes, at) + lead * (_curve(times, targets, at) - view)
-    target, up = eye + view, _way_of_directions(times, ups, at)
+    target, up = eye + view, _directions_between(times, ups, at)
     return [
         replace(cameras[0], eye=tuple(eye[k]), target=tuple(target[k]), up=tuple(up[k]), fov=float(fov[k]))
         for k in range(len(at))
@@ -140,20 +140,20 @@ def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
     return np.asarray(CubicHermiteSpline(times, values, slopes)(at))
 
 
-def _way_of_directions(times: Floats, directions: Floats, at: Floats) -> Floats:
+def _directions_between(times: Floats, directions: Floats, at: Floats) -> Floats:
     """Unit vectors along a smooth path on the sphere through (n, 3) directions; (m, 3)."""
     units = np.array([unit(direction) for direction in directions])
-    places, when = [units[0]], [times[0]]
+    passed, when = [units[0]], [times[0]]
     for k in range(len(units) - 1):
         axis, angle = _turn_between(units[k], units[k + 1])
         pieces = max(1, int(np.ceil(angle / STEP)))
         for share in np.arange(1, pieces) / pieces:
-            places.append(_turned(units[k], axis, share * angle))
+            passed.append(_turned(units[k], axis, share * angle))
             when.append(times[k] + share * (times[k + 1] - times[k]))
-        places.append(units[k + 1])
+        passed.append(units[k + 1])
         when.append(times[k + 1])
-    way = _curve(np.array(when), np.array(places), at)
-    return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
+    directions_at = _curve(np.array(when), np.array(passed), at)
+    return np.asarray(directions_at / np.linalg.norm(directions_at, axis=1, keepdims=True))
 
 
 def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:

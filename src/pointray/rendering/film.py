@@ -39,7 +39,7 @@ from ..kernels.scratch import (
 from ..kernels.vec import Vec3, add, along_curve, luminance, scale, unit
 from ..simd import Bits, count_trailing_zeros
 from ..trace.world import set_ray
-from .lens import BLACKMAN_HARRIS, BOX, GAUSSIAN, TENT, on_screen, place_in_pixel, project, through_lens
+from .lens import BLACKMAN_HARRIS, BOX, GAUSSIAN, TENT, on_screen, position_in_pixel, project, through_lens
 
 Corner: TypeAlias = tuple[int, int]  # column and row of a tile's first pixel
 Size: TypeAlias = tuple[int, int]  # width and height of the image
@@ -79,7 +79,7 @@ def _middles(corner: Corner, size: Size, wide: Array) -> None:
 def _move(sample: int, shape: int, scratch: Scratch) -> None:
     """Move rays from their pixels' middles to the positions of a sample."""
     for i in range(TILE):
-        right, down = place_in_pixel(int(scratch.shading_points[KEY + i]), sample, shape)
+        right, down = position_in_pixel(int(scratch.shading_points[KEY + i]), sample, shape)
         scratch.world[IMAGE_X + i] += right
         scratch.world[IMAGE_Y + i] += down
 

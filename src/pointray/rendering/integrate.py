@@ -74,7 +74,7 @@ class Pass(NamedTuple):
     integrator : number in `choices.INTEGRATORS`; shadows : whether direct light has shadows
     max_depth : limit of scatterings, or of mirrors and panes one behind the other
     sky_shows : whether a camera's ray that meets nothing sees the sky
-    sky_rays, reach : number of rays that look for the sky, and how far these and ambient occlusion look
+    sky_rays, ao_distance : number of rays that look for the sky, and how far these and ambient occlusion look
     seed, spp, filter : of the samples: spp is the final number a pixel; filter is a number of `choices.FILTERS`
     draws : whether random numbers are drawn
     first, end : numbers of the first sample and of the one after the last
@@ -87,7 +87,7 @@ class Pass(NamedTuple):
     max_depth: int
     sky_shows: bool
     sky_rays: int
-    reach: float
+    ao_distance: float
     seed: int
     spp: int
     filter: int
@@ -233,7 +233,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
             show_caught(world, job.sky_shows, scratch)
         # Shadow rays replace the tile's rays, so the specular ones are stored before.
         spawn_specular(world, job.max_depth, scratch)
-        light_tile(world, job.shadows, (sample, job.sky_rays, job.reach), scratch)
+        light_tile(world, job.shadows, (sample, job.sky_rays, job.ao_distance), scratch)
         if not set_specular_rays(scratch):
             break
         trace_tile(world, scratch)
@@ -266,7 +266,7 @@ def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, sc
         if not hit and job.sky_shows:
             add_radiance(scratch, i, sky_radiance(world, load3(scratch.world, DIRECTION + i)))
     caught = find_caught(world, scratch)
-    see_sky(world, sample, job.reach, scratch)
+    see_sky(world, sample, job.ao_distance, scratch)
     catch_occlusion(caught, scratch)
     show_caught(world, job.sky_shows, scratch)
     add_sample(met, scratch)

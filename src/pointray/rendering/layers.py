@@ -99,9 +99,9 @@ def _trace_band(scene: Snapshot, camera: Camera, band: slice, layers: dict[str, 
 def _albedo(scene: Snapshot, hits: Hits) -> NDArray[np.float32]:
     """The colours of hits, or the material's colour where it has one of its own."""
     records = scene.world.instances.reshape(-1, INSTANCE)
-    looks = scene.world.materials.reshape(-1, MATERIAL_SIZE)[records[:, MATERIAL].astype(int)]
+    materials = scene.world.materials.reshape(-1, MATERIAL_SIZE)[records[:, MATERIAL].astype(int)]
     row = np.searchsorted(scene.numbers[:-1], hits.instance)
-    own = (hits.instance >= 0) & (looks[np.minimum(row, len(looks) - 1), OWN_COLOR] == 0)
+    own = (hits.instance >= 0) & (materials[np.minimum(row, len(materials) - 1), OWN_COLOR] == 0)
     albedo = hits.color.copy()
-    albedo[own] = looks[row[own], BASE_COLOR : BASE_COLOR + 3]
+    albedo[own] = materials[row[own], BASE_COLOR : BASE_COLOR + 3]
     return albedo

@@ -1,7 +1,7 @@
-"""From a pixel to a ray, for kernels: the place in the pixel, the projection, the lens.
+"""From a pixel to a ray, for kernels: the position in the pixel, the projection, the lens.
 
 Pixels are filtered by where their samples lie, not by weights (filter importance sampling: Ernst, Stamminger and
-Greiner 2006): places are drawn from the filter, all samples count the same, no pixel needs another one's.
+Greiner 2006): positions are drawn from the filter, all samples count the same, no pixel needs another one's.
 """
 
 from __future__ import annotations
@@ -54,20 +54,20 @@ _QUANTILES = _quantiles()
 
 @inline
 def _tent(u: float) -> float:
-    """The place of a share u of the tent."""
+    """The position below which a share u of the tent lies."""
     return math.sqrt(2.0 * u) - 1.0 if u < 0.5 else 1.0 - math.sqrt(2.0 - 2.0 * u)
 
 
 @inline
 def _gaussian(u: float, v: float) -> tuple[float, float]:
-    """A place of the Gaussian that ends on a circle (Box and Muller 1958)."""
+    """A position of the Gaussian that ends on a circle (Box and Muller 1958)."""
     radius = SIGMA * math.sqrt(-2.0 * math.log(1.0 - u * _WITHIN))
     return radius * math.cos(2.0 * math.pi * v), radius * math.sin(2.0 * math.pi * v)
 
 
 @inline
 def _blackman_harris(u: float) -> float:
-    """The place of a share u of the Blackman-Harris window."""
+    """The position below which a share u of the Blackman-Harris window lies."""
     w = _STEPS * math.sqrt(2.0 * min(u, 1.0 - u))
     k = min(int(w), _STEPS - 1)
     away = _QUANTILES[k] + (w - k) * (_QUANTILES[k + 1] - _QUANTILES[k])
@@ -75,7 +75,7 @@ def _blackman_harris(u: float) -> float:
 
 
 @inline
-def place_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
+def position_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
     """Where a sample lies, in pixels from the pixel's middle, to the right and down. shape : the filter's number"""
     u, v = sample_pair(key, sample, IN_PIXEL)
     if shape == TENT:
@@ -89,7 +89,7 @@ def place_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
 
 @inline
 def on_screen(size: tuple[int, int], x: float, y: float) -> tuple[float, float]:
-    """A place in an image, in pixels, as (u, v): -1 to 1 from left to right and from bottom to top."""
+    """A position in an image, in pixels, as (u, v): -1 to 1 from left to right and from bottom to top."""
     return 2.0 * x / size[0] - 1.0, 1.0 - 2.0 * y / size[1]
 
 
@@ -112,14 +112,14 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 
 
 @inline
-def through_lens(camera: Array, ray: tuple[Vec3, Vec3], place: tuple[float, float]) -> tuple[Vec3, Vec3]:
-    """A ray (o, d) through another place of the lens, on the unit disc: they meet in the plane that is sharp."""
-    x, y = place[0] * camera[LENS_RADIUS], place[1] * camera[LENS_RADIUS]
+def through_lens(camera: Array, ray: tuple[Vec3, Vec3], position: tuple[float, float]) -> tuple[Vec3, Vec3]:
+    """A ray (o, d) through another point of the lens, on the unit disc: they meet in the plane that is sharp."""
+    x, y = position[0] * camera[LENS_RADIUS], position[1] * camera[LENS_RADIUS]
     aside = add(scale(unit(load3_flat(camera, ACROSS)), x), scale(unit(load3_flat(camera, UPWARD)), y))
     return add(ray[0], aside), sub(ray[1], scale(aside, camera[NEARNESS]))
 
 
 @inline
 def depth_of(camera: Array, ray: tuple[Vec3, Vec3], t: float) -> float:
-    """How far a place on a camera ray (o, d) is along the view; in a panorama, which has none, from the eye."""
+    """How far a point on a camera ray (o, d) is along the view; in a panorama, which has none, from the eye."""
     return t if camera[PROJECTION] == PANORAMA else t * dot(ray[1], load3_flat(camera, FORWARD))

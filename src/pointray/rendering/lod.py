@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.records import (
+    BY_COORDINATE,
     INSTANCE,
     KIND,
     MODEL,
@@ -13,7 +14,6 @@ from ..kernels.records import (
     PAINT_COARSER,
     PAINT_KIND,
     PAINT_SIZE,
-    PLACED,
     SHAPE_ROW,
     TO_MODEL,
     World,
@@ -81,7 +81,7 @@ def _repaint(
     """
     painted = np.flatnonzero(instances[rows, PAINT] >= 0)
     records = world.paints.reshape(-1, PAINT_SIZE)[instances[rows[painted], PAINT].astype(int)]
-    by_splats = records[:, PAINT_KIND] != PLACED
+    by_splats = records[:, PAINT_KIND] != BY_COORDINATE
     level[painted[by_splats & (records[:, PAINT_COARSER] != count)]] = 0
     instances[rows[painted[by_splats]], PAINT] += level[painted[by_splats]]
     return level

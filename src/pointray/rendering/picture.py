@@ -263,7 +263,7 @@ def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, P
         max_depth=min(settings.depth, MOST_SPECULAR) if integrator == PHONG else settings.depth,
         sky_shows=scene.shows_sky and settings.integrator in EXPOSED,
         sky_rays=settings.sky_rays if looks_up else 0,
-        reach=_reach(scene, settings) if looks_up or integrator == AO else 0.0,
+        ao_distance=_ao_distance(scene, settings) if looks_up or integrator == AO else 0.0,
         seed=settings.seed,
         spp=settings.most,
         filter=number_of(FILTERS, settings.filter),
@@ -276,7 +276,7 @@ def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, P
     return world, job._replace(window=_window(camera, world, job))
 
 
-def _reach(scene: Snapshot, settings: Settings) -> float:
+def _ao_distance(scene: Snapshot, settings: Settings) -> float:
     """How far ambient occlusion looks."""
     return float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
 

@@ -102,7 +102,7 @@ class Instances:
         self._next = 0
         self.paints = Paints()
         # One of several equal materials, as long as an instance has it.
-        self._looks: WeakValueDictionary[Any, Material] = WeakValueDictionary()
+        self._equal_materials: WeakValueDictionary[Any, Material] = WeakValueDictionary()
 
     def __len__(self) -> int:
         return len(self.shapes)
@@ -130,7 +130,7 @@ class Instances:
         self.paint(row, material)
         self._numbers[row] = self._next
         self._next += 1
-        self.place(row, matrix)
+        self.move(row, matrix)
         return int(self._numbers[row])
 
     def row_of(self, number: int) -> int:
@@ -143,9 +143,11 @@ class Instances:
 
     def paint(self, row: int, material: Material) -> None:
         """Give a row a material; equal materials are kept once."""
-        self.materials[row] = self._looks.setdefault((material.record().tobytes(), material.attribute), material)
+        self.materials[row] = self._equal_materials.setdefault(
+            (material.record().tobytes(), material.attribute), material
+        )
 
-    def place(self, row: int, matrix: NDArray[np.float64]) -> None:
+    def move(self, row: int, matrix: NDArray[np.float64]) -> None:
         """Move a row to where a transform puts it."""
         shape = self.shapes[row]
         self._records[row, :TO_MODEL] = 0.0
@@ -172,7 +174,7 @@ class Instances:
         twin.__dict__.update(self.__dict__)
         twin.detach()
         twin.shapes, twin.materials = self.shapes.copy(), self.materials.copy()
-        twin.paints, twin._looks = copy.copy(self.paints), self._looks.copy()
+        twin.paints, twin._equal_materials = copy.copy(self.paints), self._equal_materials.copy()
         return twin
 
     def __getstate__(self) -> dict[str, Any]:
@@ -181,7 +183,7 @@ class Instances:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self.paints, self._looks = Paints(), WeakValueDictionary()
+        self.paints, self._equal_materials = Paints(), WeakValueDictionary()
         for row, material in enumerate(self.materials):
             self.paint(row, material)
 
@@ -212,8 +214,8 @@ class Instances:
         flat = np.flatnonzero(~is_model)
         self.records[flat, SHAPE_ROW] = np.arange(len(flat))
         planes = [_plane_record(self.shapes[row], self.records[row, TO_MODEL:], int(row)) for row in flat]
-        looks = np.concatenate([*(m.record() for m in materials), []])
-        return models, np.concatenate([*planes, []]), looks, self._finish_paints()
+        material_records = np.concatenate([*(m.record() for m in materials), []])
+        return models, np.concatenate([*planes, []]), material_records, self._finish_paints()
 
     def _finish_paints(self) -> PaintTables:
         """Write into the records which paint each has."""
@@ -236,8 +238,8 @@ def _grown(array: NDArray[Any]) -> NDArray[Any]:
 
 def _distinct(things: list[Any]) -> tuple[list[Any], list[int]]:
     """The things without repetition, and the index of each in that list."""
-    place: dict[int, int] = {}
-    rows = [place.setdefault(id(thing), len(place)) for thing in things]
+    row_of: dict[int, int] = {}
+    rows = [row_of.setdefault(id(thing), len(row_of)) for thing in things]
     return list({id(thing): thing for thing in things}.values()), rows
 
 

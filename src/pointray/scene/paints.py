@@ -14,16 +14,16 @@ from ..data import Points
 from ..image.tone import srgb_to_linear
 from ..kernels.records import (
     BLENDED,
+    BY_COORDINATE,
     CLASSES,
     PAINT_ALONG,
     PAINT_COARSER,
     PAINT_COLORS,
     PAINT_COUNT,
     PAINT_KIND,
-    PAINT_LEVELS,
+    PAINT_POSITIONS,
     PAINT_SIZE,
     PAINT_START,
-    PLACED,
 )
 from ..model import Model
 from ..shade.attributes import COORDINATES, Attribute, categories_of, category_colors
@@ -77,7 +77,7 @@ class PaintTables(NamedTuple):
     """See `records.World`."""
 
     paints: NDArray[np.float64]
-    levels: NDArray[np.float32]
+    map_positions: NDArray[np.float32]
     map_colors: NDArray[np.float32]
 
 
@@ -94,7 +94,7 @@ class Paints:
         self.shown: list[Attribute] = []
         self._ranges: dict[tuple[Any, ...], Range | None] = {}
         self._painted: list[tuple[Attribute, Model]] = []
-        self._levels: list[NDArray[np.float32]] = []
+
         self._joined = np.zeros(0, np.float32)
 
     def finish(self, coats: list[Coat]) -> tuple[list[int], PaintTables]:
@@ -107,17 +107,17 @@ class Paints:
         for paint in dict.fromkeys(wanted):
             row_of[paint] = len(paints)
             paints += [paint, *_coarser(*paint)]
-        self._find_levels([(attribute, model) for attribute, model in paints if model is not None])
+        self._find_map_positions([(attribute, model) for attribute, model in paints if model is not None])
         colors = [np.concatenate([_table(a), [NEUTRAL]]).astype(np.uint8) for a in self.shown]
         starts = dict(zip(self.shown, np.cumsum([0, *(c.size for c in colors)]), strict=False))
         begin, records = 0, np.zeros((len(paints), PAINT_SIZE))
         for record, (attribute, model) in zip(records, paints, strict=True):
             record[PAINT_COLORS], record[PAINT_COUNT] = starts[attribute], len(_table(attribute))
             if model is None:
-                _place(record, attribute)
+                _record_coordinate(record, attribute)
                 continue
             record[PAINT_KIND] = CLASSES if _has_classes(attribute) else BLENDED
-            record[PAINT_LEVELS], record[PAINT_COARSER] = begin, len(_coarser(attribute, model))
+            record[PAINT_POSITIONS], record[PAINT_COARSER] = begin, len(_coarser(attribute, model))
             begin += len(model.tree.order)
         linear = srgb_to_linear(np.concatenate([*colors, np.zeros((0, 3), np.uint8)]))
         tables = PaintTables(records.reshape(-1), self._joined, linear.reshape(-1))
@@ -144,11 +144,11 @@ class Paints:
                 shown[a] = a if a.range is not None else replace(a, range=_widest(found))
         return shown
 
-    def _find_levels(self, painted: list[tuple[Attribute, Model]]) -> None:
-        """Find the levels of all splats; earlier ones are used again where the same attribute is painted."""
+    def _find_map_positions(self, painted: list[tuple[Attribute, Model]]) -> None:
+        """Find the map positions of all splats; earlier ones are used again where the same attribute is painted."""
         if painted != self._painted:
-            levels = [_levels(attribute, model) for attribute, model in painted]
-            self._joined = levels[0] if len(levels) == 1 else np.concatenate([*levels, np.zeros(0, np.float32)])
+            found = [_map_positions(attribute, model) for attribute, model in painted]
+            self._joined = found[0] if len(found) == 1 else np.concatenate([*found, np.zeros(0, np.float32)])
             self._painted = painted
 
 
@@ -205,30 +205,30 @@ def _widest(ranges: list[Range]) -> Range:
     return low - room, high + room
 
 
-def _levels(attribute: Attribute, model: Model) -> NDArray[np.float32]:
+def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
     """Positions in the colour map for the values of a model's splats, in the tree's order."""
     order = model.tree.order
     values = values_of(model.points, attribute.name)
     if attribute.values:
         known = np.array(attribute.values)
-        place = np.minimum(np.searchsorted(known, values), len(known) - 1)
-        levels = np.where(known[place] == values, place, np.nan)
-        return np.where(order >= 0, levels[order], 0).astype(np.float32)
+        row = np.minimum(np.searchsorted(known, values), len(known) - 1)
+        found = np.where(known[row] == values, row, np.nan)
+        return np.where(order >= 0, found[order], 0).astype(np.float32)
     assert attribute.range is not None
     low, high = attribute.range
     count = len(colormap(attribute.colormap))
     if shows_classes(attribute.colormap):
-        levels = np.mod(np.rint(np.clip(values, low, high) - low), count)
+        found = np.mod(np.rint(np.clip(values, low, high) - low), count)
     else:
-        levels = np.clip((values - low) / (high - low), 0, 1) * count
-    return np.where(order >= 0, levels[order], 0).astype(np.float32)
+        found = np.clip((values - low) / (high - low), 0, 1) * count
+    return np.where(order >= 0, found[order], 0).astype(np.float32)
 
 
-def _place(record: NDArray[np.float64], attribute: Attribute) -> None:
-    """Store in a record how levels follow from positions."""
+def _record_coordinate(record: NDArray[np.float64], attribute: Attribute) -> None:
+    """Store in a record how map positions follow from a coordinate."""
     assert attribute.range is not None
     low, high = attribute.range
     scale = len(colormap(attribute.colormap)) / (high - low)
-    record[PAINT_KIND] = PLACED
+    record[PAINT_KIND] = BY_COORDINATE
     record[PAINT_ALONG + COORDINATES.index(attribute.name)] = scale
     record[PAINT_START] = -low * scale

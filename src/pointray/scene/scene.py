@@ -66,22 +66,22 @@ class Scene:
         """
         if not isinstance(shape, Model | Plane):
             raise ValueError(f"a scene holds Model and Plane: shape must not be {type(shape).__name__}")
-        matrix, looks = check_transform(transform), check_material(material, shape)
+        matrix, checked = check_transform(transform), check_material(material, shape)
         with self._lock:
             self._change()
-            return self._instances.add(shape, matrix, looks)
+            return self._instances.add(shape, matrix, checked)
 
     def update(self, id: int, transform: ArrayLike | None = None, material: Material | None = None) -> None:
         """Move an instance, or give it another material; None leaves either as it is."""
         matrix = None if transform is None else check_transform(transform)
         with self._lock:
             row = self._instances.row_of(id)
-            looks = None if material is None else check_material(material, self._instances.shapes[row])
+            checked = None if material is None else check_material(material, self._instances.shapes[row])
             self._change()
-            if looks is not None:
-                self._instances.paint(row, looks)
+            if checked is not None:
+                self._instances.paint(row, checked)
             if matrix is not None:
-                self._instances.place(row, matrix)
+                self._instances.move(row, matrix)
 
     def remove(self, id: int) -> None:
         """Take an instance out."""

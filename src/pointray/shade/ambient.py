@@ -13,14 +13,14 @@ from .shading_points import add_radiance, is_shaded, shading_point
 
 
 @inline
-def _look_up(sample: int, reach: float, scratch: Scratch) -> Bits:
+def _look_up(sample: int, distance: float, scratch: Scratch) -> Bits:
     """Send the tile's rays from its surface points in cosine-distributed directions; returns the rays sent (bits)."""
     points, asked = scratch.shading_points, i64(0)
     for i in range(TILE):
         if is_shaded(scratch, i):
             u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
             d = sample_diffuse(load3(points, SHADING_NORMAL + i), u, v)
-            set_ray_from(scratch, i, (load3(points, SHADING_POINT + i), d, 0.0, reach), points[SHADING_SIDE + i])
+            set_ray_from(scratch, i, (load3(points, SHADING_POINT + i), d, 0.0, distance), points[SHADING_SIDE + i])
             asked |= i64(1) << i
         else:
             set_ray(scratch, i, NO_RAY)
@@ -28,9 +28,9 @@ def _look_up(sample: int, reach: float, scratch: Scratch) -> Bits:
 
 
 @inline
-def see_sky(world: World, sample: int, reach: float, scratch: Scratch) -> None:
-    """Add the surface's colour where one cosine-distributed direction is free up to the reach (Landis 2002)."""
-    asked = _look_up(sample, reach, scratch)
+def see_sky(world: World, sample: int, distance: float, scratch: Scratch) -> None:
+    """Add the surface's colour where one cosine-distributed direction is free up to a distance (Landis 2002)."""
+    asked = _look_up(sample, distance, scratch)
     if asked == 0:
         return
     occlude_tile(world, scratch)
@@ -43,14 +43,14 @@ def see_sky(world: World, sample: int, reach: float, scratch: Scratch) -> None:
 def find_sky_seen(world: World, look: tuple[int, int, float], scratch: Scratch) -> None:
     """Store in SKY_SEEN what share of the sky the tile's surface points see. Uses the tile's rays.
 
-    look : the number of the sample, how many rays it casts from each point (0: all of the sky is seen), their reach
+    look : the number of the sample, how many rays it casts from each point (0: all of the sky is seen), their length
     """
-    sample, rays, reach = look
+    sample, rays, distance = look
     points = scratch.shading_points
     for i in range(TILE):
         points[SKY_SEEN + i] = 1.0 if rays == 0 else 0.0
     for k in range(rays):
-        asked = _look_up(sample * rays + k, reach, scratch)
+        asked = _look_up(sample * rays + k, distance, scratch)
         if asked == 0:
             return
         occlude_tile(world, scratch)

@@ -16,7 +16,7 @@ from ..kernels.records import (
     LIGHT_AREA,
     LIGHT_FACING,
     LIGHT_KIND,
-    LIGHT_PLACE,
+    LIGHT_POSITION,
     LIGHT_POWER,
     LIGHT_RADIUS,
     LIGHT_U,
@@ -65,7 +65,7 @@ def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
 @inline
 def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, float]:
     """(unit direction to a sphere's middle, distance, 1 - cosine of half the angle it fills; 0 inside the sphere)."""
-    v = sub(load3_flat(world.lights, light + LIGHT_PLACE), x)
+    v = sub(load3_flat(world.lights, light + LIGHT_POSITION), x)
     distance, radius = length(v), world.lights[light + LIGHT_RADIUS]
     if distance <= radius:
         return v, distance, 0.0
@@ -76,10 +76,10 @@ def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, flo
 @inline
 def from_middle(world: World, light: int, kind: float, x: Vec3) -> LightSample:
     """The light at x if all of a light of that kind came from its middle: hard shadows."""
-    place, power = load3_flat(world.lights, light + LIGHT_PLACE), load3_flat(world.lights, light + LIGHT_POWER)
+    position, power = load3_flat(world.lights, light + LIGHT_POSITION), load3_flat(world.lights, light + LIGHT_POWER)
     if kind == SUN_LIGHT:
-        return LightSample(scale(place, -1.0), np.inf, power, 0.0)
-    v = sub(place, x)
+        return LightSample(scale(position, -1.0), np.inf, power, 0.0)
+    v = sub(position, x)
     square = max(dot(v, v), TINY)
     distance = math.sqrt(square)
     wi = scale(v, 1.0 / distance)
@@ -100,14 +100,14 @@ def from_middle(world: World, light: int, kind: float, x: Vec3) -> LightSample:
 def sample_light(world: World, light: int, x: Vec3, u: float, v: float) -> LightSample:
     """The light that arrives at x from a point on a light; two numbers in 0..1 choose the point."""
     kind, power = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_POWER)
-    place = load3_flat(world.lights, light + LIGHT_PLACE)
+    position = load3_flat(world.lights, light + LIGHT_POSITION)
     if kind == POINT_LIGHT:
         return from_middle(world, light, kind, x)
     if kind == SUN_LIGHT:
         missing = world.lights[light + LIGHT_RADIUS]
         if missing == 0.0:
             return from_middle(world, light, kind, x)
-        wi = _in_cone(scale(place, -1.0), missing, u, v)
+        wi = _in_cone(scale(position, -1.0), missing, u, v)
         return LightSample(wi, np.inf, _sun_share(power, missing), 1.0 / (2.0 * math.pi * missing))
     if kind == SPHERE_LIGHT:
         axis, distance, missing = _cone_of_sphere(world, light, x)
@@ -123,11 +123,11 @@ def sample_light(world: World, light: int, x: Vec3, u: float, v: float) -> Light
     aside = add(
         scale(load3_flat(world.lights, light + LIGHT_U), a), scale(load3_flat(world.lights, light + LIGHT_V), b)
     )
-    to_place = add(sub(place, x), aside)
-    distance = length(to_place)
+    to_position = add(sub(position, x), aside)
+    distance = length(to_position)
     if distance == 0.0:
         return _nothing()
-    wi = scale(to_place, 1.0 / distance)
+    wi = scale(to_position, 1.0 / distance)
     pdf = _flat_pdf(world, light, wi, distance)
     if pdf == 0.0:
         return _nothing()
@@ -161,17 +161,17 @@ def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
 @inline
 def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
     """t of a ray of unit direction with the shining side of a light; inf for none, and for lights without size."""
-    kind, place = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_PLACE)
+    kind, position = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_POSITION)
     if kind in (POINT_LIGHT, SUN_LIGHT):
         return np.inf
     if kind == SPHERE_LIGHT:
-        return _intersect_sphere(sub(place, o), world.lights[light + LIGHT_RADIUS], d)
+        return _intersect_sphere(sub(position, o), world.lights[light + LIGHT_RADIUS], d)
     facing = load3_flat(world.lights, light + LIGHT_FACING)
     fall = -dot(facing, d)
     if fall <= 1e-12:
         return np.inf
-    t = dot(facing, sub(o, place)) / fall
-    x = sub(add(o, scale(d, t)), place)
+    t = dot(facing, sub(o, position)) / fall
+    x = sub(add(o, scale(d, t)), position)
     u, v = load3_flat(world.lights, light + LIGHT_U), load3_flat(world.lights, light + LIGHT_V)
     # The coordinates in u and v, which need not be at right angles.
     uu, uv, vv, xu, xv = dot(u, u), dot(u, v), dot(v, v), dot(x, u), dot(x, v)
@@ -202,7 +202,7 @@ def sun_in(world: World, light: int, d: Vec3) -> tuple[Vec3, float]:
     missing = world.lights[light + LIGHT_RADIUS]
     if world.lights[light + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:
         return BLACK, 0.0
-    if 1.0 + dot(load3_flat(world.lights, light + LIGHT_PLACE), d) > missing:
+    if 1.0 + dot(load3_flat(world.lights, light + LIGHT_POSITION), d) > missing:
         return BLACK, 0.0
     pdf = 1.0 / (2.0 * math.pi * missing)
     return scale(_sun_share(load3_flat(world.lights, light + LIGHT_POWER), missing), pdf), pdf

@@ -14,7 +14,7 @@ from ..kernels.records import (
     LIGHT_AREA,
     LIGHT_FACING,
     LIGHT_KIND,
-    LIGHT_PLACE,
+    LIGHT_POSITION,
     LIGHT_POWER,
     LIGHT_RADIUS,
     LIGHT_U,
@@ -42,10 +42,10 @@ class _Checked:
         raise NotImplementedError
 
 
-def _record(kind: int, place: NDArray[np.float64], power: NDArray[np.float64]) -> NDArray[np.float64]:
+def _record(kind: int, position: NDArray[np.float64], power: NDArray[np.float64]) -> NDArray[np.float64]:
     out = np.zeros(LIGHT)
     out[LIGHT_KIND] = kind
-    out[LIGHT_PLACE : LIGHT_PLACE + 3], out[LIGHT_POWER : LIGHT_POWER + 3] = place, power
+    out[LIGHT_POSITION : LIGHT_POSITION + 3], out[LIGHT_POWER : LIGHT_POWER + 3] = position, power
     return out
 
 

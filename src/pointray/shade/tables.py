@@ -16,7 +16,7 @@ from ..kernels.records import (
     LIGHT,
     LIGHT_AREA,
     LIGHT_KIND,
-    LIGHT_PLACE,
+    LIGHT_POSITION,
     LIGHT_POWER,
     LIGHT_RADIUS,
     LIGHT_U,
@@ -116,7 +116,7 @@ def _radius(records: Floats, bounds: Floats) -> float:
 
 def _boxes(records: Floats) -> Floats:
     """The world boxes of lights with a position, (n, 6)."""
-    kind, center = records[:, LIGHT_KIND, None], records[:, LIGHT_PLACE : LIGHT_PLACE + 3]
+    kind, center = records[:, LIGHT_KIND, None], records[:, LIGHT_POSITION : LIGHT_POSITION + 3]
     u, v = np.abs(records[:, LIGHT_U : LIGHT_U + 3]), np.abs(records[:, LIGHT_V : LIGHT_V + 3])
     with np.errstate(over="ignore"):
         aside = np.select(
@@ -130,7 +130,7 @@ def _boxes(records: Floats) -> Floats:
 
 def _caps(records: Floats) -> Floats:
     """The boxes around suns' disks on the unit sphere, (n, 6)."""
-    middle = -records[:, LIGHT_PLACE : LIGHT_PLACE + 3]
+    middle = -records[:, LIGHT_POSITION : LIGHT_POSITION + 3]
     turn = np.arccos(np.clip(middle, -1.0, 1.0))
     half = np.arccos(np.clip(1.0 - records[:, LIGHT_RADIUS, None], -1.0, 1.0)) + 1e-7  # plus the rounding of a cosine
     low = np.cos(np.minimum(turn + half, np.pi))

@@ -126,7 +126,7 @@ def repeat4(array: Any, index: Any) -> Any:
 
 
 @intrinsic
-def _permute(typingctx: Any, array: Any, index: Any, places: Any) -> Any:
+def _permute(typingctx: Any, array: Any, index: Any, indices: Any) -> Any:
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         where = builder.fptosi(args[2], ir.VectorType(INT, 16))
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], F16)
@@ -145,19 +145,19 @@ def _permute(typingctx: Any, array: Any, index: Any, places: Any) -> Any:
 
 
 @inline
-def permute16(array: Any, index: Any, places: Any) -> Any:
-    """array[index + place] for each lane of `places`, which are float32 from 0 to 15."""
+def permute16(array: Any, index: Any, indices: Any) -> Any:
+    """array[index + i] for each lane i of `indices`, which are float32 from 0 to 15."""
     if CHECK:
         _check(array, index, 16)
-        _check_places(places)
-    return _permute(array, index, places)
+        _check_indices(indices)
+    return _permute(array, index, indices)
 
 
 @inline
-def _check_places(places: Any) -> None:
+def _check_indices(indices: Any) -> None:
     """Raise if a place is not from 0 to 15."""
     for k in range(16):
-        if not 0 <= lane(places, k) < 16:
+        if not 0 <= lane(indices, k) < 16:
             raise IndexError("a place is none of the 16")
 
 

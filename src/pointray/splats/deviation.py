@@ -185,8 +185,7 @@ def deviations(
     positions_of, normals_of, radii = sorted_splats
     sheets = find_sheets(positions_of, normals_of, radii, neighbors(positions_of, NEIGHBORS + 1)[1])
     none = np.zeros(len(order), np.int8)
-    reach = sorted_splats[2][:, None]
-    boxes = _box(sorted_splats[0] - reach, sorted_splats[0] + reach)
+    boxes = _box(positions_of - radii[:, None], positions_of + radii[:, None])
     out, hollow = np.empty(len(positions), np.float32), np.empty(len(positions), np.float32)
     gated = (*sorted_splats, none if sheets is None else sheets)
     run(_survey, -(-len(out) // (CHUNK * SHARING)), positions, normals, gated, boxes, float(close), out, hollow)

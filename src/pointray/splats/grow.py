@@ -33,7 +33,7 @@ class Cloud(NamedTuple):
     normals: Floats  # (n, 3), unit
     near: NDArray[np.int32]  # (n, k), the neighbours of each point, nearest first, without itself
     area: Floats  # (n,), the area that each point stands for
-    reach: Floats  # (n,), a radius with which the whole cloud covers itself
+    radii: Floats  # (n,), a radius with which the whole cloud covers itself
     border: NDArray[np.bool_]  # (n,), whether the point lies on an open border
 
 

@@ -42,8 +42,8 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
     points : Points
         About the same origin, in the order of the cells. Colours are means of squares, which is nearly the mean of
         light. Attributes are means of finite values; NaN where less than half of the values are finite.
-    reach : (m,) float32
-        Upper limit of each point's support: the reach of the supports it stands for, or SUPPORT if that is more.
+    limits : (m,) float32
+        Upper limit of each point's support: as far as the supports extend that it stands for, at least SUPPORT.
     """
     assert points.normals is not None
     order, starts = _cells(points, cell)
@@ -77,10 +77,10 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
 def _cells(points: Points, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows ordered by cell and direction, and where each group begins."""
     x = points.positions
-    at = np.minimum((x - x.min(axis=0)) / np.float32(cell), MOST_CELLS - 1).astype(np.int64)
+    cells = np.minimum((x - x.min(axis=0)) / np.float32(cell), MOST_CELLS - 1).astype(np.int64)
     assert points.normals is not None
     axis = np.abs(points.normals).argmax(axis=1)
-    way = 2 * axis + (np.take_along_axis(points.normals, axis[:, None], axis=1)[:, 0] < 0)
-    key = ((at[:, 0] * MOST_CELLS + at[:, 1]) * MOST_CELLS + at[:, 2]) * 6 + way
+    side = 2 * axis + (np.take_along_axis(points.normals, axis[:, None], axis=1)[:, 0] < 0)
+    key = ((cells[:, 0] * MOST_CELLS + cells[:, 1]) * MOST_CELLS + cells[:, 2]) * 6 + side
     order = np.argsort(key, kind="stable")
     return order, np.flatnonzero(np.diff(key[order], prepend=-1))

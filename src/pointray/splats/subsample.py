@@ -159,13 +159,13 @@ def describe_cloud(points: Points) -> Cloud:
     assert normals is not None
     distances, near = neighbors(positions, NEIGHBORS + 1)
     k = min(RANK, near.shape[1] - 1)
-    reach = distances[:, k]
-    reach = np.minimum(reach, np.float32(STRAY) * np.median(reach[near[:, 1 : k + 1]], axis=1))
-    reach = np.minimum(reach, np.float32(STRAY * np.quantile(reach, 0.99)))
+    radii = distances[:, k]
+    radii = np.minimum(radii, np.float32(STRAY) * np.median(radii[near[:, 1 : k + 1]], axis=1))
+    radii = np.minimum(radii, np.float32(STRAY * np.quantile(radii, 0.99)))
     border: NDArray[Any] = np.any(choose_radii(positions, normals, distances, near)[1], axis=1)
-    area = (np.pi / k * np.float64(reach) ** 2).astype(np.float32)
+    area = (np.pi / k * np.float64(radii) ** 2).astype(np.float32)
     around = np.ascontiguousarray(near[:, 1 : AROUND + 1])
-    return Cloud(np.ascontiguousarray(positions), np.ascontiguousarray(normals), around, area, reach, border)
+    return Cloud(np.ascontiguousarray(positions), np.ascontiguousarray(normals), around, area, radii, border)
 
 
 def _within(cloud: Cloud, tolerance: float, say: Progress) -> Subset:
@@ -189,7 +189,7 @@ def _within(cloud: Cloud, tolerance: float, say: Progress) -> Subset:
 def _as_many(cloud: Cloud, count: int, diagonal: float, say: Progress) -> Subset:
     """The given number of splats."""
     if count == len(cloud.positions):
-        return fit(cloud, _single(cloud, np.arange(count), cloud.reach), diagonal * FINEST)
+        return fit(cloud, _single(cloud, np.arange(count), cloud.radii), diagonal * FINEST)
     splats, sizes, error = _meet(cloud, count, diagonal, say)
     say("fit", 0.0)
     subset, share = fit(cloud, splats, error), MENDED

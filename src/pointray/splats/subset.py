@@ -54,7 +54,7 @@ def measure(cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.
 
 def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
     """The sizes, lowered as far as neighbours require, but not below what the cloud's spacing needs."""
-    least = np.float32(LEAST) * cloud.reach
+    least = np.float32(LEAST) * cloud.radii
     return np.asarray(np.maximum(grade(np.maximum(sizes, least), cloud, SLOPE), least))
 
 
@@ -74,7 +74,7 @@ def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
     """Shift and tilt the splats until their blended surface lies amid the points that each covers."""
     at, own, members = splats.starts[:-1], splats.owners, splats.members
     seeds, first = cloud.positions[splats.seeds], cloud.normals[splats.seeds]
-    radii = np.maximum(np.float32(OVERLAP) * splats.widths, cloud.reach[splats.seeds])
+    radii = np.maximum(np.float32(OVERLAP) * splats.widths, cloud.radii[splats.seeds])
     positions, normals = seeds.copy(), first.copy()
     offsets = cloud.positions[members] - seeds[own]
     squares = np.einsum("ij,ij->i", offsets, offsets)

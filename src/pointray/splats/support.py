@@ -26,7 +26,7 @@ class Support(NamedTuple):
     borders : (n, 3) float32, the direction out of the surface on an open border, else zero; None if not searched for
     sheets : (n,) int8, 1 for splats of sheets close together, else 0; None if there are none
     tight : whether many radii are too small to cover the surface
-    places : (n,) int64, equal for splats at one position
+    position_ids : (n,) int64, equal for splats at one position
     lone : (n,) bool, strays whose chosen radii were made smaller
     """
 
@@ -34,16 +34,16 @@ class Support(NamedTuple):
     borders: NDArray[np.float32] | None
     sheets: NDArray[np.int8] | None
     tight: bool
-    places: NDArray[np.int64]
+    position_ids: NDArray[np.int64]
     lone: NDArray[np.bool_]
 
     @property
     def crowded(self) -> NDArray[np.bool_]:
         """Which splats share their position with CROWD splats of lower numbers: rays would have to test all of them."""
-        if np.bincount(self.places).max() <= CROWD:
-            return np.zeros(len(self.places), np.bool_)
-        order = np.argsort(self.places, kind="stable")
-        start = np.searchsorted(self.places[order], self.places[order])
+        if np.bincount(self.position_ids).max() <= CROWD:
+            return np.zeros(len(self.position_ids), np.bool_)
+        order = np.argsort(self.position_ids, kind="stable")
+        start = np.searchsorted(self.position_ids[order], self.position_ids[order])
         crowded = np.empty(len(order), np.bool_)
         crowded[order] = np.arange(len(order)) - start >= CROWD
         return crowded
@@ -91,22 +91,22 @@ def find_support(
     ValueError
         If all positions are equal and no radii are given.
     """
-    rows, places = distinct(positions)
+    rows, ids = distinct(positions)
     given = None if radii is None else radii * np.float32(scale)
     borders = borders and len(rows) > NEIGHBORS
-    none = np.zeros(len(places), np.bool_)
+    none = np.zeros(len(ids), np.bool_)
     if given is not None and not borders:
-        return Support(given, None, None, False, places, none)
+        return Support(given, None, None, False, ids, none)
     # Nearly always all positions are distinct; then avoiding copies saves half a GiB at the peak for 24 million points.
     sites = (positions, normals) if len(rows) == len(positions) else (positions[rows], normals[rows])
     hood = neighbors(sites[0], NEIGHBORS + 1, progress=part_of(progress, PLACED, FOUND))
     covering, ends, strays = choose_radii(*sites, *hood, part_of(progress, FOUND, CHOSEN))
-    lone = strays[places] if given is None else none
+    lone = strays[ids] if given is None else none
     if within is not None:
         covering = np.clip(covering, np.float32(within[0]), within[1][rows])
-    chosen = covering[places] * np.float32(scale) if given is None else given
+    chosen = covering[ids] * np.float32(scale) if given is None else given
     if not borders:
-        return Support(chosen, None, None, False, places, lone)
+        return Support(chosen, None, None, False, ids, lone)
     tight = bool((chosen[rows] < TIGHT * covering).mean() > TIGHT_SHARE)
     sides: NDArray[Any] | None = find_sheets(*sites, chosen[rows], hood[1]) if sheets else None
-    return Support(chosen, ends[places], None if sides is None else sides[places], tight, places, lone)
+    return Support(chosen, ends[ids], None if sides is None else sides[ids], tight, ids, lone)

@@ -56,7 +56,7 @@ def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3
 
 @inline
 def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) -> int:
-    """Keep the part of a polygon that lies closer to the origin than to (a, b), the place of point j.
+    """Keep the part of a polygon that lies closer to the origin than to (a, b), where point j is.
 
     polygons : two, with rows x, y, and the point on whose bisector the side from there lies, -1 on the square; `which`
     is cut, and the other one is the result. (Arrays that inlined functions return are freed too early.)
@@ -123,10 +123,10 @@ def _lies_ahead(b: Vec2, ahead: Vec2) -> bool:
 
 
 @inline
-def _nearer_until(place: Vec3, way: Vec3, d: Vec3) -> float:
-    """How far along a line from `place` in the unit direction `way` the origin stays nearer than d."""
-    ahead = dot(way, d)
-    return max(0.5 * dot(d, d) - dot(place, d), 0.0) / ahead if ahead > 0.0 else np.inf
+def _nearer_until(start: Vec3, direction: Vec3, d: Vec3) -> float:
+    """How far along a line from a start in a unit direction the origin stays nearer than d."""
+    ahead = dot(direction, d)
+    return max(0.5 * dot(d, d) - dot(start, d), 0.0) / ahead if ahead > 0.0 else np.inf
 
 
 @inline
@@ -149,9 +149,11 @@ def _up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distan
         return distance
     corner = scale(add(scale(cross(b, n), dot(a, d)), scale(cross(n, a), dot(b, e))), 1.0 / volume)
     side = dot(seam, sub(add(d, e), scale(corner, 2.0)))
-    way = scale(seam, math.copysign(1.0, side) / length(seam))
-    along = min(_nearer_until(corner, way, d), _nearer_until(corner, way, e))
-    return min(distance, max(length(corner), length(add(corner, scale(way, along))))) if along < np.inf else distance
+    direction = scale(seam, math.copysign(1.0, side) / length(seam))
+    along = min(_nearer_until(corner, direction, d), _nearer_until(corner, direction, e))
+    return (
+        min(distance, max(length(corner), length(add(corner, scale(direction, along))))) if along < np.inf else distance
+    )
 
 
 @inline

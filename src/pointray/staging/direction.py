@@ -71,17 +71,17 @@ def angles_of(direction: ArrayLike, up: ArrayLike) -> tuple[float, float]:
 
 def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
     """The direction from which to view the points, by their shape and normals."""
-    places = sample.positions @ axes_of(up).T  # right, front, up
+    positions = sample.positions @ axes_of(up).T  # right, front, up
     normals = sample.normals @ axes_of(up).T
     if is_depth_picture(sample):
         azimuth, elevation = angles_of(-np.median(sample.positions + sample.origin, axis=0), up)
         return Outlook(azimuth, elevation, "one picture of a depth camera, seen as it saw")
-    low, high = np.quantile(places, [STRAY, 1.0 - STRAY], axis=0)
+    low, high = np.quantile(positions, [STRAY, 1.0 - STRAY], axis=0)
     known = normals.any(axis=1)
     facing = normals[known].mean(axis=0) if known.any() else np.zeros(3)
-    if is_flat(places):
-        return Outlook(_broadside(places), TERRAIN[1], "flat: seen from above")
-    around, under_roof = _surroundings(places[known], normals[known], (low + high) / 2)
+    if is_flat(positions):
+        return Outlook(_broadside(positions), TERRAIN[1], "flat: seen from above")
+    around, under_roof = _surroundings(positions[known], normals[known], (low + high) / 2)
     if around:
         if under_roof:
             return Outlook(BODY[0], 0.0, "a room, seen from within", True)
@@ -92,21 +92,21 @@ def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
     return Outlook(*BODY, "a body, seen from the front")
 
 
-def _broadside(places: Floats) -> float:
+def _broadside(positions: Floats) -> float:
     """The azimuth, near the front, for which the longest extent lies across the picture."""
-    flat = places[:, :2] - np.median(places[:, :2], axis=0)
-    size, ways = np.linalg.eigh(flat.T @ flat)
+    flat = positions[:, :2] - np.median(positions[:, :2], axis=0)
+    size, axes = np.linalg.eigh(flat.T @ flat)
     if size[1] < LONG * LONG * size[0]:
         return TERRAIN[0]
-    right, front = ways[:, 0] if ways[1, 0] >= 0 else -ways[:, 0]
+    right, front = axes[:, 0] if axes[1, 0] >= 0 else -axes[:, 0]
     return math.degrees(math.atan2(right, front))
 
 
-def _surroundings(places: Floats, normals: Floats, middle: Floats) -> tuple[bool, bool]:
+def _surroundings(positions: Floats, normals: Floats, middle: Floats) -> tuple[bool, bool]:
     """Whether surfaces stand all around a middle and face it, and whether there is a ceiling too."""
-    if len(places) == 0:
+    if len(positions) == 0:
         return False, False
-    away = places - middle
+    away = positions - middle
     walls = np.abs(normals[:, 2]) < 0.5
     if not walls.any():
         return False, False

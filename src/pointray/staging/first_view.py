@@ -83,9 +83,9 @@ class Scan:
         else:
             self.up = choice.up
         self.outlook = self._look()
-        ways = [way for way, found in (("--up", choice.up is None), ("--view", self._is_found)) if found]
-        if ways:
-            self.found += f"; {' and '.join(ways)} change{'s' * (len(ways) == 1)} that"
+        options = [option for option, found in (("--up", choice.up is None), ("--view", self._is_found)) if found]
+        if options:
+            self.found += f"; {' and '.join(options)} change{'s' * (len(options) == 1)} that"
 
     @property
     def middle(self) -> Vector:

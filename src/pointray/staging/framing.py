@@ -83,9 +83,9 @@ def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1
     flat = view - axis * (view @ axis)
     if flat @ flat < 1e-12 * (view @ view):  # along the axis: the target is on it already
         return framed
-    reach = float(-(eye @ flat) / (flat @ flat))  # along the view, to where it meets the axis
-    turning = replace(framed, target=tuple(framed.eye + reach * view))
-    return magnified(turning, reach) if lens.projection == "orthographic" else turning
+    distance = float(-(eye @ flat) / (flat @ flat))  # along the view, to where it meets the axis
+    turning = replace(framed, target=tuple(framed.eye + distance * view))
+    return magnified(turning, distance) if lens.projection == "orthographic" else turning
 
 
 def magnified(camera: Camera, times: float) -> Camera:
@@ -105,7 +105,7 @@ def _frame(
     Camera.look_at((0, 0, 0), (1, 0, 0), up, fov, (width, height), projection)  # raises the error
     forward, right, top = view_axes(-np.asarray(check_direction(direction, "direction")), np.asarray(up, np.float64))
     middle = np.median(sample.positions, axis=0)
-    across, high, depth = ((sample.positions - middle) @ way for way in (right, top, forward))
+    across, high, depth = ((sample.positions - middle) @ axis for axis in (right, top, forward))
     half = np.tan(np.radians(fov) / 2)
     sides = np.array([half * width / height, half])
     left, above, right_end, below = free
@@ -130,17 +130,17 @@ def _frame(
 
 
 def _fit(
-    places: Floats, depth: Floats, part: tuple[Floats, Floats], how: tuple[float, float]
+    points: Floats, depth: Floats, part: tuple[Floats, Floats], limits: tuple[float, float]
 ) -> tuple[float, float, float]:
     """Where a camera stands, to the right, upwards and backwards, so that points fill a part of its picture.
 
-    places : (2, n), to the right and upwards; part : half its width and height, and its middle, as tangents; how : the
-    least distance, and the share of strays
+    points : (2, n), to the right and upwards; part : half its width and height, and its middle, as tangents
+    limits : the least distance, and the share of strays
     """
-    (room, aim), (least, stray) = part, how
-    shift, distance = np.zeros(2), 2.0 * max(least, float(np.abs(places).max(initial=0.0)) / float(room.min()))
+    (room, aim), (least, stray) = part, limits
+    shift, distance = np.zeros(2), 2.0 * max(least, float(np.abs(points).max(initial=0.0)) / float(room.min()))
     for _ in range(ROUNDS):
-        seen = (places - shift[:, None]) / np.maximum(depth + distance, 1e-3 * distance)
+        seen = (points - shift[:, None]) / np.maximum(depth + distance, 1e-3 * distance)
         low, high = np.quantile(seen, [stray, 1.0 - stray], axis=1)
         off, filled = (low + high) / 2 - aim, float(((high - low) / 2 / room).max())
         shift = shift + off * distance

@@ -71,9 +71,9 @@ def find_up(sample: Sample) -> Up:
     return Up(best, "it would stand so")
 
 
-def is_flat(places: Floats) -> bool:
+def is_flat(positions: Floats) -> bool:
     """Whether points, (n, 3), are less than a fifth as high (the last axis) as wide."""
-    across, deep, high = np.ptp(np.quantile(places, [EDGE, 1.0 - EDGE], axis=0), axis=0)
+    across, deep, high = np.ptp(np.quantile(positions, [EDGE, 1.0 - EDGE], axis=0), axis=0)
     return bool(high <= FLAT * max(across, deep))
 
 
@@ -118,9 +118,9 @@ def _spread(part: Floats, whole: Floats) -> float:
     return float(np.sqrt(min(outline, 1.0) * cells[0] / cells[1]))
 
 
-def _cells(places: Floats) -> int:
+def _cells(positions: Floats) -> int:
     """How many cells of a grid over the unit square contain a point."""
-    column = np.minimum((places * CELLS).astype(int), CELLS - 1) @ (1, CELLS)
+    column = np.minimum((positions * CELLS).astype(int), CELLS - 1) @ (1, CELLS)
     return len(np.unique(column))
 
 

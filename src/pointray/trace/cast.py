@@ -86,15 +86,15 @@ def _times_power(a: Vec3, exponent: int) -> Vec3:
 
 @inline
 def _set_rays(
-    rays: tuple[Array, Array, Array], shape: tuple[int, int], place: tuple[int, int], scratch: Scratch
+    rays: tuple[Array, Array, Array], shape: tuple[int, int], start: tuple[int, int], scratch: Scratch
 ) -> bool:
     """Set the next tile of rays; returns whether any of them may have an exponent.
 
-    rays : origins, directions, limits; place : the batch, and where the tile begins in it
+    rays : origins, directions, limits; start : the batch, and where the tile begins in it
     """
     origins, directions, limits = rays
     for k in range(TILE):
-        i = ray_at(shape, place[0], place[1] + k)
+        i = ray_at(shape, start[0], start[1] + k)
         if i >= 0:
             o, d = load3_flat(origins, 3 * i), load3_flat(directions, 3 * i)
             set_ray(scratch, k, (o, d, limits[2 * i], limits[2 * i + 1]))
@@ -118,7 +118,7 @@ def _set_rays(
 def _closest(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: HitArrays
 ) -> int:
-    """Closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, and place (leaf, local)."""
+    """Closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, leaf, local."""
     t, position, normal, color, point, instance, leaf, local = out
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
@@ -179,13 +179,13 @@ def _occluded(
 
 @kernel
 def _blend_attribute(
-    work: Array, world: World, places: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
+    work: Array, world: World, found: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
 ) -> int:
     """Blend one attribute, (n * k,) float32 in the caller's order, at hits; without weights take the hit point's value.
 
-    places : hits, model, leaf, local, point
+    found : hits, model, leaf, local, point
     """
-    hits, model, leaf, local, point = places
+    hits, model, leaf, local, point = found
     memory = new_scratch(world.longest)
     scratch, world = borrow(memory), borrow(world)
     tree = tree_at(world.table, model)
@@ -263,8 +263,8 @@ def occlusions(
 def blend_attribute(world: World, hits: dict[str, Array], rows: Array, model: int, values: Array) -> Array:
     """One attribute, (n,) or (n, k), blended at the hits `rows` of `closest_hits`, all on one model: float32."""
     out = np.empty((len(rows), *values.shape[1:]), np.float32)
-    places = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])
+    found = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])
     width = values.size // len(values)
-    args = (world, places, np.ascontiguousarray(values).reshape(-1), width, out.reshape(-1))
+    args = (world, found, np.ascontiguousarray(values).reshape(-1), width, out.reshape(-1))
     run(_blend_attribute, -(-len(rows) // BATCH), *args)
     return out

@@ -84,13 +84,13 @@ def alike(edge: float, rows: Array, left: Bits) -> Bits:
     i, rays = ASIDE + count_trailing_zeros(left), i64(0)
     far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
     for v in range(0, TILE, LANES):
-        word, at = (left >> v) & 0xFFFF, ASIDE + v
+        word, offset = (left >> v) & 0xFFFF, ASIDE + v
         if word == 0:
             continue
         for c in range(0, 3 * TILE, TILE):
-            o, d = load16(rows, OX + c + at), load16(rows, DX + c + at)
+            o, d = load16(rows, OX + c + offset), load16(rows, DX + c + offset)
             word &= bits((vabs(o - rows[OX + c + i]) <= far) & (vabs(d - rows[DX + c + i]) <= wide))
-            word &= bits(load16(rows, IX + c + at) * rows[IX + c + i] > ZERO)
+            word &= bits(load16(rows, IX + c + offset) * rows[IX + c + i] > ZERO)
         rays |= word << v
     return rays
 
@@ -120,8 +120,8 @@ def _bring_row(rows: Array, row: int, rays: Bits, last: float) -> None:
         word = (rays >> v) & 0xFFFF
         store_packed(rows, row + n, mask16(word), load16(rows, ASIDE + row + v))
         n += count_bits(word)
-    at = (n - 1) // LANES * LANES
-    store(rows, row + at, select(mask16((1 << (n - at)) - 1), load16(rows, row + at), broadcast16(last)))
+    offset = (n - 1) // LANES * LANES
+    store(rows, row + offset, select(mask16((1 << (n - offset)) - 1), load16(rows, row + offset), broadcast16(last)))
 
 
 @inline

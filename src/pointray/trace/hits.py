@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..intersect.gather import Capsule, list_blocks, nearest_slot
-from ..intersect.surface import Places, Sheet, weights_seen
+from ..intersect.surface import FourPoints, Sheet, weights_seen
 from ..jit import Array, borrow, f32, f64, i64, inline, routine
 from ..kernels.records import (
     INSTANCE,
@@ -76,7 +76,7 @@ def _next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
 
 
 @inline
-def _list_around(tree: Tree, four: Four, scratch: Scratch) -> Places:
+def _list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
     """List the blocks near the points where four rays have hit a leaf; returns these points, a quarter each."""
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
@@ -97,7 +97,7 @@ def _list_around(tree: Tree, four: Four, scratch: Scratch) -> Places:
 
 @inline
 def _weigh(
-    tree: Tree, places: Places, sheet: Sheet, tone: Array, scratch: Scratch
+    tree: Tree, points: FourPoints, sheet: Sheet, tone: Array, scratch: Scratch
 ) -> tuple[F16, F16, F16, F16, F16, F16]:
     """In each lane: the greatest weight, its listed block, and the sums of the weights and of the weighted colours.
 
@@ -107,7 +107,7 @@ def _weigh(
     most = block_of_most = red = green = blue = total = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
         block = i64(scratch.near[k])
-        w = weights_seen(tree, block, places, sheet, part)
+        w = weights_seen(tree, block, points, sheet, part)
         block_of_most = select(w > most, broadcast16(f32(k)), block_of_most)
         most = vmax(w, most)
         if tree.colors.size > 0:
@@ -129,13 +129,13 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
     Where no splat has weight, the nearest one is taken instead.
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
-    at = numbers[INSTANCE_OF + four[0]] * INSTANCE
-    tree = tree_at(world.table, i64(world.instances[at + SHAPE_ROW]))
+    offset = numbers[INSTANCE_OF + four[0]] * INSTANCE
+    tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
     v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
     if sheeted:
-        v = transform(matrix_at(world, at), load3(wide, NORMAL + four[0]))
-    places = _list_around(tree, four, scratch)
-    sums = _weigh(tree, places, (sheeted, v), world.tone, scratch)
+        v = transform(matrix_at(world, offset), load3(wide, NORMAL + four[0]))
+    points = _list_around(tree, four, scratch)
+    sums = _weigh(tree, points, (sheeted, v), world.tone, scratch)
     for k in range(6):
         store(part, k * LANES, sums[k])
     for r in range(4):
@@ -156,8 +156,8 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
                 red, green = f64(world.tone[packed & 255]), f64(world.tone[(packed >> 8) & 255])
                 blue = f64(world.tone[(packed >> 16) & 255])
         store3(wide, COLOR + i, (red / total, green / total, blue / total) if 0.0 < total < np.inf else (1.0, 1.0, 1.0))
-    if world.instances[at + PAINT] >= 0.0:
-        paint_four(world, four, places, (sheeted, v), scratch)
+    if world.instances[offset + PAINT] >= 0.0:
+        paint_four(world, four, points, (sheeted, v), scratch)
 
 
 @inline
@@ -171,9 +171,9 @@ def _shows_colors(world: World, instance: int) -> bool:
     """Whether an instance of a model shows the colours of its points, or of the attribute that it is painted by."""
     if world.materials[material_at(world, instance) + OWN_COLOR] == 0.0:
         return False
-    at = instance * INSTANCE
-    tree = tree_at(world.table, i64(world.instances[at + SHAPE_ROW]))
-    return world.instances[at + PAINT] >= 0.0 or tree.colors.size > 0
+    offset = instance * INSTANCE
+    tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
+    return world.instances[offset + PAINT] >= 0.0 or tree.colors.size > 0
 
 
 @routine

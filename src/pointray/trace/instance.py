@@ -120,10 +120,10 @@ def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
     if meeting != ALL:
         # Rays that miss the bounds become copies of one that meets them, so that they do not widen the tile.
         first = count_trailing_zeros(meeting)
-        for at in range(0, TILE, LANES):
-            meet = load16(rows, LENGTH + at) >= ZERO
+        for offset in range(0, TILE, LANES):
+            meet = load16(rows, LENGTH + offset) >= ZERO
             for k in range(0, 9 * TILE, TILE):
-                store(rows, k + at, select(meet, load16(rows, k + at), broadcast16(rows[k + first])))
+                store(rows, k + offset, select(meet, load16(rows, k + offset), broadcast16(rows[k + first])))
     return meeting
 
 
@@ -186,7 +186,7 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
             entered &= entered - 1
             if numbers[FOUND + i] >= 0:
                 _keep_t(i, scratch)
-                _keep_place(of_size_one(matrix), i, scratch)
+                _keep_local(of_size_one(matrix), i, scratch)
                 _keep_leaf(offset, i, scratch)
     else:
         _keep_nearest(matrix, offset, scratch)
@@ -203,7 +203,7 @@ def _keep_t(i: int, scratch: Scratch) -> None:
 
 
 @inline
-def _keep_place(matrix: ToModel, i: int, scratch: Scratch) -> None:
+def _keep_local(matrix: ToModel, i: int, scratch: Scratch) -> None:
     """Keep normal and position of a nearer hit. matrix : see `of_size_one`."""
     wide, rows = scratch.world, scratch.model
     n = load3(rows, NX + i)
@@ -236,6 +236,6 @@ def _keep_nearest(matrix: ToModel, offset: int, scratch: Scratch) -> None:
         _keep_t(i, scratch)
     matrix = of_size_one(matrix)
     for i in range(TILE):
-        _keep_place(matrix, i, scratch)
+        _keep_local(matrix, i, scratch)
     for i in range(TILE):
         _keep_leaf(offset, i, scratch)

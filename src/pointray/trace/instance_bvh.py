@@ -75,7 +75,7 @@ def shorten(world: World, scratch: Scratch) -> None:
 
 
 @inline
-def _enter(world: World, at: int, rays: Bits, scratch: Scratch) -> tuple[Bits, float]:
+def _enter(world: World, offset: int, rays: Bits, scratch: Scratch) -> tuple[Bits, float]:
     """Which of the given rays enter a box before they end, and the least t at which one does."""
     boxes, rows = world.top_boxes, scratch.model
     entering, nearest = i64(0), INF
@@ -85,9 +85,9 @@ def _enter(world: World, at: int, rays: Bits, scratch: Scratch) -> tuple[Bits, f
             continue
         ox, oy, oz = load16(rows, TOP_OX + v), load16(rows, TOP_OX + TILE + v), load16(rows, TOP_OX + 2 * TILE + v)
         ix, iy, iz = load16(rows, TOP_IX + v), load16(rows, TOP_IX + TILE + v), load16(rows, TOP_IX + 2 * TILE + v)
-        ax, bx = (boxes[at] - ox) * ix, (boxes[at + 3] - ox) * ix
-        ay, by = (boxes[at + 1] - oy) * iy, (boxes[at + 4] - oy) * iy
-        az, bz = (boxes[at + 2] - oz) * iz, (boxes[at + 5] - oz) * iz
+        ax, bx = (boxes[offset] - ox) * ix, (boxes[offset + 3] - ox) * ix
+        ay, by = (boxes[offset + 1] - oy) * iy, (boxes[offset + 4] - oy) * iy
+        az, bz = (boxes[offset + 2] - oz) * iz, (boxes[offset + 5] - oz) * iz
         near = vmax(vmax(vmin(ax, bx), vmin(ay, by)), vmax(vmin(az, bz), broadcast16(ZERO)))
         far = vmin(vmin(vmax(ax, bx), vmax(ay, by)), vmin(vmax(az, bz), load16(rows, TOP_LENGTH + v)))
         word &= bits(near <= far)
@@ -100,9 +100,9 @@ def _enter(world: World, at: int, rays: Bits, scratch: Scratch) -> tuple[Bits, f
 @inline
 def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -> int:
     """Put the children of a node that any ray enters on the stack, the nearer one last; returns the new top."""
-    at = node * TOP_NODE
-    a, near_a = _enter(world, at, rays, scratch)
-    b, near_b = _enter(world, at + TOP_NODE // 2, rays, scratch)
+    offset = node * TOP_NODE
+    a, near_a = _enter(world, offset, rays, scratch)
+    b, near_b = _enter(world, offset + TOP_NODE // 2, rays, scratch)
     what_a, what_b = world.top_children[2 * node], world.top_children[2 * node + 1]
     if near_a < near_b:
         a, near_a, what_a, b, near_b, what_b = b, near_b, what_b, a, near_a, what_a

@@ -6,20 +6,20 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..intersect.surface import Places, Sheet, weights_seen
+from ..intersect.surface import FourPoints, Sheet, weights_seen
 from ..jit import f64, i64, inline
 from ..kernels.records import (
     BLENDED,
+    BY_COORDINATE,
     INSTANCE,
     PAINT,
     PAINT_ALONG,
     PAINT_COLORS,
     PAINT_COUNT,
     PAINT_KIND,
-    PAINT_LEVELS,
+    PAINT_POSITIONS,
     PAINT_SIZE,
     PAINT_START,
-    PLACED,
     SHAPE_ROW,
     Tree,
     World,
@@ -47,73 +47,73 @@ Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
 
 
 @inline
-def _map_color(world: World, paint: int, level: float) -> Vec3:
-    """The map's colour at a level; for NaN the colour behind the end of the map."""
+def _map_color(world: World, paint: int, map_position: float) -> Vec3:
+    """The map's colour at a position in it; for NaN the colour behind the end of the map."""
     count, first = int(world.paints[paint + PAINT_COUNT]), int(world.paints[paint + PAINT_COLORS])
     k = count
-    if level == level:
-        k = int(min(max(level + SLACK, 0.0), count - 1.0))
+    if map_position == map_position:
+        k = int(min(max(map_position + SLACK, 0.0), count - 1.0))
     return load3_flat(world.map_colors, first + 3 * k)
 
 
 @inline
 def _blend(
-    world: World, paint: int, tree: Tree, places: Places, sheet: Sheet, scratch: Scratch
+    world: World, paint: int, tree: Tree, points: FourPoints, sheet: Sheet, scratch: Scratch
 ) -> tuple[F16, F16, F16]:
-    """Sums in each lane over the listed blocks: weights, weights of splats with a level, and the weighted levels."""
-    part, first = scratch.part, int(world.paints[paint + PAINT_LEVELS])
-    total = known = level = broadcast16(ZERO)
+    """Sums in each lane over the listed blocks: weights, weights of splats with a value, weighted map positions."""
+    part, first = scratch.part, int(world.paints[paint + PAINT_POSITIONS])
+    total = known = map_position = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
         block = i64(scratch.near[k])
-        w = weights_seen(tree, block, places, sheet, part)
+        w = weights_seen(tree, block, points, sheet, part)
         total = total + w
         for j in range(4):
-            value = world.levels[first + 4 * block + j]
+            value = world.map_positions[first + 4 * block + j]
             good = value == value
             part[j], part[4 + j] = (value if good else ZERO), (ONE if good else ZERO)
-        level = level + w * repeat4(part, 0)
+        map_position = map_position + w * repeat4(part, 0)
         known = known + w * repeat4(part, 4)
-    return total, known, level
+    return total, known, map_position
 
 
 @inline
 def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -> float:
-    """The level at point r of four from the sums; NaN where splats without a level have most of the weight.
+    """The map position at point r of four from the sums; NaN where splats without a value have most of the weight.
 
-    own : level of the splat that is taken where none has weight
+    own : map position of the splat that is taken where none has weight
     """
     part = scratch.part
     for k in range(3):
         store(part, k * LANES, sums[k])
-    total = known = level = 0.0
+    total = known = map_position = 0.0
     for k in range(4 * r, 4 * r + 4):
-        total, known, level = total + part[k], known + part[LANES + k], level + part[2 * LANES + k]
+        total, known, map_position = total + part[k], known + part[LANES + k], map_position + part[2 * LANES + k]
     if not total > 0.0:
         return own
-    return level / known if known > 0.0 and 2.0 * known >= total else np.nan
+    return map_position / known if known > 0.0 and 2.0 * known >= total else np.nan
 
 
 @inline
-def paint_four(world: World, four: Four, places: Places, sheet: Sheet, scratch: Scratch) -> None:
+def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scratch: Scratch) -> None:
     """Colours of four hits on one painted instance, whose slots are found and whose blocks are listed.
 
-    places, sheet : see `surface.weights_seen`
+    points, sheet : see `surface.weights_seen`
     """
     wide, numbers = scratch.world, scratch.numbers
-    at = numbers[INSTANCE_OF + four[0]] * INSTANCE
-    tree = tree_at(world.table, i64(world.instances[at + SHAPE_ROW]))
-    paint = int(world.instances[at + PAINT]) * PAINT_SIZE
+    offset = numbers[INSTANCE_OF + four[0]] * INSTANCE
+    tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
+    paint = int(world.instances[offset + PAINT]) * PAINT_SIZE
     kind = world.paints[paint + PAINT_KIND]
     sums = broadcast16(ZERO), broadcast16(ZERO), broadcast16(ZERO)
     if kind == BLENDED:
-        sums = _blend(world, paint, tree, places, sheet, scratch)
+        sums = _blend(world, paint, tree, points, sheet, scratch)
     for r in range(4):
-        i, level = four[r], np.nan
-        if kind != PLACED:
-            level = f64(world.levels[int(world.paints[paint + PAINT_LEVELS]) + numbers[SLOT_OF + i]])
+        i, map_position = four[r], np.nan
+        if kind != BY_COORDINATE:
+            map_position = f64(world.map_positions[int(world.paints[paint + PAINT_POSITIONS]) + numbers[SLOT_OF + i]])
         if kind == BLENDED:
-            level = _blended(sums, r, level, scratch)
-        elif kind == PLACED:
+            map_position = _blended(sums, r, map_position, scratch)
+        elif kind == BY_COORDINATE:
             x = add(load3(wide, ORIGIN + i), scale(load3(wide, DIRECTION + i), wide[NEAREST + i]))
-            level = dot(load3_flat(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
-        store3(wide, COLOR + i, _map_color(world, paint, level))
+            map_position = dot(load3_flat(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
+        store3(wide, COLOR + i, _map_color(world, paint, map_position))

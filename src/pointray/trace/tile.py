@@ -120,15 +120,15 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
     near, far, begin = planes
     ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
     ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
-    at, leaves, boxes = leaf * LEAF, tree.leaves, tree.boxes
+    offset, leaves, boxes = leaf * LEAF, tree.leaves, tree.boxes
     length = load16(rows, LENGTH + v)
     enter = vmax(
-        vmax((leaves[at + CELL + near[0]] - ox) * ix, (leaves[at + CELL + near[1]] - oy) * iy),
-        vmax((leaves[at + CELL + near[2]] - oz) * iz, broadcast16(begin)),
+        vmax((leaves[offset + CELL + near[0]] - ox) * ix, (leaves[offset + CELL + near[1]] - oy) * iy),
+        vmax((leaves[offset + CELL + near[2]] - oz) * iz, broadcast16(begin)),
     )
     leave = vmin(
-        vmin((leaves[at + CELL + far[0]] - ox) * ix, (leaves[at + CELL + far[1]] - oy) * iy),
-        vmin((leaves[at + CELL + far[2]] - oz) * iz, length),
+        vmin((leaves[offset + CELL + far[0]] - ox) * ix, (leaves[offset + CELL + far[1]] - oy) * iy),
+        vmin((leaves[offset + CELL + far[2]] - oz) * iz, length),
     )
     first = vmax(
         vmax((boxes[box + near[0] * WIDTH] - ox) * ix, (boxes[box + near[1] * WIDTH] - oy) * iy),
@@ -138,11 +138,11 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
         vmin((boxes[box + far[0] * WIDTH] - ox) * ix, (boxes[box + far[1] * WIDTH] - oy) * iy),
         vmin((boxes[box + far[2] * WIDTH] - oz) * iz, leave),
     )
-    mx, my, mz = leaves[at + SLAB], leaves[at + SLAB + 1], leaves[at + SLAB + 2]
+    mx, my, mz = leaves[offset + SLAB], leaves[offset + SLAB + 1], leaves[offset + SLAB + 2]
     height = mx * ox + my * oy + mz * oz
     rise = mx * load16(rows, DX + v) + my * load16(rows, DY + v) + mz * load16(rows, DZ + v)
     rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
-    a, b = (leaves[at + SLAB_LO] - height) * rise, (leaves[at + SLAB_HI] - height) * rise
+    a, b = (leaves[offset + SLAB_LO] - height) * rise, (leaves[offset + SLAB_HI] - height) * rise
     first, last = vmax(first, vmin(a, b)), vmin(leave, vmax(a, b))
     store(rows, ENTER + v, enter)
     store(rows, LEAVE + v, leave)
@@ -221,10 +221,10 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
     node, top, lifted = 0, 0, i64(0)
     while True:
         scratch.counts[COUNT_NODES] += 1
-        at = i64(node) * NODE
-        ax, bx = load8(tree.boxes, at + px) - x[0], load8(tree.boxes, at + qx) - x[1]
-        ay, by = load8(tree.boxes, at + py) - y[0], load8(tree.boxes, at + qy) - y[1]
-        az, bz = load8(tree.boxes, at + pz) - z[0], load8(tree.boxes, at + qz) - z[1]
+        offset = i64(node) * NODE
+        ax, bx = load8(tree.boxes, offset + px) - x[0], load8(tree.boxes, offset + qx) - x[1]
+        ay, by = load8(tree.boxes, offset + py) - y[0], load8(tree.boxes, offset + qy) - y[1]
+        az, bz = load8(tree.boxes, offset + pz) - z[0], load8(tree.boxes, offset + qz) - z[1]
         near = vmax(
             vmax(vmin(ax * x[2], ax * x[3]), vmin(ay * y[2], ay * y[3])),
             vmax(vmin(az * z[2], az * z[3]), broadcast8(begin)),

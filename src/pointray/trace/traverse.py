@@ -48,14 +48,14 @@ def far_planes(near: Planes) -> Planes:
 def _voxel_interval(tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes], begin: float) -> tuple[float, float]:
     """Where the ray enters and leaves the leaf's voxel, behind begin and before it ends."""
     near, far = rows
-    at, leaves = leaf * LEAF + CELL, tree.leaves
+    offset, leaves = leaf * LEAF + CELL, tree.leaves
     enter = max(
-        max((leaves[at + near[0]] - ray.ox) * ray.ix, (leaves[at + near[1]] - ray.oy) * ray.iy),
-        max((leaves[at + near[2]] - ray.oz) * ray.iz, begin),
+        max((leaves[offset + near[0]] - ray.ox) * ray.ix, (leaves[offset + near[1]] - ray.oy) * ray.iy),
+        max((leaves[offset + near[2]] - ray.oz) * ray.iz, begin),
     )
     leave = min(
-        min((leaves[at + far[0]] - ray.ox) * ray.ix, (leaves[at + far[1]] - ray.oy) * ray.iy),
-        min((leaves[at + far[2]] - ray.oz) * ray.iz, ray.t_max),
+        min((leaves[offset + far[0]] - ray.ox) * ray.ix, (leaves[offset + far[1]] - ray.oy) * ray.iy),
+        min((leaves[offset + far[2]] - ray.oz) * ray.iz, ray.t_max),
     )
     return enter, leave
 
@@ -63,12 +63,12 @@ def _voxel_interval(tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes]
 @inline
 def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float]) -> tuple[float, float]:
     """The part of an interval inside of the leaf's slab; empty where enter > leave."""
-    at = leaf * LEAF
-    mx, my, mz = tree.leaves[at + SLAB], tree.leaves[at + SLAB + 1], tree.leaves[at + SLAB + 2]
+    offset = leaf * LEAF
+    mx, my, mz = tree.leaves[offset + SLAB], tree.leaves[offset + SLAB + 1], tree.leaves[offset + SLAB + 2]
     height = mx * ray.ox + my * ray.oy + mz * ray.oz
     rise = mx * ray.dx + my * ray.dy + mz * ray.dz
     rise = ONE / (FLAT if abs(rise) < FLAT else rise)
-    a, b = (tree.leaves[at + SLAB_LO] - height) * rise, (tree.leaves[at + SLAB_HI] - height) * rise
+    a, b = (tree.leaves[offset + SLAB_LO] - height) * rise, (tree.leaves[offset + SLAB_HI] - height) * rise
     return max(interval[0], min(a, b)), min(interval[1], max(a, b))
 
 
@@ -114,14 +114,14 @@ def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
     node, top = 0, 0
     while True:
         scratch.counts[COUNT_NODES] += 1
-        at = i64(node) * NODE
+        offset = i64(node) * NODE
         near = vmax(
-            vmax((load8(tree.boxes, at + nx) - ray.ox) * ix, (load8(tree.boxes, at + ny) - ray.oy) * iy),
-            vmax((load8(tree.boxes, at + nz) - ray.oz) * iz, broadcast8(begin)),
+            vmax((load8(tree.boxes, offset + nx) - ray.ox) * ix, (load8(tree.boxes, offset + ny) - ray.oy) * iy),
+            vmax((load8(tree.boxes, offset + nz) - ray.oz) * iz, broadcast8(begin)),
         )
         far = vmin(
-            vmin((load8(tree.boxes, at + fx) - ray.ox) * ix, (load8(tree.boxes, at + fy) - ray.oy) * iy),
-            vmin((load8(tree.boxes, at + fz) - ray.oz) * iz, broadcast8(ray.t_max)),
+            vmin((load8(tree.boxes, offset + fx) - ray.ox) * ix, (load8(tree.boxes, offset + fy) - ray.oy) * iy),
+            vmin((load8(tree.boxes, offset + fz) - ray.oz) * iz, broadcast8(ray.t_max)),
         )
         left = bits(near <= far)
         if left & (left - 1) == 0 and left != 0:

@@ -134,15 +134,15 @@ def _fill_blocks(
                     least = min(least, positions[i, c] - radii[i])
                     greatest = max(greatest, positions[i, c] + radii[i])
                 bounds[b * 4 + c] = 0.5 * (least + greatest)
-            reach = 0.0
+            radius = 0.0
             for k in range(count):
                 i = order[b * PER_BLOCK + k]
                 square = 0.0
                 for c in range(3):
                     d = positions[i, c] - bounds[b * 4 + c]
                     square += d * d
-                reach = max(reach, math.sqrt(square) + radii[i])
-            bounds[b * 4 + 3] = reach * (1.0 + 1e-6)
+                radius = max(radius, math.sqrt(square) + radii[i])
+            bounds[b * 4 + 3] = radius * (1.0 + 1e-6)
         tile = next_tile(work)
     return 0
 

@@ -127,9 +127,9 @@ def build_tree(
 
     head = np.zeros(HEAD, np.float32)
     # Bounds of the supports, not of the boxes: the sample lattice starts where a ray enters them, whatever the tree.
-    reach = splats.radii[:, None]
-    head[BOUNDS : BOUNDS + 3] = (splats.positions - reach).min(axis=0)
-    head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + reach).max(axis=0)
+    radii = splats.radii[:, None]
+    head[BOUNDS : BOUNDS + 3] = (splats.positions - radii).min(axis=0)
+    head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + radii).max(axis=0)
     head[SURFACE], head[REFINE], head[TRIM] = number_of(SURFACES, settings.surface), settings.refine, settings.trim
     head[OVERHANG] = settings.overhang
     head[LONGEST] = leaves.reshape(-1, LEAF)[:, STEP].max(initial=0.0)

@@ -113,8 +113,8 @@ def _check_spheres(tree: Tree) -> list[str]:
         mine = block[order[at]] == tree.refs[listed]
         splat = rows[order[at[mine]]]
         sphere = spheres[listed][mine]
-        reach = np.linalg.norm(splat[:, :3] - sphere[:, :3], axis=1) + splat[:, 6]
-        if (reach > sphere[:, 3] * (1 + 1e-5)).any():
+        needed = np.linalg.norm(splat[:, :3] - sphere[:, :3], axis=1) + splat[:, 6]
+        if (needed > sphere[:, 3] * (1 + 1e-5)).any():
             problems.append("a bounding sphere does not enclose its block")
     return problems
 
@@ -125,15 +125,15 @@ def _check_places(tree: Tree, boxes: Floats, reached: NDArray[np.int64], places:
     rng = np.random.default_rng(seed)
     chosen = rows[rng.integers(len(rows), size=places)].astype(np.float64)
     x = chosen[:, :3] + chosen[:, 6:] * rng.uniform(-0.5, 0.5, (places, 3))
-    place, splat = _over(x, rows[:, :3], rows[:, 6] * (1 - 1e-5))
+    row, splat = _over(x, rows[:, :3], rows[:, 6] * (1 - 1e-5))
     leaf, crowded, lost = _voxel_of(tree, x)
     known = np.unique(_codes(tree))
-    codes = leaf[place] * (tree.blocks.size // BLOCK) + block[splat]
-    asked = (leaf[place] >= 0) & (tree.spans[2 * leaf[place] + 1] > 0)
-    missing = len(np.unique(leaf[place][asked & ~np.isin(codes, known)]))
+    codes = leaf[row] * (tree.blocks.size // BLOCK) + block[splat]
+    asked = (leaf[row] >= 0) & (tree.spans[2 * leaf[row] + 1] > 0)
+    missing = len(np.unique(leaf[row][asked & ~np.isin(codes, known)]))
     problems = []
-    if lost[place].any():
-        problems.append(f"{len(np.unique(place[lost[place]]))} of {places} places under splats lie in no voxel")
+    if lost[row].any():
+        problems.append(f"{len(np.unique(row[lost[row]]))} of {places} places under splats lie in no voxel")
     if crowded.any():
         problems.append(f"{crowded.sum()} of {places} places lie in more than one voxel")
     if missing:
@@ -173,16 +173,16 @@ def _out_of_patch(
     records = tree.leaves.reshape(-1, LEAF)
     axes = np.array([uncompiled(across)(*record[SLAB : SLAB + 3]) for record in records])[leaf]
     cell = records[leaf, CELL : CELL + 6].astype(np.float64)
-    place = np.take_along_axis(x - cell[:, :3], axes, axis=1)
+    position = np.take_along_axis(x - cell[:, :3], axes, axis=1)
     width = np.take_along_axis(cell[:, 3:] - cell[:, :3], axes, axis=1)[:, :2] / COLUMNS
-    u, v = (place[:, :2] / width).T
+    u, v = (position[:, :2] / width).T
     i, j = (np.clip(np.floor(at).astype(np.int64), 0, COLUMNS - 1) for at in (u, v))
     patch = tree.patches.reshape(-1, PATCH)[leaf].astype(np.float64)
     b, c, low, high = (
         np.take_along_axis(patch, (row + COLUMNS * i + j)[:, None], axis=1)[:, 0]
         for row in (PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH)
     )
-    height = place[:, 2] + b * u + c * v
+    height = position[:, 2] + b * u + c * v
     out: NDArray[np.bool_] = (height < low - slack) | (height > high + slack)
     return out
 
@@ -203,8 +203,8 @@ def _over(
     """All pairs (position, ball) in which the position lies in the ball."""
     found = cKDTree(x).query_ball_point(centers, radii)
     lengths = np.fromiter(map(len, found), np.int64, len(found))
-    places = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
-    return places, np.repeat(np.arange(len(found)), lengths)
+    rows = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
+    return rows, np.repeat(np.arange(len(found)), lengths)
 
 
 def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
@@ -212,14 +212,14 @@ def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], ND
     cells = tree.leaves.reshape(-1, LEAF)[:, CELL : CELL + 6].astype(np.float64)
     real = np.flatnonzero((cells[:, :3] <= cells[:, 3:]).all(axis=1))
     low, high = cells[real, :3], cells[real, 3:]
-    place, voxel = _over(x, (low + high) / 2, np.linalg.norm(high - low, axis=1) * 0.5001)
-    touched = ((low[voxel] <= x[place]) & (x[place] <= high[voxel])).all(axis=1)
+    row, voxel = _over(x, (low + high) / 2, np.linalg.norm(high - low, axis=1) * 0.5001)
+    touched = ((low[voxel] <= x[row]) & (x[row] <= high[voxel])).all(axis=1)
     rim = 1e-6 * np.abs(x).max(initial=0.0)
-    inside = ((low[voxel] + rim < x[place]) & (x[place] < high[voxel] - rim)).all(axis=1)
+    inside = ((low[voxel] + rim < x[row]) & (x[row] < high[voxel] - rim)).all(axis=1)
     leaf = np.full(len(x), -1)
-    leaf[place[inside]] = real[voxel[inside]]
-    crowded = np.bincount(place[inside], minlength=len(x)) > 1
-    return leaf, crowded, np.bincount(place[touched], minlength=len(x)) == 0
+    leaf[row[inside]] = real[voxel[inside]]
+    crowded = np.bincount(row[inside], minlength=len(x)) > 1
+    return leaf, crowded, np.bincount(row[touched], minlength=len(x)) == 0
 
 
 def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -236,18 +236,16 @@ def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[n
 
 def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
     """f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius at positions; NaN without support."""
-    place, splat = _over(x, rows[:, :3], rows[:, 6])
+    row, splat = _over(x, rows[:, :3], rows[:, 6])
     p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
-    q = p - x[place]
+    q = p - x[row]
     square = (q * q).sum(axis=1)
     weight = np.maximum(1 - square / r[:, 0] ** 2, 0) ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = weight / np.bincount(place, weight, len(x))[place]
+        share = weight / np.bincount(row, weight, len(x))[row]
 
         def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.where(
-                np.bincount(place, minlength=len(x)) > 0, np.bincount(place, share * values, len(x)), np.nan
-            )
+            return np.where(np.bincount(row, minlength=len(x)) > 0, np.bincount(row, share * values, len(x)), np.nan)
 
         middle = np.stack([mean(q[:, c]) for c in range(3)], axis=1)
         normal = np.stack([mean(n[:, c]) for c in range(3)], axis=1)

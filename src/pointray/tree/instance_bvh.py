@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import Array, f32, inline, kernel
-from ..kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_PLACE
+from ..kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_SIZE
 
 FEW = 3  # no more models than this are tried one after the other, without a tree
 BINS = 16
@@ -132,18 +132,18 @@ def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
             waiting, nodes = waiting + 1, nodes + 1
 
 
-def boxes_around(to_models: NDArray[np.float64], reaches: NDArray[np.float64]) -> NDArray[np.float64]:
+def boxes_around(to_models: NDArray[np.float64], bounds: NDArray[np.float64]) -> NDArray[np.float64]:
     """The world boxes of instances, (n, 6).
 
     Parameters
     ----------
     to_models : (n, 3, 4) float64
         From the world to each instance's model.
-    reaches : (n, 2, 3) float64
+    bounds : (n, 2, 3) float64
         Bounds in the model's space.
     """
     back = np.linalg.inv(to_models[:, :, :3])
-    middle, half = 0.5 * (reaches[:, 0] + reaches[:, 1]), 0.5 * (reaches[:, 1] - reaches[:, 0])
+    middle, half = 0.5 * (bounds[:, 0] + bounds[:, 1]), 0.5 * (bounds[:, 1] - bounds[:, 0])
     center = np.einsum("nij,nj->ni", back, middle - to_models[:, :, 3])
     aside = np.einsum("nij,nj->ni", np.abs(back), half)
     return np.concatenate([center - aside, center + aside], axis=1)
@@ -166,7 +166,7 @@ def build_top(
     top, top_boxes, top_children
         See `records.World`.
     """
-    top = np.zeros(TOP_PLACE)
+    top = np.zeros(TOP_SIZE)
     nodes = max(len(boxes) - 1, 0) if len(boxes) > FEW else 0
     top_boxes, top_children = np.zeros(nodes * TOP_NODE, np.float32), np.zeros(nodes * 2, np.int32)
     if len(boxes) == 0:

@@ -68,16 +68,16 @@ def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
 
 def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
     """The camera in a page's message, for a picture of a given size."""
-    places = {name: message.get(name) for name in ("eye", "target", "up")}
+    vectors = {name: message.get(name) for name in ("eye", "target", "up")}
     projection = "orthographic" if message.get("orthographic") is True else "perspective"
     fov = number(message, "fov", 0.01, 179)
-    return Camera.look_at(**places, fov=fov, size=size, projection=projection)  # type: ignore[arg-type]
+    return Camera.look_at(**vectors, fov=fov, size=size, projection=projection)  # type: ignore[arg-type]
 
 
 def describe(camera: Camera) -> dict[str, Any]:
     """A camera in the form that pages use."""
-    place = {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
-    return {**place, "orthographic": camera.projection == "orthographic"}
+    fields = {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
+    return {**fields, "orthographic": camera.projection == "orthographic"}
 
 
 def packed(header: dict[str, Any], payload: bytes = b"") -> bytes:

@@ -93,9 +93,9 @@ class Outbox:
         position = found.position.tolist()
         self.say(type="picked", lines=found.lines, position=position, second=first is not None)
         if first is not None:
-            way = found.position - first
-            parts = [f"d{axis} {part:.6g}" for axis, part in zip("xyz", way.tolist(), strict=True)]
-            said = {"from": first.tolist(), "to": position, "text": f"{np.linalg.norm(way):.6g}", "parts": parts}
+            difference = found.position - first
+            parts = [f"d{axis} {part:.6g}" for axis, part in zip("xyz", difference.tolist(), strict=True)]
+            said = {"from": first.tolist(), "to": position, "text": f"{np.linalg.norm(difference):.6g}", "parts": parts}
             self.say(**{"type": "measured", **said})
 
     def legend(self, image: str | None) -> None:

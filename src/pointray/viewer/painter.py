@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..image.screen import levels_of
+from ..image.screen import to_8bit
 from ..image.tone import backdrop_rows
 from ..jit import Cancel
 from ..rendering.camera import Camera
@@ -222,9 +222,9 @@ class Painter:
         """Send a picture. samples : a pixel's total; and the number that was added in the given seconds."""
         view = request.view
         behind = backdrop_rows(view.behind, len(image))[:, 0]
-        levels = levels_of(image, behind, *self._tone(request, image, stage))
-        jpeg = encode(levels, stage)
-        height, width = levels.shape[:2]
+        pixels = to_8bit(image, behind, *self._tone(request, image, stage))
+        jpeg = encode(pixels, stage)
+        height, width = pixels.shape[:2]
         with self._changed:
             self._drawn += 1
         rays = width * height * samples[1]
@@ -248,11 +248,11 @@ class Painter:
         return known[2]
 
 
-def encode(levels: NDArray[np.uint8], stage: Stage) -> bytes:
+def encode(pixels: NDArray[np.uint8], stage: Stage) -> bytes:
     """A JPEG with its stage's quality; a coarser one where it would exceed LARGEST, as for noise on a huge view."""
     for quality, subsampling in ((stage.quality, stage.subsampling), *COARSER):
         stream = io.BytesIO()
-        Image.fromarray(levels).save(stream, "JPEG", quality=quality, subsampling=subsampling)
+        Image.fromarray(pixels).save(stream, "JPEG", quality=quality, subsampling=subsampling)
         if stream.tell() <= LARGEST:
             break
     return stream.getvalue()

@@ -205,9 +205,13 @@ class SharedScene:
         def say(stage: str, share: float) -> None:
             self.say(f"building: {stage}", (number + share) / count)
 
-        how: dict[str, Any] = {"surface": build.surface, "samples": build.samples, "radius_scale": build.radius_scale}
-        how["refine"] = model.settings.refine
-        return Model(model.points, model.radii, **how, progress=say)
+        options: dict[str, Any] = {
+            "surface": build.surface,
+            "samples": build.samples,
+            "radius_scale": build.radius_scale,
+        }
+        options["refine"] = model.settings.refine
+        return Model(model.points, model.radii, **options, progress=say)
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
         thread = threading.Thread(target=self._run, args=(work,), name="pointray-builder", daemon=True)

@@ -99,9 +99,9 @@ class Sketch:
         buffer = np.full(height * width, none)
         steps = (depth / max(float(depth.max(initial=0.0)), 1e-300) * (DEPTHS - 1)).astype(np.int64)
         keys = (steps << 32) | np.arange(len(depth))
-        reach, square = int(np.ceil(radius)), radius * radius + 0.5
-        for down in range(-reach, reach + 1):
-            for aside in range(-reach, reach + 1):
+        half, square = int(np.ceil(radius)), radius * radius + 0.5
+        for down in range(-half, half + 1):
+            for aside in range(-half, half + 1):
                 if down * down + aside * aside > square:
                     continue
                 x, y = column + aside, row + down

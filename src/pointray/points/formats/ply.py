@@ -57,15 +57,15 @@ def read(path: Path, progress: Progress | None = None) -> Points:
     with io.BufferedReader(_Watched(path, progress), TEXT_BYTES) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
         header = _read_header(file)
-        places = [i for i, element in enumerate(header.elements) if element.name == "vertex"]
-        if not places:
+        found = [i for i, element in enumerate(header.elements) if element.name == "vertex"]
+        if not found:
             names = ", ".join(element.name for element in header.elements)
             raise ValueError(f"has no element 'vertex', only: {names or 'nothing'}")
-        vertex, count = header.elements[places[0]], header.counts[places[0]]
+        vertex, count = header.elements[found[0]], header.counts[found[0]]
         _check_vertex(vertex, count)
         file.seek(header.size)
         rows = _read_ascii if header.format == "ascii" else _read_binary
-        columns = rows(file, header, places[0])
+        columns = rows(file, header, found[0])
     copied = progress if header.format != "ascii" else None
     return _to_points(columns, {p.name: np.dtype(p.dtype()) for p in vertex.properties}, copied)
 
@@ -139,11 +139,11 @@ def _has_lists(element: Any) -> bool:
 # ------------------------------------------------------------------------------------------------------ binary
 
 
-def _read_binary(file: BinaryIO, header: _Header, place: int) -> Columns:
+def _read_binary(file: BinaryIO, header: _Header, index: int) -> Columns:
     order = ORDERS[header.format]
-    for element, count in zip(header.elements[:place], header.counts[:place], strict=True):
+    for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         _skip(file, element, count, order)
-    vertex, count = header.elements[place], header.counts[place]
+    vertex, count = header.elements[index], header.counts[index]
     if _has_lists(vertex):
         return _read_beside_lists(file, vertex, count, order)
     dtype = np.dtype([(p.name, p.dtype(order)) for p in vertex.properties])
@@ -170,9 +170,9 @@ def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str) -> C
 
     _check_rows(file, vertex, count, sum(_least_size(p) for p in vertex.properties))
     scalars = [p for p in vertex.properties if not isinstance(p, PlyListProperty)]
-    (data, start), places = _bytes_from(file), np.empty((count, len(scalars)), np.int64)
-    walk_rows(data, start, count, vertex, order, places)
-    return {p.name: scalars_at(data, places[:, k], np.dtype(p.dtype(order))) for k, p in enumerate(scalars)}
+    (data, start), offsets = _bytes_from(file), np.empty((count, len(scalars)), np.int64)
+    walk_rows(data, start, count, vertex, order, offsets)
+    return {p.name: scalars_at(data, offsets[:, k], np.dtype(p.dtype(order))) for k, p in enumerate(scalars)}
 
 
 def _bytes_from(file: BinaryIO) -> tuple[NDArray[np.uint8], int]:
@@ -188,11 +188,11 @@ def _least_size(p: Any) -> int:
 # ------------------------------------------------------------------------------------------------------- ascii
 
 
-def _read_ascii(file: BinaryIO, header: _Header, place: int) -> Columns:
-    for element, count in zip(header.elements[:place], header.counts[:place], strict=True):
+def _read_ascii(file: BinaryIO, header: _Header, index: int) -> Columns:
+    for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         if element.properties and count:
             _skip_lines(file, element, count)
-    vertex, count = header.elements[place], header.counts[place]
+    vertex, count = header.elements[index], header.counts[index]
     names = [p.name for p in vertex.properties]
     _check_rows(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
     lines = io.TextIOWrapper(file, "latin-1")
@@ -214,11 +214,11 @@ def _skip_lines(file: BinaryIO, element: Any, count: int) -> None:
     within = False  # whether the current byte is in such a line
     while block := file.read(TEXT_BYTES):
         kinds = LETTERS[np.frombuffer(block, np.uint8)]
-        places = np.flatnonzero(kinds != SPACE)
-        letters = kinds[places] == LETTER
+        offsets = np.flatnonzero(kinds != SPACE)
+        letters = kinds[offsets] == LETTER
         first = letters & ~np.concatenate([[within], letters[:-1]])
         if first.sum() > count:
-            file.seek(int(places[np.flatnonzero(first)[count]]) - len(block), io.SEEK_CUR)
+            file.seek(int(offsets[np.flatnonzero(first)[count]]) - len(block), io.SEEK_CUR)
             return
         count -= int(first.sum())
         within = bool(letters[-1]) if len(letters) else within

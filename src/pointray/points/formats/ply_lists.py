@@ -49,10 +49,10 @@ def _length_at(data: Array, at: int, big: bool, kind: int, size: int) -> int:
 
 
 @kernel
-def _walk(data: Array, start: int, count: int, big: bool, properties: Array, places: Array) -> tuple[int, int]:
+def _walk(data: Array, start: int, count: int, big: bool, properties: Array, offsets: Array) -> tuple[int, int]:
     """Returns (where the last row ends, count), or (CUT_OFF or NO_LENGTH, the row with the error).
 
-    data : (bytes,) uint8; properties : (k, 3) int64; places : (count or 0, scalars) int64, where each scalar lies
+    data : (bytes,) uint8; properties : (k, 3) int64; offsets : (count or 0, scalars) int64, where each scalar lies
     """
     at = start
     for row in range(count):
@@ -62,8 +62,8 @@ def _walk(data: Array, start: int, count: int, big: bool, properties: Array, pla
             if size > len(data) - at:
                 return CUT_OFF, row
             if item == 0:
-                if len(places) > 0:
-                    places[row, scalar] = at
+                if len(offsets) > 0:
+                    offsets[row, scalar] = at
                 scalar += 1
                 at += size
                 continue
@@ -91,7 +91,7 @@ def _table(properties: Sequence[Any]) -> NDArray[np.int64]:
 
 
 def walk_rows(
-    data: NDArray[np.uint8], start: int, count: int, element: Any, order: str, places: NDArray[np.int64]
+    data: NDArray[np.uint8], start: int, count: int, element: Any, order: str, offsets: NDArray[np.int64]
 ) -> int:
     """Walk the rows of an element.
 
@@ -103,7 +103,7 @@ def walk_rows(
         Where the first row begins.
     element : PlyElement
     order : {"<", ">"}
-    places : (count, scalars) or (0, scalars) int64
+    offsets : (count, scalars) or (0, scalars) int64
         Filled with where each value that is no list begins.
 
     Returns
@@ -116,7 +116,7 @@ def walk_rows(
     ValueError
         If a list's length is no whole number from 0, or the file ends before the rows do.
     """
-    end, row = _walk(data, start, count, order == ">", _table(element.properties), places)
+    end, row = _walk(data, start, count, order == ">", _table(element.properties), offsets)
     if end == NO_LENGTH:
         raise ValueError(f"is damaged: element {element.name!r}, row {row:,}: the length of a list is no whole number")
     if end == CUT_OFF:
@@ -124,7 +124,7 @@ def walk_rows(
     return int(end)
 
 
-def scalars_at(data: NDArray[np.uint8], places: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The values that begin at (n,) places, which may lie at any byte."""
-    rows: NDArray[np.uint8] = data[places[:, None] + np.arange(dtype.itemsize)]
+def scalars_at(data: NDArray[np.uint8], offsets: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The values that begin at (n,) offsets, which may be any byte."""
+    rows: NDArray[np.uint8] = data[offsets[:, None] + np.arange(dtype.itemsize)]
     return rows.view(dtype)[:, 0]

@@ -47,8 +47,8 @@ def agreement_share(positions: Floats, normals: Floats) -> float:
     if len(order) > RUNS * RUN:
         starts = np.linspace(0, len(order) - RUN, RUNS).astype(np.int64)
         order = order[(starts[:, None] + np.arange(RUN)).ravel()]
-    places = distinct(positions[order])[0]
-    path, unit = positions[order[places]], normals[order[places]]
+    order = order[distinct(positions[order])[0]]
+    path, unit = positions[order], normals[order]
     if len(path) < 2:
         return 0.0
     rows = np.arange(0, len(path), 4)

@@ -69,7 +69,7 @@ def estimate_normals(
     if neighbors is not None:
         neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))
     eye = None if viewpoint is None else vector(viewpoint, "viewpoint") - points.origin
-    path, places = _path(points)
+    path, ids = _path(points)
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
     if eye is None:
@@ -80,18 +80,18 @@ def estimate_normals(
     else:
         unit, _, _ = fit_normals(path, neighbors, 1, eye.astype(np.float32), progress)
     normals = np.zeros_like(points.positions)
-    normals[points.finite] = unit[places]
+    normals[points.finite] = unit[ids]
     return points.with_normals(normals)
 
 
 def _path(points: Points) -> tuple[Floats, NDArray[np.int64]]:
     """The distinct positions of the finite rows along a Morton curve, and the number of each row's position."""
     positions = points.positions[points.finite]
-    rows, places = distinct(positions)
+    rows, ids = distinct(positions)
     order = morton_order(positions[rows])
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return positions[rows[order]], rank[places]
+    return positions[rows[order]], rank[ids]
 
 
 def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Points, str | None]:
@@ -154,15 +154,15 @@ def _odd_lengths(length: NDArray[np.float64]) -> int:
 
 def _reorient(points: Points, unit: Floats) -> Floats:
     """The same directions with recomputed signs; rows with equal positions face the same side."""
-    path, places = _path(points)
+    path, ids = _path(points)
     finite = np.flatnonzero(points.finite)
     first = np.empty(len(path), np.int64)
-    first[places[::-1]] = finite[::-1]
+    first[ids[::-1]] = finite[::-1]
     directions = unit[first]
     near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])
     directions *= orient(path, directions, near)[:, None]
     out = unit.copy()
-    against = np.einsum("ij,ij->i", unit[finite], directions[places]) < 0
+    against = np.einsum("ij,ij->i", unit[finite], directions[ids]) < 0
     out[finite[against]] *= -1
     return out
 

@@ -112,20 +112,20 @@ def _jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, fl
     The first fit has weights by distance; in the second, points far off the first fit count less.
     """
     w, near, terms, x, m, a, v = memory
-    reach = math.sqrt(d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
+    farthest = math.sqrt(d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
     for j in range(k):
-        near[j] = math.exp(-WIDTH * (d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2) / (reach * reach))
+        near[j] = math.exp(-WIDTH * (d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2) / (farthest * farthest))
         w[j] = near[j]
     n = plane(d, w, k, a, v)
     if k < JET_LEAST or _slimness(a) < slim:
         return n, 0.0, SLIM_VARIANCE
     one, two = tangents(n)
     for j in range(k):
-        p = (d[j, 0] * one[0] + d[j, 1] * one[1] + d[j, 2] * one[2]) / reach
-        q = (d[j, 0] * two[0] + d[j, 1] * two[1] + d[j, 2] * two[2]) / reach
+        p = (d[j, 0] * one[0] + d[j, 1] * one[1] + d[j, 2] * one[2]) / farthest
+        q = (d[j, 0] * two[0] + d[j, 1] * two[1] + d[j, 2] * two[2]) / farthest
         terms[j, 0], terms[j, 1], terms[j, 2] = 1.0, p, q
         terms[j, 3], terms[j, 4], terms[j, 5] = p * p, p * q, q * q
-        terms[j, TERMS] = (d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]) / reach
+        terms[j, TERMS] = (d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]) / farthest
     total = _solve(terms, w, k, m, x)
     square = 0.0
     for j in range(k):
@@ -144,8 +144,8 @@ def _jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, fl
     g1 = n[1] - x[1] * one[1] - x[2] * two[1]
     g2 = n[2] - x[1] * one[2] - x[2] * two[2]
     length = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
-    variance = _variance(m) * squares / total / (reach * reach)
-    return (g0 / length, g1 / length, g2 / length), reach * math.sqrt(square), variance
+    variance = _variance(m) * squares / total / (farthest * farthest)
+    return (g0 / length, g1 / length, g2 / length), farthest * math.sqrt(square), variance
 
 
 @kernel

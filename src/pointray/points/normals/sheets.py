@@ -121,8 +121,8 @@ def _wind(
                 top -= 1
                 t = stack[top]
                 x, y, z = nodes[t, 0] - p, nodes[t, 1] - q, nodes[t, 2] - s
-                reach = nodes[t, 6] + h
-                if x * x + y * y + z * z > f32(FAR * FAR) * reach * reach:
+                extent = nodes[t, 6] + h
+                if x * x + y * y + z * z > f32(FAR * FAR) * extent * extent:
                     u, v, w = nodes[t, 3], nodes[t, 4], nodes[t, 5]
                     front += _dipole(x - a, y - b, z - c, u, v, w, soft)
                     behind += _dipole(x + a, y + b, z + c, u, v, w, soft)
@@ -152,9 +152,9 @@ def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
             for j in near[r, 1:]:
                 square = height = 0.0
                 for c in range(3):
-                    way = f64(positions[j, c]) - f64(positions[r, c])
-                    square += way * way
-                    height += way * normals[r, c]
+                    difference = f64(positions[j, c]) - f64(positions[r, c])
+                    square += difference * difference
+                    height += difference * normals[r, c]
                 total += height / math.sqrt(max(square, 1e-300))
             out[i] = total / (near.shape[1] - 1)
         tile = next_tile(work)

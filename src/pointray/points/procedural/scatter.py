@@ -30,14 +30,14 @@ class Bricks(NamedTuple):
 
     corners: NDArray[np.float64]  # (t, 3, 3) triangles, sorted
     first: NDArray[np.int64]  # (bricks + 1,) first triangle of each brick
-    places: NDArray[np.int64]  # (bricks, 3) grid coordinates
+    cells: NDArray[np.int64]  # (bricks, 3) grid coordinates
     number: NDArray[np.int32]  # (nx, ny, nz) brick at a grid position, or -1
     slot: NDArray[np.int64]  # (bricks + 1,) first slot of each brick
     filled: NDArray[np.int64]  # (bricks,) points so far
     points: NDArray[np.float32]  # (slots, 3)
     low: NDArray[np.float64]  # (3,)
     edge: float
-    reach: float  # how far a triangle may stick out of its brick
+    margin: float  # how far a triangle may stick out of its brick
 
 
 @inline
@@ -86,9 +86,9 @@ def _fits(
 @inline
 def _neighbor(bricks: Bricks, brick: int, number: int) -> int:
     """One of the 27 bricks at and around a brick, -1 where there is none."""
-    i = bricks.places[brick, 0] + number // 9 - 1
-    j = bricks.places[brick, 1] + number // 3 % 3 - 1
-    k = bricks.places[brick, 2] + number % 3 - 1
+    i = bricks.cells[brick, 0] + number // 9 - 1
+    j = bricks.cells[brick, 1] + number // 3 % 3 - 1
+    k = bricks.cells[brick, 2] + number % 3 - 1
     nx, ny, nz = bricks.number.shape
     if min(i, min(j, k)) < 0 or i >= nx or j >= ny or k >= nz:
         return -1
@@ -146,7 +146,7 @@ def _dart(corners: Array, t: int, word: int) -> Vec3:
 @kernel
 def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: float, rounds: int, key: int) -> None:
     """Throw darts at the bricks listed in `turn`; a triangle gets area / distance^2 of them in each round."""
-    margin = bricks.reach + 1.01 * distance
+    margin = bricks.margin + 1.01 * distance
     dims = int((bricks.edge + 2.0 * margin) / distance) + 3
     heads = np.empty(dims * dims * dims, np.int32)
     square = distance * distance
@@ -154,9 +154,9 @@ def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: flo
     while number >= 0:
         brick = turn[number]
         grid = (
-            bricks.low[0] + bricks.places[brick, 0] * bricks.edge - margin,
-            bricks.low[1] + bricks.places[brick, 1] * bricks.edge - margin,
-            bricks.low[2] + bricks.places[brick, 2] * bricks.edge - margin,
+            bricks.low[0] + bricks.cells[brick, 0] * bricks.edge - margin,
+            bricks.low[1] + bricks.cells[brick, 1] * bricks.edge - margin,
+            bricks.low[2] + bricks.cells[brick, 2] * bricks.edge - margin,
             1.0 / distance,
         )
         heads[:] = -1
@@ -184,12 +184,12 @@ def _lay_bricks(corners: NDArray[np.float64], areas: NDArray[np.float64], n: int
     """Sort the triangles into bricks of about a thousand points; also returns the areas in the sorted order."""
     spacing = float(np.sqrt(areas.sum() / n))
     centers = corners.mean(axis=1)
-    reach = float(np.abs(corners - centers[:, None]).max())
-    edge = max(28 * spacing, 3 * reach)
+    margin = float(np.abs(corners - centers[:, None]).max())
+    edge = max(28 * spacing, 3 * margin)
     low = centers.min(axis=0)
-    place = ((centers - low) / edge).astype(np.int64)
-    dims = place.max(axis=0) + 1
-    key = np.ravel_multi_index(tuple(place.T), tuple(dims))
+    cells = ((centers - low) / edge).astype(np.int64)
+    dims = cells.max(axis=0) + 1
+    key = np.ravel_multi_index(tuple(cells.T), tuple(dims))
     order = np.argsort(key, kind="stable")
     keys, first = np.unique(key[order], return_index=True)
     number = np.full(dims.prod(), -1, np.int32)
@@ -206,7 +206,7 @@ def _lay_bricks(corners: NDArray[np.float64], areas: NDArray[np.float64], n: int
         np.empty((int(slot[-1]), 3), np.float32),
         low,
         edge,
-        reach,
+        margin,
     ), areas[order]
 
 
@@ -233,7 +233,7 @@ def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float
     (n, 3) float32
     """
     bricks, areas = _lay_bricks(corners, triangle_areas(corners), n)
-    colors = (bricks.places & 1) @ np.array([4, 2, 1])
+    colors = (bricks.cells & 1) @ np.array([4, 2, 1])
     distance = FIRST_DISTANCE * float(np.sqrt(areas.sum() / n))
     rounds, attempt = FIRST_ROUNDS, 0
     before = bricks.filled.copy()

@@ -74,13 +74,13 @@ def slope(solid: Solid, x: float, y: float, z: float, e: float) -> Vec3:
 @inline
 def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
     """A surface point near one where Newton's method is stuck: search along 26 directions, farther each time."""
-    reach = max(abs(f), 1e-5)
-    while reach < 0.1:
+    distance = max(abs(f), 1e-5)
+    while distance < 0.1:
         for number in range(27):
             u, v, w = number // 9 - 1, number // 3 % 3 - 1, number % 3 - 1
-            if (field(solid, x + reach * u, y + reach * v, z + reach * w) < 0.0) == (f < 0.0):
+            if (field(solid, x + distance * u, y + distance * v, z + distance * w) < 0.0) == (f < 0.0):
                 continue
-            low, high = 0.0, reach
+            low, high = 0.0, distance
             while high - low > 1e-12:
                 middle = 0.5 * (low + high)
                 if (field(solid, x + middle * u, y + middle * v, z + middle * w) < 0.0) == (f < 0.0):
@@ -88,7 +88,7 @@ def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
                 else:
                     high = middle
             return x + high * u, y + high * v, z + high * w
-        reach *= 1.4
+        distance *= 1.4
     return x, y, z
 
 
@@ -165,11 +165,11 @@ def _nearer(
     solid: Solid, x: float, y: float, z: float, f: float, p: float, q: float, r: float, best: float
 ) -> tuple[float, float, float, float]:
     """A surface point nearer to x than the one at (p, q, r), at distance `best`; with its distance, or -1."""
-    reach = 0.992 * best
+    distance = 0.992 * best
     for number in range(LOOKS):
         u, v, w = _look(number, (p - x) / best, (q - y) / best, (r - z) / best)
-        if (field(solid, x + reach * u, y + reach * v, z + reach * w) < 0.0) != (f < 0.0):
-            low, high = 0.0, reach
+        if (field(solid, x + distance * u, y + distance * v, z + distance * w) < 0.0) != (f < 0.0):
+            low, high = 0.0, distance
             while high - low > 1e-9:
                 middle = 0.5 * (low + high)
                 if (field(solid, x + middle * u, y + middle * v, z + middle * w) < 0.0) == (f < 0.0):
