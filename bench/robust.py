@@ -15,7 +15,7 @@ import warnings
 import numpy as np
 
 import pointray as pr
-from pointray.kernels.records import Tree
+from pointray.kernels.tree import Tree
 from pointray.tree.build import LEAF_WIDTH, Splats, build_tree
 
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.2, 1.0, -0.3), (0.1, 0.2, 1.0))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.kernels.records import MATERIAL_SIZE, ROW, TOP_BOUNDS, TOP_CENTER, TOP_NODE
+from pointray.kernels.records import MATERIAL_SIZE, TOP_BOUNDS, TOP_CENTER, TOP_NODE
+from pointray.kernels.tree import ROW
 from pointray.tree.instance_bvh import DEEP, FEW, build_top
 
 RNG = np.random.default_rng(11)

@@ -9,7 +9,7 @@ import pointray as pr
 from conftest import shared_model, sphere_points
 from naive import KINDS, field, splats_of
 from pointray.intersect.march import START, START_UNREFINED
-from pointray.kernels.records import LONGEST
+from pointray.kernels.tree import LONGEST
 
 CLOUDS = "statue", "statue, refine=0", "statue, disc", "bunny", "pump"
 SCANS = {"bunny": "stanford_bunny", "pump": "tls_pumpA_rgb"}

@@ -6,8 +6,8 @@ import pytest
 import pointray as pr
 from pointray.intersect.gather import gather, list_blocks, list_splats, segment
 from pointray.jit import borrow, keep_alive, kernel
-from pointray.kernels.records import CELL, LEAF
 from pointray.kernels.scratch import COUNT_SPLATS, new_scratch, slot_of
+from pointray.kernels.tree import CELL, LEAF
 
 
 @kernel

@@ -7,7 +7,7 @@ import pytest
 
 from pointray.intersect.columns import axes_of, narrow, narrow_one
 from pointray.jit import kernel
-from pointray.kernels.records import CELL, LEAF, NO_SURFACE, SLAB
+from pointray.kernels.tree import CELL, LEAF, NO_SURFACE, SLAB
 from pointray.simd import load16, store
 
 STEPS = 20_000

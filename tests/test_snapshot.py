@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.kernels.records import model_table
+from pointray.kernels.tree import model_table
 from pointray.neighbors import NeighborTree
 from pointray.rendering.picture import Picture
 

@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from conftest import shared_model
-from pointray.kernels.records import NO_SURFACE
+from pointray.kernels.tree import NO_SURFACE
 from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
 from pointray.tree.check import check_tree
 

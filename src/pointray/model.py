@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .arguments import check_callback, check_choice, check_number, check_path, check_positive, check_whole
 from .choices import SURFACES
 from .data import FARTHEST, Points
-from .kernels.records import NODE, WIDTH, Tree
+from .kernels.tree import NODE, WIDTH, Tree
 from .model_file import Part, read_model, write_model
 from .points.normals import estimate as point_normals
 from .progress import Progress

@@ -20,7 +20,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from .data import FARTHEST, Points
-from .kernels.records import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STEP, Tree
+from .kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STEP, Tree
 from .points.files import check_regular, replacing
 from .tree.indices import check_indices
 

@@ -3,7 +3,8 @@
 surface, disc : f and its weights; flat splats
 columns : which part of each ray lies in the leaf's slabs
 gather : a list of the splats near a bundle of rays
-march : samples along the rays, and where f changes its sign or might
+lattice : which samples along the rays are evaluated
+march : the search along them, where f changes its sign or might
 refine : from two samples to the root between them
 leaf : puts these together
 

@@ -10,8 +10,8 @@ Rays of a camera or a caller start on no sheet: which part of them is searched c
 from __future__ import annotations
 
 from ..jit import f32, i64, inline
-from ..kernels.records import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit, Ray, Tree
 from ..kernels.scratch import COUNT_NEAR, Scratch
+from ..kernels.tree import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit, Ray, Tree
 from ..kernels.vec import Vec3
 from ..simd import INF, ONE, ZERO, bits, count_trailing_zeros, lane, repeat4
 

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..jit import Array, f32, f64, i64, inline, routine
-from ..kernels.records import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ, Tree
 from ..kernels.scratch import (
     AT_DX,
     AT_DY,
@@ -28,6 +27,7 @@ from ..kernels.scratch import (
     Scratch,
     slot_of,
 )
+from ..kernels.tree import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ, Tree
 from ..kernels.vec import Vec3
 from ..simd import (
     F16,

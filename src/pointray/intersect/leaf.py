@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..jit import Array, i64, inline
-from ..kernels.records import DISC, LEAF, SHEETED, SURFACE, Hit, Ray, Tree
 from ..kernels.scratch import (
     AT_BEGIN,
     AT_DX,
@@ -42,6 +41,7 @@ from ..kernels.scratch import (
     TILE,
     Scratch,
 )
+from ..kernels.tree import DISC, LEAF, SHEETED, SURFACE, Hit, Ray, Tree
 from ..simd import (
     F16,
     INF,
@@ -62,7 +62,8 @@ from ..simd import (
 from .columns import Along, Axes, axes_of, narrow, narrow_one
 from .disc import search_discs
 from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
-from .march import Found, SampleRange, lattice, search, search_one, span
+from .lattice import SampleRange, sample_range, span
+from .march import Found, search, search_one
 from .refine import Frame
 from .surface import HALF
 
@@ -94,7 +95,7 @@ def search_alone(
     low, high = narrow_one(tree, leaf, axes, along, (low, high))
     if not low <= high:
         return hit, lift
-    sampled, fine = lattice(
+    sampled, fine = sample_range(
         tree, leaf, (broadcast16(enter), broadcast16(low), broadcast16(high)), broadcast16(ray.t_min)
     )
     if bits(fine) == 0:
@@ -163,7 +164,7 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
         low, high = narrow(tree, leaf, axes, _along(axes, rows, v), (load16(rows, FIRST + v), load16(rows, LAST + v)))
         met = low <= high
         interval = load16(rows, ENTER + v), select(met, low, broadcast16(ZERO)), select(met, high, broadcast16(ZERO))
-        sampled, fine = lattice(tree, leaf, interval, load16(rows, BEGIN + v))
+        sampled, fine = sample_range(tree, leaf, interval, load16(rows, BEGIN + v))
         word &= bits(fine & met)
         if word == 0:
             continue

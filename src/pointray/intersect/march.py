@@ -1,8 +1,6 @@
 """The intersection of rays with the surface inside one voxel (paper, part III).
 
-Samples lie on a lattice along each ray, t = k * step, from the last one before the voxel to the first one behind it.
-The voxel, the slab and the tight box only choose which part of this sequence is evaluated, so neither they nor the
-size of the voxels decide what is found. Four samples of four rays are evaluated at once (lane 4 s + r: sample s of
+Samples lie on the lattice of `lattice.py`. Four samples of four rays are evaluated at once (lane 4 s + r: sample s of
 ray r): neighbouring rays see the same splats, which are listed once for all four. A ray's hits do not depend on the
 other three rays: splats that do not cover its samples have no weight there.
 
@@ -31,8 +29,8 @@ from __future__ import annotations
 from typing import NamedTuple, TypeAlias
 
 from ..jit import f32, inline
-from ..kernels.records import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM, Tree
 from ..kernels.scratch import COUNT_SPLATS, Scratch
+from ..kernels.tree import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM, Tree
 from ..simd import (
     F16,
     INF,
@@ -52,12 +50,12 @@ from ..simd import (
     select,
     shift_lane,
     shift_quarter,
-    trunc,
     vabs,
     vmax,
     vmin,
     vsqrt,
 )
+from .lattice import SampleRange
 from .refine import (
     Frame,
     Pair,
@@ -81,22 +79,9 @@ BORDER_SHARE = f32(0.4)  # share of the weight from which a hit counts as one on
 GRAZING = f32(0.02)  # radii: the interval is searched where two tangents meet within this distance of zero
 # f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
 JUMP, JUMP_UNREFINED = f32(0.05), f32(0.25)
-MOST_STEPS = f32(2.0**22)  # counted from where a ray enters the model's bounds
-BEHIND = f32(1e-30)  # instead of 0 where a ray begins, so that it has a sign, see `scratch.BEGIN`
 CREVICE = f32(0.1)  # radii: |f| below which an interval is searched without an estimate
 
 Samples: TypeAlias = tuple[F16, F16, F16]  # t, f, and its slope along the ray
-
-
-class SampleRange(NamedTuple):
-    """Which samples of the rays are evaluated: numbers of the first and the last one; and where the rays begin.
-
-    begin : negative where a ray begins elsewhere, or on no surface, so that the start rule does not apply; then never 0
-    """
-
-    first: F16
-    last: F16
-    begin: F16
 
 
 class Found(NamedTuple):
@@ -107,34 +92,6 @@ class Found(NamedTuple):
     ny: Real
     nz: Real
     lift: Real
-
-
-@inline
-def lattice(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F16) -> tuple[SampleRange, Mask]:
-    """Which samples are evaluated, and a mask of the rays whose samples float32 can tell apart.
-
-    interval : where the rays enter the voxel, and the part in which the surface can be (tight box, slab)
-    begin : where the rays begin, see `scratch.BEGIN`
-    The lattice's next samples on both sides lie outside the slab and the voxel: see `tree/cells.py`.
-    """
-    enter, low, high = interval
-    step = tree.leaves[leaf * LEAF + STEP]
-    # Tested where the surface may begin: where the ray ends must not decide.
-    fine = low < MOST_STEPS * step
-    # Where the ray begins in this voxel, the start rule needs f there, and the place of that point among the samples.
-    low = select(fine, select(enter <= begin, vmin(low, begin), low), broadcast16(ZERO))
-    high = select(fine, vmin(high, broadcast16(MOST_STEPS * step + MOST_STEPS * step)), broadcast16(ZERO))
-    # t is never negative here: truncation is the floor.
-    first, last = trunc(low / step), trunc(high / step) + ONE
-    starts = (first * step <= begin) & (begin <= last * step)
-    return SampleRange(first, last, select(starts, begin, ZERO - vmax(vabs(begin), broadcast16(BEHIND)))), fine
-
-
-@inline
-def span(tree: Tree, leaf: int, sampled: SampleRange) -> tuple[F16, F16]:
-    """t of the first and the last sample."""
-    step = tree.leaves[leaf * LEAF + STEP]
-    return sampled.first * step, sampled.last * step
 
 
 @inline

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..jit import f32, inline
-from ..kernels.records import REFINE, SURFACE, Tree
 from ..kernels.scratch import Scratch
+from ..kernels.tree import REFINE, SURFACE, Tree
 from ..simd import (
     F16,
     INF,

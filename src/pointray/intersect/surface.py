@@ -20,8 +20,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..jit import Array, f32, i64, inline
-from ..kernels.records import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ, Tree
 from ..kernels.scratch import COUNT_SPLATS, Scratch, slot_of
+from ..kernels.tree import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ, Tree
 from ..kernels.vec import Vec3
 from ..simd import F16, ONE, ZERO, Real, broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
 

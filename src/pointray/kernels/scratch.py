@@ -79,7 +79,7 @@ WAITING_COUNT = _rows()  # rays that wait at each shading point
 FOUND_ASIDE = _rows()  # FOUND of all the tile's rays, while a group of them is in the rows above
 NUMBERS_SIZE = _rows.size
 
-# model, float32: the rays in the current model, see `records.Ray`, and what is computed of them at a leaf.
+# model, float32: the rays in the current model, see `tree.Ray`, and what is computed of them at a leaf.
 _rows = Rows(TILE)
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (_rows() for _ in range(9))
 # Where its nearest hit in this model is, at first a step behind where it ends: see `intersect/march.py`; below 0 where

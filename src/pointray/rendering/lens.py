@@ -12,17 +12,7 @@ import numpy as np
 
 from ..choices import FILTERS, number_of
 from ..jit import Array, inline
-from ..kernels.records import (
-    ACROSS,
-    EYE,
-    FORWARD,
-    LENS_RADIUS,
-    NEARNESS,
-    ORTHOGRAPHIC,
-    PANORAMA,
-    PROJECTION,
-    UPWARD,
-)
+from ..kernels.records import ACROSS, EYE, FORWARD, LENS_RADIUS, NEARNESS, ORTHOGRAPHIC, PANORAMA, PROJECTION, UPWARD
 from ..kernels.sampling import IN_PIXEL, sample_pair
 from ..kernels.vec import Vec3, add, dot, load3_flat, scale, sub, unit
 

@@ -17,8 +17,8 @@ from ..kernels.records import (
     SHAPE_ROW,
     TO_MODEL,
     World,
-    model_table,
 )
+from ..kernels.tree import model_table
 from ..model import COARSER, Model
 from ..scene.world import Snapshot
 from ..splats.levels import SUPPORT

@@ -24,7 +24,7 @@ PACKAGE = (__package__ or "").split(".")[0]
 BUILD = {
     "splats.voronoi._measure": 1.4,
     "splats.borders._find_gaps": 1.3,
-    "splats.voronoi._medians": 0.2,
+    "splats.medians._medians": 0.2,
     "splats.sheets._find": 0.3,
     "tree.blocks._sort_rows": 0.3,
     "tree.blocks._fill_blocks": 0.3,

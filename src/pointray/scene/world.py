@@ -22,8 +22,8 @@ from ..kernels.records import (
     UPWARD,
     LightTree,
     World,
-    model_table,
 )
+from ..kernels.tree import model_table
 from ..model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights, no_sky

@@ -2,6 +2,7 @@
 
 support : all of it, from one search for neighbours (`find_support`, which a model calls)
 radii, voronoi, strays : the smallest radii that cover the surface; its cells; discs that would be too wide
+medians : what is usual around each point
 borders, sheets : where the surface ends; where two of it are close together
 levels : levels of detail
 subsample : fewer points; its steps: grow (candidates), cover (the choice), subset (the fit), deviation (the error)

@@ -15,8 +15,9 @@ from ..data import Points
 from ..neighbors import NeighborTree, distinct, neighbors
 from ..progress import Progress, part_of, tell
 from .borders import drop_lone, find_gaps
+from .medians import medians_around
 from .strays import NOTICE, limit_wide
-from .voronoi import Hood, measure_cells, medians_around
+from .voronoi import Hood, measure_cells
 
 Floats = NDArray[np.float32]
 

@@ -13,14 +13,13 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
+from ..jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ..kernels.vec import Vec3, add, cross, dot, length, load3_flat, scale, sub, tangents
 from .borders import FOLD
 
 OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals below which points lie on two sheets
 BORDER = 1.3  # at a possible border, a gap this many times as wide as usual is closed; a wider one if a point is ahead
 AHEAD = math.cos(math.radians(60))  # a point within this angle of a gap's direction lies ahead
-USUAL = 8  # neighbours whose cells define the usual size
 FLAT = 0.05  # sine of the angle between a seam and a plane below which they meet too far away to count
 SHARED = 1e-5  # share of a bisector's distance: a vertex this close is on it; exact grids have four points at a vertex
 CORNERS = 64  # the most corners of a polygon; no cell is bounded by more neighbours
@@ -232,59 +231,6 @@ def _measure(
         tile = next_tile(work)
     keep_alive(memory)
     return 0
-
-
-@inline
-def _gather_sorted(values: Array, normals: Array, i: int, near: Array, limit: float, found: Array) -> int:
-    """Ascending values of the first of `near` whose normals have a cosine of `limit` or more to that of point i."""
-    n, count = load3_flat(normals, 3 * i), 0
-    for j in near:
-        if count < len(found) and dot(n, load3_flat(normals, 3 * i64(j))) >= limit:
-            k, value = count, values[j]
-            while k > 0 and found[k - 1] > value:
-                found[k] = found[k - 1]
-                k -= 1
-            found[k] = value
-            count += 1
-    return count
-
-
-@kernel
-def _medians(work: Array, values: Array, normals: Array, near: Array, own: int, out: Array) -> int:
-    """See `medians_around`; own : 1 or 0."""
-    values, normals, near, out = borrow(values), borrow(normals), borrow(near), borrow(out)
-    memory = np.empty(USUAL + own, np.float32)
-    found = borrow(memory)
-    tile = next_tile(work)
-    while tile >= 0:
-        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
-            count = _gather_sorted(values, normals, i, near[i, 1 - own :], OTHER_SHEET, found)
-            if count < USUAL // 2:  # too few neighbours on its sheet: any neighbour counts
-                count = _gather_sorted(values, normals, i, near[i, 1 - own :], -2.0, found)
-            out[i] = f32(0.5) * (found[(count - 1) // 2] + found[count // 2])
-        tile = next_tile(work)
-    keep_alive(memory)
-    return 0
-
-
-def medians_around(
-    values: NDArray[np.float32], normals: NDArray[np.float32], near: NDArray[np.int32], own: bool
-) -> NDArray[np.float32]:
-    """Median of a value over the USUAL nearest points of each point's own sheet.
-
-    Parameters
-    ----------
-    values : (n,) float32
-    normals : (n, 3) float32, unit
-    near : (n, k) int32
-        Rows of each point's neighbours, itself first.
-    own : bool
-        Whether the point's own value counts too.
-    """
-    out = np.empty(len(values), np.float32)
-    flat = np.ascontiguousarray(normals).reshape(-1)
-    run(_medians, -(-len(out) // CHUNK), np.ascontiguousarray(values), flat, np.ascontiguousarray(near), int(own), out)
-    return out
 
 
 class Hood(NamedTuple):

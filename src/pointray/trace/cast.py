@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..intersect.gather import list_blocks, segment
 from ..intersect.surface import weights_of_block
 from ..jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
-from ..kernels.records import INSTANCE, SHAPE_ROW, World, tree_at
+from ..kernels.records import INSTANCE, SHAPE_ROW, World
 from ..kernels.scratch import (
     COUNT_NEAR,
     DIRECTION,
@@ -23,6 +23,7 @@ from ..kernels.scratch import (
     new_scratch,
     store3,
 )
+from ..kernels.tree import tree_at
 from ..kernels.vec import Vec3, add, along_curve, dot, load3_flat, scale
 from ..simd import lane
 from .hits import describe_tile, tile_hit

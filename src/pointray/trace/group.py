@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 from ..jit import Array, f32, i64, inline
-from ..kernels.records import Tree
 from ..kernels.scratch import (
     ASIDE,
     BEGIN,
@@ -28,6 +27,7 @@ from ..kernels.scratch import (
     TILE,
     Scratch,
 )
+from ..kernels.tree import Tree
 from ..simd import (
     ONE,
     ZERO,

@@ -7,20 +7,7 @@ import numpy as np
 from ..intersect.gather import Capsule, list_blocks, nearest_slot
 from ..intersect.surface import FourPoints, Sheet, weights_seen
 from ..jit import Array, borrow, f32, f64, i64, inline, routine
-from ..kernels.records import (
-    INSTANCE,
-    LEAF,
-    MATERIAL,
-    MATERIAL_SIZE,
-    OWN_COLOR,
-    PAINT,
-    SHAPE_ROW,
-    SHEETED,
-    Tree,
-    World,
-    WorldHit,
-    tree_at,
-)
+from ..kernels.records import INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR, PAINT, SHAPE_ROW, World, WorldHit
 from ..kernels.scratch import (
     COLOR,
     COUNT_NEAR,
@@ -36,6 +23,7 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
+from ..kernels.tree import LEAF, SHEETED, Tree, tree_at
 from ..kernels.vec import transform
 from ..simd import (
     F16,

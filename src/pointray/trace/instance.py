@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from ..intersect.march import BEHIND
+from ..intersect.lattice import BEHIND
 from ..jit import Array, f32, f64, i64, inline
-from ..kernels.records import DISC, INSTANCE, LONGEST, SHAPE_ROW, SURFACE, World, tree_at
+from ..kernels.records import INSTANCE, SHAPE_ROW, World
 from ..kernels.scratch import (
     ANYWHERE,
     BEGIN,
@@ -39,6 +39,7 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
+from ..kernels.tree import DISC, LONGEST, SURFACE, tree_at
 from ..kernels.vec import add, dot, either, scale, transform_transposed
 from ..simd import ONE, ZERO, Bits, broadcast16, count_bits, count_trailing_zeros, load16, select, store
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back

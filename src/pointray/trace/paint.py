@@ -21,9 +21,7 @@ from ..kernels.records import (
     PAINT_SIZE,
     PAINT_START,
     SHAPE_ROW,
-    Tree,
     World,
-    tree_at,
 )
 from ..kernels.scratch import (
     COLOR,
@@ -38,6 +36,7 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
+from ..kernels.tree import Tree, tree_at
 from ..kernels.vec import Vec3, add, dot, load3_flat, scale
 from ..simd import F16, ONE, ZERO, broadcast16, repeat4, store
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone, search_together, together
 from ..jit import Array, f32, i32, i64, inline
-from ..kernels.records import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, Tree, tree_at
 from ..kernels.scratch import (
     BEGIN,
     COUNT_LEAVES,
@@ -39,6 +38,7 @@ from ..kernels.scratch import (
     TILE,
     Scratch,
 )
+from ..kernels.tree import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, Tree, tree_at
 from ..simd import (
     ONE,
     ZERO,

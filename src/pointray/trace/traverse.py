@@ -7,8 +7,8 @@ from typing import TypeAlias
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone
 from ..jit import Array, f32, i64, inline
-from ..kernels.records import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, Tree, tree_at
 from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES, Scratch
+from ..kernels.tree import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, Tree, tree_at
 from ..kernels.vec import Vec3
 from ..simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
 

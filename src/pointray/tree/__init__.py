@@ -1,6 +1,6 @@
 """Splats -> Tree: which splats matter in which part of space, and where the surface can be (parts III and IV).
 
-build : all steps on one page; `Splats` comes in, `kernels.records.Tree` goes out
+build : all steps on one page; `Splats` comes in, `kernels.tree.Tree` goes out
 blocks : neighbours together, four splats to a block
 subtrees, cells : space is cut into voxels, each with the blocks that matter in it
 leaves, columns : slab and tight box of each voxel; a slab for each of its 4 x 4 columns

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import Array, cancelled, f32, inline, kernel, next_tile, run, uncompiled
-from ..kernels.records import BLOCK, EMPTY, INV_R2, NX, PX
+from ..kernels.tree import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
 CHUNK = 4096  # blocks that a thread fills at a time
@@ -154,7 +154,7 @@ def make_blocks(
     order: NDArray[np.int32],
     threads: int | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Blocks (see `records.BLOCK`) of the splats in the given order, and each block's bounding sphere.
+    """Blocks (see `kernels.tree.BLOCK`) of the splats in the given order, and each block's bounding sphere.
 
     Returns
     -------

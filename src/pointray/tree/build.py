@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..choices import SURFACES, number_of
 from ..jit import run
-from ..kernels.records import (
+from ..kernels.tree import (
     BOUNDS,
     GROUP,
     HEAD,

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..jit import Array, cancelled, f32, f64, inline, kernel, next_tile
-from ..kernels.records import BLOCK, FAR, INV_R2, PX
+from ..kernels.tree import BLOCK, FAR, INV_R2, PX
 from .blocks import PER_BLOCK
 
 FEW = 3  # a voxel with no more blocks than this is not cut further

@@ -1,4 +1,4 @@
-"""The validator: it checks each rule of `kernels/records.py` on a tree, with NumPy, slowly and plainly."""
+"""The validator: it checks each rule of `kernels/tree.py` on a tree, with NumPy, slowly and plainly."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..jit import uncompiled
-from ..kernels.records import (
+from ..kernels.tree import (
     BLOCK,
     CELL,
     COLUMNS,

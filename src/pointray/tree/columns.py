@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..jit import Array, f64, inline
-from ..kernels.records import COLUMNS, NO_SURFACE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
+from ..kernels.tree import COLUMNS, NO_SURFACE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
 from ..kernels.vec import Vec3
 
 PAD = 0.012  # mean radii: more than the start rule's distance, so that a ray from the surface starts in its slab
@@ -98,7 +98,7 @@ def fill_patches(
 
     members : rows x, y, z, nx, ny, nz, r; mean : the mean of their radii
     slab : the normal of the leaf's slab, float32 as rays read it; its thickness; limits, see `leaves.limits_of`
-    work : an array with a number for each member, and one for a box; out : (64,) float32, see `records.PATCH`
+    work : an array with a number for each member, and one for a box; out : (64,) float32, see `kernels.tree.PATCH`
     """
     normal, thickness, limits = slab
     chosen, column = work

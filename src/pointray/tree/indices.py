@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..choices import SURFACES
-from ..kernels.records import (
+from ..kernels.tree import (
     BLOCK,
     BORDERED,
     BOUNDS,

@@ -30,7 +30,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..jit import Array, f32, i64, inline, kernel, next_tile
-from ..kernels.records import (
+from ..kernels.tree import (
     BLOCK,
     BORDERED,
     CELL,

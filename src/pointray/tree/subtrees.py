@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import Array, run
-from ..kernels.records import BLOCK, FAR, INV_R2
+from ..kernels.tree import BLOCK, FAR, INV_R2
 from .cells import FULL, Cells, cut_roots
 
 PER_GROUP = 64  # blocks

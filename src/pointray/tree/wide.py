@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import Array, inline, kernel
-from ..kernels.records import NO_CHILD, NODE, WIDTH
+from ..kernels.tree import NO_CHILD, NODE, WIDTH
 
 
 @inline

@@ -1,8 +1,7 @@
 """PLY files: ascii and binary, every order of properties.
 
-The header's grammar and the names of types are plyfile's work. The rows themselves are taken here, for two reasons:
-plyfile reads faces and ascii row by row in Python (the dragon's mesh: 1.7 s, here 0.01 s), and it believes the header's
-count, so that a damaged file asks for terabytes.
+plyfile reads no rows, for two reasons: it reads faces and ascii row by row in Python (the dragon's mesh: 1.7 s, here
+0.01 s), and it believes the header's count, so that a damaged file asks for terabytes.
 """
 
 from __future__ import annotations
@@ -12,16 +11,16 @@ import re
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
+from plyfile import PlyData, PlyElement, PlyListProperty
 
 from ...data import Points, check_count
 from ...progress import Progress, part_of, tell
+from .ply_header import Header, read_header
 
-LONGEST_HEADER = 1 << 20
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
@@ -31,13 +30,6 @@ SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or 
 LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
 
 Columns = dict[str, NDArray[Any]]
-
-
-class _Header(NamedTuple):
-    elements: Sequence[Any]  # plyfile's PlyElement, without rows
-    counts: Sequence[int]
-    format: str
-    size: int  # bytes
 
 
 class _Watched(io.FileIO):
@@ -56,7 +48,7 @@ def read(path: Path, progress: Progress | None = None) -> Points:
     """Read the vertices of a PLY file; ValueError says what is wrong with its contents."""
     with io.BufferedReader(_Watched(path, progress), TEXT_BYTES) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
-        header = _read_header(file)
+        header = read_header(file)
         found = [i for i, element in enumerate(header.elements) if element.name == "vertex"]
         if not found:
             names = ", ".join(element.name for element in header.elements)
@@ -68,39 +60,6 @@ def read(path: Path, progress: Progress | None = None) -> Points:
         columns = rows(file, header, found[0])
     copied = progress if header.format != "ascii" else None
     return _to_points(columns, {p.name: np.dtype(p.dtype()) for p in vertex.properties}, copied)
-
-
-def _read_header(file: BinaryIO) -> _Header:
-    start = file.read(LONGEST_HEADER)
-    first = re.match(rb"ply[ \t]*(\r\n|\n|\r)", start)
-    if first is None:
-        raise ValueError("is empty" if not start else f"is not a PLY file: it starts with {start[:12]!r}")
-    # After a bare CR the next byte is data already, even if it is an LF.
-    end = {b"\r\n": rb"\r?\n", b"\n": rb"[ \t\r]*\n", b"\r": rb"[ \t]*\r"}[first[1]]
-    last = re.search(rb"[\r\n][ \t]*end_header" + end, start)
-    if last is None:
-        raise ValueError("the header is cut off: there is no line 'end_header'")
-    lines = [line.strip() for line in start[: last.end()].decode("latin-1").splitlines()]
-    lines = [line for line in lines if line and line.split()[0] not in ("comment", "obj_info")]
-    counts = [_count(line) for line in lines if line.split()[0] == "element"]
-    return _Header(_parse_elements(lines), counts, lines[1].split()[1], last.end())
-
-
-def _count(line: str) -> int:
-    fields = line.split()
-    if len(fields) != 3 or not fields[2].isdecimal() or len(fields[2]) > 15:
-        raise ValueError(f"the header's line {line!r} gives no name and count")
-    return int(fields[2])
-
-
-def _parse_elements(lines: list[str]) -> Sequence[Any]:
-    """plyfile's result for a header whose counts are set to 0, so that it reads only the header."""
-    empty = [re.sub(r"^(element\s+\S+)\s+\d+$", r"\1 0", line) for line in lines]
-    text = "\n".join(empty) + "\n"
-    try:
-        return tuple(PlyData.read(io.BytesIO(text.encode("ascii", "replace"))).elements)
-    except (PlyParseError, ValueError) as error:
-        raise ValueError(f"the header is damaged: {error}") from error
 
 
 def _check_vertex(vertex: Any, count: int) -> None:
@@ -139,7 +98,7 @@ def _has_lists(element: Any) -> bool:
 # ------------------------------------------------------------------------------------------------------ binary
 
 
-def _read_binary(file: BinaryIO, header: _Header, index: int) -> Columns:
+def _read_binary(file: BinaryIO, header: Header, index: int) -> Columns:
     order = ORDERS[header.format]
     for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         _skip(file, element, count, order)
@@ -188,7 +147,7 @@ def _least_size(p: Any) -> int:
 # ------------------------------------------------------------------------------------------------------- ascii
 
 
-def _read_ascii(file: BinaryIO, header: _Header, index: int) -> Columns:
+def _read_ascii(file: BinaryIO, header: Header, index: int) -> Columns:
     for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         if element.properties and count:
             _skip_lines(file, element, count)

@@ -1,0 +1,170 @@
+"""The records of one model, in its own space: what each array of its tree holds, and what stands for 'none'.
+
+All arrays are flat and C-contiguous, so that a model can travel as a table of addresses (`model_table`) and every
+kernel has one signature whatever the number of models. Lengths are in model space, about the points' origin.
+
+What 'none' means
+-----------------
+- A ray that misses has t = inf; a degenerate ray (a direction that is zero or not finite) misses.
+- An empty box is lo = +inf, hi = -inf: no ray enters it. Every box test must get this right without a special case.
+- A column of a leaf that no support reaches has PATCH_LOW = PATCH_HIGH = NO_SURFACE (1e30): no ray is in its slab.
+- An empty slot of a block is a splat at EMPTY (1e15) with radius 1: its weight is 0 everywhere. No other is beyond FAR.
+- An empty slot of a group of spheres has the radius NaN: no ray is near it.
+- The surface function is NaN where no support reaches; a comparison with it is false, so that no sign change counts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..choices import SURFACES, number_of
+from ..jit import Array, array_at, f32, i32, inline
+
+EMPTY, FAR = f32(1e15), f32(1e14)
+
+# A block: 4 splats in structure-of-arrays order, 7 rows of 4 float32 (28 bytes a splat).
+BLOCK = 28
+PX, PY, PZ, NX, NY, NZ, INV_R2 = 0, 4, 8, 12, 16, 20, 24
+
+# A leaf: 16 float32.
+LEAF = 16
+CELL = 0  # 0..5: the kd-tree's voxel, lo x y z, hi x y z
+SLAB = 6  # 6..8: unit normal m of the slab; all surface in the voxel has SLAB_LO <= m.x <= SLAB_HI
+SLAB_LO, SLAB_HI = 9, 10
+STEP = 11  # distance of the samples along a ray
+RADIUS = 12  # mean support radius of the splats over the voxel
+LEAST = 13  # least support radius over the voxel and around it, see `tree/cells.py`
+BORDERED = 14  # 1 where one of them lies on an open border
+SHEETED = 15  # 1 where one of them belongs to two sheets that face away from each other
+
+# A leaf's patches: 4 rows of 16 float32, one of each of its 4 x 4 columns, see `tree/columns.py`. Relative to the least
+# corner of its voxel, u and v in columns, the surface is where PATCH_LOW <= w + PATCH_B u + PATCH_C v <= PATCH_HIGH.
+COLUMNS = 4
+PATCH = 4 * COLUMNS * COLUMNS
+PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH = 0, 16, 32, 48
+NO_SURFACE = f32(1e30)
+
+# A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.
+WIDTH = 8
+NODE = 6 * WIDTH
+NO_CHILD = -(2**31)  # else: a child >= 0 is a node, a child < 0 is leaf ~child
+
+# A group: 16 bounding spheres of blocks, 4 rows (centre x y z, radius) of 16 float32.
+GROUP = 64
+
+# The head of a model: 16 float32.
+HEAD = 16
+BOUNDS = 0  # 0..5: lo x y z, hi x y z of all supports
+SURFACE = 6  # which surface: one of the next four
+PAPER, IMLS, APSS, DISC = (number_of(SURFACES, name) for name in ("paper", "imls", "apss", "disc"))
+REFINE = 7  # secant steps after the bracket
+TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
+OVERHANG = 9  # how far a hit may lie out of an open border, in local radii; inf: no limit
+LONGEST = 10  # longest step of the samples in any leaf
+
+
+class Tree(NamedTuple):
+    """The acceleration structure of one model, with its splats.
+
+    head : (16,) float32, see `HEAD`
+    boxes : (nodes * 48,) float32, the children's tight boxes
+    children : (nodes * 8,) int32
+    leaves : (leaves * 16,) float32, see `LEAF`
+    patches : (leaves * 64,) float32, see `PATCH`
+    spans : (leaves * 2,) int32, first group and number of groups
+    spheres : (groups * 64,) float32, bounding spheres of the blocks that a leaf knows
+    refs : (groups * 16,) int32, their numbers; 0 in an empty slot
+    blocks : (blocks * 28,) float32
+    order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
+    borders : (blocks * 4 * 3,) int8, for a splat on an open border the direction out of the surface (unit, in 127ths),
+        else zero; or length 0: none is
+    facing : (blocks * 4 * 3,) int8, for a splat with another sheet close by its normal (unit, in 127ths),
+        else zero; or length 0: there is none
+    colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; or length 0: the points have none
+    """
+
+    head: Array
+    boxes: Array
+    children: Array
+    leaves: Array
+    patches: Array
+    spans: Array
+    spheres: Array
+    refs: Array
+    blocks: Array
+    order: Array
+    borders: Array
+    facing: Array
+    colors: Array
+
+
+_F32, _I32, _I8 = f32(0), i32(0), np.int8(0)
+ROW = 2 * len(Tree._fields)  # a model in the table: the address and the length of each array
+
+
+class _Addresses(bytearray):
+    """The memory of a table of addresses, with what they point to: as long as the one is there, so is the other."""
+
+    trees: list[Tree]
+
+
+def model_table(trees: list[Tree]) -> Array:
+    """(models * ROW,) int64: where each model's arrays lie. The table keeps the trees alive; a copy of it does not."""
+    rows = [[value for array in tree for value in (array.ctypes.data, array.size)] for tree in trees]
+    memory = _Addresses(np.array(rows, np.int64).tobytes())
+    memory.trees = list(trees)
+    return np.frombuffer(memory, np.int64) if rows else np.zeros(0, np.int64)
+
+
+@inline
+def tree_at(table: Array, model: int) -> Tree:
+    """The tree of one model of the table."""
+    i = model * ROW
+    return Tree(
+        array_at(table[i + 0], table[i + 1], _F32),
+        array_at(table[i + 2], table[i + 3], _F32),
+        array_at(table[i + 4], table[i + 5], _I32),
+        array_at(table[i + 6], table[i + 7], _F32),
+        array_at(table[i + 8], table[i + 9], _F32),
+        array_at(table[i + 10], table[i + 11], _I32),
+        array_at(table[i + 12], table[i + 13], _F32),
+        array_at(table[i + 14], table[i + 15], _I32),
+        array_at(table[i + 16], table[i + 17], _F32),
+        array_at(table[i + 18], table[i + 19], _I32),
+        array_at(table[i + 20], table[i + 21], _I8),
+        array_at(table[i + 22], table[i + 23], _I8),
+        array_at(table[i + 24], table[i + 25], _I32),
+    )
+
+
+class Ray(NamedTuple):
+    """A ray in model space: origin, unit direction, the inverse of each component, the interval, the side it starts on.
+
+    t_min : see `scratch.BEGIN`; t_max : see `scratch.LENGTH`
+    side : +1 where a ray that starts on the surface is outside (where normals point), -1 where it is inside
+    """
+
+    ox: float
+    oy: float
+    oz: float
+    dx: float
+    dy: float
+    dz: float
+    ix: float
+    iy: float
+    iz: float
+    t_min: float
+    t_max: float
+    side: float
+
+
+class Hit(NamedTuple):
+    """Where a ray meets a model, in model space: t = inf and leaf = -1 for a miss; the normal has unit length."""
+
+    t: float
+    nx: float
+    ny: float
+    nz: float
+    leaf: int

@@ -1,0 +1,58 @@
+"""The header of a PLY file: which elements it announces, how many rows each has, and where the rows begin.
+
+Its grammar and the names of types are plyfile's work, which is handed a header without counts.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from typing import Any, BinaryIO, NamedTuple
+
+from plyfile import PlyData, PlyParseError
+
+LONGEST_HEADER = 1 << 20
+
+
+class Header(NamedTuple):
+    """What a header announces."""
+
+    elements: Sequence[Any]  # plyfile's PlyElement, without rows
+    counts: Sequence[int]
+    format: str
+    size: int  # bytes
+
+
+def read_header(file: BinaryIO) -> Header:
+    """The header at the start of a file; ValueError says what is wrong with it."""
+    start = file.read(LONGEST_HEADER)
+    first = re.match(rb"ply[ \t]*(\r\n|\n|\r)", start)
+    if first is None:
+        raise ValueError("is empty" if not start else f"is not a PLY file: it starts with {start[:12]!r}")
+    # After a bare CR the next byte is data already, even if it is an LF.
+    end = {b"\r\n": rb"\r?\n", b"\n": rb"[ \t\r]*\n", b"\r": rb"[ \t]*\r"}[first[1]]
+    last = re.search(rb"[\r\n][ \t]*end_header" + end, start)
+    if last is None:
+        raise ValueError("the header is cut off: there is no line 'end_header'")
+    lines = [line.strip() for line in start[: last.end()].decode("latin-1").splitlines()]
+    lines = [line for line in lines if line and line.split()[0] not in ("comment", "obj_info")]
+    counts = [_count(line) for line in lines if line.split()[0] == "element"]
+    return Header(_parse_elements(lines), counts, lines[1].split()[1], last.end())
+
+
+def _count(line: str) -> int:
+    fields = line.split()
+    if len(fields) != 3 or not fields[2].isdecimal() or len(fields[2]) > 15:
+        raise ValueError(f"the header's line {line!r} gives no name and count")
+    return int(fields[2])
+
+
+def _parse_elements(lines: list[str]) -> Sequence[Any]:
+    """plyfile's result for a header whose counts are set to 0, so that it reads only the header."""
+    empty = [re.sub(r"^(element\s+\S+)\s+\d+$", r"\1 0", line) for line in lines]
+    text = "\n".join(empty) + "\n"
+    try:
+        return tuple(PlyData.read(io.BytesIO(text.encode("ascii", "replace"))).elements)
+    except (PlyParseError, ValueError) as error:
+        raise ValueError(f"the header is damaged: {error}") from error
