@@ -242,7 +242,11 @@ class Model:
 
     @cached_property
     def spacing(self) -> float:
-        """The spacing of neighbouring points, estimated from the median radius; in the points' unit."""
+        """The median of `radii`, in the points' unit; rows that are left out count with radius 0.
+
+        It stands for the spacing of the points. Radii that the model chose are about 1.15 times the spacing of an even
+        cloud, the root of its area per point. Given radii and `radius_scale` make it larger or smaller.
+        """
         return float(np.median(self.radii))
 
     @cached_property

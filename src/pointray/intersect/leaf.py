@@ -71,7 +71,7 @@ BEYOND = i64(-(2**63))  # a bit beyond those of all rays but the last one; it is
 
 
 @inline
-def together(tree: Tree, leaf: int) -> bool:
+def together(tree: Tree) -> bool:
     """Whether a leaf is searched for several rays together: not if the surface is discs."""
     return int(tree.head[SURFACE]) != DISC
 

@@ -207,8 +207,7 @@ def _measure(
 ) -> int:
     """Measure the cell of each row; known : gaps and usual, empty or as in `measure_cells`, and void."""
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
-    distances, near, gaps, usual = borrow(hood[0]), borrow(hood[1]), borrow(known[0]), borrow(known[1])
-    reach, closed = borrow(out[0]), borrow(out[1])
+    (distances, near), (gaps, usual, void), (reach, closed) = borrow(hood), borrow(known), borrow(out)
     memory = np.empty((2, CORNERS, 3))
     polygons = borrow(memory)
     tile = next_tile(work)
@@ -224,7 +223,7 @@ def _measure(
                 gap = load3_flat(gaps, 3 * i)
                 ahead = dot(gap, axes[0]), dot(gap, axes[1])
                 own = f64(usual[i])
-            said = own, usual, known[2]
+            said = own, usual, void
             reach[at], closed[at] = _reach((positions, normals), i, polygons[which], count, said, ahead)
             if len(usual) == 0:
                 closed[at] = 4.0 * square <= f64(distances[at, near.shape[1] - 1]) ** 2

@@ -154,7 +154,7 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
 @inline
 def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     """Search a leaf for the passing rays; returns those that the start rule lifted."""
-    if together(tree, leaf):
+    if together(tree):
         return search_together(tree, leaf, passing, scratch)
     rows = scratch.model
     lifted = i64(0)
