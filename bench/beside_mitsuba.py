@@ -157,9 +157,11 @@ class Pair:
         import mitsuba as mi
 
         # Its depth counts the edges of a path, from the eye to the light.
-        how = {"type": "path", "max_depth": case.bounces + 1, "rr_depth": 10_000}
+        integrator = {"type": "path", "max_depth": case.bounces + 1, "rr_depth": 10_000}
         sensor = their_camera(self.camera, self.spp)
-        picture = mi.render(their_scene(case, self.shape), sensor=sensor, integrator=mi.load_dict(how), seed=seed)
+        picture = mi.render(
+            their_scene(case, self.shape), sensor=sensor, integrator=mi.load_dict(integrator), seed=seed
+        )
         return np.array(picture, np.float64)
 
     def pixels(self, case: Case) -> Pixels:
@@ -217,15 +219,17 @@ def compare(pair: Pair, case: Case, pictures: Path | None = None) -> Row:
     if pictures is not None:
         write_difference(pictures / f"{pair.shape.name}, {case.name}.png".replace(", ", "_"), a, b, pixels.all)
 
-    figures = [_figures(a, b, noise, which) for which in (pixels.all, pixels.model)]
+    figures = [_figures(a, b, noise, mask) for mask in (pixels.all, pixels.model)]
     return Row(pair.shape.name, *case, *figures)
 
 
-def _figures(a: Floats, b: Floats, noise: Floats, which: NDArray[np.bool_]) -> Figures:
-    light = b[which].sum()
-    shares = (value / light for some in ((a - b)[which], noise[which]) for value in (np.abs(some).sum(), some.sum()))
+def _figures(a: Floats, b: Floats, noise: Floats, mask: NDArray[np.bool_]) -> Figures:
+    light = b[mask].sum()
+    shares = (
+        value / light for values in ((a - b)[mask], noise[mask]) for value in (np.abs(values).sum(), values.sum())
+    )
     apart, off, apart_noise, off_noise = map(float, shares)
-    return Figures(int(which.sum()), apart, apart_noise, off, off_noise)
+    return Figures(int(mask.sum()), apart, apart_noise, off, off_noise)
 
 
 def cases(options: argparse.Namespace) -> Iterator[Case]:

@@ -129,12 +129,12 @@ def compare(case: Case, ours: Ours, peers: dict[str, Peer], origin: np.ndarray, 
     flat = [np.ascontiguousarray(rays).reshape(-1) for rays in (case.origins, case.directions)]
     single = [np.ascontiguousarray(rays, np.float32) for rays in (case.origins - origin, case.directions)]
     mine = ours.occluded if case.shadow else ours.closest
-    how = {"threads": options.threads, "coherent": case.coherent}
+    choices = {"threads": options.threads, "coherent": case.coherent}
     calls: dict[str, Callable[[], object]] = {"pointray": lambda: mine(*flat, options.threads)}
     for name, peer in peers.items():
         theirs = peer.occluded if case.shadow else peer.closest
-        calls[name] = partial(theirs, *single, **how)
-        calls[f"{name}, packets"] = partial(theirs, *single, **how, packets=True)
+        calls[name] = partial(theirs, *single, **choices)
+        calls[f"{name}, packets"] = partial(theirs, *single, **choices, packets=True)
     times = alternate(calls, options.runs)
     rate = {name: len(case.origins) / seconds / 1e6 for name, seconds in times.items()}
     hits = {name: _share(calls[name](), case.shadow) for name in ("pointray", *peers)}

@@ -25,7 +25,7 @@ APART = 2.2
 PACES = (6, 24, 96)  # frames in which the camera moves by a pixel
 
 
-def place(k: int, across: int) -> np.ndarray:
+def statue_transform(k: int, across: int) -> np.ndarray:
     """Where statue k of a grid stands: turned, some mirrored, of different heights."""
     angle = np.radians(TURN * k)
     size = 0.85 + 0.3 * ((k * 7) % 10) / 10
@@ -40,7 +40,7 @@ def grid(model: pr.Model, count: int) -> tuple[pr.Scene, float]:
     scene, across = pr.Scene(), int(np.ceil(np.sqrt(count * 1.5)))
     begun = time.perf_counter()
     for k in range(count):
-        scene.add(model, place(k, across))
+        scene.add(model, statue_transform(k, across))
     scene.snapshot()
     spent = time.perf_counter() - begun
     scene.add(pr.Plane((0, 0, model.bounds[0, 2]), (0, 0, 1), 0.6))
@@ -85,7 +85,7 @@ def report(model: pr.Model, count: int, size: tuple[int, int], frames: int) -> N
     camera = camera_of(scene, size)
     hit = float(np.mean(scene.intersect(*camera.rays()).point >= 0))
     rates = [1e3 / median_ms(lambda s=s: pr.render(scene, camera, s), frames) for s in both()]
-    moved = median_ms(lambda: (scene.update(1, place(1, 7)), scene.snapshot()), 20)
+    moved = median_ms(lambda: (scene.update(1, statue_transform(1, 7)), scene.snapshot()), 20)
     print(
         f"{count:6,} instances: {rates[0]:5.1f} fps, with levels {rates[1]:5.1f}; statues in {hit:.0%} of the pixels; "
         f"made in {spent:.2f} s, one moved in {moved:.1f} ms; resident {max(grown, 0):.0f} bytes each",

@@ -22,8 +22,8 @@ import pointray as pr
 def points(count: int, rng: np.random.Generator) -> list[Any]:
     """Points of unlike power."""
     return [
-        pr.PointLight(place, power / count)
-        for place, power in zip(_places(count, rng), rng.lognormal(4, 1, count), strict=True)
+        pr.PointLight(x, power / count)
+        for x, power in zip(_positions(count, rng), rng.lognormal(4, 1, count), strict=True)
     ]
 
 
@@ -35,7 +35,7 @@ def lamps(count: int, rng: np.random.Generator) -> list[Any]:
         lambda x: pr.DiskLight(x, (*rng.normal(0, 0.4, 2), -1), edge / 2, 5),
         lambda x: pr.RectLight(x, (edge / 2, 0, 0), (0, -edge / 2, edge / 4), 5),
     ]
-    return [kinds[k % 3](place) for k, place in enumerate(_places(count, rng))]
+    return [kinds[k % 3](x) for k, x in enumerate(_positions(count, rng))]
 
 
 def suns(count: int, rng: np.random.Generator) -> list[Any]:
@@ -43,7 +43,7 @@ def suns(count: int, rng: np.random.Generator) -> list[Any]:
     return [pr.SunLight((*rng.normal(0, 1, 2), -abs(rng.normal(0, 1)) - 0.1), 3.0 / count) for _ in range(count)]
 
 
-def _places(count: int, rng: np.random.Generator) -> np.ndarray:
+def _positions(count: int, rng: np.random.Generator) -> np.ndarray:
     return rng.uniform((-6, -6, 2), (6, 6, 5), (count, 3))
 
 

@@ -109,8 +109,8 @@ def model_of(cloud: Cloud, setting: Setting) -> pr.Model:
 
 def _wide(positions: NDArray[np.float32]) -> NDArray[np.float32]:
     """1.25 times the distance to the 8th neighbour; points at one place count once."""
-    rows, places = distinct(positions)
-    return 1.25 * neighbors(positions[rows], 9)[0][places, -1]
+    rows, groups = distinct(positions)
+    return 1.25 * neighbors(positions[rows], 9)[0][groups, -1]
 
 
 def scene_of(model: pr.Model) -> pr.Scene:
@@ -162,10 +162,10 @@ def trace(scene: pr.Scene, cloud: Cloud, rays: Iterator[tuple[Floats, Floats]], 
     return errors
 
 
-def overlap(places: Floats, model: pr.Model) -> float:
+def overlap(samples: Floats, model: pr.Model) -> float:
     """Splats whose support holds a place of the exact surface, mean over all places."""
-    held = cKDTree(places).query_ball_point(model.points.positions, model.radii, return_length=True)
-    return float(held.sum() / len(places))
+    held = cKDTree(samples).query_ball_point(model.points.positions, model.radii, return_length=True)
+    return float(held.sum() / len(samples))
 
 
 def references(model: pr.Model) -> float:
@@ -198,21 +198,21 @@ def measure(
     """
     models = [model_of(cloud, setting) for setting in settings]
     scenes = [scene_of(model) for model in models]
-    places = cloud.truth.places(PLACES, seed=99)
+    surface_samples = cloud.truth.surface_samples(PLACES, seed=99)
     ms = frame_times(scenes, cloud.points.bounds)
     flat = [t for t, setting in zip(ms, settings, strict=True) if setting.surface == "disc" and setting.radii == AUTO]
     rows = []
     for setting, model, scene, time_of in zip(settings, models, scenes, ms, strict=True):
         found = trace(scene, cloud, lines(cloud.points.bounds, rays, seed), say)
-        row = Row(cloud.truth.name, cloud.sampling, len(cloud.points), cloud.noise, model.surface, *_how(setting))
+        row = Row(cloud.truth.name, cloud.sampling, len(cloud.points), cloud.noise, model.surface, *_choices(setting))
         _fill(row, found)
-        row.overlap, row.references = overlap(places, model), references(model)
+        row.overlap, row.references = overlap(surface_samples, model), references(model)
         row.ms, row.cost = time_of, time_of / flat[0] if flat else np.nan
         rows.append(row)
     return rows
 
 
-def _how(setting: Setting) -> tuple[int, int, str]:
+def _choices(setting: Setting) -> tuple[int, int, str]:
     return setting.samples, setting.refine, setting.radii
 
 

@@ -31,11 +31,11 @@ class Glossy(mi.BSDF):  # type: ignore[misc]
         """BRDF times cosine."""
         raise NotImplementedError
 
-    def sample(self, ctx: Any, si: Any, which: Any, place: Any, active: Any) -> Any:
-        facet, _ = self._facets.sample(si.wi, place)
-        even = mi.warp.square_to_cosine_hemisphere(place)
+    def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any) -> Any:
+        facet, _ = self._facets.sample(si.wi, sample2)
+        even = mi.warp.square_to_cosine_hemisphere(sample2)
         out = dr.zeros(mi.BSDFSample3f)
-        out.wo = dr.select(which < 0.5, even, mi.reflect(si.wi, facet))
+        out.wo = dr.select(sample1 < 0.5, even, mi.reflect(si.wi, facet))
         out.pdf = self.pdf(ctx, si, out.wo, active)
         out.eta, out.sampled_type, out.sampled_component = 1.0, mi.UInt32(+mi.BSDFFlags.GlossyReflection), 0
         good = active & (out.pdf > 0.0)

@@ -37,12 +37,12 @@ def rgb(color: Any) -> dict[str, Any]:
     return {"type": "rgb", "value": [float(c) for c in np.broadcast_to(color, 3)]}
 
 
-def placed(x: Any, y: Any, z: Any, place: Any) -> Any:
+def placed(x: Any, y: Any, z: Any, origin: Any) -> Any:
     """Mitsuba's transform that takes its axes to x, y, z and its origin to a place."""
     import mitsuba as mi
 
     matrix = np.eye(4)
-    matrix[:3] = np.stack([x, y, z, place], axis=1)
+    matrix[:3] = np.stack([x, y, z, origin], axis=1)
     return mi.ScalarTransform4f(matrix)
 
 
@@ -94,15 +94,15 @@ def _spot(d: Floats) -> Floats:
 
 
 def _point() -> LightPair:
-    place, intensity = [4.0, -6.0, 8.0], 300.0
-    theirs = {"type": "point", "position": place, "intensity": rgb(intensity)}
-    return LightPair(pr.PointLight(place, intensity), theirs, hard=True)
+    position, intensity = [4.0, -6.0, 8.0], 300.0
+    theirs = {"type": "point", "position": position, "intensity": rgb(intensity)}
+    return LightPair(pr.PointLight(position, intensity), theirs, hard=True)
 
 
 def _sun() -> LightPair:
-    way = [-0.4, 0.6, -0.7]
-    theirs = {"type": "directional", "direction": way, "irradiance": rgb(3.0)}
-    return LightPair(pr.SunLight(way, 3.0, angle=0.0), theirs, hard=True)
+    direction = [-0.4, 0.6, -0.7]
+    theirs = {"type": "directional", "direction": direction, "irradiance": rgb(3.0)}
+    return LightPair(pr.SunLight(direction, 3.0, angle=0.0), theirs, hard=True)
 
 
 def _constant() -> LightPair:
@@ -114,18 +114,18 @@ def _flat(kind: str) -> LightPair:
     """A rectangle or a disk above the model, to the front. Its back must not be seen: Mitsuba has it, we have not."""
     u, v = FLAT
     facing = np.cross(u, v)
-    place = -10.0 * facing
+    center = -10.0 * facing
     if kind == "rectangle":
-        ours: Light = pr.RectLight(place, 3.0 * u, 2.0 * v, 6.0)
-        return LightPair(ours, _shining(kind, placed(3.0 * u, 2.0 * v, facing, place), 6.0))
-    ours = pr.DiskLight(place, facing, 2.0, 12.0)
-    return LightPair(ours, _shining(kind, placed(2.0 * u, 2.0 * v, facing, place), 12.0))
+        ours: Light = pr.RectLight(center, 3.0 * u, 2.0 * v, 6.0)
+        return LightPair(ours, _shining(kind, placed(3.0 * u, 2.0 * v, facing, center), 6.0))
+    ours = pr.DiskLight(center, facing, 2.0, 12.0)
+    return LightPair(ours, _shining(kind, placed(2.0 * u, 2.0 * v, facing, center), 12.0))
 
 
 def _sphere() -> LightPair:
-    place, radius = [3.0, -4.0, 8.5], 1.2
-    theirs = _shining("sphere", placed(*(radius * np.eye(3)), place), 30.0)
-    return LightPair(pr.SphereLight(place, radius, 30.0), theirs)
+    center, radius = [3.0, -4.0, 8.5], 1.2
+    theirs = _shining("sphere", placed(*(radius * np.eye(3)), center), 30.0)
+    return LightPair(pr.SphereLight(center, radius, 30.0), theirs)
 
 
 LIGHTS: dict[str, Callable[[], LightPair]] = {

@@ -59,7 +59,7 @@ def splats(model: pr.Model) -> dict[str, Any]:
 
 def enlarged(camera: pr.Camera) -> pr.Camera:
     """The camera that sees Mitsuba's scene as a camera sees ours."""
-    eye, target = (ENLARGED * np.asarray(place, float) for place in (camera.eye, camera.target))
+    eye, target = (ENLARGED * np.asarray(point, float) for point in (camera.eye, camera.target))
     return pr.Camera.look_at(eye, target, camera.up, camera.fov, camera.size)
 
 
@@ -89,14 +89,14 @@ def pictures(
 ) -> dict[str, dict[str, Callable[[], Any]]]:
     """What is timed: for each picture a call by either that returns it, an array of float32. beside : Mitsuba, too"""
     low, high = model.bounds
-    place = (low + high) / 2 + np.linalg.norm(high - low) * np.array([0.6, -0.8, 1.0])
+    position = (low + high) / 2 + np.linalg.norm(high - low) * np.array([0.6, -0.8, 1.0])
     strength = 10.0 * float(np.linalg.norm(high - low)) ** 2
     theirs = {
         "path": {"type": "constant", "radiance": rgb(1.0)},
-        "lit": {"type": "point", "position": (ENLARGED * place).tolist(), "intensity": rgb(strength * ENLARGED**2)},
+        "lit": {"type": "point", "position": (ENLARGED * position).tolist(), "intensity": rgb(strength * ENLARGED**2)},
     }
-    ours = {"path": pr.EnvironmentLight(1.0), "lit": pr.PointLight(place, strength)}
-    how = {
+    ours = {"path": pr.EnvironmentLight(1.0), "lit": pr.PointLight(position, strength)}
+    integrators = {
         "path": {"type": "path", "max_depth": BOUNCES + 1, "rr_depth": 10_000, "hide_emitters": True},
         "lit": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0},
     }
@@ -110,7 +110,7 @@ def pictures(
         if beside:
             scene = mi.load_dict({"type": "scene", "model": splats(model), "light": theirs[name]})
             sensor = their_camera(enlarged(camera), settings[name].spp)
-            out[name]["mitsuba"] = _theirs(scene, sensor, mi.load_dict(how[name]))
+            out[name]["mitsuba"] = _theirs(scene, sensor, mi.load_dict(integrators[name]))
     out["lit"]["pointray, levels of detail"] = _ours(our_scene(leveled(model), ours["lit"]), camera, settings["lit"])
     return out
 

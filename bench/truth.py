@@ -38,7 +38,7 @@ class Truth(Protocol):
     def points(self, n: int, sampling: str, seed: int) -> tuple[Floats, Floats]:
         """Positions and exact normals, (n, 3) each: "even" (blue noise) or "random" (Poisson), or a mesh's vertices."""
 
-    def places(self, n: int, seed: int) -> Floats:
+    def surface_samples(self, n: int, seed: int) -> Floats:
         """Random places of the surface, uniform in area, (n, 3)."""
 
     def compare(self, x: Floats) -> tuple[Floats, Floats]:
@@ -106,10 +106,10 @@ class Shape:
         if sampling == "even":
             positions = pr.procedural(self.name, n, seed).positions.astype(np.float64)
         else:
-            positions = self.places(n, seed)
+            positions = self.surface_samples(n, seed)
         return positions, self._normals(positions)
 
-    def places(self, n: int, seed: int) -> Floats:
+    def surface_samples(self, n: int, seed: int) -> Floats:
         """Random points of the mesh that even points are chosen from, moved onto the surface: Poisson."""
         return settled(self._solid, scattered(refine_creases(self._solid, *mesh(self.name), n), n, seed))
 
@@ -222,7 +222,7 @@ class Mesh:
         """All vertices, whatever n and sampling."""
         return np.array(self._mesh.vertices, np.float64), np.array(self._mesh.vertex_normals, np.float64)
 
-    def places(self, n: int, seed: int) -> Floats:
+    def surface_samples(self, n: int, seed: int) -> Floats:
         """Random points of the triangles."""
         return scattered(self._triangles, n, seed)
 
@@ -244,17 +244,17 @@ class Mesh:
 
     def compare(self, x: Floats) -> tuple[Floats, Floats]:
         """The nearest of all triangles: of the 12 closest places, or of all that may be nearer where 12 are too few."""
-        tree, owners, reach = self._finder
+        tree, owners, radius = self._finder
         distance, weights, which = np.empty(len(x)), np.empty((len(x), 3)), np.zeros(len(x), np.int64)
         apart, near = tree.query(x, k=12)
         found = self._search(x, np.arange(len(x) + 1) * near.shape[1], owners[near.reshape(-1)])
         distance[:], weights[:], which[:] = found
-        unsure = np.flatnonzero(apart[:, -1] < distance + reach)
-        for some in np.array_split(unsure, len(unsure) // 4096 + 1):
-            lists = tree.query_ball_point(x[some], distance[some] + reach)
+        unsure = np.flatnonzero(apart[:, -1] < distance + radius)
+        for rows in np.array_split(unsure, len(unsure) // 4096 + 1):
+            lists = tree.query_ball_point(x[rows], distance[rows] + radius)
             spans = np.concatenate([[0], np.cumsum([len(items) for items in lists])])
             candidates = owners[np.concatenate([np.asarray(items, np.int64) for items in lists] or [owners[:0]])]
-            distance[some], weights[some], which[some] = self._search(x[some], spans, candidates)
+            distance[rows], weights[rows], which[rows] = self._search(x[rows], spans, candidates)
         normals = np.einsum("nk,nkc->nc", weights, self._corner_normals[which])
         return distance, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
@@ -269,8 +269,8 @@ class Mesh:
         Through a hole of the mesh nothing enters: what is behind it counts as outside up to the next front face.
         """
         depth = np.zeros(len(ends))
-        faces, rays, places = self._mesh.ray.intersects_id(origins, directions, return_locations=True)
-        t = ((places - origins[rays]) * directions[rays]).sum(axis=1)
+        faces, rays, crossings = self._mesh.ray.intersects_id(origins, directions, return_locations=True)
+        t = ((crossings - origins[rays]) * directions[rays]).sum(axis=1)
         order = np.lexsort((t, rays))
         faces, rays, t = faces[order], rays[order], t[order]
         enters = (self._mesh.face_normals[faces] * directions[rays]).sum(axis=1) < 0

@@ -110,8 +110,8 @@ def drag(page: Page, size: tuple[int, int], seconds: float) -> int:
     """Move the mouse on a loop around the middle, the button held; how many moves."""
     begun, moves = time.perf_counter(), 0
     while (now := time.perf_counter() - begun) < seconds:
-        place = 0.4 + 0.15 * math.sin(0.9 * now), 0.5 + 0.15 * math.cos(0.7 * now)
-        page.mouse.move(place[0] * size[0], place[1] * size[1])
+        pointer = 0.4 + 0.15 * math.sin(0.9 * now), 0.5 + 0.15 * math.cos(0.7 * now)
+        page.mouse.move(pointer[0] * size[0], pointer[1] * size[1])
         moves += 1
         time.sleep(max(0.0, moves / RATE - (time.perf_counter() - begun)))
     return moves
@@ -184,8 +184,8 @@ def orbit(link: ClientConnection, camera: dict[str, Any], seconds: float) -> tup
         if sent <= now * RATE:
             c, s = math.cos(0.6 * now), math.sin(0.6 * now)
             eye = target + (c * away[0] - s * away[1], s * away[0] + c * away[1], away[2])
-            places = {"eye": eye.tolist(), "target": camera["target"], "up": camera["up"], "fov": camera["fov"]}
-            say(link, "camera", **places, time=1e3 * time.perf_counter())
+            view = {"eye": eye.tolist(), "target": camera["target"], "up": camera["up"], "fov": camera["fov"]}
+            say(link, "camera", **view, time=1e3 * time.perf_counter())
             sent += 1
         try:
             message = link.recv(timeout=max(0.0, sent / RATE - (time.perf_counter() - begun)))
@@ -296,17 +296,17 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
-    how = (width, height), options.seconds, options.runs
+    arguments = (width, height), options.seconds, options.runs
     with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
         scan, model = Path(folder, "statue.ply"), Path(folder, "statue.pointray")
         points = pr.procedural("statue", options.points)
         pr.write(scan, points)
         pr.Model(points).save(model)
         scan = options.scan or scan
-        opened = scan, how[0], len(pr.read(scan))
+        opened = scan, arguments[0], len(pr.read(scan))
         works = {
-            "page": lambda: measure_pages(model, *how),
-            "server": lambda: measure_server(model, *how),
+            "page": lambda: measure_pages(model, *arguments),
+            "server": lambda: measure_server(model, *arguments),
             "opening": lambda: [measure_opening(*opened) for _ in range(options.runs)],
             "opening for the first time": lambda: [measure_first_opening(*opened) for _ in range(options.runs)],
         }

@@ -23,8 +23,8 @@ def bounce_rays(hits: pr.Hits, radius: float, seed: int = 3) -> tuple[Floats, Fl
     normals = hits.normal[np.isfinite(hits.t)].astype(np.float64)
     rng = np.random.default_rng(seed)
     ball = rng.normal(size=normals.shape)
-    ways = normals + ball / np.linalg.norm(ball, axis=1, keepdims=True)
-    return _in_front(hits, radius), ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    directions = normals + ball / np.linalg.norm(ball, axis=1, keepdims=True)
+    return _in_front(hits, radius), directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
 def _in_front(hits: pr.Hits, radius: float) -> Floats:

@@ -19,39 +19,39 @@ from pointray.trace.hits import material_at
 
 
 @kernel
-def _scatter(world, instance, eye, color, wi, rgb, pdf):
+def _eval_bsdf(world, instance, wo, color, wi, rgb, pdf):
     """Scattering at a place with normal z; eye (4,): direction to it and its side; wi, rgb (n, 3)."""
-    at = material_at(world, instance)
-    own = base_color(world, at, (color[0], color[1], color[2]))
-    place = ShadingPoint((0.0, 0.0, 1.0), (eye[0], eye[1], eye[2]), own, eye[3])
+    material = material_at(world, instance)
+    own = base_color(world, material, (color[0], color[1], color[2]))
+    point = ShadingPoint((0.0, 0.0, 1.0), (wo[0], wo[1], wo[2]), own, wo[3])
     for i in range(len(wi)):
-        rgb[i], pdf[i] = eval_bsdf(world, at, place, (wi[i, 0], wi[i, 1], wi[i, 2]))
+        rgb[i], pdf[i] = eval_bsdf(world, material, point, (wi[i, 0], wi[i, 1], wi[i, 2]))
 
 
 @kernel
-def _sample(world, instance, eye, color, numbers, direction, weight, pdf, side):
+def _sample(world, instance, wo, color, numbers, direction, weight, pdf, side):
     """Samples at a place with normal z for rows of which, u, v."""
-    at = material_at(world, instance)
-    own = base_color(world, at, (color[0], color[1], color[2]))
-    place = ShadingPoint((0.0, 0.0, 1.0), (eye[0], eye[1], eye[2]), own, eye[3])
+    material = material_at(world, instance)
+    own = base_color(world, material, (color[0], color[1], color[2]))
+    point = ShadingPoint((0.0, 0.0, 1.0), (wo[0], wo[1], wo[2]), own, wo[3])
     for i in range(len(numbers)):
-        which, u, v = numbers[i, 0], numbers[i, 1], numbers[i, 2]
-        direction[i], weight[i], pdf[i], side[i] = sample_bsdf(world, at, place, which, u, v)
+        lobe, u, v = numbers[i, 0], numbers[i, 1], numbers[i, 2]
+        direction[i], weight[i], pdf[i], side[i] = sample_bsdf(world, material, point, lobe, u, v)
 
 
 @kernel
-def _glass(world, instance, eyes, reflected, refracted, share):
-    at = material_at(world, instance)
-    for i in range(len(eyes)):
-        place = ShadingPoint((0.0, 0.0, 1.0), (eyes[i, 0], eyes[i, 1], eyes[i, 2]), (1.0, 1.0, 1.0), eyes[i, 3])
-        reflected[i], refracted[i], share[i] = glass(world, at, place)
+def _glass(world, instance, wo, reflected, refracted, share):
+    material = material_at(world, instance)
+    for i in range(len(wo)):
+        point = ShadingPoint((0.0, 0.0, 1.0), (wo[i, 0], wo[i, 1], wo[i, 2]), (1.0, 1.0, 1.0), wo[i, 3])
+        reflected[i], refracted[i], share[i] = glass(world, material, point)
 
 
 @kernel
 def _own_light(world, instance, out):
-    at = material_at(world, instance)
-    out[0], out[1], out[2] = emitted(world, at)
-    return is_specular(world, at)
+    material = material_at(world, instance)
+    out[0], out[1], out[2] = emitted(world, material)
+    return is_specular(world, material)
 
 
 class Surface:
@@ -64,23 +64,23 @@ class Surface:
         self.world = scene.snapshot().world
         self.color = np.array(color, float)
 
-    def scatter(self, eye, wi):
+    def eval_bsdf(self, wo, wi):
         """(rgb (n, 3), density (n,))."""
         rgb, pdf = np.empty((len(wi), 3)), np.empty(len(wi))
-        _scatter(self.world, self.instance, eye, self.color, wi, rgb, pdf)
+        _eval_bsdf(self.world, self.instance, wo, self.color, wi, rgb, pdf)
         return rgb, pdf
 
-    def sample(self, eye, numbers):
+    def sample(self, wo, numbers):
         """(direction (n, 3), weight (n, 3), density (n,), side (n,)) for numbers (n, 3)."""
         n = len(numbers)
         out = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
-        _sample(self.world, self.instance, eye, self.color, numbers, *out)
+        _sample(self.world, self.instance, wo, self.color, numbers, *out)
         return out
 
-    def glass(self, eyes):
+    def glass(self, wos):
         """(reflected (n, 3), refracted (n, 3), share (n,)) for eyes (n, 4)."""
-        out = np.empty((len(eyes), 3)), np.empty((len(eyes), 3)), np.empty(len(eyes))
-        _glass(self.world, self.instance, eyes, *out)
+        out = np.empty((len(wos), 3)), np.empty((len(wos), 3)), np.empty(len(wos))
+        _glass(self.world, self.instance, wos, *out)
         return out
 
     def own_light(self):
@@ -90,7 +90,7 @@ class Surface:
         return out, specular
 
 
-def eye_at(degrees, side=1.0):
+def wo_at(degrees, side=1.0):
     """The direction to an eye at an angle from the normal, and its side."""
     angle = np.radians(degrees)
     return np.array([np.sin(angle), 0.0, np.cos(angle), side])
@@ -101,21 +101,21 @@ RINGS = np.append(0, np.pi * 0.5 ** np.arange(16, -1, -1.0))
 SECTORS, TURNS, NODES = 8, 720, 8
 
 
-def quadrature(eye):
+def quadrature(wo):
     """Directions (n, 3) and their solid angles (n,), ring by ring, in each turn by turn."""
     x, w = np.polynomial.legendre.leggauss(NODES)
     width = np.diff(RINGS)[:, None]
     polar, dpolar = (RINGS[:-1, None] + width * (x + 1) / 2).ravel(), (width * w / 2).ravel()
     turn = (np.arange(TURNS) + 0.5) * 2 * np.pi / TURNS
-    axis, side, back = frame(eye)
+    axis, side, back = frame(wo)
     ring = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * back
     directions = np.cos(polar)[:, None, None] * axis + np.sin(polar)[:, None, None] * ring
     return directions.reshape(-1, 3), np.repeat(np.sin(polar) * dpolar * 2 * np.pi / TURNS, TURNS)
 
 
-def frame(eye):
+def frame(wo):
     """The direction that mirrors the eye, and two across it."""
-    x, _, z = eye[:3]
+    x, _, z = wo[:3]
     return np.array([-x, 0.0, z]), np.array([z, 0.0, x]), np.array([0.0, 1.0, 0.0])
 
 
@@ -125,16 +125,16 @@ def upper(v):
     return np.column_stack([v[:, :2], np.abs(v[:, 2])])
 
 
-def integrals(surface, eye):
+def integrals(surface, wo):
     """(albedo (3,), integral of the density) over all directions."""
-    directions, solid = quadrature(eye)
-    rgb, pdf = surface.scatter(eye, directions)
+    directions, solid = quadrature(wo)
+    rgb, pdf = surface.eval_bsdf(wo, directions)
     return solid @ rgb, solid @ pdf
 
 
-def bins_of(eye, directions):
+def bins_of(wo, directions):
     """Ring and sector of directions, as one number."""
-    axis, side, back = frame(eye)
+    axis, side, back = frame(wo)
     across = np.stack([directions @ side, directions @ back])
     polar = np.arctan2(np.hypot(*across), directions @ axis)
     turn = np.arctan2(across[1], across[0]) % (2 * np.pi)

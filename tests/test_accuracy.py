@@ -79,7 +79,7 @@ def test_random_points_are_independent():
 def test_depth_of_a_ray_in_a_solid(name):
     """Against dense samples of the exact distance along each ray."""
     shape, h = truth(name), 0.02
-    bounds = np.stack([shape.places(5000, 0).min(axis=0), shape.places(5000, 0).max(axis=0)])
+    bounds = np.stack([shape.surface_samples(5000, 0).min(axis=0), shape.surface_samples(5000, 0).max(axis=0)])
     origins, directions = next(lines(bounds, 120, 4))
     ends = np.where(np.arange(120) % 2, np.inf, np.linalg.norm(bounds[1] - bounds[0]) / 2)
     found = shape.depth(origins, directions, ends, h)
@@ -105,14 +105,14 @@ def test_the_nearest_place_of_a_mesh(ball):
     trimesh = pytest.importorskip("trimesh")
     exact, mesh = ball
     x = np.random.default_rng(2).normal(size=(200, 3))
-    near = np.concatenate([x, mesh.vertices[0] + 0.1 * x[:20], exact.places(200, 0) + 0.01 * x])
+    near = np.concatenate([x, mesh.vertices[0] + 0.1 * x[:20], exact.surface_samples(200, 0) + 0.01 * x])
     distance, normals = exact.compare(near)
-    for place, found, n in zip(near, distance, normals, strict=True):
-        all_places = trimesh.triangles.closest_point(mesh.triangles, np.repeat(place[None], len(mesh.faces), axis=0))
-        apart = np.linalg.norm(all_places - place, axis=1)
+    for point, found, n in zip(near, distance, normals, strict=True):
+        closest = trimesh.triangles.closest_point(mesh.triangles, np.repeat(point[None], len(mesh.faces), axis=0))
+        apart = np.linalg.norm(closest - point, axis=1)
         assert abs(apart.min() - found) < 1e-6
         best = apart.argmin()
-        share = trimesh.triangles.points_to_barycentric(mesh.triangles[best : best + 1], all_places[best : best + 1])
+        share = trimesh.triangles.points_to_barycentric(mesh.triangles[best : best + 1], closest[best : best + 1])
         expected = share[0] @ mesh.vertex_normals[mesh.faces[best]]
         assert n @ expected > 0.99999 * np.linalg.norm(expected)
 
@@ -134,9 +134,9 @@ def test_depth_of_a_ray_in_a_mesh(ball):
 def test_counts_of_splats(even):
     small = Cloud(even.truth, "even", even.points.select(np.arange(0, N, 20)), 0.0)
     model = model_of(small, Setting("apss"))
-    places = even.truth.places(2000, seed=99)
-    gaps = np.linalg.norm(places[:, None] - model.points.positions[None].astype(np.float64), axis=2)
-    assert abs((gaps <= model.radii).sum(axis=1).mean() - overlap(places, model)) < 1e-3
+    surface_samples = even.truth.surface_samples(2000, seed=99)
+    gaps = np.linalg.norm(surface_samples[:, None] - model.points.positions[None].astype(np.float64), axis=2)
+    assert abs((gaps <= model.radii).sum(axis=1).mean() - overlap(surface_samples, model)) < 1e-3
     spheres = model.tree.spheres.reshape(-1, 4, 16)
     listed = sum(
         int((spheres[g, 3] >= 0).sum())

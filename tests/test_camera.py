@@ -97,9 +97,9 @@ def test_a_panorama_goes_around_and_from_pole_to_pole():
     origins, directions = camera.rays()
     assert (origins == [1, 2, 3]).all()
     across = directions[99:101].mean(axis=0)
-    places = {199: (0, 1, 0), 299: (1, 0, 0), 99: (-1, 0, 0), 0: (0, -1, 0), 399: (0, -1, 0)}
-    for column, way in places.items():
-        np.testing.assert_allclose(across[column], way, atol=0.02)
+    expected = {199: (0, 1, 0), 299: (1, 0, 0), 99: (-1, 0, 0), 0: (0, -1, 0), 399: (0, -1, 0)}
+    for column, direction in expected.items():
+        np.testing.assert_allclose(across[column], direction, atol=0.02)
     np.testing.assert_allclose(directions[0], np.tile([0, 0, 1.0], (400, 1)), atol=0.01)
     np.testing.assert_allclose(directions[-1], np.tile([0, 0, -1.0], (400, 1)), atol=0.01)
 

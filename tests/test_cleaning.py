@@ -14,9 +14,9 @@ def planted(world, seed=1):
     """The cloud, 20 stray points and a clump of ten, all 1 to 30 diagonals out."""
     low, high = world.min(axis=0), world.max(axis=0)
     size, draw = np.linalg.norm(high - low), np.random.default_rng(seed)
-    ways = draw.normal(size=(20, 3))
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    single = (low + high) / 2 + ways * size * draw.uniform(1, 30, (20, 1))
+    directions = draw.normal(size=(20, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    single = (low + high) / 2 + directions * size * draw.uniform(1, 30, (20, 1))
     clump = high + [2 * size, 0, 0] + draw.normal(size=(10, 3)) * size * 1e-4
     return pr.Points(np.vstack([world, single, clump]))
 

@@ -9,8 +9,8 @@ RNG = np.random.default_rng(5)
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def turned(degrees, size, place):
-    return pr.transform(rotate=degrees, axis=(1, 2, 3), scale=size, translate=place)
+def turned(degrees, size, position):
+    return pr.transform(rotate=degrees, axis=(1, 2, 3), scale=size, translate=position)
 
 
 @pytest.fixture(scope="module")

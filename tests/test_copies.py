@@ -6,8 +6,8 @@ import pytest
 import pointray as pr
 
 
-def turned(degrees, size, place):
-    return pr.transform(rotate=degrees, axis=(1, 2, 3), scale=size, translate=place)
+def turned(degrees, size, position):
+    return pr.transform(rotate=degrees, axis=(1, 2, 3), scale=size, translate=position)
 
 
 @pytest.fixture(scope="module")

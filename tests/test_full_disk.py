@@ -60,19 +60,19 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # else the first byte beyond the 
 write()
 size, wrong = file.stat().st_size, []
 step = 97 if file.suffix != ".mp4" else 997
-places = {0, 1, size // 3, size // 2, size - 9, size - 2, size - 1, *range(max(size - 40 * step, 0), size, step)}
-for place in sorted(places):
+limits = {0, 1, size // 3, size // 2, size - 9, size - 2, size - 1, *range(max(size - 40 * step, 0), size, step)}
+for limit in sorted(limits):
     file.write_bytes(b"old")
-    resource.setrlimit(resource.RLIMIT_FSIZE, (place, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     try:
         write()
-        wrong.append([place, "no error"])
+        wrong.append([limit, "no error"])
     except OSError:
         pass
     resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     if file.read_bytes() != b"old" or len(list(file.parent.iterdir())) != 1:
-        wrong.append([place, sorted(p.name for p in file.parent.iterdir())])
-print(json.dumps([len(places), wrong]))
+        wrong.append([limit, sorted(p.name for p in file.parent.iterdir())])
+print(json.dumps([len(limits), wrong]))
 """
 NAMES = ("picture.png", "picture.jpg", "layers.npz", "points.ply", "model.pointray", "%04d.png.json")
 
@@ -132,8 +132,8 @@ def test_what_an_exr_lacks_is_seen(tmp_path):
     write_layers(file, {"depth": np.random.default_rng(0).random((70, 9))})
     whole = file.read_bytes()
     check_exr_whole(file)
-    for place in range(0, len(whole), 7):
-        file.write_bytes(whole[:place])
+    for length in range(0, len(whole), 7):
+        file.write_bytes(whole[:length])
         with pytest.raises(OSError, match="cut off"):
             check_exr_whole(file)
     head = whole.index(b"\0\0", whole.index(b"screenWindowWidth") + 30)
@@ -146,8 +146,8 @@ def test_what_a_film_lacks_is_seen(tmp_path, pictures):
     file = tmp_path / "a.mp4"
     write_mp4(file, pictures, 3, 24, (36, 40))
     whole = file.read_bytes()
-    for place in range(0, len(whole), 53):
-        file.write_bytes(whole[:place])
+    for length in range(0, len(whole), 53):
+        file.write_bytes(whole[:length])
         with pytest.raises(OSError, match="cut off"):
             check_mp4_whole(file)
 
@@ -200,9 +200,9 @@ def test_the_command_line_says_that_the_disk_is_full(tmp_path, name):
     arguments = ["render", str(tmp_path / "scan.ply"), "-o", str(folder / name), "--size", "48x32", "--spp", "1"]
     assert execute(arguments) == 0
     size = (folder / name).stat().st_size
-    for place in (0, size // 2, size - 1):
+    for limit in (0, size // 2, size - 1):
         (folder / name).write_bytes(b"old")
-        command = [sys.executable, "-c", COMMAND, str(place), *arguments]
+        command = [sys.executable, "-c", COMMAND, str(limit), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stdout) == (1, "")
         assert done.stderr == f"pointray: {folder / name}: File too large\n"

@@ -71,12 +71,12 @@ def ruffled(count):
 
 @pytest.mark.parametrize("scale", [(1, 1, 1), (2, 0.5, -1)])
 def test_the_surface_goes_on_beyond_the_points(scale):
-    model, place = ruffled(400), np.diag([*scale, 1.0])
+    model, transform = ruffled(400), np.diag([*scale, 1.0])
     camera = pr.Camera.look_at((0, -0.1, 9), (0, 0, 0), fov=30, size=(200, 200))
     alone, among = pr.Scene(), pr.Scene()
     for k in range(6):
-        among.add(model, moved_off(place) if k else place)
-    alone.add(model, place)
+        among.add(model, moved_off(transform) if k else transform)
+    alone.add(model, transform)
     hits = alone.intersect(*camera.rays())
     assert np.allclose(among.intersect(*camera.rays()).t, hits.t, rtol=1e-6)
     beyond = np.abs(hits.position[..., :2]) > np.abs(alone.bounds[:, :2]).max(axis=0) + 0.01

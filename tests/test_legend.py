@@ -99,8 +99,8 @@ def test_classes_have_fields(name, last, size):
     count = min(last + 1, len(colormap(name)))
     for k, color in enumerate(colormap(name)):
         assert ((drawn == color).all(axis=2).sum() > 25) == (k < count)  # fewer: of writing
-    places = [np.argwhere((drawn == colormap(name)[k]).all(axis=2)).mean(axis=0) for k in range(count)]
-    assert (np.diff([y for y, _ in places]) < 0).all() and np.ptp([x for _, x in places]) < 2
+    centers = [np.argwhere((drawn == colormap(name)[k]).all(axis=2)).mean(axis=0) for k in range(count)]
+    assert (np.diff([y for y, _ in centers]) < 0).all() and np.ptp([x for _, x in centers]) < 2
 
 
 def test_a_long_name_fits():

@@ -18,15 +18,15 @@ FORWARD = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
 
 
 @kernel
-def _camera_rays(camera, how, origins, directions):
+def _camera_rays(camera, sampling, origins, directions):
     memory = new_scratch(1)
     scratch = borrow(memory)
     height, width, spp = origins.shape[:3]
     for top in range(0, height, EDGE):
         for left in range(0, width, EDGE):
-            begin_tile((left, top), (width, height), how[0], scratch)
+            begin_tile((left, top), (width, height), sampling[0], scratch)
             for sample in range(spp):
-                set_pixel_rays(camera, (width, height), (left, top), sample, (how[1], how[2]), scratch)
+                set_pixel_rays(camera, (width, height), (left, top), sample, (sampling[1], sampling[2]), scratch)
                 for i in range(TILE):
                     x, y = pixel_of((left, top), i)
                     if x < width and y < height:
@@ -37,7 +37,7 @@ def _camera_rays(camera, how, origins, directions):
 
 
 @kernel
-def _places(how, out):
+def _pixel_positions(sampling, out):
     for k in range(out.shape[0]):
         for sample in range(out.shape[1]):
             out[k, sample, 0], out[k, sample, 1] = position_in_pixel(pixel_key(k, 7, how[0]), sample, how[2])
@@ -192,18 +192,18 @@ def shares(shape):
     return (np.cumsum(f) - f / 2) / f.sum()
 
 
-def farthest(places, shape):
+def farthest(positions, shape):
     """The greatest difference between the shares of the places and those of the filter (Kolmogorov and Smirnov)."""
-    return np.abs(np.searchsorted(np.sort(places), X) / len(places) - shares(shape)).max()
+    return np.abs(np.searchsorted(np.sort(positions), X) / len(positions) - shares(shape)).max()
 
 
 @pytest.mark.parametrize("shape", FILTERS)
 def test_places_are_spread_like_the_filter_and_like_no_other(shape):
     out = np.empty((64, 1024, 2))
-    _places((1, 1024, number_of(FILTERS, shape)), out)
-    for places in np.moveaxis(out.reshape(-1, 2), 1, 0):
-        assert farthest(places, shape) < 0.003
-        others = {other: farthest(places, other) for other in FILTERS if other != shape}
+    _pixel_positions((1, 1024, number_of(FILTERS, shape)), out)
+    for positions in np.moveaxis(out.reshape(-1, 2), 1, 0):
+        assert farthest(positions, shape) < 0.003
+        others = {other: farthest(positions, other) for other in FILTERS if other != shape}
         # The tent and Blackman and Harris's window are nearly as wide.
         assert min(others.values()) > (0.008 if shape in ("tent", "blackman-harris") else 0.02)
     away = np.hypot(*np.moveaxis(out, 2, 0)) if shape == "gaussian" else np.abs(out).max(axis=2)

@@ -116,10 +116,10 @@ def exact_irradiance(light, x):
         u *= light.radius / np.linalg.norm(u)
         v, inside = np.cross(normal, u), a * a + b * b <= 1
     normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
-    way = np.asarray(light.center) + a[..., None] * u + b[..., None] * v - x
-    square = (way**2).sum(axis=-1)
+    toward = np.asarray(light.center) + a[..., None] * u + b[..., None] * v - x
+    square = (toward**2).sum(axis=-1)
     piece = np.linalg.norm(np.cross(u, v)) / 200**2
-    share = (inside * np.maximum(-way @ normal, 0) * np.maximum(way[..., 2], 0) / square**2 * piece).sum()
+    share = (inside * np.maximum(-toward @ normal, 0) * np.maximum(toward[..., 2], 0) / square**2 * piece).sum()
     return share * np.broadcast_to(np.asarray(light.radiance, float), 3)
 
 
@@ -142,7 +142,7 @@ def test_a_ray_to_a_sample_meets_the_light_there(name):
 
 
 @pytest.mark.parametrize("name", [name for name in LIGHTS if name != "sun"])
-def test_densities_sum_to_one(name):
+def test_pdfs_sum_to_one(name):
     """Over all directions: what is met is what is chosen."""
     d = even_directions(400_000)
     out = np.empty((len(d), 2))
@@ -224,11 +224,11 @@ def test_where_a_picture_lies():
     height, width = 16, 32
     image = np.zeros((height, width, 3))
     image[7:9, 15:17], image[7:9, 23:25], image[0] = (1, 0, 0), (0, 1, 0), (0, 0, 1)
-    ways = np.array([[0, 1, 0], [1, 0, 0], [0, 0, 1], [0, 0, -1], [0, -1, 0]], float)
+    directions = np.array([[0, 1, 0], [1, 0, 0], [0, 0, 1], [0, 0, -1], [0, -1, 0]], float)
     out = np.empty((5, 7))
-    _sky(world_of(pr.EnvironmentLight(image=image)), ways, out)
+    _sky(world_of(pr.EnvironmentLight(image=image)), directions, out)
     assert out[:, :3].tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0], [0, 0, 0]]
-    _sky(world_of(pr.EnvironmentLight((1, 2, 3), horizon=0.5, ground=0.25, up=(0, 2, 0))), ways, out)
+    _sky(world_of(pr.EnvironmentLight((1, 2, 3), horizon=0.5, ground=0.25, up=(0, 2, 0))), directions, out)
     assert out[:, 0].tolist() == [1, 0.5, 0.5, 0.5, 0.25]
 
 

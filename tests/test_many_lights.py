@@ -27,34 +27,34 @@ def _meet(world, o, d, out):
     """Of rays: t and number of the lamp that is met, by the tree and by a walk; density of suns, the same."""
     world = borrow(world)
     for i in range(len(o)):
-        x, way = (o[i, 0], o[i, 1], o[i, 2]), (d[i, 0], d[i, 1], d[i, 2])
-        t, at = nearest_lamp(world, (x, way), np.inf)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = t, at // LIGHT, np.inf, -1
+        x, direction = (o[i, 0], o[i, 1], o[i, 2]), (d[i, 0], d[i, 1], d[i, 2])
+        t, offset = nearest_lamp(world, (x, direction), np.inf)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = t, offset // LIGHT, np.inf, -1
         out[i, 4], out[i, 5] = 0.0, 0.0
         k = 0
         while True:
-            k, _, _, pdf = sun_after(world, k, way)
+            k, _, _, pdf = sun_after(world, k, direction)
             if k == 0:
                 break
             out[i, 4] += pdf
-        for at in range(0, world.lights.size, LIGHT):
-            t = intersect_light(world, at, x, way)
+        for offset in range(0, world.lights.size, LIGHT):
+            t = intersect_light(world, offset, x, direction)
             if t < out[i, 2]:
-                out[i, 2], out[i, 3] = t, at // LIGHT
-            out[i, 5] += sun_in(world, at, way)[1]
+                out[i, 2], out[i, 3] = t, offset // LIGHT
+            out[i, 5] += sun_in(world, offset, direction)[1]
 
 
 def lights_of(count, rng, spread=4.0):
     """Unlike ones: of all kinds, of powers that differ by thousands, some black."""
     out = []
     for k in range(count):
-        place, power = rng.uniform(-spread, spread, 3) + (0, 0, spread + 1), rng.lognormal(0, 2) * (k % 7 != 3)
+        position, power = rng.uniform(-spread, spread, 3) + (0, 0, spread + 1), rng.lognormal(0, 2) * (k % 7 != 3)
         out.append(
             [
-                pr.PointLight(place, power * rng.uniform(0, 1, 3)),
-                pr.SphereLight(place, rng.uniform(0.05, 0.5), power),
-                pr.DiskLight(place, rng.normal(size=3) - (0, 0, 1), rng.uniform(0.05, 0.5), power),
-                pr.RectLight(place, rng.normal(0, 0.3, 3), rng.normal(0, 0.3, 3), power),
+                pr.PointLight(position, power * rng.uniform(0, 1, 3)),
+                pr.SphereLight(position, rng.uniform(0.05, 0.5), power),
+                pr.DiskLight(position, rng.normal(size=3) - (0, 0, 1), rng.uniform(0.05, 0.5), power),
+                pr.RectLight(position, rng.normal(0, 0.3, 3), rng.normal(0, 0.3, 3), power),
                 pr.SunLight((*rng.normal(size=2), -rng.uniform(0.2, 2)), power, angle=rng.choice([0, 0.5, 20, 100])),
             ][k % 5]
         )
@@ -80,7 +80,7 @@ def expected_shares(world, radius, sky=None):
     return even * shines / shines.sum() + (1 - even) * power / power.sum()
 
 
-def reach_of(world):
+def half_diagonal_of(world):
     """Half the diagonal of the box around lights that are somewhere."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for record in world.lights.reshape(-1, LIGHT):
@@ -99,7 +99,7 @@ def test_the_choice_follows_its_table(count, with_sky):
     rng = np.random.default_rng(count)
     image = np.full((32, 64, 3), 2.0) * (0.5, 1, 0.25)
     world = world_of(lights_of(count, rng), pr.EnvironmentLight(image=image) if with_sky else None)
-    want = expected_shares(world, reach_of(world), 4 * math.pi * 2.0 if with_sky else None)
+    want = expected_shares(world, half_diagonal_of(world), 4 * math.pi * 2.0 if with_sky else None)
     numbers, out = rng.random(200_000), np.empty((200_000, 3))
     _choose(world, numbers, out)
     which = out[:, 0].astype(int)
@@ -184,8 +184,8 @@ def test_the_mean_is_the_sum_over_all_lights():
 
     each, error = np.zeros(4), np.zeros(4)
     for k in range(len(lights)):
-        some = [light if j == k else black(light) for j, light in enumerate(lights)]
-        one = means(ball, some, range(4), spp=64, max_depth=2)
+        one_shines = [light if j == k else black(light) for j, light in enumerate(lights)]
+        one = means(ball, one_shines, range(4), spp=64, max_depth=2)
         each, error = each + one.mean(axis=0), error + one.var(axis=0, ddof=1) / 4
     one = means(ball, [*map(black, lights), sky], range(4), spp=64, max_depth=2)
     each, error = each + one.mean(axis=0), error + one.var(axis=0, ddof=1) / 4
@@ -198,14 +198,14 @@ def test_the_mean_is_the_sum_over_all_lights():
 def test_points_add_up_to_their_formula():
     """200 point lights over a diffuse floor, direct light only."""
     rng = np.random.default_rng(2)
-    places, powers = rng.uniform((-3, -3, 1), (3, 3, 3), (200, 3)), rng.lognormal(0, 2, 200)
+    positions, powers = rng.uniform((-3, -3, 1), (3, 3, 3), (200, 3)), rng.lognormal(0, 2, 200)
     scene = pr.Scene()
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1), 0.5))
-    scene.lights = [pr.PointLight(x, power) for x, power in zip(places, powers, strict=True)]
+    scene.lights = [pr.PointLight(x, power) for x, power in zip(positions, powers, strict=True)]
     camera = pr.Camera.look_at((0, 0, 10), (0, 0, 0), up=(0, 1, 0), fov=20, size=(16, 16))
     o, d = camera.rays()
     x = o - d * (o[..., 2:] / d[..., 2:])
-    v = places - x[..., None, :]
+    v = positions - x[..., None, :]
     want = (0.5 / np.pi * powers * v[..., 2] / (v**2).sum(axis=-1) ** 1.5).sum(axis=-1)
     image = pr.render(scene, camera, pr.Settings("path", spp=4096, max_depth=1, filter="box"))[..., 0]
     assert image.mean() == pytest.approx(want.mean(), rel=2e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from surfaces import NODES, RINGS, SECTORS, Surface, bins_of, eye_at, integrals, quadrature, upper
+from surfaces import NODES, RINGS, SECTORS, Surface, bins_of, integrals, quadrature, upper, wo_at
 
 RNG = np.random.default_rng(11)
 
@@ -31,12 +31,12 @@ ANGLES = [0, 35, 60, 80, 88]
 
 @pytest.mark.parametrize("name", OPAQUE)
 @pytest.mark.parametrize("degrees", ANGLES)
-def test_energy_and_density(name, degrees):
+def test_energy_and_pdf(name, degrees):
     """No more than all light is reflected, and weights and densities are what samples do."""
-    surface, eye, count = Surface(OPAQUE[name]), eye_at(degrees), 200_000
-    albedo, probability = integrals(surface, eye)
+    surface, wo, count = Surface(OPAQUE[name]), wo_at(degrees), 200_000
+    albedo, probability = integrals(surface, wo)
     assert 0 < albedo.max() <= 1 + 1e-3
-    direction, weight, pdf, side = surface.sample(eye, RNG.random((count, 3)))
+    direction, weight, pdf, side = surface.sample(wo, RNG.random((count, 3)))
     assert (side == 1).all() and np.abs(np.linalg.norm(direction, axis=1) - 1).max() < 1e-12
     produced = pdf > 0
     assert probability == pytest.approx(produced.mean(), abs=1e-2) and probability <= 1 + 1e-2
@@ -44,20 +44,20 @@ def test_energy_and_density(name, degrees):
     noise = weight.std(axis=0) / np.sqrt(count)
     assert (np.abs(weight.mean(axis=0) - albedo) < 5 * noise + 1e-3).all()
     assert weight.max() < 12
-    rgb, again = surface.scatter(eye, direction[produced])
+    rgb, again = surface.eval_bsdf(wo, direction[produced])
     np.testing.assert_allclose(again, pdf[produced], rtol=1e-12)
     np.testing.assert_allclose(rgb / again[:, None], weight[produced], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", OPAQUE)
 @pytest.mark.parametrize("degrees", [0, 60, 85])
-def test_samples_lie_where_their_density_says(name, degrees):
+def test_samples_lie_where_their_pdf_says(name, degrees):
     """Chi square over rings and sectors about the mirrored direction."""
-    surface, eye, count = Surface(OPAQUE[name]), eye_at(degrees), 200_000
-    directions, solid = quadrature(eye)
-    mass = (surface.scatter(eye, directions)[1] * solid).reshape(len(RINGS) - 1, NODES, SECTORS, -1).sum(axis=(1, 3))
-    direction, _, pdf, _ = surface.sample(eye, RNG.random((count, 3)))
-    found = np.bincount(bins_of(eye, direction[pdf > 0]), minlength=mass.size)
+    surface, wo, count = Surface(OPAQUE[name]), wo_at(degrees), 200_000
+    directions, solid = quadrature(wo)
+    mass = (surface.eval_bsdf(wo, directions)[1] * solid).reshape(len(RINGS) - 1, NODES, SECTORS, -1).sum(axis=(1, 3))
+    direction, _, pdf, _ = surface.sample(wo, RNG.random((count, 3)))
+    found = np.bincount(bins_of(wo, direction[pdf > 0]), minlength=mass.size)
     expected = mass.ravel() * count
     some = expected > 20
     assert expected[some].sum() > 0.99 * expected.sum() and some.sum() >= 4
@@ -73,8 +73,8 @@ def test_reciprocity(name):
     a = upper(RNG.normal(size=(400, 3)))
     b = upper(RNG.normal(size=(400, 3)))
     b[:200] = upper(a[:200] * (-1, -1, 1) + 0.01 * b[:200])
-    there = np.array([surface.scatter(np.append(x, 1.0), y[None])[0][0] / y[2] for x, y in zip(a, b, strict=True)])
-    back = np.array([surface.scatter(np.append(y, 1.0), x[None])[0][0] / x[2] for x, y in zip(a, b, strict=True)])
+    there = np.array([surface.eval_bsdf(np.append(x, 1.0), y[None])[0][0] / y[2] for x, y in zip(a, b, strict=True)])
+    back = np.array([surface.eval_bsdf(np.append(y, 1.0), x[None])[0][0] / x[2] for x, y in zip(a, b, strict=True)])
     np.testing.assert_allclose(there, back, rtol=1e-6, atol=1e-12)
     assert there.max() > 0
 
@@ -82,32 +82,32 @@ def test_reciprocity(name):
 @pytest.mark.parametrize("exponent", [0, 0.5, 1, 5, 20, 100, 1000, 10_000])
 def test_phongs_highlight_is_normalised(exponent):
     surface = Surface(pr.Phong(0, specular=1, exponent=exponent))
-    albedo = [integrals(surface, eye_at(degrees))[0][0] for degrees in (0, 20, 40, 60, 75, 85, 89)]
+    albedo = [integrals(surface, wo_at(degrees))[0][0] for degrees in (0, 20, 40, 60, 75, 85, 89)]
     assert albedo[0] == pytest.approx(1, abs=1e-4)
     assert (np.diff(albedo) < 1e-4).all() and albedo[2] > 0.999 * np.cos(np.radians(40))
 
 
-def facets(eye, light, alpha, color, metallic):
+def facets(wo, wi, alpha, color, metallic):
     """D F G2 / (4 c c') as the papers have it: Walter et al. 2007 (33), Heitz 2014 (72, 99), Schlick 1994."""
-    half = eye + light
+    half = wo + wi
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     tan2 = lambda v: (v[:, 0] ** 2 + v[:, 1] ** 2) / v[:, 2] ** 2  # noqa: E731
     spread = alpha**2 / (np.pi * half[:, 2] ** 4 * (alpha**2 + tan2(half)) ** 2)
-    hidden = [(np.sqrt(1 + alpha**2 * tan2(v)) - 1) / 2 for v in (eye, light)]
+    hidden = [(np.sqrt(1 + alpha**2 * tan2(v)) - 1) / 2 for v in (wo, wi)]
     at_normal = 0.04 + metallic * (np.array(color) - 0.04)
-    fresnel = at_normal + (1 - at_normal) * (1 - (eye * half).sum(axis=1)[:, None]) ** 5
-    return (spread / (1 + hidden[0] + hidden[1]) / (4 * eye[:, 2] * light[:, 2]))[:, None] * fresnel
+    fresnel = at_normal + (1 - at_normal) * (1 - (wo * half).sum(axis=1)[:, None]) ** 5
+    return (spread / (1 + hidden[0] + hidden[1]) / (4 * wo[:, 2] * wi[:, 2]))[:, None] * fresnel
 
 
 @pytest.mark.parametrize("roughness", [0.1, 0.5, 1])
 @pytest.mark.parametrize("metallic", [0, 0.3, 1])
 def test_principled_is_what_the_papers_say(roughness, metallic):
     color = (0.9, 0.5, 0.1)
-    surface, eye = Surface(pr.Principled(None, roughness, metallic), color), eye_at(50)
-    light = upper(RNG.normal(size=(2000, 3)))
-    light[:1000] = upper((-eye[0], 0, eye[2]) + 0.1 * light[:1000])
-    glossy = facets(np.broadcast_to(eye[:3], light.shape), light, roughness**2, color, metallic)
-    base = surface.scatter(eye, light)[0] / light[:, 2:] - glossy
+    surface, wo = Surface(pr.Principled(None, roughness, metallic), color), wo_at(50)
+    wi = upper(RNG.normal(size=(2000, 3)))
+    wi[:1000] = upper((-wo[0], 0, wo[2]) + 0.1 * wi[:1000])
+    glossy = facets(np.broadcast_to(wo[:3], wi.shape), wi, roughness**2, color, metallic)
+    base = surface.eval_bsdf(wo, wi)[0] / wi[:, 2:] - glossy
     if metallic == 1:
         np.testing.assert_allclose(base, 0, atol=1e-9 * glossy.max())
     else:  # of one colour, and at most Lambert's over what is let in
@@ -119,38 +119,38 @@ def test_principled_is_what_the_papers_say(roughness, metallic):
 def test_what_white_furnaces_lose():
     """The figures of Principled's docstring: between facets light is lost."""
     for roughness, reflected in ((0.1, 0.999), (0.5, 0.92), (1, 0.31)):
-        albedo = integrals(Surface(pr.Principled(1, roughness, 1)), eye_at(0))[0]
+        albedo = integrals(Surface(pr.Principled(1, roughness, 1)), wo_at(0))[0]
         assert albedo == pytest.approx(np.full(3, reflected), abs=0.01)
     for roughness in np.linspace(0, 1, 21):
         surface = Surface(pr.Principled(1, roughness))
-        albedo = [integrals(surface, eye_at(degrees))[0][0] for degrees in (0, 20, 40, 50, 60, 70, 78, 84)]
+        albedo = [integrals(surface, wo_at(degrees))[0][0] for degrees in (0, 20, 40, 50, 60, 70, 78, 84)]
         assert max(albedo) < 1 + 1e-5 and min(albedo[:-1]) > 0.98 and albedo[-1] > 0.95
 
 
 def test_a_black_dielectric_reflects_4_percent():
-    albedo = integrals(Surface(pr.Principled(0, roughness=0)), eye_at(0))[0]
+    albedo = integrals(Surface(pr.Principled(0, roughness=0)), wo_at(0))[0]
     assert albedo == pytest.approx(np.full(3, 0.04), abs=1e-4)
 
 
 def test_metal_tints_its_reflection_and_less_where_it_grazes():
     gold = (1.0, 0.77, 0.34)
     surface = Surface(pr.Principled(None, 0.1, 1), gold)
-    assert integrals(surface, eye_at(0))[0] == pytest.approx(np.array(gold), abs=2e-3)
-    grazing = integrals(surface, eye_at(85))[0]
+    assert integrals(surface, wo_at(0))[0] == pytest.approx(np.array(gold), abs=2e-3)
+    grazing = integrals(surface, wo_at(85))[0]
     assert grazing[2] / grazing[0] > 0.7
 
 
 def test_a_mirror_reflects():
     mirror = Surface(pr.Mirror((0.9, 0.5, 0.1)))
     for side in (1.0, -1.0):
-        direction, weight, pdf, left = mirror.sample(eye_at(30, side), np.zeros((1, 3)))
+        direction, weight, pdf, left = mirror.sample(wo_at(30, side), np.zeros((1, 3)))
         np.testing.assert_allclose(direction, [[-0.5, 0, np.sqrt(0.75)]], atol=1e-15)
         assert weight.tolist() == [[0.9, 0.5, 0.1]] and pdf == 0 and left == side
-    assert not mirror.scatter(eye_at(30), direction)[0].any()
+    assert not mirror.eval_bsdf(wo_at(30), direction)[0].any()
 
 
-def eyes_at(degrees, side=1.0):
-    return np.array([eye_at(d, side) for d in degrees])
+def wos_at(degrees, side=1.0):
+    return np.array([wo_at(d, side) for d in degrees])
 
 
 @pytest.mark.parametrize("ior", [1.5, 1.33, 0.75, 2.4, 1])
@@ -158,12 +158,12 @@ def eyes_at(degrees, side=1.0):
 def test_glass_refracts(ior, side):
     """Snell's law, total reflection where it has no answer, all within one plane, and unit directions."""
     degrees = np.linspace(0, 89.9, 500)
-    eyes = eyes_at(degrees, side)
-    reflected, refracted, share = Surface(pr.Dielectric(ior)).glass(eyes)
+    wos = wos_at(degrees, side)
+    reflected, refracted, share = Surface(pr.Dielectric(ior)).glass(wos)
     ratio = ior if side > 0 else 1 / ior
     sine = np.sin(np.radians(degrees)) / ratio
     through = sine < 1
-    np.testing.assert_allclose(reflected, eyes[:, :3] * (-1, -1, 1), atol=1e-15)
+    np.testing.assert_allclose(reflected, wos[:, :3] * (-1, -1, 1), atol=1e-15)
     np.testing.assert_allclose(-refracted[through, 0], sine[through], atol=1e-9)
     assert (refracted[through, 2] < 0).all() and not refracted[:, 1].any()
     np.testing.assert_allclose(np.linalg.norm(refracted, axis=1), 1, atol=1e-12)
@@ -178,28 +178,28 @@ def test_glass_refracts(ior, side):
 def test_fresnels_landmarks():
     glass = Surface(pr.Dielectric(1.5))
     brewster, critical = np.degrees(np.arctan(1.5)), np.degrees(np.arcsin(1 / 1.5))
-    _, _, share = glass.glass(eyes_at([0, brewster, 90]))
+    _, _, share = glass.glass(wos_at([0, brewster, 90]))
     # At Brewster's angle light within the plane is let through: half of what is left of the other.
     assert share == pytest.approx([0.04, ((1.5**2 - 1) / (1.5**2 + 1)) ** 2 / 2, 1], abs=1e-12)
-    _, _, inside = glass.glass(eyes_at([0, critical - 1e-3, critical + 1e-3, 60], side=-1.0))
+    _, _, inside = glass.glass(wos_at([0, critical - 1e-3, critical + 1e-3, 60], side=-1.0))
     assert inside[0] == pytest.approx(0.04) and inside[1] < 1 and (inside[2:] == 1).all()
-    assert Surface(pr.Dielectric(1)).glass(eyes_at([0, 45, 89]))[2] == pytest.approx([0, 0, 0], abs=1e-12)
+    assert Surface(pr.Dielectric(1)).glass(wos_at([0, 45, 89]))[2] == pytest.approx([0, 0, 0], abs=1e-12)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_glass_keeps_all_light(side):
     """A path goes on with weight 1 whichever way, is reflected as often as the share says, and knows its side."""
-    glass, eye, count = Surface(pr.Dielectric(1.5)), eye_at(40, side), 100_000
-    reflected, refracted, share = glass.glass(eye[None])
-    direction, weight, pdf, left = glass.sample(eye, RNG.random((count, 3)))
+    glass, wo, count = Surface(pr.Dielectric(1.5)), wo_at(40, side), 100_000
+    reflected, refracted, share = glass.glass(wo[None])
+    direction, weight, pdf, left = glass.sample(wo, RNG.random((count, 3)))
     assert (weight == 1).all() and (pdf == 0).all()
     back = left == side
     assert back.mean() == pytest.approx(share[0], abs=5 * np.sqrt(share[0] / count))
     assert (direction[back] == reflected).all() and (direction[~back] == refracted).all()
-    assert (left[~back] == -side).all() and not glass.scatter(eye, refracted)[0].any()
+    assert (left[~back] == -side).all() and not glass.eval_bsdf(wo, refracted)[0].any()
     # The way back through the surface, whose normal is turned to the eye there, reflects the same share.
     home = glass.glass(np.array([[refracted[0, 0], 0, -refracted[0, 2], -side]]))
-    assert home[2] == pytest.approx(share) and home[1][0] == pytest.approx(eye[:3] * (1, 1, -1))
+    assert home[2] == pytest.approx(share) and home[1][0] == pytest.approx(wo[:3] * (1, 1, -1))
 
 
 @pytest.mark.parametrize("name", [*OPAQUE, *CLEAR])
@@ -209,14 +209,14 @@ def test_extremes_are_finite(name):
     ends = [0.0, 2.0**-32, 0.5, 1 - 2.0**-32, 1 - 2.0**-53]
     numbers = np.stack(np.meshgrid(ends, ends, ends), axis=-1).reshape(-1, 3)
     for degrees in (0, 1e-6, 45, 89.99, 89.9999999, 90.0001, 120):
-        direction, weight, pdf, side = surface.sample(eye_at(degrees, -1.0), numbers)
+        direction, weight, pdf, side = surface.sample(wo_at(degrees, -1.0), numbers)
         assert np.isfinite(direction).all() and np.isfinite(weight).all() and np.isfinite(pdf).all()
         assert np.abs(np.linalg.norm(direction, axis=1) - 1).max() < 1e-9
         assert (weight >= 0).all() and weight.max() < 1e4 and np.isin(side, (-1, 1)).all()
         assert degrees < 90 or not weight.any()
-        rgb, pdf = surface.scatter(eye_at(degrees), direction)
+        rgb, pdf = surface.eval_bsdf(wo_at(degrees), direction)
         assert np.isfinite(rgb).all() and np.isfinite(pdf).all() and (degrees < 90 or not rgb.any())
-    below = surface.scatter(eye_at(30), np.array([[0.6, 0, -0.8], [1, 0, 0]]))
+    below = surface.eval_bsdf(wo_at(30), np.array([[0.6, 0, -0.8], [1, 0, 0]]))
     assert not below[0].any() and not below[1].any()
 
 
@@ -231,7 +231,7 @@ def test_what_emits():
 def test_a_color_or_the_points_own():
     own, wi = (0.2, 0.4, 0.8), np.array([[0.0, 0, 1]])
     for material, color in ((pr.Diffuse(), own), (pr.Diffuse(0.5), (0.5,) * 3), (pr.Emissive(1), (0, 0, 0))):
-        rgb, _ = Surface(material, own).scatter(eye_at(10), wi)
+        rgb, _ = Surface(material, own).eval_bsdf(wo_at(10), wi)
         assert rgb[0] * np.pi == pytest.approx(color)
 
 

@@ -56,8 +56,8 @@ def test_every_splat_over_a_ray_is_listed(ratio):
         middle = positions[800 + rng.integers(400)] + rng.normal(size=3) * radii[-1] * 0.4
         d = rng.normal(size=3)
         d /= np.linalg.norm(d)
-        reach = np.linalg.norm(leaves[leaf, CELL + 3 : CELL + 6] - leaves[leaf, CELL : CELL + 3])
-        ray = np.array([*(middle - reach * rng.random() * d), *d, 0.0, reach], np.float32)
+        length = np.linalg.norm(leaves[leaf, CELL + 3 : CELL + 6] - leaves[leaf, CELL : CELL + 3])
+        ray = np.array([*(middle - length * rng.random() * d), *d, 0.0, length], np.float32)
         wanted, known = over(model, leaf, ray.astype(np.float64))
         listed = out[: _near(model.tree, leaf, ray, longest, out)].tolist()
         assert wanted <= set(listed) <= known and len(set(listed)) == len(listed)

@@ -53,18 +53,18 @@ def test_duplicates_are_neighbors_at_no_distance():
 
 def test_distinct_finds_equal_rows():
     doubled = np.vstack([SPHERE, SPHERE[::-1], -np.zeros((2, 3)), np.zeros((1, 3))]).astype(np.float32)
-    rows, places = distinct(doubled)
+    rows, groups = distinct(doubled)
     assert len(rows) == 3001
-    np.testing.assert_array_equal(doubled[rows][places], doubled)
+    np.testing.assert_array_equal(doubled[rows][groups], doubled)
     assert rows[:3000].tolist() == list(range(3000))
 
 
 def test_distinct_merges_cells():
     grid = np.stack(np.meshgrid(*[np.arange(5)] * 3), axis=-1).reshape(-1, 3)
     clumps = np.repeat(grid, 4, axis=0) + RNG.uniform(0.1, 0.2, (500, 3))
-    rows, places = distinct(clumps.astype(np.float32), 1.0)
+    rows, groups = distinct(clumps.astype(np.float32), 1.0)
     assert len(rows) == 125
-    np.testing.assert_array_equal(places, np.arange(500) // 4)
+    np.testing.assert_array_equal(groups, np.arange(500) // 4)
 
 
 def test_morton_order_keeps_neighbors_together():
@@ -286,9 +286,9 @@ def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, flipped
 
 def two_sided(points):
     """Rows at one place with normals to opposite sides: nobody can tell which is whose (0.6% of the dragon's)."""
-    rows, places = distinct(points.positions)
-    opposite = np.sum(points.normals[rows][places] * points.normals, axis=1) < 0
-    return np.isin(places, places[opposite])
+    rows, groups = distinct(points.positions)
+    opposite = np.sum(points.normals[rows][groups] * points.normals, axis=1) < 0
+    return np.isin(groups, groups[opposite])
 
 
 def scan_pipes(step, noise):

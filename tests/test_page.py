@@ -230,11 +230,11 @@ def test_each_page_has_a_camera_of_its_own(browser, viewer, page, scene):
 
 def test_a_double_click_looks_there(page, scene):
     before = page.camera
-    place, pixel = surface_at(scene, before, *MODEL)
+    point, pixel = surface_at(scene, before, *MODEL)
     with page.another(SAMPLES):
         page.tab.mouse.dblclick(*MODEL)
         page.until("target => pointray.camera().target.every((x, k) => x !== target[k])", before["target"])
-    assert np.linalg.norm(page.camera["target"] - place) < 2 * pixel
+    assert np.linalg.norm(page.camera["target"] - point) < 2 * pixel
     assert np.allclose(away(page.camera), away(before))
     assert shows(page, scene)
     assert page.tab.locator("#picked").is_hidden()
@@ -242,22 +242,22 @@ def test_a_double_click_looks_there(page, scene):
 
 def test_clicks_show_coordinates_and_measure(page, scene):
     box, line = page.tab.locator("#picked"), page.tab.locator("#line-text")
-    place, pixel = surface_at(scene, page.camera, *MODEL)
+    point, pixel = surface_at(scene, page.camera, *MODEL)
     page.tab.mouse.click(*MODEL)
     box.wait_for()
-    assert np.linalg.norm(coordinates(page) - place) < pixel
+    assert np.linalg.norm(coordinates(page) - point) < pixel
     marker = page.tab.locator("#first").get_attribute("transform")
     assert [float(x) for x in re.findall(r"[\d.]+", marker)] == pytest.approx(MODEL, abs=1.0)
     second = MODEL[0] + 10, MODEL[1] + 60
     with page.holding("Shift"):
         page.tab.mouse.click(*second)
     line.wait_for()
-    length = np.linalg.norm(surface_at(scene, page.camera, *second)[0] - place)
+    length = np.linalg.norm(surface_at(scene, page.camera, *second)[0] - point)
     assert float(line.text_content()) == pytest.approx(length, abs=2 * pixel)
     parts = page.tab.locator("#line-parts").text_content()
     assert re.findall(r"d([xyz]) ", parts) == ["x", "y", "z"]
-    way = [float(part) for part in re.findall(r"d[xyz] (\S+)", parts)]
-    assert way == pytest.approx(surface_at(scene, page.camera, *second)[0] - place, abs=2 * pixel)
+    difference = [float(part) for part in re.findall(r"d[xyz] (\S+)", parts)]
+    assert difference == pytest.approx(surface_at(scene, page.camera, *second)[0] - point, abs=2 * pixel)
     page.tab.keyboard.press("Escape")
     box.wait_for(state="hidden")
     line.wait_for(state="hidden")
@@ -307,10 +307,10 @@ def test_keys_of_the_standard_views(page, scene):
     for key, axis, sign in (("1", 1, -1), ("2", 1, 1), ("3", 0, -1), ("4", 0, 1), ("5", 2, 1), ("6", 2, -1)):
         with page.another(SAMPLES):
             page.tab.keyboard.press(key)
-            way = "([middle, axis, sign]) => sign * (pointray.camera().eye[axis] - middle[axis]) > 0"
-            page.until(way, [middle.tolist(), axis, sign])
-        way = np.array(page.camera["eye"]) - middle
-        assert np.abs(way).argmax() == axis and np.sign(way[axis]) == sign, key
+            condition = "([middle, axis, sign]) => sign * (pointray.camera().eye[axis] - middle[axis]) > 0"
+            page.until(condition, [middle.tolist(), axis, sign])
+        offset = np.array(page.camera["eye"]) - middle
+        assert np.abs(offset).argmax() == axis and np.sign(offset[axis]) == sign, key
     assert shows(page, scene)
     count = len(page.said)
     field = page.row("exposure").locator("input")

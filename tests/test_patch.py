@@ -45,11 +45,11 @@ class Leaf:
         """Whether places (n, 3) lie in the slab of their column."""
         w = int(np.abs(self.normal).argmax())
         u, v = (w + 1) % 3, (w + 2) % 3
-        place = x - self.cell[:3].astype(float)
-        i, j = 4 * place[:, [u, v]].T / (self.cell[3:] - self.cell[:3])[[u, v]][:, None]
-        at = np.clip(i.astype(int), 0, 3) * 4 + np.clip(j.astype(int), 0, 3)
-        height = place[:, w] + self.slopes[0][at] * i + self.slopes[1][at] * j
-        return (self.low[at] <= height) & (height <= self.high[at])
+        local = x - self.cell[:3].astype(float)
+        i, j = 4 * local[:, [u, v]].T / (self.cell[3:] - self.cell[:3])[[u, v]][:, None]
+        column = np.clip(i.astype(int), 0, 3) * 4 + np.clip(j.astype(int), 0, 3)
+        height = local[:, w] + self.slopes[0][column] * i + self.slopes[1][column] * j
+        return (self.low[column] <= height) & (height <= self.high[column])
 
 
 @kernel

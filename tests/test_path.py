@@ -20,7 +20,7 @@ def floor_scene(color=0.5):
     return scene, pr.Camera.look_at((0, 0, 10), (0, 0, 0), up=(0, 1, 0), fov=20, size=(48, 48))
 
 
-def places(camera):
+def floor_points(camera):
     """Where the camera's rays meet the plane z = 0, (h, w, 3)."""
     o, d = camera.rays()
     return o - d * (o[..., 2:] / d[..., 2:])
@@ -53,7 +53,7 @@ def test_a_point_light_over_a_plane(integrator):
     scene, camera = floor_scene(0.5)
     scene.add_light(pr.PointLight((0.5, -0.3, 2), (10, 20, 30)))
     image = pr.render(scene, camera, pr.Settings(integrator=integrator))
-    v = np.array([0.5, -0.3, 2]) - places(camera)
+    v = np.array([0.5, -0.3, 2]) - floor_points(camera)
     square = (v**2).sum(axis=-1)
     want = 0.5 / np.pi * 2 / square**1.5
     assert np.abs(image[..., :3] / (want[..., None] * (10, 20, 30)) - 1).max() < 0.005
@@ -76,8 +76,8 @@ SIZED = {
 
 def emitting_piece(light):
     """What the light adds to a plane at 0, by many small pieces of it that shine as points."""
-    places, normals, area = pieces(light)
-    v = places[None] - np.zeros(3)
+    positions, normals, area = pieces(light)
+    v = positions[None] - np.zeros(3)
     square = (v**2).sum(axis=-1)
     facing = np.maximum(-(normals * v).sum(axis=-1), 0)
     return (light.radiance * area * facing * np.maximum(v[..., 2], 0) / square**2).sum()
@@ -97,9 +97,9 @@ def pieces(light):
         normal = np.asarray(light.normal) / np.linalg.norm(light.normal)
         u = np.cross(normal, (1, 0, 0))
         u /= np.linalg.norm(u)
-        turn, reach = 2 * np.pi * b, light.radius * np.sqrt(a)
+        turn, radius = 2 * np.pi * b, light.radius * np.sqrt(a)
         return (
-            center + reach * (np.cos(turn) * u + np.sin(turn) * np.cross(normal, u)),
+            center + radius * (np.cos(turn) * u + np.sin(turn) * np.cross(normal, u)),
             normal,
             np.pi * light.radius**2 / n**2,
         )
@@ -140,7 +140,7 @@ def test_the_penumbra_of_a_sphere_light():
     free.add(pr.Plane((0, 0, 0), (0, 0, 1), 1.0))
     free.add_light(pr.SphereLight((0, 0, height), radius, 10))
     share = shadow / path(free, camera, 1024, max_depth=1)[..., 0].mean(axis=0)
-    x = places(camera)[0, :, 0]
+    x = floor_points(camera)[0, :, 0]
     # Halfway the half sphere is seen; the share is that of a disk beyond a straight edge: 10% and 90% of its area.
     begin, end = (float(np.interp(q, share, x)) for q in (0.1, 0.9))
     disk = np.sqrt(1 - np.linspace(-1, 1, 200_001) ** 2)
@@ -176,7 +176,7 @@ def test_glass_obeys_snell(sphere, integrator):
     height, width = 360, 720
     polar = (np.arange(height) + 0.5) / height * np.pi
     around = ((np.arange(width) + 0.5) / width - 0.5) * 2 * np.pi
-    way = np.stack(
+    direction = np.stack(
         [
             np.sin(around) * np.sin(polar)[:, None],
             np.cos(around) * np.sin(polar)[:, None],
@@ -184,7 +184,7 @@ def test_glass_obeys_snell(sphere, integrator):
         ],
         axis=-1,
     )
-    scene.add_light(pr.EnvironmentLight(image=way + 1))
+    scene.add_light(pr.EnvironmentLight(image=direction + 1))
     camera = pr.Camera.look_at((0, -6, 0), (0, 0, 0), fov=16, size=(48, 48), projection="orthographic")
     o, d = camera.rays()
     offset = np.hypot(o[..., 0], o[..., 2])

@@ -313,8 +313,8 @@ def valid(tmp_path_factory):
 def test_a_damaged_file_is_read_or_refused(valid, kind, cut, flips):
     path, contents = valid
     content = bytearray(contents[kind])
-    for place, bits in flips:
-        content[int(place**2 * len(content))] ^= bits  # more of them in the header
+    for offset, bits in flips:
+        content[int(offset**2 * len(content))] ^= bits  # more of them in the header
     path.write_bytes(content[: int(np.sqrt(cut) * len(content)) + 1])
     try:
         points = read(path)

@@ -25,9 +25,9 @@ def survey(positions, normals=None):
     return choose_radii(positions, normals, *neighbors(positions, NEIGHBORS + 1))[:2]
 
 
-def covers(positions, radii, places):
+def covers(positions, radii, samples):
     """Of the splats that reach each place: how many there are, and the least share of a radius between."""
-    distances, rows = cKDTree(positions).query(places, k=60)
+    distances, rows = cKDTree(positions).query(samples, k=60)
     share = distances / radii[rows]
     return (share < 1).sum(axis=1), share.min(axis=1)
 
@@ -53,7 +53,7 @@ def test_cells_are_those_of_a_brute_force_search():
     """In the plane: a cell's farthest vertex is the centre of an empty circle through the point and two others."""
     x = square(60)
     hood = Hood(np.arange(60), *neighbors(x, 60))
-    reach, _ = measure_cells(x, np.repeat(UP, 60, axis=0), hood)
+    farthest, _ = measure_cells(x, np.repeat(UP, 60, axis=0), hood)
     flat = x[:, :2].astype(np.float64)
     one, other = np.triu_indices(60, 1)
     for i in range(0, 60, 7):
@@ -69,7 +69,8 @@ def test_cells_are_those_of_a_brute_force_search():
             np.linalg.norm(flat - flat[i] - c, axis=1).min() > r - 1e-9 for c, r in zip(centers, radius, strict=True)
         ]
         assert (
-            reach[i] == pytest.approx(radius[usable & empty].max(), rel=1e-3) or reach[i] > radius[usable & empty].max()
+            farthest[i] == pytest.approx(radius[usable & empty].max(), rel=1e-3)
+            or farthest[i] > radius[usable & empty].max()
         )
 
 
@@ -114,9 +115,9 @@ def test_a_hundredfold_density_is_covered_everywhere():
     for keep in (100.0 ** -x[:, 0], np.where(x[:, 0] < 0.3, 1, 0.01)):
         points = x[RNG.uniform(size=len(x)) < keep]
         radii, _ = survey(points, UP)
-        at = square(100_000, seed=5)
-        at = at[(np.abs(at[:, :2] - 0.5) < 0.42).all(axis=1)]
-        count, nearest = covers(points, radii, at)
+        samples = square(100_000, seed=5)
+        samples = samples[(np.abs(samples[:, :2] - 0.5) < 0.42).all(axis=1)]
+        count, nearest = covers(points, radii, samples)
         assert nearest.max() < 1.05 / OVERLAP
         assert count.mean() < 9
 

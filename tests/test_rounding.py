@@ -46,11 +46,11 @@ def test_float32_at_millions_of_metres(spacing):
     assert find_rounding(pr.Points(hills(spacing) + PLACE)) == ((0, 0, 0), None)
 
 
-@pytest.mark.parametrize("place", [(0, 0, 0), PLACE])
+@pytest.mark.parametrize("origin", [(0, 0, 0), PLACE])
 @pytest.mark.parametrize("ratio", [0.3, 0.5, 0.6, 0.7, 1.0, 1.5, 3.0])
-def test_decimals(ratio, place):
+def test_decimals(ratio, origin):
     """Also those of LAS, about a place of its own in doubles."""
-    steps, message = find_rounding(pr.Points(np.round(hills(0.01 / ratio), 2) + place))
+    steps, message = find_rounding(pr.Points(np.round(hills(0.01 / ratio), 2) + origin))
     assert steps[:2] == pytest.approx((0.01, 0.01))
     assert "steps of 0.01" in message and "float32" not in message and message.endswith("more decimals")
 

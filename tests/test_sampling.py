@@ -38,7 +38,7 @@ def keys(count, seed=0):
     return out
 
 
-def places(count, pair, many=64, seed=0):
+def sample_pairs(count, pair, many=64, seed=0):
     out = np.empty((many, count, 2))
     _pairs(keys(many, seed), count, pair, out)
     return out
@@ -64,14 +64,14 @@ def test_the_second_dimension_is_sobols():
 def test_every_pair_is_a_net(power, pair):
     """Each of the 2^power boxes of any shape holds one of 2^power samples."""
     count = 2**power
-    for xy in places(count, pair):
+    for xy in sample_pairs(count, pair):
         for across in range(power + 1):
             boxes = np.floor(xy * [2**across, 2 ** (power - across)]) @ [2 ** (power - across), 1]
             assert len(np.unique(boxes)) == count
 
 
 def test_pairs_keys_and_seeds_are_independent():
-    a, b, other = places(64, 0), places(64, 1), places(64, 0, seed=1)
+    a, b, other = sample_pairs(64, 0), sample_pairs(64, 1), sample_pairs(64, 0, seed=1)
     for x, y in ((a[..., 0], a[..., 1]), (a[..., 0], b[..., 0]), (a[:-1, :, 0], a[1:, :, 0]), (a, other)):
         assert abs(np.corrcoef(x.ravel(), y.ravel())[0, 1]) < 0.05
     assert 0 <= a.min() and a.max() < 1
@@ -80,7 +80,7 @@ def test_pairs_keys_and_seeds_are_independent():
 
 def test_sums_converge_faster_than_at_random():
     """Root mean square error of the mean of a smooth function: 256 samples at random would give 0.0149."""
-    x, y = np.moveaxis(places(256, 3), 2, 0)
+    x, y = np.moveaxis(sample_pairs(256, 3), 2, 0)
     error = (x * y).mean(axis=1) - 0.25
     assert np.sqrt((error**2).mean()) < 0.0015
 

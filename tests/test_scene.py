@@ -327,9 +327,9 @@ def test_overlapping_discs_cast_no_shadow_on_each_other():
     scene.add(pr.Model(points, surface="disc"))
     scene.add(pr.Model(pr.Points([1.1 * sun], [sun]), [radius], surface="disc"))
     camera = pr.Camera.look_at((0, -4, 0), (0, 0, 0), size=(300, 300))
-    places, shadow = in_shadow(scene, sun, camera)
-    on_ball = np.abs(np.linalg.norm(places, axis=1) - 1) < 0.02
-    height, aside = places @ sun, np.linalg.norm(places - (places @ sun)[:, None] * sun, axis=1)
+    hit_points, shadow = in_shadow(scene, sun, camera)
+    on_ball = np.abs(np.linalg.norm(hit_points, axis=1) - 1) < 0.02
+    height, aside = hit_points @ sun, np.linalg.norm(hit_points - (hit_points @ sun)[:, None] * sun, axis=1)
     lit = on_ball & (height > 0.05) & (aside > 1.1 * radius)
     assert lit.sum() > 10_000 and shadow[lit].mean() < 0.002
     assert shadow[on_ball & (height > 0) & (aside < 0.9 * radius)].mean() > 0.99
@@ -345,11 +345,11 @@ def test_discs_of_another_sheet_cast_shadows():
     scene.add(pr.Model(points, np.full(len(positions), 1.4), surface="disc"))
     sun = (0.1, 0.2, 1.0)
     between = pr.Camera.look_at((-6, 9.6, 0.35), (4, 9.6, 0), fov=10, size=(200, 200))
-    places, shadow = in_shadow(scene, sun, between)
-    inner = (np.abs(places[:, 2]) < 0.01) & (places[:, 0] > 1) & (places[:, 0] < 6)
+    hit_points, shadow = in_shadow(scene, sun, between)
+    inner = (np.abs(hit_points[:, 2]) < 0.01) & (hit_points[:, 0] > 1) & (hit_points[:, 0] < 6)
     assert inner.sum() > 500 and shadow[inner].all()
-    places, shadow = in_shadow(scene, sun, pr.Camera.look_at((26, 9.6, 4), (8, 9.6, 0), fov=20, size=(200, 200)))
-    lit = (places[:, 0] > 10) | (places[:, 2] > 0.69)
+    hit_points, shadow = in_shadow(scene, sun, pr.Camera.look_at((26, 9.6, 4), (8, 9.6, 0), fov=20, size=(200, 200)))
+    lit = (hit_points[:, 0] > 10) | (hit_points[:, 2] > 0.69)
     assert lit.sum() > 500 and not shadow[lit].any()
 
 
@@ -494,10 +494,13 @@ def test_exchange_puts_models_in_the_place_of_others() -> None:
     other, expected = scene.exchange({model: discs}), pr.Scene()
     expected.add(discs)
     expected.add(discs, pr.transform((5, 0, 0)))
-    origins, way = np.array([[-9.0, 0.1, 0.2], [9.0, 0.1, 0.2], [5.1, -3.0, 0.3]]), [[1, 0, 0], [-1, 0, 0], [0, 1, 0]]
-    assert np.array_equal(other.intersect(origins, way).t, expected.intersect(origins, way).t)
+    origins, directions = (
+        np.array([[-9.0, 0.1, 0.2], [9.0, 0.1, 0.2], [5.1, -3.0, 0.3]]),
+        [[1, 0, 0], [-1, 0, 0], [0, 1, 0]],
+    )
+    assert np.array_equal(other.intersect(origins, directions).t, expected.intersect(origins, directions).t)
     assert scene.models == [model] and other.models == [discs] and moved in other.shapes
-    assert not np.array_equal(other.intersect(origins, way).t, scene.intersect(origins, way).t)
+    assert not np.array_equal(other.intersect(origins, directions).t, scene.intersect(origins, directions).t)
 
 
 def test_a_plane_reflects_no_more_than_there_is():

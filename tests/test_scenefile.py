@@ -165,8 +165,8 @@ def in_python(folder: Path) -> tuple[pr.Scene, pr.Camera, pr.Settings]:
     glass = pr.Dielectric(ior=1.4)
     scene = pr.Scene()
     scene.background = (0.1, 0.2, 0.3)
-    place = pr.transform(scale=(1, 2, -1), rotate=30, axis=(0, 1, 0), translate=(1, 0, 0))
-    scene.add(ball, place, pr.Principled(base_color=(1.0, 0.77, 0.34), roughness=0.3, metallic=1))
+    transform = pr.transform(scale=(1, 2, -1), rotate=30, axis=(0, 1, 0), translate=(1, 0, 0))
+    scene.add(ball, transform, pr.Principled(base_color=(1.0, 0.77, 0.34), roughness=0.3, metallic=1))
     scene.add(scan, [[1, 0, 0, -1], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]])
     for matrix in many():
         scene.add(scan, matrix, glass)
@@ -258,8 +258,8 @@ def test_render(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_options_change_what_the_file_says(folder: Path) -> None:
     picture = folder / "a.png"
     view = ["--eye", "0,-9,0", "--target", "0,0,1", "--fov", "30", "--size", "20x10"]
-    how = ["--integrator", "normal", "--spp", "1", "--exposure", "0", "--background", "none", "--threads", "1"]
-    assert execute(["render", str(folder / "scene.toml"), "-o", str(picture), *view, *how]) == 0
+    options = ["--integrator", "normal", "--spp", "1", "--exposure", "0", "--background", "none", "--threads", "1"]
+    assert execute(["render", str(folder / "scene.toml"), "-o", str(picture), *view, *options]) == 0
     scene = in_python(folder)[0]
     scene.background = None
     camera = pr.Camera.look_at((0, -9, 0), (0, 0, 1), fov=30, size=(20, 10), aperture=0.1, focus=5)
@@ -396,9 +396,9 @@ def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -
     text = GOOD.replace(old, new, 1)
     start = GOOD[: GOOD.index(old)].count("\n") + 1
     found = said(folder, text, capsys)
-    place, rest = found.split(": ", 1)
+    location, rest = found.split(": ", 1)
     assert rest.startswith(f"{key}: ") and message in rest, found
-    where = int(place.removeprefix("scene.toml:"))
+    where = int(location.removeprefix("scene.toml:"))
     if case == "two skies":
         start = text.split("\n").index('image = "sky.exr"') - 1
     elif case == "singular":

@@ -108,17 +108,17 @@ def test_comparisons_know_nan_and_inf():
 
 
 @kernel
-def _looked_up(a, places, out):
-    store(out, 0, permute16(a, 5, load16(places, 0)))
+def _looked_up(a, indices, out):
+    store(out, 0, permute16(a, 5, load16(indices, 0)))
     return 0
 
 
 def test_numbers_are_looked_up_by_their_places():
     rng = np.random.default_rng(6)
     a, out = rng.normal(size=24).astype(np.float32), np.zeros(16, np.float32)
-    places = rng.integers(16, size=16).astype(np.float32)
-    _looked_up(a, places, out)
-    assert np.array_equal(out, a[5 + places.astype(int)])
+    indices = rng.integers(16, size=16).astype(np.float32)
+    _looked_up(a, indices, out)
+    assert np.array_equal(out, a[5 + indices.astype(int)])
 
 
 @kernel

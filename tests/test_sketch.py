@@ -44,10 +44,10 @@ def test_a_ball_is_a_disc_without_gaps_lit_from_above_left(with_normals, project
 def test_what_is_near_hides_what_is_behind():
     """A red wall before a green one; and their colours are linear."""
     rng = np.random.default_rng(2)
-    places = rng.random((20_000, 3)) * (1, 0, 1)
+    positions = rng.random((20_000, 3)) * (1, 0, 1)
     red, green = np.tile([188, 0, 0], (20_000, 1)), np.tile([0, 188, 0], (20_000, 1))
     colors = np.concatenate([green, red]).astype(np.uint8)
-    cloud = pr.Points(np.concatenate([places + (0, 1, 0), places]), colors=colors)
+    cloud = pr.Points(np.concatenate([positions + (0, 1, 0), positions]), colors=colors)
     camera = pr.Camera.look_at((0.5, -2, 0.5), (0.5, 0, 0.5), size=(200, 200))
     image = Sketch([cloud]).draw(camera)
     inner = image[image.shape[0] // 3 : -image.shape[0] // 3, image.shape[1] // 3 : -image.shape[1] // 3]

@@ -13,7 +13,7 @@ PAD = 1e-4  # of a radius, against rounding: one splat alone has a slab without 
 
 
 @kernel
-def _outside(work, clouds, normals, ways, settings, out):
+def _outside(work, clouds, normals, lines, settings, out):
     """Per cloud: zeros found on lines through it, and the greatest share of the way to its slab's border at one."""
     kind, trim, limits = settings
     found, most = out
@@ -24,8 +24,8 @@ def _outside(work, clouds, normals, ways, settings, out):
         chosen = np.arange(count)
         low, high = slab_along(splats, range(count), (m[0], m[1], m[2]), limits)
         found[i], most[i] = 0, 0.0
-        for line in range(len(ways[i])):
-            o, d = ways[i, line, 0], ways[i, line, 1]
+        for line in range(len(lines[i])):
+            o, d = lines[i, line, 0], lines[i, line, 1]
             before = np.nan
             for k in range(STEPS):
                 t = 2.0 * k / STEPS
@@ -64,12 +64,12 @@ def test_all_surface_lies_in_the_slab(surface, trim):
     shares, zeros = [], 0
     for splats in (1, 2, 3, 5, 8):
         clouds, normals = clouds_of(rng, 300, splats)
-        ways = rng.normal(size=(len(clouds), LINES, 2, 3))
-        ways[:, :, 1] /= np.linalg.norm(ways[:, :, 1], axis=2, keepdims=True)
-        ways[:, :, 0] = clouds[:, :1, :3] + 0.4 * ways[:, :, 0] - ways[:, :, 1]
+        lines = rng.normal(size=(len(clouds), LINES, 2, 3))
+        lines[:, :, 1] /= np.linalg.norm(lines[:, :, 1], axis=2, keepdims=True)
+        lines[:, :, 0] = clouds[:, :1, :3] + 0.4 * lines[:, :, 0] - lines[:, :, 1]
         out = np.empty(len(clouds), np.int64), np.empty(len(clouds))
         settings = KINDS[surface], trim, limits_of(surface, trim)
-        run(_outside, len(clouds), clouds, normals, ways, settings, out)
+        run(_outside, len(clouds), clouds, normals, lines, settings, out)
         zeros += out[0].sum()
         shares.append(out[1][out[0] > 0])
     shares = np.concatenate(shares)

@@ -73,18 +73,18 @@ COPIES = {
 
 
 @pytest.mark.parametrize("built", [False, True])
-@pytest.mark.parametrize("way", COPIES)
-def test_copies_show_the_same_and_change_by_themselves(way, built):
+@pytest.mark.parametrize("method", COPIES)
+def test_copies_show_the_same_and_change_by_themselves(method, built):
     scene = one_ball()
     floor = scene.add(pr.Plane((0, 0, -1), (0, 0, 1), checker=0.5))
     scene.background, scene.clips = (0.1, 0.2, 0.3), [((0, 0, 0.5), (0, 0, 1))]
     before = seen(scene) if built else seen(one_ball()) * 0 - 1
-    twin = COPIES[way](scene)
+    twin = COPIES[method](scene)
     if not built:
         before = seen(scene)
     np.testing.assert_array_equal(seen(twin), before)
     shares = twin.models[0] is scene.models[0]
-    assert shares == way.startswith("copy")
+    assert shares == method.startswith("copy")
     twin.remove(0)
     twin.add(pr.Plane((0, 0, 2), (0, 0, 1)))
     np.testing.assert_array_equal(seen(scene), before)
@@ -92,11 +92,11 @@ def test_copies_show_the_same_and_change_by_themselves(way, built):
     assert not np.array_equal(seen(scene), before) and list(twin.shapes) == [floor, floor + 1]
 
 
-@pytest.mark.parametrize("way", ["deepcopy", "pickle"])
-def test_a_copy_outlives_its_original(way):
+@pytest.mark.parametrize("method", ["deepcopy", "pickle"])
+def test_a_copy_outlives_its_original(method):
     scene = one_ball()
     before = seen(scene)
-    twin, blocks = COPIES[way](scene), weakref.ref(scene.models[0].tree.blocks)
+    twin, blocks = COPIES[method](scene), weakref.ref(scene.models[0].tree.blocks)
     del scene
     gc.collect()
     assert blocks() is None
@@ -137,8 +137,8 @@ def test_each_call_sees_the_scene_of_one_moment():
     """While a ball jumps to and fro no call may see it in both places or in none; others come and go beside it."""
     scene = pr.Scene()
     jumper = scene.add(ball(), material=pr.Diffuse(pr.Attribute("z", "viridis")))
-    places = [pr.transform(translate=(x, 0, 0)) for x in (-1.5, 1.5)]
-    scene.update(jumper, places[0])
+    transforms = [pr.transform(translate=(x, 0, 0)) for x in (-1.5, 1.5)]
+    scene.update(jumper, transforms[0])
     x = np.repeat([-1.5, 1.5], 2000)  # several batches of rays at each place
     origins = np.stack([x, np.full(len(x), -5.0), np.zeros(len(x))], axis=1)
     wrong: list[object] = []
@@ -164,7 +164,7 @@ def test_each_call_sees_the_scene_of_one_moment():
     end, k = time.monotonic() + 3.0, 0
     while time.monotonic() < end or k < 20:
         k += 1
-        scene.update(jumper, places[k % 2])
+        scene.update(jumper, transforms[k % 2])
         number = scene.add(ball(200, k), pr.transform(translate=(0, 9, 0)), pr.Diffuse(pr.Attribute("x", "magma")))
         scene.add_light(pr.PointLight((0, -5, 1), 30))
         scene.clips = [((0, 0, 5), (0, 0, 1))]

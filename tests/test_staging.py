@@ -201,8 +201,8 @@ def test_terrain_is_seen_from_above_and_a_side_from_before_it():
     assert 35 <= find_outlook(sample_of(flat), (0, 0, 1)).elevation <= 45
     for facing in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-0.6, -0.8, 0.0)):
         along = np.cross((0, 0, 1), facing)
-        places = rng.random((3000, 2)) @ np.stack([along, (0, 0, 1)])
-        wall = pr.Points(places, np.broadcast_to(facing, places.shape))
+        positions = rng.random((3000, 2)) @ np.stack([along, (0, 0, 1)])
+        wall = pr.Points(positions, np.broadcast_to(facing, positions.shape))
         outlook = find_outlook(sample_of(wall), (0, 0, 1))
         assert direction_of(outlook.azimuth, 0, (0, 0, 1)) @ facing > 0.9
 
@@ -214,9 +214,9 @@ def room(ceiling):
         for side in (0, 1):
             if axis == 2 and side == 1 and not ceiling:
                 continue
-            places, normal = rng.random((4000, 3)), np.zeros(3)
-            places[:, axis], normal[axis] = side, 1 - 2 * side
-            sides.append((places * (8, 6, 3), np.broadcast_to(normal, places.shape)))
+            positions, normal = rng.random((4000, 3)), np.zeros(3)
+            positions[:, axis], normal[axis] = side, 1 - 2 * side
+            sides.append((positions * (8, 6, 3), np.broadcast_to(normal, positions.shape)))
     return pr.Points(*(np.concatenate(arrays) for arrays in zip(*sides, strict=True)))
 
 
@@ -289,8 +289,8 @@ def test_a_light_of_the_camera_stands_where_it_would_in_the_world():
     scene, twin = pr.Scene(), pr.Scene()
     model = pr.Model(pr.procedural("torus", 5_000))
     camera = pr.Camera.look_at((1, -5, 2), (0, 0, 0), size=(32, 24))
-    for place in (scene, twin):
-        place.add(model)
+    for either in (scene, twin):
+        either.add(model)
     scene.add_light(pr.PointLight((1, 2, 3), 50.0, camera=True))
     forward, right, up = (camera.record()[k : k + 3] / np.linalg.norm(camera.record()[k : k + 3]) for k in (3, 6, 9))
     twin.add_light(pr.PointLight(np.array(camera.eye) + right + 2 * up - 3 * forward, 50.0))
@@ -304,17 +304,17 @@ def test_sky_rays_find_what_a_corner_sees():
     floor = np.stack([flat, y.ravel(), zero], axis=1), np.stack([zero, zero, one], axis=1)
     wall = np.stack([flat, zero, y.ravel() + 1], axis=1), np.stack([zero, -one, zero], axis=1)
     scene = pr.Scene()
-    for places, normals in (floor, wall):
-        scene.add(pr.Model(pr.Points(places, normals)))
+    for positions, normals in (floor, wall):
+        scene.add(pr.Model(pr.Points(positions, normals)))
     scene.add_light(pr.EnvironmentLight(1.0))
     camera = pr.Camera.look_at((0, -0.5, 3), (0, -0.5, 0), (0, 1, 0), fov=8, size=(16, 16), projection="orthographic")
     near = replace(camera, eye=(0, -0.02, 3), target=(0, -0.02, 0))
     shares = [
         [
-            pr.render(scene, c, pr.Settings(spp=4, sky_rays=rays, ao_distance=reach))[..., 0].mean()
+            pr.render(scene, c, pr.Settings(spp=4, sky_rays=rays, ao_distance=distance))[..., 0].mean()
             for c in (near, camera)
         ]
-        for rays, reach in ((0, 1.0), (16, 1.0), (16, 0.25))
+        for rays, distance in ((0, 1.0), (16, 1.0), (16, 0.25))
     ]
     np.testing.assert_allclose(shares[0], 1.0, atol=0.02)
     assert shares[1][0] == pytest.approx(0.6, abs=0.12) and shares[1][1] > shares[1][0] + 0.1

@@ -149,9 +149,9 @@ def test_a_coarse_thing_beside_a_fine_one_is_a_surface(n):
     normals = np.concatenate([sphere_points(20_000), coarse])
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points(x, normals)))
-    ways = sphere_points(20_000, seed=4)
-    hits = scene.intersect(np.float32(15) + 30 * ways, -ways)
-    assert (np.einsum("ij,ij->i", hits.normal, ways) > 0).mean() > (0.999 if n == 1000 else 0.99)
+    directions = sphere_points(20_000, seed=4)
+    hits = scene.intersect(np.float32(15) + 30 * directions, -directions)
+    assert (np.einsum("ij,ij->i", hits.normal, directions) > 0).mean() > (0.999 if n == 1000 else 0.99)
 
 
 # -------------------------------------------------------------------------------------------------------- real scans
@@ -202,9 +202,9 @@ def through_the_base(name, up, low):
     world = points.world
     base = world[world[:, up] < world[:, up].min() + low]
     middle, wide = np.median(base, axis=0), 0.8 * (base.max(axis=0) - base.min(axis=0))
-    places = middle + (np.random.default_rng(0).uniform(size=(40_000, 3)) - 0.5) * wide
-    places[:, up] = world[:, up].min() - 100
-    hits = scene.intersect(places, np.eye(3)[up])
+    origins = middle + (np.random.default_rng(0).uniform(size=(40_000, 3)) - 0.5) * wide
+    origins[:, up] = world[:, up].min() - 100
+    hits = scene.intersect(origins, np.eye(3)[up])
     return (hits.normal[hits.point >= 0, up] > 0).mean()
 
 

@@ -19,16 +19,16 @@ def diagonal(points):
     return float(np.linalg.norm(np.subtract(*points.bounds)))
 
 
-def traced(points, subset, radii, reaches):
+def traced(points, subset, radii, distances):
     """How far the traced surface is from each point along its normal, inf where no ray finds it."""
     scene = pr.Scene()
     scene.add(pr.Model(subset, radii))
     x, n = points.world, points.normals / np.linalg.norm(points.normals, axis=1, keepdims=True)
     out = np.full(len(x), np.inf)
-    for reach in reaches:
+    for distance in distances:
         for side in (1, -1):
-            hits = scene.intersect(x + side * reach * n, -side * n, 0, 2 * reach)
-            out = np.minimum(out, np.abs(hits.t - reach))
+            hits = scene.intersect(x + side * distance * n, -side * n, 0, 2 * distance)
+            out = np.minimum(out, np.abs(hits.t - distance))
     return out
 
 
@@ -88,8 +88,8 @@ def both_errors(points, count):
     subset, radii = pr.subsample(points, count=len(grid))
     assert len(subset) == len(radii) == len(grid)
     size = diagonal(points)
-    reaches = np.array([0, 2e-4, 1e-3, 1e-2]) * size
-    return [np.sort(traced(points, *one, reaches)) / size for one in ((subset, radii), (grid, None))]
+    distances = np.array([0, 2e-4, 1e-3, 1e-2]) * size
+    return [np.sort(traced(points, *one, distances)) / size for one in ((subset, radii), (grid, None))]
 
 
 @pytest.mark.parametrize(("name", "n", "count"), HALF)
@@ -173,10 +173,10 @@ def test_distances_are_those_of_the_traced_surface(statue):
     rows = rng.permutation(len(statue))[:3000]
     n = statue.normals[rows]
     shift = 0.2 * model.radii[rows] * rng.uniform(-1, 1, 3000)
-    places = (statue.positions[rows] + shift[:, None] * n).astype(np.float32)
+    positions = (statue.positions[rows] + shift[:, None] * n).astype(np.float32)
     splats = statue.positions, statue.normals, model.radii
-    found, bare = deviations(places, n, splats, 1e-6)
-    away = traced(pr.Points(places, n), statue, model.radii, (np.float64(0.01),))
+    found, bare = deviations(positions, n, splats, 1e-6)
+    away = traced(pr.Points(positions, n), statue, model.radii, (np.float64(0.01),))
     good = ~bare & np.isfinite(away)
     assert good.mean() > 0.95
     assert np.quantile(np.abs(np.abs(found) - away)[good], 0.98) < 1e-3 * np.median(model.radii)

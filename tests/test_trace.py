@@ -258,8 +258,8 @@ def test_a_step_of_density_is_no_border():
     x = np.concatenate([dense, sparse])
     x = np.column_stack([x + RNG.uniform(-0.001, 0.001, x.shape), 0 * x[:, 0]])
     scene, _ = scene_of(pr.Points(x, np.tile([0, 0, 1.0], (len(x), 1))))
-    at = np.column_stack([RNG.uniform(-0.2, 0.2, 50_000), RNG.uniform(-0.9, 0.9, 50_000), np.ones(50_000)])
-    assert np.isfinite(scene.intersect(at, [0, 0, -1.0]).t).all()
+    origins = np.column_stack([RNG.uniform(-0.2, 0.2, 50_000), RNG.uniform(-0.9, 0.9, 50_000), np.ones(50_000)])
+    assert np.isfinite(scene.intersect(origins, [0, 0, -1.0]).t).all()
 
 
 @pytest.mark.parametrize("sampling", ["even", "random"])
@@ -277,16 +277,16 @@ def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap):
     scene, _ = scene_of(pr.Points(np.concatenate([top, below]), normals, RNG.uniform(size=(2 * n, 3))))
     for angle in (0, 45, 80):
         for side in (1, -1):
-            place = np.column_stack(
+            aimed_at = np.column_stack(
                 [RNG.uniform(0.25, 0.75, (20_000, 2)), np.full(20_000, 0 if side > 0 else -gap * h)]
             )
             turn, lean = RNG.uniform(0, 2 * np.pi, 20_000), np.radians(angle)
             d = np.column_stack(
                 [np.sin(lean) * np.cos(turn), np.sin(lean) * np.sin(turn), 0 * turn - side * np.cos(lean)]
             )
-            hits = scene.intersect(place - 0.1 * d, d)
+            hits = scene.intersect(aimed_at - 0.1 * d, d)
             wrong = ~(hits.normal[:, 2] * side > 0.9) | (
-                np.abs(hits.position[:, 2] - place[:, 2]) > (0.05 if sampling == "even" else 0.25) * h
+                np.abs(hits.position[:, 2] - aimed_at[:, 2]) > (0.05 if sampling == "even" else 0.25) * h
             )
             assert wrong.mean() < (1e-2 if angle == 80 else 5e-4)
             sheet = np.where(hits.point < n, 1, -1)
@@ -294,7 +294,7 @@ def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap):
     if gap >= 1:
         for side in (1, -1):
             hits = scene.intersect(
-                np.column_stack([place[:, :2], np.full(20_000, -0.5 * gap * h)]), [0, 0, float(side)]
+                np.column_stack([aimed_at[:, :2], np.full(20_000, -0.5 * gap * h)]), [0, 0, float(side)]
             )
             assert (hits.normal[:, 2] * side > 0.9).mean() > 0.999
 

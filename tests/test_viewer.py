@@ -81,8 +81,8 @@ def test_the_model_fits_into_the_view_whatever_its_shape(viewer, scene):
         view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], size).record()
         forward, across, upward = (view[k : k + 3] for k in (FORWARD, ACROSS, UPWARD))
         away = points - camera["eye"]
-        places = np.stack([away @ axis / (axis @ axis) / (away @ forward) for axis in (across, upward)])
-        assert 0.8 < np.abs(places).max() < 1.0
+        positions = np.stack([away @ axis / (axis @ axis) / (away @ forward) for axis in (across, upward)])
+        assert 0.8 < np.abs(positions).max() < 1.0
         browser.close()
 
 
@@ -196,8 +196,8 @@ def test_click_tells_coordinates_and_attributes(browser, scene, model):
     hits = scene.intersect(*view.rays(), attributes=())
     rows, columns = np.nonzero(hits.instance == 0)
     y, x = rows[len(rows) // 2], columns[len(rows) // 2]
-    place = {"x": (x + 0.5) / SIZE[0], "y": (y + 0.5) / SIZE[1]}
-    browser.say(type="pick", purpose="query", extend=False, **place)
+    pixel = {"x": (x + 0.5) / SIZE[0], "y": (y + 0.5) / SIZE[1]}
+    browser.say(type="pick", purpose="query", extend=False, **pixel)
     picked = browser.listen(lambda: browser.last("picked"))
     assert picked["position"] == pytest.approx(hits.position[y, x].tolist(), abs=1e-6)
     row = int(hits.point[y, x])
@@ -210,7 +210,7 @@ def test_click_tells_coordinates_and_attributes(browser, scene, model):
     measured = browser.listen(lambda: browser.last("measured"))
     length = np.linalg.norm(hits.position[rows[k], columns[k]] - hits.position[y, x])
     assert float(measured["text"]) == pytest.approx(length, rel=1e-4)
-    browser.say(type="pick", purpose="target", extend=False, **place)
+    browser.say(type="pick", purpose="target", extend=False, **pixel)
     assert browser.listen(lambda: browser.last("target"))["position"] == picked["position"]
 
 
@@ -341,8 +341,8 @@ def test_views(browser, scene):
         count = len(browser.told)
         browser.say(type="view", name=name)
         camera = browser.listen(lambda n=count: next((m for m in browser.told[n:] if m["type"] == "camera"), None))
-        way = np.array(camera["eye"]) - middle
-        assert np.abs(way).argmax() == axis and np.sign(way[axis]) == sign, name
+        offset = np.array(camera["eye"]) - middle
+        assert np.abs(offset).argmax() == axis and np.sign(offset[axis]) == sign, name
 
 
 NONSENSE = (
@@ -623,17 +623,19 @@ def test_the_exposure_does_not_flicker_while_the_camera_moves():
     painter = Painter(lambda frame: None, lambda text: None)
     camera = pr.Camera.look_at((0, -3, 0), (0, 0, 0), size=(8, 8))
 
-    def shown(level, stage, looks):
+    def shown(level, stage, settings):
         image = np.full((8, 8, 4), level, np.float32)
         image[..., 3] = 1
-        return painter._tone(FrameRequest(camera, looks, pr.Scene(), (1, 0), (0.0, 0.0, 1.0), True, 0.0), image, stage)
+        return painter._tone(
+            FrameRequest(camera, settings, pr.Scene(), (1, 0), (0.0, 0.0, 1.0), True, 0.0), image, stage
+        )
 
-    looks = ViewSettings(exposes=True)
-    first = shown(0.24, MOVING, looks)
+    settings = ViewSettings(exposes=True)
+    first = shown(0.24, MOVING, settings)
     assert first == (0.0, "srgb")
-    assert shown(0.06, MOVING, looks) == first and shown(0.23, STILL, looks) == first
-    assert shown(0.06, REFINED, looks) == first
-    assert shown(0.06, STILL, looks) == (2.0, "srgb") == shown(0.24, MOVING, looks)
-    assert shown(0.24, MOVING, looks.with_value("exposure", 1.0)) == (1.0, "srgb")
+    assert shown(0.06, MOVING, settings) == first and shown(0.23, STILL, settings) == first
+    assert shown(0.06, REFINED, settings) == first
+    assert shown(0.06, STILL, settings) == (2.0, "srgb") == shown(0.24, MOVING, settings)
+    assert shown(0.24, MOVING, settings.with_value("exposure", 1.0)) == (1.0, "srgb")
     assert shown(0.06, STILL, ViewSettings(exposes=False, exposure=0.5)) == (0.5, "srgb")
     painter.close()

@@ -127,8 +127,8 @@ class Visitor:
 
     def pick(self):
         purpose = self.dice.choice(("query", "target"))
-        place = {"x": self.dice.random(), "y": self.dice.random(), "extend": self.dice.random() < 0.5}
-        self.socket.say(type="pick", purpose=purpose, **place)
+        click = {"x": self.dice.random(), "y": self.dice.random(), "extend": self.dice.random() < 0.5}
+        self.socket.say(type="pick", purpose=purpose, **click)
 
     def size(self):
         width, height = self.dice.choice(SIZES)

@@ -175,8 +175,8 @@ def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):
     script = (
         "import os, time; from pointray.jit import beside; beside.is_compiled = lambda d: False; "
         "from pointray.rendering import warmup; import subprocess; real = subprocess.Popen\n"
-        "def start(*words, **how):\n"
-        "    process = real(*words, **how)\n"
+        "def start(*words, **options):\n"
+        "    process = real(*words, **options)\n"
         "    print(process.pid, flush=True)\n"
         "    return process\n"
         "subprocess.Popen = start\n"

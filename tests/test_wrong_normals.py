@@ -28,19 +28,19 @@ def unit(rows: np.ndarray) -> np.ndarray:
     return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-30)
 
 
-def tilted(normals: np.ndarray, degrees: float, way: np.ndarray) -> np.ndarray:
+def tilted(normals: np.ndarray, degrees: float, direction: np.ndarray) -> np.ndarray:
     """Each turned by so much, towards the way."""
     normals = unit(np.asarray(normals, np.float64))
-    across = unit(way - np.sum(way * normals, axis=1, keepdims=True) * normals)
+    across = unit(direction - np.sum(direction * normals, axis=1, keepdims=True) * normals)
     return normals * np.cos(np.radians(degrees)) + across * np.sin(np.radians(degrees))
 
 
 def ripple(steepness: float = 1.0, n: int = 12_000) -> pr.Points:
     """z = sin r, with the normals of waves that are so many times as steep: with 2.2 a median of 21 degrees off."""
-    places = np.random.default_rng(0).uniform(-7, 7, (n, 2))
-    r = np.linalg.norm(places, axis=1)
-    slopes = places * (np.cos(r) / r)[:, None]
-    return pr.Points(np.column_stack([places, np.sin(r)]), unit(np.column_stack([-steepness * slopes, np.ones(n)])))
+    xy = np.random.default_rng(0).uniform(-7, 7, (n, 2))
+    r = np.linalg.norm(xy, axis=1)
+    slopes = xy * (np.cos(r) / r)[:, None]
+    return pr.Points(np.column_stack([xy, np.sin(r)]), unit(np.column_stack([-steepness * slopes, np.ones(n)])))
 
 
 @pytest.fixture

@@ -124,8 +124,8 @@ class Browser:
         return camera
 
     def go(self, camera, **changes):
-        places = {name: camera[name] for name in ("eye", "target", "up", "fov")}
-        self.say(**{"type": "camera", **places, "time": 1.0, **changes})
+        view = {name: camera[name] for name in ("eye", "target", "up", "fov")}
+        self.say(**{"type": "camera", **view, "time": 1.0, **changes})
 
     def refined(self, samples):
         """The frame with so many samples that comes next."""

@@ -38,9 +38,9 @@ def outcome_of(attack: Attack, rng: np.random.Generator, index: int, folder: Pat
     except CrashError as crash:
         return "crashed", str(crash)
     except Exception as error:
-        place = traceback.extract_tb(error.__traceback__)[-1]
+        frame = traceback.extract_tb(error.__traceback__)[-1]
         words = " ".join(str(error).replace(str(folder), "").split())[:300]
-        return "failed", f"{type(error).__name__}: {words} ({Path(place.filename).name})"
+        return "failed", f"{type(error).__name__}: {words} ({Path(frame.filename).name})"
 
 
 def limit_memory() -> None:

@@ -32,21 +32,21 @@ LATEST = 1.4  # times as long as the command takes: until then the signal comes
 WRITING = 0.8, 1.1  # in times as long: when files are written, which is when every second signal comes
 
 
-def command_of(name: str, scan: Path, place: Path) -> list[str]:
+def command_of(name: str, scan: Path, target: Path) -> list[str]:
     command, *options = COMMANDS[name]
-    output = ["-o", str(place / name)] if name else []
+    output = ["-o", str(target / name)] if name else []
     return [sys.executable, "-m", "pointray.cli", command, str(scan), *output, *options]
 
 
-def check_files(name: str, place: Path, new: bytes | None, kept: bool) -> bool:
+def check_files(name: str, target: Path, new: bytes | None, kept: bool) -> bool:
     """Whether the new file is there; WrongError if what is there is neither it nor the old one."""
-    names = sorted(path.name for path in place.iterdir())
+    names = sorted(path.name for path in target.iterdir())
     if name == "film":
-        return check_film(place / name, names)
+        return check_film(target / name, names)
     hidden = [found for found in names if found != name]
     if hidden:
         raise WrongError(f"{name}: left beside: {hidden[0][:10]}...{Path(hidden[0]).suffix}")
-    data = (place / name).read_bytes() if names else None
+    data = (target / name).read_bytes() if names else None
     if data not in (new, OLD if kept else None):
         raise WrongError(f"{name}: neither the old file nor the new one")
     return data == new
@@ -70,7 +70,7 @@ def begin(folder: Path) -> Attack:
     """Interrupts of the commands."""
     rng = np.random.default_rng(5)
     rows = rng.normal(size=(5000, 3))
-    scan, place = folder / "scan.ply", folder / "here"
+    scan, target = folder / "scan.ply", folder / "here"
     pr.write(scan, pr.Points(rows / np.linalg.norm(rows, axis=1, keepdims=True)))
     known: dict[str, tuple[bytes, float]] = {}
 
@@ -78,25 +78,25 @@ def begin(folder: Path) -> Attack:
         """What the command writes when it is left alone, and how long it takes."""
         if name not in known:
             begun = time.monotonic()
-            done = subprocess.run(command_of(name, scan, place), capture_output=True, text=True)
+            done = subprocess.run(command_of(name, scan, target), capture_output=True, text=True)
             if done.returncode != 0:
                 raise WrongError(f"{name}: {done.stderr}")
-            data = (place / name).read_bytes() if name != "film" else b""
+            data = (target / name).read_bytes() if name != "film" else b""
             known[name] = data, time.monotonic() - begun
         return known[name]
 
     def attack(rng: Rng, index: int) -> bool:
         name = pick(rng, list(COMMANDS))
-        shutil.rmtree(place, ignore_errors=True)
-        place.mkdir()
+        shutil.rmtree(target, ignore_errors=True)
+        target.mkdir()
         new, seconds = known_of(name) if name else (b"", 3.0)
-        shutil.rmtree(place)
-        place.mkdir()
+        shutil.rmtree(target)
+        target.mkdir()
         kept = name not in ("film", "") and rng.random() < 0.5
         if kept:
-            (place / name).write_bytes(OLD)
+            (target / name).write_bytes(OLD)
         process = subprocess.Popen(
-            command_of(name, scan, place), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            command_of(name, scan, target), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
         time.sleep(seconds * float(rng.uniform(*(WRITING if rng.random() < 0.5 else (0.0, LATEST)))))
         process.send_signal(signal.SIGINT)
@@ -114,7 +114,7 @@ def begin(folder: Path) -> Attack:
             )
         if not name:
             return True
-        done = check_files(name, place, new, kept)
+        done = check_files(name, target, new, kept)
         if status == 0 and not done:
             raise WrongError(f"{name}: exit status 0, and nothing is written")
         return done

@@ -90,14 +90,14 @@ def jobs_in(folder: Path) -> list[Job]:
     return jobs
 
 
-def found_in(place: Path) -> dict[str, str]:
+def found_in(target: Path) -> dict[str, str]:
     """Name and contents of each file, the contents as hexadecimal digits."""
-    return {path.name: path.read_bytes().hex() for path in sorted(place.iterdir())}
+    return {path.name: path.read_bytes().hex() for path in sorted(target.iterdir())}
 
 
-def write_there(job: Job, place: Path, kept: bool) -> dict[str, Any]:
+def write_there(job: Job, target: Path, kept: bool) -> dict[str, Any]:
     """Have a job write into a folder; status, lines, whether it raised, and what is there afterwards."""
-    path = place / job.name
+    path = target / job.name
     raised, told = "", None
     try:
         told = job.run(path)
@@ -106,7 +106,7 @@ def write_there(job: Job, place: Path, kept: bool) -> dict[str, Any]:
     except Exception as error:
         raised = f"{type(error).__name__}: {' '.join(str(error).split())}"
     status, lines = told or (1 if raised else 0, [])
-    return {"status": status, "lines": lines, "raised": raised, "command": told is not None, "found": found_in(place)}
+    return {"status": status, "lines": lines, "raised": raised, "command": told is not None, "found": found_in(target)}
 
 
 def judge(job: Job, kept: bool, told: dict[str, Any]) -> bool:
@@ -126,25 +126,25 @@ def judge(job: Job, kept: bool, told: dict[str, Any]) -> bool:
 
 def begin(folder: Path) -> Attack:
     """Writers onto full disks."""
-    jobs, place = jobs_in(folder), folder / "here"
+    jobs, target = jobs_in(folder), folder / "here"
 
     def small_disk(job: Job, room: int, kept: bool) -> dict[str, Any]:
-        if not mount_small(place, room):
+        if not mount_small(target, room):
             limit_files(min(room, len(job.new)))
         if kept:
-            (place / job.name).write_bytes(job.old)
-        return write_there(job, place, kept)
+            (target / job.name).write_bytes(job.old)
+        return write_there(job, target, kept)
 
     def limited(job: Job, size: int, kept: bool) -> dict[str, Any]:
         limit_files(size)
-        return write_there(job, place, kept)
+        return write_there(job, target, kept)
 
     def film_on_full_disk(rng: Rng) -> bool:
         """Frames that are there are whole, and a note beside them says no more than is true."""
 
         def work() -> dict[str, Any]:
             limit_files(int(rng.integers(0, 12_000)))
-            frames, done = film(place, 0, 3), 0
+            frames, done = film(target, 0, 3), 0
             try:
                 frames.begin()
                 for k in range(3):
@@ -153,19 +153,19 @@ def begin(folder: Path) -> Attack:
                 frames.finish()
             except OSError:
                 pass
-            return {"done": done, "names": sorted(path.name for path in place.iterdir())}
+            return {"done": done, "names": sorted(path.name for path in target.iterdir())}
 
         told = in_child(work)
-        whole = [k for k in range(3) if film(place, 0, 3)._complete(k)]
-        if len(whole) != len(list(place.glob("[0-9]*.png"))):
+        whole = [k for k in range(3) if film(target, 0, 3)._complete(k)]
+        if len(whole) != len(list(target.glob("[0-9]*.png"))):
             raise WrongError("a frame is not whole")
         if any(name.startswith(".") for name in told["names"]) or len(whole) < told["done"]:
             raise WrongError(f"film: {told['done']} frames done, there are {told['names']}")
         return told["done"] == 3
 
     def attack(rng: Rng, index: int) -> bool:
-        shutil.rmtree(place, ignore_errors=True)
-        place.mkdir()
+        shutil.rmtree(target, ignore_errors=True)
+        target.mkdir()
         if rng.random() < 0.08:
             return film_on_full_disk(rng)
         job, kept = pick(rng, jobs), bool(rng.random() < 0.6)
@@ -177,7 +177,7 @@ def begin(folder: Path) -> Attack:
                 kept = False
             return judge(job, kept, in_child(lambda: small_disk(job, room, kept)))
         if kept:
-            (place / job.name).write_bytes(job.old)
+            (target / job.name).write_bytes(job.old)
         limit = int(pick(rng, (0, 1, size - 1, size, size + 1, int(rng.integers(0, size + 100)))))
         return judge(job, kept, in_child(lambda: limited(job, limit, kept)))
 

@@ -95,26 +95,26 @@ def begin(folder: Path) -> Attack:
     contents = {name: versions_of(write, folder / f"a{extension}") for name, (extension, write) in known.items()}
 
     def attack(rng: Rng, index: int) -> bool:
-        place = folder / f"{index}"
-        shutil.rmtree(place, ignore_errors=True)
-        place.mkdir()
+        target = folder / f"{index}"
+        shutil.rmtree(target, ignore_errors=True)
+        target.mkdir()
         try:
-            return killed(rng, place)
+            return killed(rng, target)
         finally:
-            shutil.rmtree(place)
+            shutil.rmtree(target)
 
-    def killed(rng: Rng, place: Path) -> bool:
+    def killed(rng: Rng, target: Path) -> bool:
         name = pick(rng, [*known, "film"])
         if name == "film":
-            killed_after(rng, lambda: render_for_ever(place))
-            whole = check_film(place)
+            killed_after(rng, lambda: render_for_ever(target))
+            whole = check_film(target)
             with suppress(FileNotFoundError):
-                film(place, 0).note.unlink()
-            names = {path.name for path in place.glob("[0-9]*.png")} | {"00.png", film(place, 0).note.name}
-            check_folder(place, lambda: film(place, 0).keep(0, frame_image(0), 0.0), names)
+                film(target, 0).note.unlink()
+            names = {path.name for path in target.glob("[0-9]*.png")} | {"00.png", film(target, 0).note.name}
+            check_folder(target, lambda: film(target, 0).keep(0, frame_image(0), 0.0), names)
             return whole
         extension, write = known[name]
-        path = place / f"a{extension}"
+        path = target / f"a{extension}"
         if rng.random() < 0.5:
             in_process(lambda: write(path, 0))
         before = path.exists()
@@ -124,7 +124,7 @@ def begin(folder: Path) -> Attack:
         if before and not path.exists():
             raise WrongError(f"{extension}: the old file is gone")
         done = path.exists() and path.read_bytes() == contents[name][1]
-        check_folder(place, lambda: write(path, 0), {path.name})
+        check_folder(target, lambda: write(path, 0), {path.name})
         return done
 
     np.seterr(all="ignore")

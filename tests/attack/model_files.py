@@ -210,25 +210,25 @@ def change_lengths(rng: Rng, saved: Saved) -> None:
 
 def change_about(rng: Rng, saved: Saved) -> None:
     """A value somewhere in the description is another, or gone; or two arrays have changed places."""
-    place: Any = saved.about
+    parent: Any = saved.about
     while True:
-        keys = list(place) if isinstance(place, dict) else list(range(len(place)))
+        keys = list(parent) if isinstance(parent, dict) else list(range(len(parent)))
         if not keys:
             return
         key = pick(rng, keys)
-        if isinstance(place[key], dict | list) and rng.random() < 0.7:
-            place = place[key]
+        if isinstance(parent[key], dict | list) and rng.random() < 0.7:
+            parent = parent[key]
             continue
         kind = int(rng.integers(4))
         if kind == 0:
-            del place[key]
-        elif kind == 1 and isinstance(place, list):
-            other = int(rng.integers(len(place)))
-            place[key], place[other] = place[other], place[key]
-        elif kind == 2 and isinstance(place[key], int | float):
-            place[key] = pick(rng, (place[key] + 1, -place[key], place[key] * 1e30, 17, 0))
+            del parent[key]
+        elif kind == 1 and isinstance(parent, list):
+            other = int(rng.integers(len(parent)))
+            parent[key], parent[other] = parent[other], parent[key]
+        elif kind == 2 and isinstance(parent[key], int | float):
+            parent[key] = pick(rng, (parent[key] + 1, -parent[key], parent[key] * 1e30, 17, 0))
         else:
-            place[key] = pick(rng, JSONS)
+            parent[key] = pick(rng, JSONS)
         return
 
 

@@ -64,12 +64,12 @@ def swap_token(rng: Rng, text: str) -> str:
 
 def swap_value(rng: Rng, text: str) -> str:
     """What stands behind a = is another."""
-    places = list(re.finditer(r"= ([^\n]*)", text))
-    if not places:
+    matches = list(re.finditer(r"= ([^\n]*)", text))
+    if not matches:
         return text
-    place = pick(rng, places)
-    values = (*VALUES, *(f'"{value}"' for value in STRINGS), *WORDS, *(other[1] for other in places))
-    return text[: place.start(1)] + pick(rng, values) + text[place.end(1) :]
+    match = pick(rng, matches)
+    values = (*VALUES, *(f'"{value}"' for value in STRINGS), *WORDS, *(other[1] for other in matches))
+    return text[: match.start(1)] + pick(rng, values) + text[match.end(1) :]
 
 
 def scale_number(rng: Rng, text: str) -> str:
@@ -106,11 +106,11 @@ def nest(rng: Rng, text: str) -> str:
     depth = pick(rng, (1, 2, 30, 500, 3000))
     if rng.random() < 0.3:
         return f"{'a.' * depth}b = 1\n{text}"
-    places = list(re.finditer(r"= ([^\n]*)", text))
-    if not places:
+    matches = list(re.finditer(r"= ([^\n]*)", text))
+    if not matches:
         return text
-    place = pick(rng, places)
-    return f"{text[: place.start(1)]}{'[' * depth}{place[1]}{']' * depth}{text[place.end(1) :]}"
+    match = pick(rng, matches)
+    return f"{text[: match.start(1)]}{'[' * depth}{match[1]}{']' * depth}{text[match.end(1) :]}"
 
 
 CHANGES: tuple[Callable[[Rng, str], str], ...] = (

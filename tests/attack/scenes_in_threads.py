@@ -59,7 +59,7 @@ class Stage:
         self._numbers: dict[int, int] = {}
         self.state = State((False,) * SLOTS, False, False, False)
 
-    def reach(self, state: State) -> None:
+    def change_to(self, state: State) -> None:
         """Change what differs, one thing after the other; each is a state of its own."""
         for slot, there in enumerate(state.there):
             if there and slot not in self._numbers:
@@ -123,14 +123,14 @@ QUESTIONS = ("intersect", "occluded", "single", "render")
 
 def copied(rng: Rng, scene: pr.Scene) -> tuple[str, pr.Scene]:
     """A copy, by one of the ways there are."""
-    ways: dict[str, Callable[[Any], Any]] = {
+    copiers: dict[str, Callable[[Any], Any]] = {
         "copy": copy.copy,
         "deepcopy": copy.deepcopy,
         "pickle": lambda scene: pickle.loads(pickle.dumps(scene)),
         "Scene.copy": lambda scene: scene.copy(),
     }
-    name = pick(rng, list(ways))
-    return name, ways[name](scene)
+    name = pick(rng, list(copiers))
+    return name, copiers[name](scene)
 
 
 def begin(folder: Path) -> Attack:
@@ -139,20 +139,20 @@ def begin(folder: Path) -> Attack:
     rows = rng.normal(size=(400, 3))
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     files = []
-    for slot, place in enumerate(([1.3, 0.0, 0.6], [-0.9, -0.5, -0.3])):
+    for slot, center in enumerate(([1.3, 0.0, 0.6], [-0.9, -0.5, -0.3])):
         files.append(folder / f"{slot}.pointray")
-        pr.Model(pr.Points(0.6 * rows + place, rows)).save(files[-1])
+        pr.Model(pr.Points(0.6 * rows + center, rows)).save(files[-1])
     fixed, views, states = pr.Model(pr.Points(rows, rows)), Views(), all_states()
     answers: dict[str, dict[bytes, set[State]]] = {name: {} for name in QUESTIONS}
     for state in states:
         stage = Stage(files, fixed)
-        stage.reach(state)
+        stage.change_to(state)
         for name in QUESTIONS:
             answers[name].setdefault(getattr(views, name)(stage.scene), set()).add(state)
 
     def attack(rng: Rng, index: int) -> bool:
         stage, errors = Stage(files, fixed), []
-        stage.reach(pick(rng, states))
+        stage.change_to(pick(rng, states))
         end, stop = time.monotonic() + SPAN, threading.Event()
         sets = float(rng.random())
 
@@ -166,16 +166,16 @@ def begin(folder: Path) -> Attack:
         def change(seed: int) -> None:
             mine = np.random.default_rng(seed)
             while not stop.is_set():
-                stage.reach(neighbour(mine, stage.state))
+                stage.change_to(neighbour(mine, stage.state))
                 time.sleep(sets * 0.004)
 
         def replicate(seed: int) -> None:
             mine = np.random.default_rng(seed)
             while not stop.is_set():
-                how, twin = copied(mine, stage.scene)
+                method, twin = copied(mine, stage.scene)
                 name = pick(mine, QUESTIONS)
                 if getattr(views, name)(twin) not in answers[name]:
-                    raise WrongError(f"{name} of a {how}: the result is that of no state of the scene")
+                    raise WrongError(f"{name} of a {method}: the result is that of no state of the scene")
 
         def guarded(work: Callable[[int], None], seed: int) -> None:
             try:
@@ -204,10 +204,10 @@ def begin(folder: Path) -> Attack:
 def check_copies(rng: Rng, stage: Stage, views: Views) -> None:
     """Copies are traced when the original has gone, and do not change with it."""
     want = {name: getattr(views, name)(stage.scene) for name in QUESTIONS}
-    how, twin = copied(rng, stage.scene)
-    stage.reach(neighbour(rng, neighbour(rng, stage.state)))
+    method, twin = copied(rng, stage.scene)
+    stage.change_to(neighbour(rng, neighbour(rng, stage.state)))
     stage.scene = pr.Scene()
     gc.collect()
     for name, right in want.items():
         if getattr(views, name)(twin) != right:
-            raise WrongError(f"{name} of a {how} has changed with the original")
+            raise WrongError(f"{name} of a {method} has changed with the original")
