@@ -3,12 +3,13 @@
     python bench/accuracy.py [--quick | --full | --choice] [--shapes sphere statue bunny ...] [--surfaces apss disc ...]
                              [--points 10000 ...] [--noise 0 0.1 ...] [--rays 200000] [--csv FILE] [--plot FILE]
 
-Prints a row for each cloud and surface as it is measured (what a column holds: `measure.Row`), then every demand with
-the figure seen, and writes the rows as CSV and as a plot. Some 5 minutes on two cores; --full, up to 1 million points
-and 10 million rays, some two hours; --quick, sphere and torus only, one. --choice compares the surfaces, the samples N
-and the refinement, quality and cost together (some 15 minutes).
+The program prints a row for each cloud and surface as it is measured (`measure.Row` explains the columns), then every
+demand with the figure seen. It also writes the rows as CSV and as a plot. It takes some 5 minutes on two cores. --full
+goes up to 1 million points and 10 million rays, and takes some two hours. --quick measures sphere and torus only, in a
+minute. --choice compares surfaces, samples N and refinement by quality and cost (some 15 minutes).
 
-Meshes are looked for in --meshes and need trimesh and embreex, the plot matplotlib: pip install 'pointray[dev]'.
+Meshes are looked for in --meshes. They need trimesh and embreex, and the plot needs matplotlib:
+pip install 'pointray[dev]'.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ CHOICE = [
 
 @dataclass(frozen=True)
 class Case:
-    """A cloud to be measured, and how."""
+    """A cloud to be measured, and the settings to measure it with."""
 
     shape: str
     sampling: str
@@ -51,7 +52,7 @@ class Case:
 
 
 def cases(options: argparse.Namespace) -> Iterator[Case]:
-    """What a run measures, in the order of the table."""
+    """The cases of a run, in the order of the table."""
     settings = tuple(Setting(s) for s in options.surfaces)
     for shape in options.shapes:
         for sampling in ("vertices",) if shape in MESHES else ("even", "random"):
@@ -76,7 +77,7 @@ def choice_cases(options: argparse.Namespace) -> Iterator[Case]:
 
 
 def measured(todo: list[Case], folder: Path, console: Console) -> Iterator[Row]:
-    """The rows of all cases, printed as they come; a mesh that is absent is left out with a word."""
+    """The rows of all cases, printed as they come. A mesh that is absent is left out with a message."""
     columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn()
     known: dict[str, Truth] = {}
     console.print(HEAD, style="bold", soft_wrap=True, highlight=False)
@@ -105,7 +106,7 @@ def write_csv(path: Path, rows: list[Row]) -> None:
 
 
 def parsed(arguments: list[str] | None) -> argparse.Namespace:
-    """The options, with what --quick, --full and --choice stand for filled in."""
+    """The options, where --quick, --full and --choice have been expanded."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     size = parser.add_mutually_exclusive_group()
     for name in ("quick", "full", "choice"):

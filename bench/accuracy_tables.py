@@ -1,4 +1,4 @@
-"""What `accuracy.py` shows: a line for each row, the tables of demands and of choice, and the plot."""
+"""Output of `accuracy.py`: a line for each row, the tables of demands and of choice, and the plot."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HEAD = (
 
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
-    """A file to write to, which takes its name when it is whole."""
+    """A file to write to, which gets its final name when it is complete."""
     part = path.with_name(f".{os.getpid()}-{path.name}")
     try:
         yield part
@@ -55,10 +55,10 @@ def verdict_table(found: list[Verdict]) -> Table:
 
 
 def choice_table(rows: list[Row]) -> Table:
-    """Surfaces, samples and refinements over all clouds of a run, best first; a star where none is better and cheaper.
+    """Surfaces, samples and refinements over all clouds of a run, best first. A star: no other is better and cheaper.
 
-    Errors are relative to the default's on the same cloud (geometric means), holes and phantoms sums, cost the
-    geometric mean of the frame times, in those of flat discs.
+    Errors are geometric means, relative to the default's on the same cloud. Holes and phantoms are sums. Cost is the
+    geometric mean of the frame times, as multiples of those of flat discs.
     """
     groups: dict[tuple[str, int, int], list[Row]] = defaultdict(list)
     for row in rows:
@@ -106,7 +106,7 @@ def _geometric(values: list[float]) -> float:
 
 
 def plot(path: Path, rows: list[Row]) -> bool:
-    """Depth and normal errors over the number of points, without noise: a column a shape; False without matplotlib."""
+    """Plot depth and normal errors over the number of points, a column a shape; False without matplotlib."""
     try:
         import matplotlib
     except ImportError:
@@ -137,7 +137,7 @@ def plot(path: Path, rows: list[Row]) -> bool:
 
 
 def _curves(axis: Any, rows: list[Row], attribute: str) -> None:
-    """One panel: a colour a surface, a solid line for even points, a dashed one for random ones, marks for meshes."""
+    """One panel: a colour for each surface, solid lines for even points, dashed ones for random, marks for meshes."""
     for surface, color in COLORS.items():
         for sampling, style in (("even", "o-"), ("random", "o--"), ("vertices", "D")):
             chosen = {r.n: r for r in rows if (r.surface, r.sampling) == (surface, sampling)}

@@ -1,26 +1,27 @@
-"""pointray beside Mitsuba 3: are the pictures right? Meshes there, points of their triangles here.
+"""Compare pictures of pointray with those of Mitsuba 3: Mitsuba renders meshes, pointray points of their triangles.
 
     python bench/beside_mitsuba.py [--meshes bunny dragon ...] [--lights sun ...] [--materials diffuse ...] [--bounces]
                                    [--size 128] [--spp 144] [--halvings 2] [--folder DIR] [--json FILE]
                                    [--pictures DIR]
     python bench/beside_mitsuba.py --speed [--points 1000000] [--size 512] [--spp 4] [--runs 5]
 
-The same lights, materials, planes and camera. Every light with every material and direct light, and 4 bounces on a
-floor and in a corner; --bounces leaves only these. Mirrors and glass have more scatterings under light from all
-around, glass no other light.
+Both have the same lights, materials, planes and camera. Every light is rendered with every material by direct light,
+then with 4 bounces on a floor and in a corner; --bounces runs only the latter. Mirrors and glass get more bounces
+under light from all around, and glass gets no other light.
 
-Prints a row a scene, a for Mitsuba, b for pointray, over the pixels of surfaces that are farther than 2 from a
-silhouette or the edge of a hard shadow: sum |a - b| / sum b, demanded to be at most 5%, and (sum a - sum b) / sum b, at
-most 1% either way; then both for the model's own pixels, of which the same is demanded. Noise: what they would be if
-nothing but the seed differed. Pictures: ours, theirs, the difference.
+The program prints a row for each scene, where a is Mitsuba's picture and b is pointray's. The pixels are those of
+surfaces, farther than 2 pixels from a silhouette or the edge of a hard shadow. The figures are sum |a - b| / sum b,
+which must be at most 5%, and (sum a - sum b) / sum b, which must be at most 1% either way. Both follow for the
+model's own pixels, with the same limits. The noise is what these figures would be if only the seed differed.
+Pictures show ours, theirs and the difference.
 
-Between its vertices a mesh is flat and its normals are interpolated, where pointray has a surface of its own: so points
-lie between them, too, with such normals: edges are halved once or twice (the bunny in mirrors: 8 to 16% apart with its
-vertices alone, 1 to 3% so).
+Between its vertices a mesh is flat and its normals are interpolated, whereas pointray has a surface of its own. So
+edges are halved once or twice, which gives points with interpolated normals between the vertices, too. (The bunny in
+mirrors is 8 to 16% apart with its vertices alone, and 1 to 3% with these points.)
 
-Needs mitsuba and trimesh (pip install 'pointray[dev]') and LLVM from 16 on (libLLVM.so; DRJIT_LIBLLVM_PATH names it:
-14 and 15 fail on processors with AVX-512). Without LLVM, or with one that does not know the processor, materials that
-Mitsuba lacks are left out. Some half an hour.
+It needs mitsuba and trimesh (pip install 'pointray[dev]') and LLVM 16 or later (libLLVM.so; DRJIT_LIBLLVM_PATH names
+it; 14 and 15 fail on processors with AVX-512). Without LLVM, or with one that does not know the processor, materials
+that Mitsuba lacks are left out. A run takes some half an hour.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ from truth import FOLDER
 
 ENOUGH = 500_000  # points of a mesh
 MOST_APART, MOST_OFF = 0.05, 0.01
-FINER = 3  # rays a side of a pixel that edges are looked for with
-STEEP = 10.0  # a step in depth of so many pixels' widths is a silhouette: a surface seen at under 6 degrees
+FINER = 3  # rays a side of a pixel, with which edges are found
+STEEP = 10.0  # pixels' widths: a larger step in depth is a silhouette (a surface seen at under 6 degrees)
 AWAY = 2  # pixels from an edge that are left out
 COLUMNS = "  pixels   apart   noise     off   noise"
 HEAD = f"mesh    light      material     around bounces{COLUMNS} | model{COLUMNS[7:]}"
@@ -58,9 +59,9 @@ NO_VARIANT = "mitsuba is not here: pip install 'pointray[dev]'"
 
 @dataclass
 class Figures:
-    """Shares of the light in pointray's pixels, of which there are `pixels`.
+    """Differences as shares of the light in pointray's pixels; `pixels` counts them.
 
-    apart : sum |a - b| / sum b; off : (sum a - sum b) / sum b; noise : the same, were there nothing but noise
+    apart : sum |a - b| / sum b; off : (sum a - sum b) / sum b; noise : the same figures if there were nothing but noise
     """
 
     pixels: int
@@ -75,13 +76,13 @@ class Figures:
 
     @property
     def met(self) -> bool:
-        """Whether both demands are."""
+        """Whether both demands are met."""
         return self.apart <= MOST_APART and abs(self.off) <= MOST_OFF
 
 
 @dataclass
 class Row:
-    """What was measured of a scene. model : of the pixels alone that show nothing but the model"""
+    """The figures of a scene. model : those of the pixels that show nothing but the model"""
 
     mesh: str
     light: str
@@ -119,20 +120,20 @@ def choose_variant(arrays: bool = True) -> str:
 
 
 def halvings_of(shape: Body) -> int:
-    """How often a mesh's edges are halved until it has ENOUGH points: each time there are four times as many."""
+    """How often a mesh's edges are halved until it has ENOUGH points; each time multiplies them by four."""
     return max(math.ceil(math.log(ENOUGH / len(shape.vertices), 4)), 0)
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """Which pixels are compared, (h, w) bool. model : those of them that show nothing but the model"""
+    """The pixels that are compared, (h, w) bool. model : those that show nothing but the model"""
 
     all: NDArray[np.bool_]
     model: NDArray[np.bool_]
 
 
 class Pair:
-    """A mesh for Mitsuba, its vertices as a model for pointray, and the camera both are seen with.
+    """A mesh for Mitsuba, its vertices as a model for pointray, and the camera that sees both.
 
     halvings : how often edges get a point in the middle, too
     """
@@ -156,7 +157,7 @@ class Pair:
         """The picture by Mitsuba, (h, w, 3)."""
         import mitsuba as mi
 
-        # Its depth counts the edges of a path, from the eye to the light.
+        # Mitsuba's depth counts the edges of a path, from the eye to the light.
         integrator = {"type": "path", "max_depth": case.bounces + 1, "rr_depth": 10_000}
         sensor = their_camera(self.camera, self.spp)
         picture = mi.render(
@@ -165,7 +166,7 @@ class Pair:
         return np.array(picture, np.float64)
 
     def pixels(self, case: Case) -> Pixels:
-        """Which pixels count."""
+        """The pixels that are compared."""
         hard = case.light if LIGHTS[case.light]().hard else ""
         key = hard, case.around
         if key not in self._pixels:
@@ -173,13 +174,13 @@ class Pair:
         return self._pixels[key]
 
     def _find_pixels(self, case: Case, hard: bool) -> Pixels:
-        """From what Mitsuba sees with finer pixels: depths, shapes, and which places a hard light reaches."""
+        """Find them from what Mitsuba sees with finer pixels: depths, shapes, and where a hard light arrives."""
         import mitsuba as mi
 
         scene, sensor = their_scene(case, self.shape), their_camera(self.camera, 1, FINER)
         layers = mi.load_dict({"type": "aov", "aovs": "depth:depth,color:albedo"})
         picture = np.array(mi.render(scene, sensor=sensor, integrator=layers))
-        depth, color = picture[..., 0], picture[..., 1:] @ (1.0, 10.0, 100.0)  # which tells all surfaces apart
+        depth, color = picture[..., 0], picture[..., 1:] @ (1.0, 10.0, 100.0)  # one number tells surfaces apart
         width = depth * 2 * np.tan(np.radians(self.camera.fov) / 2) / len(depth)
         edges = _steps(color, 0.1) | _steps(depth, STEEP * width)
         if hard:
@@ -210,10 +211,10 @@ def _steps(values: NDArray[Any], least: Any) -> NDArray[np.bool_]:
 
 
 def compare(pair: Pair, case: Case, pictures: Path | None = None) -> Row:
-    """Render a case twice with both, seeds 0 and 1, and compare the means; the seeds' differences are the noise."""
+    """Render a case with seeds 0 and 1 by both, and compare the means. The seeds' differences are the noise."""
     theirs, ours = ([render(case, seed) for seed in (0, 1)] for render in (pair.theirs, pair.ours))
     a, b = sum(theirs) / 2, sum(ours) / 2
-    # Of the same variance as a - b, but for what the two disagree on.
+    # This has the variance of a - b, without what the two disagree on.
     noise = ((theirs[0] - theirs[1]) - (ours[0] - ours[1])) / 2
     pixels = pair.pixels(case)
     if pictures is not None:
@@ -241,7 +242,7 @@ def cases(options: argparse.Namespace) -> Iterator[Case]:
             if least == 1 or light in ("constant", "gradient"):
                 yield Case(light, material, "floor", least)
             elif material == "mirror" and not LIGHTS[light]().hard:
-                yield Case(light, material)  # with more scatterings what it casts on the floor is all noise
+                yield Case(light, material)  # with more bounces, what it casts on the floor is all noise
         if least == 1 and "gradient" in options.lights:
             yield Case("gradient", material, "floor", 4)
         corner = "rectangle" if least == 1 else "gradient"

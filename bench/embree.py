@@ -1,15 +1,15 @@
-"""pointray beside Embree's oriented discs: the same points, radii and rays, in turn, in one run.
+"""Compare the speed of pointray with Embree's oriented discs: the same points, radii and rays, in turn, in one run.
 
     python bench/embree.py [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--mesh MESH] [--reach 1.25]
         [scan.ply ...]
 
-For each cloud the views of `pointray.cli.benchmark.views`, far and near, the shadow rays from all hits of the far view
-to a point light, and one diffuse bounce from each of them. Prints million rays a second of both, the ratio (medians of
-alternating runs; Embree's better query counts), the shares of hits, and the frame rate of the first cloud against the
-second.
+Each cloud is traced in the far and near views of `pointray.cli.benchmark.views`, by shadow rays from all hits of the
+far view to a point light, and by one diffuse bounce from each of them. The program prints million rays a second of
+both, the ratio (medians of alternating runs; Embree's faster query counts), the shares of hits, and the frame rate of
+the first cloud against the second.
 
-Radii are pointray's own, for both. With --reach they are so many distances to the eighth neighbour, for both: what
-discs need who have no better rule.
+Both use pointray's own radii. With --reach, both use so many distances to the eighth neighbour, which discs need
+without a better rule.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ BATCH = 1024
 
 @kernel
 def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
-    """Closest hit of each ray, t only: what Embree is asked for."""
+    """t of the closest hit of each ray, and nothing else: what Embree is asked for."""
     memory = new_scratch(world.longest)
     scratch, world = borrow(memory), borrow(world)
     block = next_tile(work)
@@ -87,7 +87,7 @@ class Ours:
 
 
 class Case(NamedTuple):
-    """Rays of one kind through one cloud. shadow : they are asked whether anything is in the way."""
+    """Rays of one kind through one cloud. shadow : whether they only ask if anything is in the way"""
 
     name: str
     origins: np.ndarray
@@ -97,7 +97,7 @@ class Case(NamedTuple):
 
 
 def alternate(calls: dict[str, Callable[[], object]], runs: int, pause: float = 0.0) -> dict[str, float]:
-    """Median seconds of each call, run in turn, after a pause in which threads of the one before go to sleep."""
+    """Median seconds of each call, run in turn. A pause before each lets the threads of the last one go to sleep."""
     for call in calls.values():
         call()
     times: dict[str, list[float]] = {name: [] for name in calls}
@@ -154,7 +154,7 @@ def _share(result: Any, shadow: bool) -> float:
 
 
 def statues(counts: list[int]) -> Iterator[tuple[pr.Points, np.ndarray | None]]:
-    """The statue with the first number of points, and made smaller (the paper's part II) to the others; radii if so."""
+    """The statue with the first number of points; then subsets (part II of the paper) with the others, and radii."""
     points = pr.procedural("statue", counts[0])
     yield points, None
     for count in counts[1:]:
@@ -163,7 +163,7 @@ def statues(counts: list[int]) -> Iterator[tuple[pr.Points, np.ndarray | None]]:
 
 
 def statue_mesh(triangles: int) -> tuple[np.ndarray, np.ndarray]:
-    """A mesh of the statue: each triangle cut into four until about so many, every vertex on the exact surface."""
+    """A mesh of the statue: triangles are cut into four up to about this number, with vertices on the exact surface."""
     body = solid("statue")
     vertices, faces = mesh("statue")
     vertices = settled(body, vertices.copy())
@@ -175,7 +175,7 @@ def statue_mesh(triangles: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mesh_of(options: argparse.Namespace, points: pr.Points) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices about the points' origin, and triangles, of the mesh asked for."""
+    """Vertices (relative to the points' origin) and triangles of the mesh asked for."""
     if options.mesh == Path("statue"):
         return statue_mesh(2 * len(points))
     import trimesh

@@ -1,4 +1,4 @@
-"""The peers of the speed benchmark: the same splats as Embree's oriented discs, or a mesh, traced by a loop like ours.
+"""The peers of the speed benchmark: the splats as Embree's oriented discs, or a mesh, traced by a loop like ours.
 
 Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` says whether it is there.
 
@@ -104,9 +104,9 @@ class Peer:
     kind : int
         Embree's type of geometry.
     buffers : tuple of (kind, layout, (n, k) array)
-        What it is made of.
+        The arrays that define it.
     config : str
-        Embree's own settings of the device, for instance "threads=2"; all processors build the tree otherwise.
+        Embree's own settings of the device, for instance "threads=2". By default all processors build the tree.
 
     Raises
     ------
@@ -153,7 +153,7 @@ class Peer:
 
     @property
     def native_packets(self) -> bool:
-        """Whether Embree has code for packets of 16 for this processor (AVX-512); it splits them otherwise."""
+        """Whether Embree has code for packets of 16 on this processor (AVX-512); if not, it splits them."""
         return bool(self._embree.rtcGetDeviceProperty(self._device, PROPERTY_NATIVE_RAY16))
 
     def closest(
@@ -196,7 +196,7 @@ class Peer:
         return t
 
     def close(self) -> None:
-        """Free the scene; more than once does no harm."""
+        """Free the scene. Closing twice does no harm."""
         if self._scene is not None:
             self._embree.rtcReleaseScene(self._scene)
             self._embree.rtcReleaseDevice(self._device)

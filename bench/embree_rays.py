@@ -14,7 +14,7 @@ TILE = 1024  # rays that a thread takes at a time
 # A ray and its hit are 20 words (RTCRay, then RTCHit), each of them 1 or 16 lanes wide.
 ORIGIN, TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS, GEOMETRY, WORDS = 0, 3, 4, 7, 8, 9, 10, 11, 18, 20
 CONTEXT = WORDS * 16  # then RTCIntersectContext: flags, gap, filter (2 words), instID
-VALID = CONTEXT + 16  # then the 16 lanes of a packet that are in use
+VALID = CONTEXT + 16  # then flags of the 16 lanes of a packet that are in use
 SCRATCH = VALID + 16
 INVALID = np.uint32(0xFFFFFFFF)
 

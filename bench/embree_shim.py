@@ -1,4 +1,4 @@
-"""What calling Embree from Numba costs: the loop of `embree_peers.py` against `embree_loop.cpp`, frame by frame.
+"""Measure what calling Embree from Numba costs: the loop of `embree_peers.py` against `embree_loop.cpp`.
 
     python bench/embree_shim.py [--points 1000000] [--size 512] [--repeats 15]
 
@@ -54,7 +54,7 @@ def camera(size: int) -> tuple[Floats, Floats]:
 
 
 def compile_loop(folder: Path) -> Path | str:
-    """The compiled C++ program, or why there is none."""
+    """The compiled C++ program, or the reason why there is none."""
     compiler = shutil.which("g++")
     if compiler is None:
         return "g++ is not installed"
@@ -67,7 +67,7 @@ def compile_loop(folder: Path) -> Path | str:
 
 
 class Frame(NamedTuple):
-    """What one frame cost and saw; `cpu` sums the threads and hardly minds what else the machine does."""
+    """Cost and result of one frame. `cpu` sums the threads and is hardly affected by other programs."""
 
     wall: float  # milliseconds
     cpu: float  # milliseconds

@@ -1,10 +1,10 @@
-"""First pictures: what `pointray render SCAN -o x.png` gives with nothing else said, measured and on one sheet.
+"""Measure the first pictures, those of `pointray render SCAN -o x.png` without options, and put them on one sheet.
 
 python bench/first_pictures.py SCAN... -o sheet.jpg [--page]
 
-Of each: how far the scan is from the middle of its picture, and its margin; the mean of its pixels (sRGB, 0
-to 1), the shares of burnt (250 and above) and of black ones (5 and below), and how much it stands out from what
-is behind it. With --page the sheet shows Debian's chromium with `pointray view SCAN`, as it is when nothing is done.
+The figures of each are the scan's distance from the middle of its picture, its margin, the mean of its pixels (sRGB, 0
+to 1), the shares of burnt pixels (250 and above) and of black ones (5 and below), and its contrast to the background.
+With --page the sheet shows `pointray view SCAN` in Debian's chromium before any input.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from pointray.cli import execute
 from pointray.image.tone import GRADIENT, backdrop_rows, linear_to_srgb
 
 BURNT, BLACK = 250, 5
-CENTRAL = 0.001  # of the scan's pixels: what may lie outside, as strays
+CENTRAL = 0.001  # share of the scan's pixels that are ignored as strays
 ACROSS = 4  # pictures in a row of the sheet
 TILE, LINE = (400, 300), 16  # pixels of each, and of its name
-PAGE, REFINED = (1200, 900), 16  # pixels of the browser's window, and samples after which it is looked at
+PAGE, REFINED = (1200, 900), 16  # pixels of the browser's window, and the samples a pixel to wait for
 
 
 class Measured(NamedTuple):
@@ -37,15 +37,15 @@ class Measured(NamedTuple):
     Attributes
     ----------
     off : float
-        How far the middle of the scan is from the picture's, as a share of the width or height, the larger one.
+        How far the middle of the scan is from the picture's, as a share of the width or height (the larger share).
     margin : float
-        Beside the scan on the tight side, as a share of the picture, either side's mean.
+        Free share of the picture beside the scan in the tighter direction, mean of both sides.
     mean : float
-        Of the scan's pixels, sRGB, 0 to 1.
+        Mean of the scan's pixels, sRGB, 0 to 1.
     burnt, black : float
         Shares of its pixels.
     contrast : float
-        Mean difference to the backdrop, sRGB.
+        Mean difference from the backdrop, sRGB.
     """
 
     off: float
@@ -57,7 +57,7 @@ class Measured(NamedTuple):
 
 
 def measure(levels: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> Measured:
-    """levels : (h, w, 3), as shown; alpha : (h, w), how much of each pixel the scan covers"""
+    """Measure a picture. levels : (h, w, 3), as shown; alpha : (h, w), the share of each pixel that the scan covers"""
     covered = alpha > 127
     rows, columns = np.nonzero(covered)
     height, width = alpha.shape
@@ -81,7 +81,7 @@ def measure(levels: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> Measured:
 
 
 def picture(scan: Path, folder: Path, size: str = "800x600") -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The first picture, (h, w, 3), and what the scan covers of it, (h, w)."""
+    """The first picture, (h, w, 3), and the share of each pixel that the scan covers, (h, w)."""
     shown, alone = folder / "shown.png", folder / "alone.png"
     for path, more in ((shown, []), (alone, ["--background", "none", "--integrator", "color"])):
         if execute(["render", str(scan), "-o", str(path), "--size", size, *more]) != 0:
@@ -90,7 +90,7 @@ def picture(scan: Path, folder: Path, size: str = "800x600") -> tuple[NDArray[np
 
 
 def pages(scans: list[Path]) -> dict[str, NDArray[np.uint8]]:
-    """What the viewer's page shows of each scan at first."""
+    """The first pictures of the viewer's page, one for each scan."""
     from playwright.sync_api import sync_playwright
 
     from viewer import FLAGS, serving
@@ -110,7 +110,7 @@ def pages(scans: list[Path]) -> dict[str, NDArray[np.uint8]]:
 
 
 def sheet(pictures: dict[str, NDArray[np.uint8]]) -> Image.Image:
-    """All of them, with their names."""
+    """One sheet of all pictures, with their names."""
     rows = -(-len(pictures) // ACROSS)
     out = Image.new("RGB", (ACROSS * TILE[0], rows * (TILE[1] + LINE)), "white")
     draw = ImageDraw.Draw(out)

@@ -1,9 +1,9 @@
-"""The house in numbers: rooms, arrows between them, files and functions of the package.
+"""Count the rooms of the package, the arrows between them, files and functions.
 
 python bench/house.py [FOLDER]
 
-A room is a folder of the package or a file at its top; an arrow is an import from one room of another. Lines of a
-function are those of its definition, with its docstring.
+A room is a folder of the package or a file at its top. An arrow is an import of one room by another. A function's lines
+are those of its definition, docstring included.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 
 def arrows(package: Path) -> set[tuple[str, str]]:
-    """Rooms that import from rooms."""
+    """Pairs of rooms of which the first imports from the second."""
     found = set()
     for path in package.rglob("*.py"):
         folder = path.relative_to(package).parts[:-1]

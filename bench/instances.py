@@ -1,11 +1,10 @@
-"""Many instances of one model: the paper's 24 statues, and 10,000 of them; what a move, an instance's memory and levels
-of detail cost and gain.
+"""Measure many instances of one model, the paper's 24 statues and 10,000 of them: moves, memory and levels of detail.
 
     python bench/instances.py [--points 1000000] [--size 640x480] [--frames 9]
 
-Frames: Phong, one light, a shadow ray a pixel; from near enough that the statues fill the same part of the picture.
-How calm pictures are: their mean change from frame to frame while the camera moves slowly, as a share of that with all
-points; and how much of that is the motion itself, what pictures of 32 samples a pixel change.
+Frames are shaded by Phong with one light and a shadow ray a pixel. The camera is so near that the statues always fill
+the same part of the picture. Flicker is the mean change of pixels from frame to frame while the camera moves slowly, as
+a share of that with all points. The part due to the motion itself is the change between pictures of 32 samples a pixel.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ import pointray as pr
 
 TURN = 37.0  # degrees from one statue to the next
 APART = 2.2
-PACES = (6, 24, 96)  # frames in which the camera moves by a pixel
+PACES = (6, 24, 96)  # frames that the camera takes to move by a pixel
 
 
 def statue_transform(k: int, across: int) -> np.ndarray:
-    """Where statue k of a grid stands: turned, some mirrored, of different heights."""
+    """Transform of statue k of a grid. Statues are turned, differ in height, and some are mirrored."""
     angle = np.radians(TURN * k)
     size = 0.85 + 0.3 * ((k * 7) % 10) / 10
     c, s = size * np.cos(angle), size * np.sin(angle)
@@ -36,7 +35,7 @@ def statue_transform(k: int, across: int) -> np.ndarray:
 
 
 def grid(model: pr.Model, count: int) -> tuple[pr.Scene, float]:
-    """Statues on a plane under a sun, and seconds to put them there."""
+    """A scene of statues on a plane under a sun, and the seconds to build it."""
     scene, across = pr.Scene(), int(np.ceil(np.sqrt(count * 1.5)))
     begun = time.perf_counter()
     for k in range(count):
@@ -50,7 +49,7 @@ def grid(model: pr.Model, count: int) -> tuple[pr.Scene, float]:
 
 
 def camera_of(scene: pr.Scene, size: tuple[int, int], step: float = 0.0) -> pr.Camera:
-    """From above, so that statues fill the picture whatever their number; `step` pixels along."""
+    """A camera from above, so that statues fill the picture whatever their number; it is moved on by `step` pixels."""
     low, high = scene.bounds
     wide = high - low
     middle = np.array([*(low + high)[:2] / 2, low[2]])
@@ -61,7 +60,7 @@ def camera_of(scene: pr.Scene, size: tuple[int, int], step: float = 0.0) -> pr.C
 
 
 def median_ms(work: Callable[[], object], times: int) -> float:
-    """Milliseconds, median; the first is not counted."""
+    """Median of the milliseconds of a frame, without the first."""
     work()
     spent = []
     for _ in range(times):
@@ -72,13 +71,13 @@ def median_ms(work: Callable[[], object], times: int) -> float:
 
 
 def change(scene: pr.Scene, size: tuple[int, int], settings: pr.Settings, pace: int) -> float:
-    """Mean change of a pixel from frame to frame, while the camera moves by one in `pace` frames."""
+    """Mean change of a pixel from frame to frame while the camera moves by one pixel in `pace` frames."""
     images = [np.clip(pr.render(scene, camera_of(scene, size, k / pace), settings), 0, 1) for k in range(5)]
     return float(np.mean([np.abs(a - b)[..., :3].mean() for a, b in zip(images, images[1:], strict=False)]))
 
 
 def report(model: pr.Model, count: int, size: tuple[int, int], frames: int) -> None:
-    """One row: with and without levels."""
+    """Print one row: with and without levels of detail."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     scene, spent = grid(model, count)
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 / count

@@ -1,9 +1,9 @@
-"""Many lights: a path-traced picture under 5,000 beside one under 50, and what lights cost before it.
+"""Compare a path-traced picture under 5,000 lights with one under 50, and measure the cost of adding lights.
 
     python bench/lights.py [--size 160x120] [--spp 16] [--runs 5] [--counts 50,5000]
 
-A sphere of points on a floor, lights of the same power in all over it: points; lamps, a third of each kind, of the same
-area in all; suns. Pictures take turns; times are medians, ratios are medians of the ratios of runs next to each other.
+The scene is a sphere on a floor under lights of a fixed total power: points; lamps of a fixed total area, a third of
+each kind; or suns. Pictures take turns. Times are medians, and ratios are medians of the ratios of neighbouring runs.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import pointray as pr
 
 
 def points(count: int, rng: np.random.Generator) -> list[Any]:
-    """Points of unlike power."""
+    """Point lights of unlike power."""
     return [
         pr.PointLight(x, power / count)
         for x, power in zip(_positions(count, rng), rng.lognormal(4, 1, count), strict=True)
@@ -39,7 +39,7 @@ def lamps(count: int, rng: np.random.Generator) -> list[Any]:
 
 
 def suns(count: int, rng: np.random.Generator) -> list[Any]:
-    """Disks of half a degree all over the upper half of the sky."""
+    """Suns, half a degree wide, all over the upper half of the sky."""
     return [pr.SunLight((*rng.normal(0, 1, 2), -abs(rng.normal(0, 1)) - 0.1), 3.0 / count) for _ in range(count)]
 
 
@@ -48,7 +48,7 @@ def _positions(count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def scene_of(lights: list[Any], model: pr.Model) -> tuple[pr.Scene, float, float]:
-    """A scene; seconds to put its lights there, and to build what rays need."""
+    """A scene, the seconds to add its lights, and those to build what rays need."""
     scene = pr.Scene()
     scene.add(model)
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1), 0.6), material=pr.Phong(specular=0.3, exponent=40))
@@ -61,7 +61,7 @@ def scene_of(lights: list[Any], model: pr.Model) -> tuple[pr.Scene, float, float
 
 
 def seconds(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings) -> float:
-    """One picture."""
+    """Seconds of one picture."""
     begun = time.perf_counter()
     pr.render(scene, camera, settings)
     return time.perf_counter() - begun

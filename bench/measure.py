@@ -1,4 +1,4 @@
-"""One row of the accuracy table: a cloud of a known surface, a model of it, rays, and how far their hits are off."""
+"""Measure one row of the accuracy table: how far the hits of rays lie from the known surface of a cloud."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from pointray.neighbors import distinct, neighbors
 from truth import DEEP, Floats, Truth
 
 BATCH = 250_000  # rays at a time
-PLACES = 20_000  # of the surface, at which splats are counted
+PLACES = 20_000  # points of the surface at which splats are counted
 FRAMES, PIXELS = 5, 400
-AUTO, WIDE = "auto", "1.25 d8"  # rules for radii: the model's own; 1.25 times the distance to the 8th neighbour
+AUTO, WIDE = "auto", "1.25 d8"  # rules for radii: the model's own, or 1.25 times the distance to the 8th neighbour
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points of a known surface. noise : standard deviation along the normal, in h; normals stay exact."""
+    """Points of a known surface. noise : standard deviation along the normal, in h (normals stay exact)"""
 
     truth: Truth
     sampling: str
@@ -39,7 +39,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Setting:
-    """How a model is made of a cloud."""
+    """The settings by which a model is made from a cloud."""
 
     surface: str
     samples: int = 4
@@ -49,14 +49,14 @@ class Setting:
 
 @dataclass
 class Row:
-    """What was measured. Counts are of rays and hits; depth in h, normals in degrees, both of all hits.
+    """What was measured. Depths (in h) and normals (in degrees) are errors over all hits; the rest are counts.
 
-    holes : rays that were over 0.5 h deep inside of the exact solid before they hit anything
-    missed : those of them that hit nothing at all; the others hit the far wall from inside
-    phantoms : hits over 0.5 h from the surface
-    overlap : splats whose support holds a place of the surface, mean
-    references : entries of blocks in the lists of all leaves, times 4 splats a block, a point
-    ms : of processor time, divided by the threads; cost : the same as multiples of the flat discs' time
+    holes : rays that were more than 0.5 h inside the exact solid before they hit anything
+    missed : holes that hit nothing at all; the others hit the far wall from inside
+    phantoms : hits more than 0.5 h from the surface
+    overlap : mean number of splats whose support holds a point of the surface
+    references : splats that all leaves list together, per point: 4 for each block of each leaf
+    ms : processor time of a frame, divided by the threads; cost : the same, as a multiple of the flat discs' time
     """
 
     shape: str
@@ -84,7 +84,7 @@ class Row:
 
 @dataclass
 class Errors:
-    """What rays found, batch after batch."""
+    """Errors that rays found, batch after batch."""
 
     rays: int = 0
     holes: int = 0
@@ -94,7 +94,7 @@ class Errors:
 
 
 def cloud_of(truth: Truth, sampling: str, n: int, noise: float = 0.0, seed: int = 1) -> Cloud:
-    """Points of a surface, moved along their exact normals by a normal distribution of noise * h."""
+    """Points of a surface, moved along their exact normals by a Gaussian of standard deviation noise * h."""
     positions, normals = truth.points(n, sampling, seed)
     sigma = noise * np.sqrt(truth.area / len(positions))
     away = np.random.default_rng(seed).normal(scale=sigma, size=(len(positions), 1)) if noise else 0.0
@@ -108,13 +108,13 @@ def model_of(cloud: Cloud, setting: Setting) -> pr.Model:
 
 
 def _wide(positions: NDArray[np.float32]) -> NDArray[np.float32]:
-    """1.25 times the distance to the 8th neighbour; points at one place count once."""
+    """1.25 times the distance to the 8th neighbour, where points of equal position count once."""
     rows, groups = distinct(positions)
     return 1.25 * neighbors(positions[rows], 9)[0][groups, -1]
 
 
 def scene_of(model: pr.Model) -> pr.Scene:
-    """The model alone."""
+    """A scene of the model alone."""
     scene = pr.Scene()
     scene.add(model)
     return scene
@@ -126,7 +126,7 @@ def unit(v: Floats) -> Floats:
 
 
 def lines(bounds: Floats, count: int, seed: int) -> Iterator[tuple[Floats, Floats]]:
-    """Random lines through the ball around a box, all directions and places alike: batches of origins, directions."""
+    """Lines through the ball around a box, uniform in position and direction: batches of origins and directions."""
     rng = np.random.default_rng(seed)
     center, radius = bounds.mean(axis=0), 0.505 * float(np.linalg.norm(bounds[1] - bounds[0]))
     for start in range(0, count, BATCH):
@@ -137,9 +137,9 @@ def lines(bounds: Floats, count: int, seed: int) -> Iterator[tuple[Floats, Float
 
 
 def trace(scene: pr.Scene, cloud: Cloud, rays: Iterator[tuple[Floats, Floats]], say: Callable[[int], None]) -> Errors:
-    """Send rays and compare each hit with the exact surface, each suspicious ray with the exact solid.
+    """Trace rays; compare each hit with the exact surface, and each suspicious ray with the exact solid.
 
-    Suspicious are rays without a hit and hits of a side that faces away: the ray must have come through the surface.
+    A ray is suspicious if it hits nothing, or hits a side that faces away: it must have come through the surface.
     """
     errors = Errors()
     for origins, directions in rays:
@@ -163,19 +163,19 @@ def trace(scene: pr.Scene, cloud: Cloud, rays: Iterator[tuple[Floats, Floats]], 
 
 
 def overlap(samples: Floats, model: pr.Model) -> float:
-    """Splats whose support holds a place of the exact surface, mean over all places."""
+    """Mean number of splats whose support holds a sample of the exact surface."""
     held = cKDTree(samples).query_ball_point(model.points.positions, model.radii, return_length=True)
     return float(held.sum() / len(samples))
 
 
 def references(model: pr.Model) -> float:
-    """Splats that all leaves list together, empty slots of blocks included, a point: 4 for each block of each leaf."""
+    """Splats that all leaves list together, per point: 4 for each block of each leaf, empty slots included."""
     filled = model.tree.spheres.reshape(-1, 4, 16)[:, 3] >= 0
     return float(4 * filled.sum() / len(model.points))
 
 
 def frame_times(scenes: list[pr.Scene], bounds: Floats, frames: int = FRAMES) -> list[float]:
-    """Milliseconds of a frame of each scene, in turn: median of processor time, which other programs leave alone."""
+    """Milliseconds of a frame of each scene, in turn: median processor time, which other programs hardly affect."""
     camera = pr.Camera.frame(bounds, size=(PIXELS, PIXELS))
     settings = pr.Settings("normal")
     times: list[list[float]] = [[] for _ in scenes]
@@ -192,9 +192,9 @@ def frame_times(scenes: list[pr.Scene], bounds: Floats, frames: int = FRAMES) ->
 def measure(
     cloud: Cloud, settings: list[Setting], rays: int, say: Callable[[int], None] = lambda done: None, seed: int = 7
 ) -> list[Row]:
-    """A row for each setting, all with the same points and rays; `say` is told of rays as they are done.
+    """A row for each setting, all with the same points and rays. `say` is called with the numbers of rays done.
 
-    Costs are given where flat discs with the model's own radii are among the settings.
+    Costs are known if flat discs with the model's own radii are among the settings.
     """
     models = [model_of(cloud, setting) for setting in settings]
     scenes = [scene_of(model) for model in models]

@@ -1,4 +1,4 @@
-"""What may end the process, in a child: Mitsuba's LLVM aborts on processors that it does not know (AMD Zen 5)."""
+"""Run in a child what may end the process: Mitsuba's LLVM aborts on processors that it does not know (AMD Zen 5)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pointray.jit.disk import cpu_name
 
 
 def in_child(work: Callable[..., Any], *arguments: Any) -> str | None:
-    """Do it in a process of its own; None if it ended well, else how it ended."""
+    """Run it in a process of its own; None if it ended well, else how it ended."""
     child = multiprocessing.get_context("spawn").Process(target=work, args=arguments)
     child.start()
     child.join()
@@ -21,7 +21,7 @@ def in_child(work: Callable[..., Any], *arguments: Any) -> str | None:
 
 
 def llvm_works() -> bool:
-    """Whether Mitsuba can compile with the LLVM that is here, if any; where that ends a process it is said."""
+    """Whether Mitsuba can compile with the installed LLVM, if any. A message tells if that ends a process."""
     ended = in_child(try_llvm)
     if ended not in (None, "status 3"):
         print(told(ended), "Mitsuba's scalar variant instead", flush=True)
@@ -29,7 +29,7 @@ def llvm_works() -> bool:
 
 
 def try_llvm() -> None:
-    """Compile a little; exit status 3 where there is no LLVM."""
+    """Compile a little; the exit status is 3 without LLVM."""
     import drjit as dr
 
     if not dr.has_backend(dr.JitBackend.LLVM):
@@ -42,6 +42,6 @@ def try_llvm() -> None:
 
 
 def told(ended: str | None) -> str:
-    """The line about a child that has ended so: by a signal, or by an error that it has said."""
+    """A line about how a child ended: by a signal, or by an error that it printed."""
     why = f"its LLVM may not know this processor, {cpu_name()}" if "SIG" in str(ended) else "there may be no LLVM"
     return f"Mitsuba has ended its process ({ended}): {why};"

@@ -1,7 +1,7 @@
-"""Materials of ours that Mitsuba 3 does not have, written once more for it from what `pointray.shade.materials` says.
+"""Materials of ours that Mitsuba 3 lacks, written for it from the formulas in `pointray.shade.materials`.
 
-What is compared with them is everything but the formula: normals, lights, sampling, bounces. Importing this module
-needs a variant of Mitsuba that works on arrays.
+They compare everything but the formula: normals, lights, sampling, bounces. This module can only be imported with a
+variant of Mitsuba that works on arrays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ F0 = 0.04
 
 
 class Glossy(mi.BSDF):  # type: ignore[misc]
-    """A base that scatters evenly under a lobe; half of the directions are chosen by the cosine, half by facets."""
+    """A diffuse base under a glossy lobe. Half of the directions are sampled by the cosine, half by microfacets."""
 
     def __init__(self, properties: Any, alpha: float) -> None:
         super().__init__(properties)
@@ -69,7 +69,7 @@ class Phong(Glossy):
 
 
 class Plastic(Glossy):
-    """`pr.Principled` that is not metallic."""
+    """`pr.Principled` without metal."""
 
     def __init__(self, properties: Any) -> None:
         self._alpha = properties["roughness"] ** 2

@@ -1,6 +1,6 @@
 """Lights and materials, each described once for pointray and once for Mitsuba 3.
 
-z is up. Where Mitsuba has no such material its formula is in `mitsuba_formulas.py`.
+z is up. Materials that Mitsuba lacks are in `mitsuba_formulas.py`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pointray.shade.materials import Material
 
 Floats = NDArray[np.float64]
 
-ROWS = 256  # of a picture of the sky
+ROWS = 256  # size of a picture of the sky
 COLOR, METAL = (0.7, 0.5, 0.3), (0.9, 0.7, 0.3)
 TO_SPOT = np.array([0.45, -0.6, 0.66])
 FLAT = np.array([(0.8, 0.6, 0.0), (0.576, -0.768, -0.28)])  # the sides of flat lights, which face their cross product
@@ -26,7 +26,7 @@ FLAT = np.array([(0.8, 0.6, 0.0), (0.576, -0.768, -0.28)])  # the sides of flat 
 
 
 class LightPair(NamedTuple):
-    """The same light for both. hard : its shadows have sharp edges"""
+    """The same light for both. hard : whether its shadows have sharp edges"""
 
     ours: Light | pr.EnvironmentLight
     theirs: dict[str, Any]
@@ -38,7 +38,7 @@ def rgb(color: Any) -> dict[str, Any]:
 
 
 def placed(x: Any, y: Any, z: Any, origin: Any) -> Any:
-    """Mitsuba's transform that takes its axes to x, y, z and its origin to a place."""
+    """Mitsuba's transform that takes the axes to x, y, z and zero to `origin`."""
     import mitsuba as mi
 
     matrix = np.eye(4)
@@ -47,7 +47,7 @@ def placed(x: Any, y: Any, z: Any, origin: Any) -> Any:
 
 
 def _shining(kind: str, to_world: Any, radiance: float) -> dict[str, Any]:
-    """A shape that emits and, as our lights, reflects nothing."""
+    """A shape that emits and, like our lights, reflects nothing."""
     black = {"type": "diffuse", "reflectance": rgb(0.0)}
     return {
         "type": kind,
@@ -60,7 +60,7 @@ def _shining(kind: str, to_world: Any, radiance: float) -> dict[str, Any]:
 def _sky_picture(radiance: Callable[[Floats], Floats]) -> LightPair:
     """A picture of the sky, as a function of directions (..., 3).
 
-    Pixels of ours are where Mitsuba's are from left to right, but its first and last rows are the poles themselves.
+    Our pixels and Mitsuba's agree from left to right, but its first and last rows are the poles themselves.
     """
     import mitsuba as mi
 
@@ -73,7 +73,7 @@ def _sky_picture(radiance: Callable[[Floats], Floats]) -> LightPair:
         return radiance(d).astype(np.float32)
 
     theirs = mi.Bitmap(np.ascontiguousarray(picture(np.linspace(0.0, np.pi, ROWS))))
-    # Theirs looks along z with y up and x to the left.
+    # Mitsuba's sky looks along z with y up and x to the left.
     turned = placed((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0))
     return LightPair(
         pr.EnvironmentLight(image=picture((np.arange(ROWS) + 0.5) / ROWS * np.pi)),
@@ -88,7 +88,7 @@ def _gradient(d: Floats) -> Floats:
 
 
 def _spot(d: Floats) -> Floats:
-    """A dim gradient, and a spot of some 5 degrees."""
+    """A dim gradient with a bright disc of some 5 degrees."""
     along = d @ (TO_SPOT / np.linalg.norm(TO_SPOT))
     return np.asarray(0.2 * _gradient(d) + 60.0 * np.exp((along[..., None] - 1.0) / 0.004))
 
@@ -111,7 +111,7 @@ def _constant() -> LightPair:
 
 
 def _flat(kind: str) -> LightPair:
-    """A rectangle or a disk above the model, to the front. Its back must not be seen: Mitsuba has it, we have not."""
+    """A rectangle or a disk above the model, to the front. Its back must not be seen: it exists only in Mitsuba."""
     u, v = FLAT
     facing = np.cross(u, v)
     center = -10.0 * facing
@@ -143,7 +143,7 @@ LIGHTS: dict[str, Callable[[], LightPair]] = {
 
 
 class MaterialPair(NamedTuple):
-    """The same material for both. scatterings : so many are needed to see the scene in it"""
+    """The same material for both. scatterings : bounces that are needed to see the scene in it"""
 
     ours: Material
     theirs: dict[str, Any]
@@ -155,13 +155,13 @@ def diffuse(color: Any) -> dict[str, Any]:
 
 
 def _metal(color: Any, roughness: float) -> dict[str, Any]:
-    """Disney's metal: as ours GGX with alpha = roughness^2 and Schlick's Fresnel, but masking is not correlated."""
+    """Disney's metal: like ours GGX with alpha = roughness^2 and Schlick's Fresnel, but with uncorrelated masking."""
     metal = {"type": "principled", "base_color": rgb(color), "roughness": roughness, "metallic": 1.0}
     return {"type": "twosided", "bsdf": metal}
 
 
 def _white_metal(roughness: float) -> dict[str, Any]:
-    """A conductor that reflects all, as ours does: Schlick's Fresnel of 1 is 1 at every angle."""
+    """A conductor that reflects everything, like ours: Schlick's Fresnel of 1 is 1 at every angle."""
     metal = {"type": "roughconductor", "material": "none", "alpha": roughness**2, "distribution": "ggx"}
     return {"type": "twosided", "bsdf": metal}
 
@@ -186,4 +186,4 @@ MATERIALS: dict[str, Callable[[], MaterialPair]] = {
     "glass": lambda: MaterialPair(pr.Dielectric(1.5), {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}, 8),
 }
 
-FORMULAS = ("phong", "plastic")  # materials that Mitsuba has from us
+FORMULAS = ("phong", "plastic")  # materials that are defined for Mitsuba here

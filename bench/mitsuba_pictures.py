@@ -1,4 +1,4 @@
-"""Two pictures and their difference in false colours, beside each other in a file."""
+"""Write two pictures and their difference in false colours beside each other in a file."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-FULL = 0.2  # of the mean of the pixels compared: the difference that has the full colour
-LARGER = 3  # times, each side
+FULL = 0.2  # share of the mean of the compared pixels: the difference that has the full colour
+LARGER = 3  # magnification of each side
 BAR = 24  # pixels: the height of the scale
 
 
 def write_difference(
     path: Path, theirs: NDArray[np.float64], ours: NDArray[np.float64], compared: NDArray[np.bool_]
 ) -> None:
-    """Write pointray's picture, Mitsuba's, and where Mitsuba is brighter (red) or darker (blue); grey is left out."""
+    """Write pointray's picture, Mitsuba's, and where that is brighter (red) or darker (blue). Grey is not compared."""
     mean = float(ours[compared].mean())
     share = (theirs - ours).mean(axis=2) / (FULL * mean)
     colors = _colors(share)

@@ -1,7 +1,7 @@
 """The scenes in which pointray is compared with Mitsuba 3.
 
-Meshes are scaled to a diagonal of 10 about the origin: Mitsuba starts its rays 1e-4 (1 + |x|) away from a surface. z is
-up.
+Meshes are scaled to a diagonal of 10 about the origin, because Mitsuba starts its rays 1e-4 (1 + |x|) away from a
+surface. z is up.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from pointray.points.procedural.creases import edges_of, quarter
 from truth import FOLDER
 
 DIAGONAL = 10.0
-# The radius of a disk that stands for an endless plane: of 1000 a corner lets in 1.6% more of the sky. Mitsuba's disks
-# are exact at any size, its rectangles are triangles.
+# The radius of a disk that stands for an endless plane. With a radius of 1000, a corner lets in 1.6% more of the sky.
+# Mitsuba's disks are exact at any size, whereas its rectangles are triangles.
 ENDLESS = 1e4 * DIAGONAL
 GAP = 0.01 * DIAGONAL  # below the model
 FAR_CLIP = 1e12  # nothing is too far away to be seen
@@ -38,18 +38,18 @@ class Body(NamedTuple):
 
     @property
     def floor(self) -> float:
-        """The height of what the model stands on, clear of it: rays between the two start from either."""
+        """The height of the floor, a little below the model, so that rays between the two can start from either."""
         return float(self.vertices[:, 2].min()) - GAP
 
 
 def body(name: str, folder: Path = FOLDER) -> Body:
-    """A mesh of `folder` (bunny, dragon), or of a procedural shape (torus, statue)."""
+    """A mesh from `folder` (bunny, dragon), or of a procedural shape (torus, statue)."""
     import trimesh
 
     path = folder / f"stanford_{name}_mesh.ply"
     if path.exists():
         loaded = trimesh.load(path, process=False)
-        loaded.vertices = np.asarray(loaded.vertices)[:, [0, 2, 1]] * (1, -1, 1)  # their y is up
+        loaded.vertices = np.asarray(loaded.vertices)[:, [0, 2, 1]] * (1, -1, 1)  # y is up in these files
     elif name in ("torus", "statue"):
         loaded = trimesh.Trimesh(*mesh(name), process=False)
     else:
@@ -61,7 +61,7 @@ def body(name: str, folder: Path = FOLDER) -> Body:
 
 
 def halved(body: Body) -> Body:
-    """The same flat triangles, each cut into four: more places of the same surface, with its interpolated normals."""
+    """The same flat triangles, each cut into four: more vertices of the same surface, with its interpolated normals."""
     faces = body.faces.astype(np.int32)
     edges, sides = edges_of(faces, len(body.vertices))
     normals = body.normals[edges].mean(axis=1)
@@ -75,7 +75,7 @@ def halved(body: Body) -> Body:
 
 
 class Case(NamedTuple):
-    """What is rendered. around : "floor", or "corner" of three planes; bounces : scatterings at most"""
+    """What is rendered. around : "floor", or "corner" of three planes; bounces : their maximum"""
 
     light: str
     material: str

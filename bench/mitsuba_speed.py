@@ -1,14 +1,15 @@
-"""pointray beside Mitsuba 3, how fast: the same splats as its `ellipsoids`, flat ones, under the same light.
+"""Compare the speed of pointray and Mitsuba 3: the same splats as flat `ellipsoids` of Mitsuba's, in the same light.
 
-`beside_mitsuba.py --speed` runs it. Two pictures of the statue from afar, by both in turn: paths of 4 bounces
-under even light from all around (million samples a second), and direct light from one place with one shadow ray
-(milliseconds a frame), by pointray with all points and in the level of detail that fits. A ratio over 1: pointray is
-faster; it counts only where Mitsuba's depths are those of the discs.
+`beside_mitsuba.py --speed` runs it. Both render two pictures of the statue from afar, in turn. The first has paths of 4
+bounces under even light from all around (million samples a second). The second has direct light from a point with one
+shadow ray (milliseconds a frame); pointray renders it with all points and in the level of detail that fits. A ratio
+over 1 means that pointray is faster. It counts only if Mitsuba's depths are those of the discs.
 
-Mitsuba solves for a ray and a disc in float32, about the ray's far origin, and starts rays some 1e-4 away from a
-surface. So that nearly all depths agree with flat discs, the scene is enlarged and the discs have some height. Of a
-million points 92.0, 96.6, 97.0 and 97.0% of the depths agree enlarged by 1e3 to 1e6 (20,000 points: by 1 2%, by 1000
-99.5%); with a height of 0.03 radii 97.1%, of 0.01 96.3%, of 0.3 94.6%. What is left lies in front as often as behind.
+Mitsuba intersects a ray and a disc in float32, relative to the ray's far origin, and starts rays some 1e-4 away from a
+surface. The scene is enlarged and the discs have some height, so that nearly all depths agree with those of flat discs.
+With a million points, 92.0, 96.6, 97.0 and 97.0% of the depths agree if the scene is enlarged by 1e3, 1e4, 1e5 and 1e6.
+(With 20,000 points, 2% agree without enlarging, and 99.5% if enlarged by 1e3.) With a height of 0.03 radii 97.1% agree,
+with 0.01 96.3%, with 0.3 94.6%. The others lie in front as often as behind.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ from mitsuba_scenes import their_camera
 from pointray.cli.benchmark.views import far_view
 
 ENLARGED = 1e5
-HEIGHT = 0.03  # of an ellipsoid, in radii
-PAUSE = 0.2  # seconds: for some milliseconds after a picture Mitsuba's threads wait by turning in circles
-AGREE = 0.97  # share of the rays that hit both whose depths must agree within a radius: more is not to be had
+HEIGHT = 0.03  # height of an ellipsoid, in radii
+PAUSE = 0.2  # seconds: Mitsuba's threads go on spinning for some milliseconds after a picture
+AGREE = 0.97  # of the rays that hit both, the share whose depths must agree within a radius; no setting gave more
 BOUNCES = 4
 GREY = 0.5
 
@@ -44,7 +45,7 @@ def rotations(normals: Floats) -> Floats:
 
 
 def splats(model: pr.Model) -> dict[str, Any]:
-    """The model's splats as a part of Mitsuba's scene."""
+    """The model's splats as a shape of Mitsuba's."""
     normals = model.points.normals
     assert normals is not None
     shapes = {
@@ -58,7 +59,7 @@ def splats(model: pr.Model) -> dict[str, Any]:
 
 
 def enlarged(camera: pr.Camera) -> pr.Camera:
-    """The camera that sees Mitsuba's scene as a camera sees ours."""
+    """The camera that sees Mitsuba's enlarged scene as `camera` sees ours."""
     eye, target = (ENLARGED * np.asarray(point, float) for point in (camera.eye, camera.target))
     return pr.Camera.look_at(eye, target, camera.up, camera.fov, camera.size)
 
@@ -87,7 +88,7 @@ def our_scene(model: pr.Model, light: Any) -> pr.Scene:
 def pictures(
     model: pr.Model, camera: pr.Camera, spp: int, beside: bool = True
 ) -> dict[str, dict[str, Callable[[], Any]]]:
-    """What is timed: for each picture a call by either that returns it, an array of float32. beside : Mitsuba, too"""
+    """The calls that are timed: for each picture one by either renderer. beside : whether Mitsuba renders, too"""
     low, high = model.bounds
     position = (low + high) / 2 + np.linalg.norm(high - low) * np.array([0.6, -0.8, 1.0])
     strength = 10.0 * float(np.linalg.norm(high - low)) ** 2
@@ -131,7 +132,7 @@ def _theirs(scene: Any, sensor: Any, integrator: Any) -> Callable[[], Any]:
 
 
 def speed(points: int, size: int, runs: int, spp: int, beside: Callable[..., None] | None = None) -> None:
-    """Print the rows; where Mitsuba ends its process, those of pointray alone. beside : what the child does"""
+    """Print the rows; only pointray's if Mitsuba ends its process. beside : what the child does"""
     ended = in_child(beside or speed_beside, points, size, runs, spp)
     if ended is not None:
         print(told(ended), "pointray alone:", flush=True)

@@ -1,9 +1,9 @@
-"""Normals: errors on exact shapes, flipped shares on scans, seconds and memory.
+"""Measure estimated normals: errors on exact shapes, flipped shares on scans, seconds and memory.
 
     python bench/normals.py [scan.ply ...] [--count 50000] [--sizes 1000000 10000000]
 
-Angle errors (median, root mean square, share over 20 degrees) are against exact normals, with noise of 0, 0.1 and 0.5
-spacings sqrt(area / n). A scan's normals are withheld and then compared: flipped is what lies over 90 degrees off.
+Angle errors (median, root mean square, share over 20 degrees) are relative to exact normals, with noise of 0, 0.1 and
+0.5 spacings sqrt(area / n). A scan's own normals are withheld and then compared; those over 90 degrees off are flipped.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def resident() -> int:
 
 
 def print_cost(count: int, noise: float) -> None:
-    """Wall and processor seconds, and by how much memory grew at most, sampled a hundred times a second."""
+    """Print wall and processor seconds, and the largest growth of memory, sampled a hundred times a second."""
     points = pr.procedural("statue", count)
     shift = np.random.default_rng(0).normal(size=(count, 3)) * noise * np.sqrt(area("statue") / count)
     points = pr.Points(points.positions + shift.astype(np.float32))

@@ -1,10 +1,10 @@
-"""Do slabs, boxes and the size of voxels change what is seen? Hits that differ, for every cloud given.
+"""Count the hits that slabs, boxes and the size of voxels change, for every cloud given.
 
     python bench/robust.py scan.ply ... [--surface apss] [--size 600]
 
-Prints, for the tree as shipped against the same tree with unlimited slabs and boxes, and against voxels of half and
-of twice the size: rays that hit in one and miss in the other, and the largest and 99.99th percentile difference of t
-in units of the mean radius, over camera rays from four sides.
+The tree as shipped is compared with the same tree with unlimited slabs and boxes, and with trees of half and of twice
+the voxel size, over camera rays from four sides. The program prints how many rays hit in one and miss in the other, and
+the largest and the 99.99th percentile difference of t in units of the mean radius.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ def splats_of(model: pr.Model) -> Splats:
 
 
 def borders_of(tree: Tree) -> np.ndarray | None:
-    """The way out of the border of each splat, if there is one."""
+    """The direction out of the border for each splat, if any splat has one."""
     return np.float32(tree.borders.reshape(-1, 3)[tree.order >= 0]) / 127 if tree.borders.size else None
 
 
 def sheets_of(tree: Tree) -> np.ndarray | None:
-    """Which splats are of sheets close together."""
+    """The splats that belong to sheets close together."""
     if not tree.facing.size:
         return None
     return tree.facing.reshape(-1, 3).any(axis=1)[tree.order >= 0].astype(np.int8)
@@ -53,7 +53,7 @@ def rebuilt(model: pr.Model, **changes: object) -> pr.Model:
     other = object.__new__(pr.Model)
     other.__dict__.update(model.__dict__)
     other.tree = build_tree(splats_of(model), model.settings._replace(**changes))
-    other.__dict__.pop("longest", None)  # of the other tree
+    other.__dict__.pop("longest", None)  # those of the other tree
     return other
 
 

@@ -1,7 +1,7 @@
-"""What surfaces are measured against: shapes known by formula, and meshes ray traced by Embree.
+"""The exact surfaces that others are measured against: shapes known by formula, and meshes ray traced by Embree.
 
-Both kinds answer the same questions: points to build a model of, random places of the surface, how far a place is from
-the surface and which way it faces there, and whether a ray has been deep inside of the solid.
+Both kinds give points to build a model of, random samples of the surface, the distance of a point to the surface and
+the normal there, and the depth to which a ray has been inside the solid.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pointray.points.procedural.solids import STENCIL, field, settle, slope
 
 Floats = NDArray[np.float64]
 
-DEEP = 0.5  # spacings inside of the solid: a ray that was there must have hit
+DEEP = 0.5  # spacings: a ray that was so far inside the solid must have hit
 MESHES = ("bunny", "dragon")
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "models" / "meshes"
 ABSENT = "meshes as truth need trimesh and embreex: pip install 'pointray[dev]'"
@@ -36,20 +36,20 @@ class Truth(Protocol):
     area: float
 
     def points(self, n: int, sampling: str, seed: int) -> tuple[Floats, Floats]:
-        """Positions and exact normals, (n, 3) each: "even" (blue noise) or "random" (Poisson), or a mesh's vertices."""
+        """Positions and exact normals, (n, 3) each: "even" (blue noise), "random", or a mesh's vertices."""
 
     def surface_samples(self, n: int, seed: int) -> Floats:
-        """Random places of the surface, uniform in area, (n, 3)."""
+        """Random points of the surface, uniform in area, (n, 3)."""
 
     def compare(self, x: Floats) -> tuple[Floats, Floats]:
-        """Distance to the surface, (m,), not negative, and the unit normal at its nearest place, (m, 3)."""
+        """Unsigned distance to the surface, (m,), and the unit normal at its nearest point, (m, 3)."""
 
     def depth(self, origins: Floats, directions: Floats, ends: Floats, h: float) -> Floats:
-        """How deep inside of the solid rays get before `ends`, (m,): exact where more than a third of h, else less."""
+        """How deep inside the solid rays get before `ends`, (m,): exact if more than h / 3, else a value below."""
 
 
 def scattered(corners: Floats, n: int, seed: int) -> Floats:
-    """Uniform random points of triangles (t, 3, 3), each independent of the others: (n, 3)."""
+    """Independent uniform random points of triangles (t, 3, 3): (n, 3)."""
     rng = np.random.default_rng(seed)
     total = np.cumsum(areas(corners))
     a, b, c = corners[np.searchsorted(total, rng.random(n) * total[-1])].transpose(1, 0, 2)
@@ -62,7 +62,7 @@ def scattered(corners: Floats, n: int, seed: int) -> Floats:
 
 @kernel
 def _normals(work, solid, x, normals):  # type: ignore[no-untyped-def]
-    """Exact normals at the surface below each x: the gradient of the field where x, moved along it, arrives."""
+    """Exact normals at the surface below each x: x is moved along the gradient of the field, and that taken there."""
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, x.shape[0])):
@@ -75,7 +75,7 @@ def _normals(work, solid, x, normals):  # type: ignore[no-untyped-def]
 
 @kernel
 def _march(work, solid, rays, spans, floor, where):  # type: ignore[no-untyped-def]
-    """The least value of the field along rays (origins, directions) within spans (n, 2): where = (t, value)."""
+    """Find the least value of the field along rays (origins, directions) within spans (n, 2); where : t, value."""
     origins, directions = rays
     t = next_tile(work)
     while t >= 0:
@@ -102,7 +102,7 @@ class Shape:
         self._box = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
     def points(self, n: int, sampling: str, seed: int) -> tuple[Floats, Floats]:
-        """Even: `pr.procedural`. Random: places of the surface, as `places`."""
+        """Even points are those of `pr.procedural`, random ones those of `surface_samples`."""
         if sampling == "even":
             positions = pr.procedural(self.name, n, seed).positions.astype(np.float64)
         else:
@@ -110,15 +110,15 @@ class Shape:
         return positions, self._normals(positions)
 
     def surface_samples(self, n: int, seed: int) -> Floats:
-        """Random points of the mesh that even points are chosen from, moved onto the surface: Poisson."""
+        """Random points of the mesh that even points are chosen from, moved onto the surface."""
         return settled(self._solid, scattered(refine_creases(self._solid, *mesh(self.name), n), n, seed))
 
     def compare(self, x: Floats) -> tuple[Floats, Floats]:
-        """By `pr.procedural_distance`, and the gradient of the field."""
+        """The distance is `pr.procedural_distance`, the normal the gradient of the field."""
         return np.abs(pr.procedural_distance(self.name, x)), self._normals(x)
 
     def depth(self, origins: Floats, directions: Floats, ends: Floats, h: float) -> Floats:
-        """The field is followed in steps of 0.7 of its value, and the distance taken around where it was least."""
+        """Rays march by 0.7 of the field's value; the exact distance is taken around its least value."""
         with np.errstate(divide="ignore", invalid="ignore"):
             sides = (self._box[:, None] - origins) / directions
         spans = np.stack([np.fmin(*sides).max(axis=1), np.minimum(np.fmax(*sides).min(axis=1), ends)], axis=1)
@@ -149,7 +149,7 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
 
 @inline
 def _on_triangle(corners, x):  # type: ignore[no-untyped-def]
-    """Weights of the second and third corner at the triangle's place nearest to x (Ericson 2005, 5.1.5)."""
+    """Weights of the second and third corner at the triangle's point nearest to x (Ericson 2005, 5.1.5)."""
     a = (corners[0, 0], corners[0, 1], corners[0, 2])
     ab = (corners[1, 0] - a[0], corners[1, 1] - a[1], corners[1, 2] - a[2])
     ac = (corners[2, 0] - a[0], corners[2, 1] - a[1], corners[2, 2] - a[2])
@@ -178,9 +178,9 @@ def _on_triangle(corners, x):  # type: ignore[no-untyped-def]
 
 @kernel
 def _closest(work, triangles, x, spans, candidates, out):  # type: ignore[no-untyped-def]
-    """The nearest place on each x's candidates[spans[i] : spans[i + 1]]; out: distance, weights, and which triangle."""
+    """The nearest point on each x's candidates[spans[i] : spans[i + 1]]; out : distance, weights, triangle."""
     distance, weights, which = out
-    triangles = borrow(triangles)  # a view of each triangle would count references
+    triangles = borrow(triangles)  # scalars, because a view of each triangle would count references
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, x.shape[0])):
@@ -201,7 +201,7 @@ def _closest(work, triangles, x, spans, candidates, out):  # type: ignore[no-unt
 
 
 class Mesh:
-    """A triangle mesh: its vertices are the points, its interpolated vertex normals the exact normals."""
+    """A triangle mesh. Its vertices are the points, its interpolated vertex normals the exact normals."""
 
     def __init__(self, name: str, folder: Path = FOLDER) -> None:
         try:
@@ -228,9 +228,9 @@ class Mesh:
 
     @cached_property
     def _finder(self) -> tuple[Any, NDArray[np.int64], float]:
-        """A kd-tree over places of the triangles, the triangle of each, and how far a triangle reaches from its own.
+        """A kd-tree over centers of triangles, the triangle of each, and a bound on a center's distance to corners.
 
-        A triangle that is long beside the others has many places: one for each piece that it is cut into.
+        Triangles that are long beside the others are cut into pieces, each with a center of its own.
         """
         centers, owners, pieces = [], [], self._triangles
         owner = np.arange(len(pieces))
@@ -243,7 +243,7 @@ class Mesh:
         return cKDTree(np.concatenate(centers)), np.concatenate(owners), longest / np.sqrt(3)
 
     def compare(self, x: Floats) -> tuple[Floats, Floats]:
-        """The nearest of all triangles: of the 12 closest places, or of all that may be nearer where 12 are too few."""
+        """Search the triangles of the 12 closest centers, or of all that may be nearer if 12 are too few."""
         tree, owners, radius = self._finder
         distance, weights, which = np.empty(len(x)), np.empty((len(x), 3)), np.zeros(len(x), np.int64)
         apart, near = tree.query(x, k=12)
@@ -264,9 +264,9 @@ class Mesh:
         return out
 
     def depth(self, origins: Floats, directions: Floats, ends: Floats, h: float) -> Floats:
-        """Greatest distance to the surface between where Embree sees a ray enter and leave (nine places of each stay).
+        """Greatest distance to the surface at nine points between where Embree sees a ray enter and leave.
 
-        Through a hole of the mesh nothing enters: what is behind it counts as outside up to the next front face.
+        A ray through a hole of the mesh does not enter: it counts as outside up to the next front face.
         """
         depth = np.zeros(len(ends))
         faces, rays, crossings = self._mesh.ray.intersects_id(origins, directions, return_locations=True)
@@ -288,7 +288,7 @@ class Mesh:
 
 
 def _edges(triangles: Floats) -> Floats:
-    """Lengths of the edges opposite to each corner, (t, 3)."""
+    """Lengths of the edges opposite each corner, (t, 3)."""
     return np.asarray(np.linalg.norm(triangles[:, [2, 0, 1]] - triangles[:, [1, 2, 0]], axis=2))
 
 
@@ -302,5 +302,5 @@ def _halved(triangles: Floats) -> Floats:
 
 
 def truth(name: str, folder: Path = FOLDER) -> Truth:
-    """The shape or mesh of a name; ValueError says what is absent."""
+    """The shape or mesh of a name; a ValueError tells what is absent."""
     return Mesh(name, folder) if name in MESHES else Shape(name)

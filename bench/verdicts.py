@@ -1,4 +1,4 @@
-"""What is asked of the surface, each demand beside the figures seen: met, NOT met, or not measured in this run."""
+"""Judge the surface: each demand beside the figures seen is met, NOT met, or not measured in this run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MANY = 10_000_000  # rays
 
 
 class Verdict(NamedTuple):
-    """A demand in words, the figure seen, and whether it is met; None: this run has not measured it."""
+    """A demand in words, the figure seen, and whether it is met (None if this run has not measured it)."""
 
     demand: str
     seen: str
@@ -110,7 +110,7 @@ def _least(demand: str, rows: Rows, figure: Callable[[Row], float], least: float
 
 
 def _worst(rows: Rows, figure: Callable[[Row], float]) -> str:
-    """Which of several clouds the worst figure is from."""
+    """The cloud that the worst figure is from."""
     if len(rows) < 2:
         return ""
     r = max(rows, key=figure)

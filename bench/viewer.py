@@ -1,13 +1,14 @@
-"""The viewer's speed in Debian's chromium: while the mouse drags, of the server alone, and from the command on.
+"""Measure the viewer's speed: in Debian's chromium while the mouse drags, of the server alone, and when it opens.
 
     python bench/viewer.py [--points 1000000] [--size 1280x720] [--seconds 6] [--runs 3] [--scan FILE]
                            [--only page|server|opening] [--json FILE]
 
-A statue under a sun with shadows, phong. Page: a drag with real mouse moves, 60 a second; frames that are drawn, time
-from a mouse move's camera message to its picture, the moving pictures' sizes, bytes, and processor seconds a frame of
-each process. Server: the same cameras from a client that only acknowledges. Opening: from `pointray view statue.ply`,
-or of another scan, to the first and to the full picture, with all kernels compiled and on the very first start, when
-none is. Each as the median of the runs, with the least and the greatest.
+The scene is a statue under a sun with shadows, by phong. "page" drags with real mouse moves, 60 a second; it counts
+frames drawn, the time from a mouse move's camera message to its picture, the sizes of moving pictures, bytes, and
+processor seconds a frame of each process. "server" sends the same cameras from a client that only acknowledges.
+"opening" takes the time from the command `pointray view` with the statue or another scan to the first and to the full
+picture, with all kernels compiled and on the very first start, when none is. Each figure is the median of the runs,
+with the least and the greatest.
 """
 
 from __future__ import annotations
@@ -41,9 +42,9 @@ import pointray as pr
 PROGRAM = "from pointray.cli import main; main()"
 SUN = "sun:1,1,-1.5:3"
 RATE = 60.0  # mouse moves and cameras a second
-WARM = 3.0  # seconds of moving that are not counted: the pace finds its scale
+WARM = 3.0  # seconds of moving that are not counted, in which the pace finds its scale
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking"]
-# Before the page: what its socket takes, without a look at what it does with it.
+# Runs before the page's own code: notes what its socket receives.
 LISTEN = """
 window.taken = { bytes: 0, frames: [] };
 window.WebSocket = class extends WebSocket {
@@ -66,7 +67,7 @@ Figures = dict[str, Any]
 def serving(
     file: Path, *options: str, cache: str | None = None, light: str | None = SUN
 ) -> Iterator[tuple[psutil.Process, str]]:
-    """`pointray view` of a file: the process and its address. cache : of kernels, None: the usual one"""
+    """`pointray view` of a file: the process and its address. cache : folder of kernels, or None for the usual one"""
     environment = {**os.environ, **({"POINTRAY_CACHE": cache} if cache else {})}
     words = [
         sys.executable,
@@ -90,7 +91,7 @@ def serving(
 
 
 def seconds_of(server: psutil.Process) -> Counter[str]:
-    """Processor seconds so far of the server, of each kind of process of the browser, and of what moves the mouse."""
+    """Processor seconds so far of the server, each kind of browser process, and this process, which moves the mouse."""
     spent: Counter[str] = Counter(server=_seconds(server), bench=_seconds(psutil.Process()))
     for process in psutil.Process().children(recursive=True):
         if process == server:
@@ -107,7 +108,7 @@ def _seconds(process: psutil.Process) -> float:
 
 
 def drag(page: Page, size: tuple[int, int], seconds: float) -> int:
-    """Move the mouse on a loop around the middle, the button held; how many moves."""
+    """Move the mouse on a loop around the middle with the button held; returns the number of moves."""
     begun, moves = time.perf_counter(), 0
     while (now := time.perf_counter() - begun) < seconds:
         pointer = 0.4 + 0.15 * math.sin(0.9 * now), 0.5 + 0.15 * math.cos(0.7 * now)
@@ -118,7 +119,7 @@ def drag(page: Page, size: tuple[int, int], seconds: float) -> int:
 
 
 def measure_page(page: Page, server: psutil.Process, size: tuple[int, int], seconds: float) -> Figures:
-    """One drag."""
+    """Figures of one drag."""
     page.mouse.move(0.4 * size[0], 0.5 * size[1])
     page.mouse.down()
     drag(page, size, WARM)
@@ -163,13 +164,13 @@ def unpack(message: bytes) -> dict[str, Any]:
 
 
 def say(link: ClientConnection, kind: str, **words: Any) -> None:
-    """A message of the page."""
+    """Send a message as the page would."""
     link.send(json.dumps({"type": kind, **words}))
 
 
 @contextmanager
 def linked(url: str, size: tuple[int, int]) -> Iterator[ClientConnection]:
-    """A client in the place of a page."""
+    """A client instead of a page."""
     with connect(f"ws{url.removeprefix('http')}socket", max_size=None) as link:
         say(link, "size", width=size[0], height=size[1])
         yield link
@@ -229,7 +230,7 @@ def measure_server(file: Path, size: tuple[int, int], seconds: float, runs: int)
 
 
 def measure_opening(file: Path, size: tuple[int, int], points: int, cache: str | None = None) -> Figures:
-    """From the command to the picture of all points: seconds at which each thing begins or is there."""
+    """Seconds of each event from the command to the picture of all points."""
     begun, events, picture, stage = time.perf_counter(), {}, 0.0, ""
 
     def note(name: str, at: float | None = None) -> None:
@@ -255,7 +256,7 @@ def measure_opening(file: Path, size: tuple[int, int], points: int, cache: str |
                 elif told["type"] == "status" and told["lines"][0].startswith("a sketch"):
                     note("a sketch", picture)
                 elif told["type"] == "status" and f"{points:,} points" in told["lines"][2]:
-                    note("the full picture", picture)  # what the status is said of came just before it
+                    note("the full picture", picture)  # the picture that the status describes came just before it
                     return {"s": dict(sorted(events.items(), key=lambda event: event[1]))}
 
 
@@ -266,7 +267,7 @@ def measure_first_opening(file: Path, size: tuple[int, int], points: int) -> Fig
 
 
 def summary(rows: list[Figures]) -> Figures:
-    """Medians of all numbers, with the least and the greatest; of tables, entry by entry."""
+    """Medians of all numbers, with the least and the greatest. Tables are summed up entry by entry."""
     out: Figures = {}
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [row.get(name, 0.0) for row in rows]
@@ -276,7 +277,7 @@ def summary(rows: list[Figures]) -> Figures:
 
 
 def show(title: str, figures: Figures, indent: str = "  ") -> None:
-    """A line for each figure."""
+    """Print a line for each figure."""
     print(title)
     for name, value in figures.items():
         if isinstance(value, dict):
@@ -311,7 +312,7 @@ def main() -> None:
             "opening for the first time": lambda: [measure_first_opening(*opened) for _ in range(options.runs)],
         }
         if options.only in (None, "opening"):
-            measure_opening(*opened)  # whose kernels may have to be compiled
+            measure_opening(*opened)  # its kernels may have to be compiled
         found = {name: summary(work()) for name, work in works.items() if name.startswith(options.only or "")}
     for name, figures in found.items():
         show(name, figures)

@@ -1,4 +1,4 @@
-"""The rays that follow from the views that speed is measured in. The same for every peer."""
+"""Secondary rays of the benchmark's views, the same for every peer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def shadow_rays(hits: pr.Hits, bounds: Floats, radius: float) -> tuple[Floats, F
 
 
 def bounce_rays(hits: pr.Hits, radius: float, seed: int = 3) -> tuple[Floats, Floats]:
-    """One ray from half a radius in front of each hit, distributed by the cosine."""
+    """One cosine-distributed ray from half a radius in front of each hit."""
     normals = hits.normal[np.isfinite(hits.t)].astype(np.float64)
     rng = np.random.default_rng(seed)
     ball = rng.normal(size=normals.shape)
