@@ -1,4 +1,4 @@
-"""A page of the viewer in a real browser, worked as a user would; `viewing` says the same without a page."""
+"""A page of the viewer in a real browser, used as a user would. `viewing` does the same without a page."""
 
 import base64
 import io
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-SECONDS = 60.0  # for anything to happen: other programs may have the processors
+SECONDS = 60.0  # seconds for anything to happen: other programs may occupy the processors
 FLAGS = (
     "--no-sandbox",
     "--use-angle=swiftshader",
@@ -19,7 +19,7 @@ FLAGS = (
     "--disable-background-networking",
 )
 
-# The last picture is finished: of as many samples, and of the camera that the page has.
+# Whether the last picture is finished: it has this many samples, and the page's camera.
 FINISHED = """([samples, number]) => {
     const { last } = pointray;
     const camera = pointray.camera();
@@ -28,13 +28,13 @@ FINISHED = """([samples, number]) => {
         && ["eye", "target", "up", "fov"].every(same);
 }"""
 
-# Where an element is, after a scroll to it.
+# The position of an element, after a scroll to it.
 BOX = "element => { element.scrollIntoView({ block: 'nearest' }); return element.getBoundingClientRect().toJSON(); }"
 
 
 @contextmanager
 def chromium():
-    """A function that starts Debian's browser, without a window; skips where there is none."""
+    """A function that starts Debian's browser without a window; skips the test if there is none."""
     sync = pytest.importorskip("playwright.sync_api", reason="playwright is not here")
     program = shutil.which("chromium")
     if program is None:
@@ -48,13 +48,13 @@ class Page:
 
     Attributes
     ----------
-    tab : of playwright
+    tab : the page of playwright
     problems : list of str
-        What went wrong in it: errors on the console, requests that failed.
+        Errors on the console and requests that failed.
     said : list of str
-        All messages it has sent.
+        All messages that the page has sent.
     headers : list of dict
-        Of all pictures that came.
+        Headers of all pictures that came.
     """
 
     def __init__(self, browser, url, size, **options):
@@ -109,13 +109,13 @@ class Page:
         return np.asarray(image.convert("RGB")).astype(int)
 
     def finished(self, samples, after=-1):
-        """Wait until nothing is left to do on the picture; its header."""
+        """Wait until the picture is finished; returns its header."""
         self.until(FINISHED, [samples, after])
         return self.last
 
     @contextmanager
     def another(self, samples):
-        """Wait for another finished picture than the one there is at first."""
+        """Wait for a finished picture after the present one."""
         number = self.last["number"]
         yield
         self.finished(samples, number)
@@ -131,7 +131,7 @@ class Page:
         self.row(name).locator("select").select_option(label=label)
 
     def drag(self, start, by, steps=8, button="left"):
-        """With whatever keys are held."""
+        """Drag the mouse, with the keys that are held."""
         self.tab.mouse.move(*start)
         self.tab.mouse.down(button=button)
         self.tab.mouse.move(start[0] + by[0], start[1] + by[1], steps=steps)
@@ -139,12 +139,12 @@ class Page:
 
     def slide(self, name, share):
         """Drag a slider from its middle to a share of its width."""
-        box = self.row(name).locator(".lil-slider").evaluate(BOX)  # at once: the panel may be built anew at any time
+        box = self.row(name).locator(".lil-slider").evaluate(BOX)  # at once: the panel may be rebuilt at any time
         middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         self.drag(middle, ((share - 0.5) * box["width"], 0))
 
     def number(self, name):
-        """What a field of the panel says."""
+        """The number in a field of the panel."""
         return float(self.row(name).locator("input").input_value())
 
     @contextmanager

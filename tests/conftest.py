@@ -1,4 +1,4 @@
-"""What several tests share."""
+"""Fixtures and helpers of several tests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from pointray import jit
 
-# A shell's job in the background ignores Ctrl-C, and all that it starts does too; tests send it.
+# A background job of a shell ignores Ctrl-C, and so does all that it starts, but tests send it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
@@ -19,14 +19,14 @@ MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
 
 @pytest.fixture(scope="session", autouse=True)
 def one_signature_a_kernel() -> Iterator[None]:
-    """A second type of array would compile a kernel again, in front of a user: no test may have brought one."""
+    """No kernel has two signatures: a second type of array would compile it again, while a user waits."""
     yield
     many = {name: kernel.signatures for name, kernel in jit.KERNELS.items() if len(kernel.signatures) > 1}
     assert not many
 
 
 def shared_model(name: str) -> Path:
-    """Path of a real scan, such as 'points/stanford_bunny.ply'; skips the test where it is not to be had."""
+    """Path of a real scan, such as 'points/stanford_bunny.ply'; skips the test if it is absent."""
     path = MODELS / name
     if not path.exists():
         pytest.skip(f"the scan {name} is not here")

@@ -1,8 +1,8 @@
-"""A program: every integer of a saved model set to its extremes; what loads is asked by rays. It must end by itself.
+"""A program that sets every integer of a saved model to its extremes and traces what loads. It must not crash.
 
     python tests/extremes.py FOLDER
 
-Prints how many of the changed models were refused, and how many loaded.
+It prints how many of the changed models were refused, and how many loaded.
 """
 
 import sys
@@ -18,7 +18,7 @@ NAMES = ("children", "spans", "refs", "order")
 
 
 def values(array: np.ndarray, index: int, length: int) -> set[int]:
-    """What the integer at an index becomes: extremes, these less its neighbour, and around a length."""
+    """Values for the integer at an index: extremes, these less its neighbour, and numbers around a length."""
     out = {LEAST, LEAST + 1, -2, -1, 0, length - 1, length, length + 1, GREATEST - 1, GREATEST}
     for beside in (index ^ 1, index):
         partner = int(array[beside]) if beside < array.size else 0

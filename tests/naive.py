@@ -1,4 +1,4 @@
-"""Slow and obvious twins: f straight from its definition in float64, over all splats, without tree, slab or SIMD."""
+"""A slow, obvious twin of the tracer: f by its definition in float64, over all splats, without tree, slab or SIMD."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STEPS = 40  # samples in a radius
 
 
 class Twin(NamedTuple):
-    """What the twin finds on each ray.
+    """The twin's result for each ray.
 
     t : (n,) float64, inf for a miss; radius : local radius at the hit
     doubtful : (n,) bool: a graze, two crossings closer than half a radius, or a hit close to a limit (trim, jump)
@@ -30,7 +30,7 @@ class Twin(NamedTuple):
 def field(splats, chosen, count, x, kind):  # type: ignore[no-untyped-def]
     """(f, |x - P|, local radius, border splats' share of the weight, distance out of them) at x; NaN without support.
 
-    splats : rows x y z nx ny nz r, the way out of the border x y z, and its normal where it is of two sheets x y z
+    splats : rows of position, normal, radius, direction out of the border, and normal if of two sheets (13 numbers)
     """
     w_sum, r_sum, b_sum, out, qn, qq = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     q, n = np.zeros(3), np.zeros(3)
@@ -125,7 +125,7 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
                 names[a] = chosen[active[a]]
             f, _, radius, _, _ = field(splats, names, live, o + t * d, kind)
             if found < np.inf:
-                # Behind the hit only a second crossing closer than half a radius is of interest.
+                # Behind the hit, only a second crossing closer than half a radius matters.
                 if t > found + 0.5 * radius_out[i] or f != f:
                     break
                 if (f < 0.0) != (before < 0.0):
@@ -171,7 +171,7 @@ def splats_of(model):  # type: ignore[no-untyped-def]
 
 
 def walk(model, origins, directions):  # type: ignore[no-untyped-def]
-    """Twin of the closest hit of world rays (n, 3) with one model at its place; unit directions."""
+    """The closest hits of world rays (n, 3), with unit directions, on one model without a transform."""
     splats = splats_of(model)
     if not model.tree.facing.size:
         return _walk_one(model, splats, origins, directions, 0.0)

@@ -1,4 +1,4 @@
-"""A surface of a material for tests: what it scatters to and from an eye, and integrals over directions."""
+"""A surface of a material for tests: its BSDF and samples of it, and integrals over directions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pointray.trace.hits import material_at
 
 @kernel
 def _eval_bsdf(world, instance, wo, color, wi, rgb, pdf):
-    """Scattering at a place with normal z; eye (4,): direction to it and its side; wi, rgb (n, 3)."""
+    """The BSDF at a point with normal z. wo : (4,), the direction to the eye and its side; wi, rgb : (n, 3)"""
     material = material_at(world, instance)
     own = base_color(world, material, (color[0], color[1], color[2]))
     point = ShadingPoint((0.0, 0.0, 1.0), (wo[0], wo[1], wo[2]), own, wo[3])
@@ -30,7 +30,7 @@ def _eval_bsdf(world, instance, wo, color, wi, rgb, pdf):
 
 @kernel
 def _sample(world, instance, wo, color, numbers, direction, weight, pdf, side):
-    """Samples at a place with normal z for rows of which, u, v."""
+    """Samples of the BSDF at a point with normal z. numbers : rows lobe, u, v"""
     material = material_at(world, instance)
     own = base_color(world, material, (color[0], color[1], color[2]))
     point = ShadingPoint((0.0, 0.0, 1.0), (wo[0], wo[1], wo[2]), own, wo[3])
@@ -55,7 +55,7 @@ def _own_light(world, instance, out):
 
 
 class Surface:
-    """A material at a place with normal z, seen by eyes at some angle in the xz plane."""
+    """A material at a point with normal z, seen from some angle in the xz plane."""
 
     def __init__(self, material, color=(1.0, 1.0, 1.0)):
         scene = pr.Scene()
@@ -65,20 +65,20 @@ class Surface:
         self.color = np.array(color, float)
 
     def eval_bsdf(self, wo, wi):
-        """(rgb (n, 3), density (n,))."""
+        """(rgb (n, 3), pdf (n,)) of directions wi (n, 3)."""
         rgb, pdf = np.empty((len(wi), 3)), np.empty(len(wi))
         _eval_bsdf(self.world, self.instance, wo, self.color, wi, rgb, pdf)
         return rgb, pdf
 
     def sample(self, wo, numbers):
-        """(direction (n, 3), weight (n, 3), density (n,), side (n,)) for numbers (n, 3)."""
+        """(direction (n, 3), weight (n, 3), pdf (n,), side (n,)) for numbers (n, 3)."""
         n = len(numbers)
         out = np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n)
         _sample(self.world, self.instance, wo, self.color, numbers, *out)
         return out
 
     def glass(self, wos):
-        """(reflected (n, 3), refracted (n, 3), share (n,)) for eyes (n, 4)."""
+        """(reflected (n, 3), refracted (n, 3), share (n,)) for wos (n, 4)."""
         out = np.empty((len(wos), 3)), np.empty((len(wos), 3)), np.empty(len(wos))
         _glass(self.world, self.instance, wos, *out)
         return out
@@ -91,18 +91,18 @@ class Surface:
 
 
 def wo_at(degrees, side=1.0):
-    """The direction to an eye at an angle from the normal, and its side."""
+    """The direction to the eye at an angle from the normal, and the eye's side."""
     angle = np.radians(degrees)
     return np.array([np.sin(angle), 0.0, np.cos(angle), side])
 
 
-# Directions about the one that mirrors the eye, in polar coordinates: rings that widen from it, and sectors.
+# Polar coordinates around the mirrored direction of the eye: rings that widen from it, and sectors.
 RINGS = np.append(0, np.pi * 0.5 ** np.arange(16, -1, -1.0))
 SECTORS, TURNS, NODES = 8, 720, 8
 
 
 def quadrature(wo):
-    """Directions (n, 3) and their solid angles (n,), ring by ring, in each turn by turn."""
+    """Directions (n, 3) and their solid angles (n,), ordered by ring, then by sector."""
     x, w = np.polynomial.legendre.leggauss(NODES)
     width = np.diff(RINGS)[:, None]
     polar, dpolar = (RINGS[:-1, None] + width * (x + 1) / 2).ravel(), (width * w / 2).ravel()
@@ -114,7 +114,7 @@ def quadrature(wo):
 
 
 def frame(wo):
-    """The direction that mirrors the eye, and two across it."""
+    """The mirrored direction of the eye, and two directions across it."""
     x, _, z = wo[:3]
     return np.array([-x, 0.0, z]), np.array([z, 0.0, x]), np.array([0.0, 1.0, 0.0])
 
@@ -126,7 +126,7 @@ def upper(v):
 
 
 def integrals(surface, wo):
-    """(albedo (3,), integral of the density) over all directions."""
+    """(albedo (3,), integral of the pdf) over all directions."""
     directions, solid = quadrature(wo)
     rgb, pdf = surface.eval_bsdf(wo, directions)
     return solid @ rgb, solid @ pdf

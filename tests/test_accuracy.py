@@ -1,4 +1,4 @@
-"""The measured quality of the surface, at sizes that take seconds, and that a broken surface is noticed."""
+"""The measured quality of the surface, at sizes that take seconds; a broken surface must be noticed."""
 
 import csv
 
@@ -61,7 +61,7 @@ def test_noise_is_of_the_size_asked_for():
 
 
 def test_random_points_are_independent():
-    """Of Poisson points the number within a patch has the variance of its mean; of even ones much less."""
+    """The number of random points in a patch has the variance of its mean; that of even points has much less."""
     directions = np.random.default_rng(1).normal(size=(400, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
 
@@ -77,7 +77,7 @@ def test_random_points_are_independent():
 
 @pytest.mark.parametrize("name", ["sphere", "torus", "lattice"])
 def test_depth_of_a_ray_in_a_solid(name):
-    """Against dense samples of the exact distance along each ray."""
+    """The depth is compared with dense samples of the exact distance along each ray."""
     shape, h = truth(name), 0.02
     bounds = np.stack([shape.surface_samples(5000, 0).min(axis=0), shape.surface_samples(5000, 0).max(axis=0)])
     origins, directions = next(lines(bounds, 120, 4))
@@ -92,7 +92,7 @@ def test_depth_of_a_ray_in_a_solid(name):
 
 @pytest.fixture
 def ball(tmp_path):
-    """A mesh of the unit sphere, one of its triangles pulled long, as `Mesh`."""
+    """A mesh of the unit sphere with one triangle pulled long, and the same as a `Mesh`."""
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("embreex")
     mesh = trimesh.creation.icosphere(subdivisions=4)

@@ -76,14 +76,14 @@ seed = 3
 
 @pytest.fixture
 def scene(scan: Path) -> Path:
-    """A scene file of two models, one of them the scan beside it."""
+    """A scene file with two models, one of them the scan beside it."""
     scan.with_name("scene.toml").write_text(SCENE)
     return scan.with_name("scene.toml")
 
 
 @pytest.fixture
 def rendered(monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """The cameras of all frames that are rendered; Ctrl-C when there are as many as its `stop`."""
+    """The cameras of all frames that are rendered; raises KeyboardInterrupt after `stop` frames."""
 
     class Calls(list):
         stop = 1000
@@ -109,7 +109,7 @@ def pictures(folder: Path) -> dict[str, bytes]:
 
 
 def frames_of(film: Path, folder: Path) -> np.ndarray:
-    """All frames of an MP4, (n, h, w, 3) uint8, by way of pictures in a folder that is made."""
+    """All frames of an MP4, (n, h, w, 3) uint8, through pictures in a folder that is created."""
     program = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
     folder.mkdir()
     subprocess.run([program, "-loglevel", "error", "-i", film, folder / "%03d.png"], check=True)
@@ -152,7 +152,7 @@ def test_an_mp4_of_odd_size(scan, capsys):
     assert film.shape == (2, 18, 24, 3)
     border = np.concatenate([film[:, -1].reshape(-1, 3), film[:, :, -1].reshape(-1, 3)])
     assert border[:, 0].min() > 200  # like its neighbours, not black
-    assert np.abs(np.median(border, axis=0) - (255, 0, 0)).max() < 8  # the players' matrix of colours is ours
+    assert np.abs(np.median(border, axis=0) - (255, 0, 0)).max() < 8  # players decode with the same colour matrix
 
 
 @pytest.mark.parametrize("name", ["keys.toml", "keys.json"])
@@ -212,7 +212,7 @@ def test_a_scene_file_that_is_framed_turns_about_what_it_is_framed_at(scene, ren
 
 
 def test_keys_through_a_scene_file(scene, rendered):
-    """With the lens of the file, where a key says nothing else."""
+    """A key that has no lens uses that of the file."""
     scene.with_name("keys.json").write_text(json.dumps({"keys": KEYS}))
     arguments = ["animate", str(scene), "-o", str(scene.with_name("out")), "--keys", str(scene.with_name("keys.json"))]
     assert execute([*arguments, "--fps", "4"]) == 0
@@ -320,7 +320,7 @@ def test_frames_of_another_color_by_are_rendered_anew(scan, rendered, capsys):
 
 
 def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered):
-    """They may be anybody's."""
+    """Such pictures may be anybody's."""
     assert animate(scan, "out") == 0 and animate(scan, "out") == 0
     assert len(rendered) == 8
 
@@ -329,7 +329,7 @@ def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered
 
 
 def bad_input(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Run it; the one line that it says."""
+    """Run the command; returns the one line that it prints."""
     assert execute(["animate", *arguments]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.startswith("pointray: ") and err.count("\n") == 1, err
@@ -356,7 +356,7 @@ BAD_KEYS = {
 
 @pytest.mark.parametrize("words", BAD_KEYS)
 def test_bad_keys(words, tmp_path, capsys):
-    """Before the scan is read, which is none."""
+    """Bad keys are told before the scan is read, which here is no scan."""
     (tmp_path / "scan.ply").write_text("nothing")
     (tmp_path / "keys.json").write_text(json.dumps({"keys": BAD_KEYS[words]}))
     arguments = [str(tmp_path / "scan.ply"), "-o", str(tmp_path / "out"), "--keys", str(tmp_path / "keys.json")]

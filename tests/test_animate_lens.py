@@ -23,19 +23,19 @@ def scan(tmp_path: Path) -> Path:
 
 
 def film(scan, *options):
-    """The frames that such options give."""
+    """The frames of a film with these options."""
     out = scan.parent / "film"
     assert execute(["animate", str(scan), "-o", str(out), *FILM, *options]) == 0
     return [np.asarray(Image.open(path)) for path in sorted(out.glob("*.png"))]
 
 
 def heights(frames):
-    """Of what is seen, in pixels."""
+    """Heights of what is seen, in pixels."""
     return [int(np.ptp(np.flatnonzero(frame[..., 3].any(axis=1)))) + 1 for frame in frames]
 
 
 def test_a_film_without_perspective(scan):
-    """Two units from the middle of a sphere, 90 degrees: 1/2 of the picture's height without perspective, else 0.58."""
+    """A sphere at 2 units, by 90 degrees, has 1/2 of the picture's height without perspective, else 0.58."""
     near = ["--eye", "0,-2,0", "--target", "0,0,0", "--fov", "90", "--background", "none"]
     assert heights(film(scan, *near, "--projection", "orthographic")) == [12, 12]
     assert heights(film(scan, *near)) == [14, 14]
@@ -56,7 +56,7 @@ def test_a_film_through_a_lens(scan):
 
 @pytest.mark.long
 def test_frames_end_by_noise_or_time(scan):
-    """One sample a pixel means as many as it takes."""
+    """With a noise or time limit, samples are added until it is met."""
     corner = ["--integrator", "ao", "--ground"]
     exact, one, many = (
         film(scan, *corner, *more)[0].astype(float) for more in (["--spp", "256"], [], ["--noise", "0.01"])

@@ -1,4 +1,4 @@
-"""Wrong values for every parameter of everything public: refused at the call, by name, or taken for what they are."""
+"""Wrong values for every parameter of everything public must be refused at the call, by name, or make sense."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pointray as pr
 from pointray.jit import compilations
 from pointray.viewer import Viewer
 
-# Results, which nobody makes: they have no parameters that callers give.
+# Results, which callers do not create.
 RESULTS = {"Hits", "SceneFile"}
 
 WRONG: dict[str, Any] = {
@@ -56,7 +56,7 @@ TEXTS = {"text", "number as text"}
 BOOLS = {"True", "True of NumPy"}
 ARRAYS = {"array (2, 5, 7)", "array (0, 3)", "pair", "list", "list of nan", "array of True"}
 NUMBERS = {"half", "inf", "-inf", "-1", "2**70"}
-# What each annotation may be without being refused; all else must be.
+# Values that each annotation accepts; all others must be refused.
 SENSE: dict[str, set[str]] = {
     "bool": BOOLS,
     "int": {"-1", "2**70", "10**400"},
@@ -65,7 +65,7 @@ SENSE: dict[str, set[str]] = {
     "None": {"None"},
     "ArrayLike": ARRAYS | NUMBERS | {"nan"},
     "NDArray": ARRAYS | NUMBERS | {"nan"},
-    "Any": ARRAYS | NUMBERS | {"nan"},  # of `Camera.rays_through`
+    "Any": ARRAYS | NUMBERS | {"nan"},  # a result of `Camera.rays_through`
     "Color": ARRAYS | NUMBERS | {"None"},
     "Vector": ARRAYS,
     "tuple": {"list", "pair"},
@@ -79,11 +79,11 @@ SENSE: dict[str, set[str]] = {
     **dict.fromkeys(("Attribute", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()),
     **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "slice"), set()),
 }
-PATHS = {"path", "image", "host"}  # what may end in an OSError
+PATHS = {"path", "image", "host"}  # parameters whose wrong values may raise an OSError
 
 
 class Things:
-    """What valid calls are made of."""
+    """The arguments of valid calls."""
 
     def __init__(self, folder: Path) -> None:
         rows = np.random.default_rng(0).normal(size=(500, 3))
@@ -107,7 +107,7 @@ Call = tuple[Callable[..., Any], dict[str, Any]]
 
 
 def valid_calls(t: Things) -> dict[str, Call]:
-    """A call that works, of everything public that takes a value."""
+    """A valid call of everything public that takes a value."""
     eye = {"eye": (0, -4, 1), "target": (0, 0, 0)}
     rays = {"origins": [0, -4, 0], "directions": [0, 1, 0]}
     scene = t.changed()
@@ -178,7 +178,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
     }
 
 
-# A parameter that is one of two needs the other left out.
+# A parameter that excludes another needs the other left out.
 INSTEAD = {("subsample", "tolerance"): ("count",)}
 
 
@@ -212,7 +212,7 @@ PUBLIC = dict(public())
 
 @pytest.fixture(scope="module")
 def calls(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Call]:
-    """Each made once, so that all kernels are there."""
+    """Valid calls, each made once, so that all kernels are compiled."""
     things = Things(tmp_path_factory.mktemp("arguments"))
     made = valid_calls(things)
     for function, told in made.values():
@@ -222,7 +222,7 @@ def calls(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Call]:
 
 @pytest.fixture(autouse=True)
 def nobody_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """No browser, no waiting for Ctrl-C, and files go to where nothing is."""
+    """No browser is opened, nothing waits for Ctrl-C, and files go to an empty folder."""
     monkeypatch.setattr(Viewer, "wait", lambda self, *_: None)
     monkeypatch.setattr(Viewer, "open_browser", lambda self: True)
     monkeypatch.chdir(tmp_path)
@@ -234,7 +234,7 @@ def test_every_public_callable_has_a_valid_call(calls: Mapping[str, Call]) -> No
 
 
 def kinds_of(annotation: str) -> set[str]:
-    """The alternatives of an annotation, without what stands in brackets."""
+    """The alternatives of an annotation, without their brackets."""
     plain = annotation
     while "[" in plain:
         plain = re.sub(r"\[[^][]*\]", "", plain)
@@ -265,7 +265,7 @@ def test_wrong_values_are_refused_by_name_or_make_sense(
         except OSError as error:
             if parameter not in PATHS or what not in TEXTS:
                 bad.append(f"{what}: {type(error).__name__}: {error}")
-        except Exception as error:  # what it is about
+        except Exception as error:  # the parameter's name
             bad.append(f"{what}: {type(error).__name__}: {error}")
         else:
             if what not in sense:
@@ -275,7 +275,7 @@ def test_wrong_values_are_refused_by_name_or_make_sense(
 
 
 def test_numbers_of_numpy_are_numbers_and_become_those_of_python() -> None:
-    """Another type of number would compile a kernel anew."""
+    """NumPy's type of number would compile a kernel anew."""
     settings = pr.Settings(spp=np.int32(2), seed=np.array(3), max_depth=np.uint8(1), noise=np.float32(0.5))  # type: ignore[arg-type]
     assert [type(x) for x in (settings.spp, settings.seed, settings.max_depth, settings.noise)] == [int] * 3 + [float]
     assert pr.Settings(shadows=np.bool_(False)).shadows is False

@@ -1,4 +1,4 @@
-"""A few inputs of each attack, see tests/attack/: all of them are `make attack`'s."""
+"""A few inputs of each attack (see tests/attack/); `make attack` makes all of them."""
 
 import sys
 
@@ -16,7 +16,7 @@ def test_a_whole_attack_has_200_000_inputs():
     assert sum(part.count for part in PARTS.values()) == 200_000
 
 
-# Checked kernels are compiled for minutes the first time.
+# The first time, compiling checked kernels takes minutes.
 NAMES = [pytest.param(name, marks=pytest.mark.long) if part.checked else name for name, part in PARTS.items()]
 
 
@@ -28,7 +28,7 @@ def test_a_few_inputs_of(name):
         tally = attacker.make(0, few)
     assert tally.failures == []
     assert tally.counts["accepted"] + tally.counts["refused"] == few
-    if name not in ("commands", "kills"):  # whose few processes may all be ended before they are done
+    if name not in ("commands", "kills"):  # the few processes of this part may all be killed before they are done
         assert tally.counts["accepted"] > 0
 
 

@@ -18,7 +18,7 @@ SMOOTH = [name for name in COLORMAPS if not shows_classes(name)]
 
 @pytest.fixture(scope="module")
 def model():
-    """The unit sphere with all kinds of attributes, in colours of its own."""
+    """The unit sphere with all kinds of attributes and with colours."""
     points = pr.procedural("sphere", 6000)
     x = points.positions
     attributes = {
@@ -41,7 +41,7 @@ def constant(value):
 
 
 def seen(model, attribute, transform=None):
-    """Hits of a model that is coloured by an attribute: those that hit, and their colours as sRGB levels."""
+    """Hits on a model that is coloured by an attribute, which rays hit, and their colours as sRGB levels."""
     scene = pr.Scene()
     scene.add(model, transform, pr.Diffuse(attribute))
     hits = scene.intersect(*CAMERA.rays(), attributes=list(model.points.attributes))
@@ -98,7 +98,7 @@ def test_a_constant_comes_back_within_one_level(value, tmp_path):
 
 @pytest.mark.parametrize("name", SMOOTH)
 def test_the_map_is_followed(model, name):
-    """The colour at a hit is the map's at the value that is blended there."""
+    """The colour at a hit is that of the map at the blended value."""
     hits, hit, shown = seen(model, pr.Attribute("height", name, (-1, 1)))
     share = hits.attributes["height"][hit] / 2 + 0.5
     steps = np.stack([at(name, np.clip(share + e, 0, 1)) for e in (-1e-3, 0, 1e-3)])
@@ -107,7 +107,7 @@ def test_the_map_is_followed(model, name):
 
 
 def test_values_are_blended_not_colors():
-    """Between red and blue points the map's white shows, and nothing that is not on the map."""
+    """Between red and blue points the map's white is seen, and all colours are on the map."""
     points = pr.procedural("sphere", 1500)
     side = (points.positions[:, 0] > 0) + 0.5  # whole numbers would be categories
     shown = seen(
@@ -118,7 +118,7 @@ def test_values_are_blended_not_colors():
 
 
 def test_classes_are_not_blended(model):
-    """Between classes 2 and 6 there is no 4; the class is that of the splat of most weight."""
+    """No 4 appears between classes 2 and 6; the class is that of the splat with the most weight."""
     for name, color in (("tab10", [2, 6]), ("tab20", [2, 6])):
         hits, hit, shown = seen(model, pr.Attribute("odd", name))
         want = colormap(name).astype(int)[color]
@@ -139,13 +139,13 @@ def test_what_has_no_value_is_grey(model):
     assert (shown[x > 0.1] == 128).all() and (shown[x < -0.1] == at("viridis", 0.25)).all()
     grey = (shown == 128).all(axis=1)
     assert np.isin(grey, (True, False)).all() and np.abs(x[grey].min()) < 0.1 and np.abs(x[~grey].max()) < 0.1
-    assert {tuple(c) for c in shown[~grey]} == {tuple(at("viridis", 0.25))}  # NaN does not darken its neighbours
+    assert {tuple(c) for c in shown[~grey]} == {tuple(at("viridis", 0.25))}  # NaN must not darken its neighbours
     assert (seen(model, pr.Attribute("lost"))[2] == 128).all()
     assert (seen(model, pr.Attribute("lost", "tab10"))[2] == 128).all()
 
 
 def test_most_of_the_weight_decides_whether_there_is_a_value(model):
-    """The grey begins at x = 0, half a spacing more or less, not where the first or the last value ends."""
+    """The grey begins at x = 0, within half a spacing, and not where the first or the last value ends."""
     scene = pr.Scene()
     scene.add(model, material=pr.Diffuse(pr.Attribute("half", "viridis", (0, 1))))
     x, z = np.random.default_rng(0).uniform(-0.15, 0.15, (2, 4000))
@@ -179,7 +179,7 @@ def test_coordinates_are_the_worlds(model, axis):
 
 
 def test_coordinates_of_maps():
-    """Millions of metres away the map is as smooth as at the origin."""
+    """Colours are as smooth millions of metres away as at the origin."""
     points = pr.procedural("sphere", 3000)
     cloud = pr.Points(points.positions.astype(float) + (4.5e6, 5.4e6, 300), points.normals)
     scene = pr.Scene()
@@ -211,7 +211,7 @@ def test_of_two_sheets_each_shows_its_own():
 
 
 def test_a_range_is_found(model):
-    """The 2nd and the 98th percentile; over models that share a colour the least and the greatest."""
+    """The range is the 2nd to the 98th percentile; models that share a colour use their least and greatest."""
     height = model.points.attributes["height"]
     low, high = np.percentile(height, [2, 98])
     shifted = pr.Model(pr.Points(model.points.positions, model.points.normals, None, {"height": height + 5}))
@@ -261,7 +261,7 @@ def test_the_range_of_a_coordinate_moves_with_the_instance(model):
 
 
 def test_each_instance_has_its_own_colors(model):
-    """The same model in its own colours and by three attributes, with materials that look the same but for these."""
+    """One model in its own colours and by three attributes, with materials that differ only in these."""
     scene, colors = pr.Scene(), [None, *(pr.Attribute(name, "gray", (-1, 1)) for name in ("height", "z", "steps"))]
     for k, color in enumerate([*colors, colors[1]]):
         shift = np.eye(4)
@@ -308,7 +308,7 @@ MATERIALS = {
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("integrator", ["phong", "ao", "path"])
 def test_every_integrator_and_material(name, integrator):
-    """A constant attribute is as the same colour given."""
+    """A constant attribute gives the same picture as its colour."""
     pictures, sphere = [], constant(0.7)
     linear = srgb_to_linear(colormap("plasma")[int(0.7 * 256)])
     for color in (pr.Attribute("value", "plasma", (0, 1)), linear):
@@ -380,7 +380,7 @@ def scan(tmp_path, model):
 
 
 def rendered(scan, *more):
-    """The middle row of a picture, levels."""
+    """The middle row of a picture, in levels."""
     from PIL import Image
 
     picture = scan.with_name("a.png")
@@ -407,7 +407,7 @@ def test_height_is_along_up(model, tmp_path, capsys):
 
 @pytest.mark.parametrize("wish", ["z:magenta", "z:gray:1", "z:gray:2,1", "z:gray:a,b", ":gray", "z:gray:1,2:3"])
 def test_color_by_is_checked_first(wish, tmp_path, capsys):
-    """Before the file is read, which holds nothing."""
+    """Bad options are told before the file is read, which is empty."""
     (tmp_path / "broken.ply").write_text("nothing")
     arguments = ["render", str(tmp_path / "broken.ply"), "-o", str(tmp_path / "a.png"), "--color-by", wish]
     assert execute(arguments) == 2

@@ -20,7 +20,7 @@ def rows():
 
 
 def test_the_views_are_what_they_say():
-    """Far: the silhouette spans 90% of the height; near: 95% of the pixels hit."""
+    """The far view's silhouette spans 90% of the height; in the near view 95% of the pixels hit."""
     scene, points = pr.Scene(), pr.procedural("statue", 20_000)
     model = pr.Model(points)
     scene.add(model)
@@ -42,7 +42,7 @@ def test_each_cloud_is_measured_from_far_and_near(rows):
 
 
 def test_the_paper_has_figures_for_its_own_cases(monkeypatch):
-    """The stress test is a case of its own, with a light and shadows; here at a small size."""
+    """The stress test is a case of its own with a light and shadows, run here at a small size."""
     monkeypatch.setattr(frames, "STRESS", 4000)
     monkeypatch.setattr(frames, "PAPER", {(4000, "far"): 2.1})
     (row,) = measure([4000], 1, 1, lambda stage, share: None)

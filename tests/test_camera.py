@@ -17,7 +17,7 @@ def basis(camera):
 
 
 def project(camera, points):
-    """Where world points are in the picture (column, row, as fractions of it), and their depth."""
+    """Positions of world points in the picture (column, row, as fractions of it), and their depths."""
     eye, forward, right, up = basis(camera)
     right, up = right / np.linalg.norm(right), up / np.linalg.norm(up)
     x, y, depth = ((points - eye) @ axis for axis in (right, up, forward))
@@ -79,7 +79,7 @@ def test_what_a_ray_meets_is_seen_in_its_pixel(projection):
 
 
 def test_an_orthographic_picture_is_as_high_as_a_perspective_one_at_the_target():
-    """The rays of the same pixel meet in the plane through the target; those of one begin in the plane of the eye."""
+    """Rays of the same pixel meet in the plane through the target; orthographic ones begin in the eye's plane."""
     eye, target = np.array([1.0, -4, 2]), np.array([0.5, 1, 1])
     forward = (target - eye) / np.linalg.norm(target - eye)
     meet = []

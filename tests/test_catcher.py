@@ -1,4 +1,4 @@
-"""Shadow catchers: how much light is missing, in every integrator; and planes with materials."""
+"""Shadow catchers show how much light is missing, in every integrator; and planes with materials."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def ball():
 
 @pytest.fixture(scope="module")
 def roof():
-    """A flat square from -2 to 2, so dense that its edges are sharp."""
+    """A flat square from -2 to 2 with so many points that its edges are sharp."""
     x, y = np.meshgrid(*[np.linspace(-2, 2, 201)] * 2)
     rows = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
     return pr.Model(pr.Points(rows, np.tile([0.0, 0, 1], (len(rows), 1))))
@@ -38,7 +38,7 @@ def caught(*lights, model=None, transform=None, **plane):
 
 
 def alpha_at(scene, x, y, integrator="path", spp=256, size=8):
-    """Alpha of a tiny picture of a place on the plane, seen from close by."""
+    """Alpha of a tiny picture of a point on the plane, seen from close by."""
     camera = pr.Camera.look_at((x, y, 0.5), (x, y, 0), up=(0, 1, 0), fov=1, size=(size, size))
     image = pr.render(scene, camera, pr.Settings(integrator, spp=spp, filter="box"))
     assert not image[..., :3].any()
@@ -61,12 +61,12 @@ ALL = {
 @pytest.mark.parametrize("integrator", ["phong", "path"])
 def test_where_nothing_is_in_the_way_nothing_is_shown(name, integrator):
     image = pr.render(caught(ALL[name]), ABOVE, pr.Settings(integrator, spp=4))
-    lamps = (image[..., :3] > 0).any(axis=2)  # that hang above the plane and shine at the camera: none does
+    lamps = (image[..., :3] > 0).any(axis=2)  # the lights hang above the plane; none shines at the camera
     assert not lamps.any() and np.abs(image[..., 3]).max() < 1e-6
 
 
 def test_ambient_occlusion_is_caught(ball):
-    """A sphere of radius 1 at height h has the form factor h / (h^2 + r^2)^1.5 at r, where all of it is in sight."""
+    """A sphere of radius 1 at height h has the form factor h / (h^2 + r^2)^1.5 at r if all of it is visible."""
     scene = caught(model=ball, transform=lifted(3))
     settings = pr.Settings("ao", ao_distance=20.0, spp=256, filter="box")
     for r in (0.0, 1.5, 4.0):
@@ -77,13 +77,13 @@ def test_ambient_occlusion_is_caught(ball):
 
 
 def test_the_shadow_of_a_sun(ball):
-    """In phong 1 in the shadow and 0 beside it; of two suns each has its share."""
+    """Phong gives alpha 1 in the shadow and 0 beside it; two suns each have their share."""
     scene = caught(pr.SunLight((0, 0, -1), 3), model=ball, transform=lifted(5))
     camera = pr.Camera.look_at((0, 0, 2), (0, 0, 0), up=(0, 1, 0), fov=90, size=(60, 60))  # below the ball
     radius = np.linalg.norm(scene.intersect(*camera.rays()).position[..., :2], axis=-1)
     image = pr.render(scene, camera)
     assert (image[radius < 0.95, 3] == 1).all() and (image[radius > 1.05, 3] == 0).all() and not image[..., :3].any()
-    scene.add_light(pr.SunLight((1, 0, -1), np.sqrt(2)))  # 1 on the ground; its shadow is elsewhere
+    scene.add_light(pr.SunLight((1, 0, -1), np.sqrt(2)))  # gives irradiance 1 to the ground; its shadow falls elsewhere
     assert pr.render(scene, camera)[radius < 0.95, 3] == pytest.approx(0.75)
     scene.add_light(pr.EnvironmentLight(1 / np.pi))
     assert pr.render(scene, camera)[radius < 0.95, 3] == pytest.approx(0.6, abs=1e-4)  # unshadowed, of 5 in all
@@ -98,13 +98,13 @@ def test_colored_light_counts_by_its_luminance(ball):
 
 
 def test_half_of_a_rectangle(roof):
-    """A roof hides all of a light beyond x = 0: the share that is left, by integrating over the light."""
+    """A roof hides all of a light beyond x = 0; the rest is found by integrating over the light."""
     half = caught(pr.RectLight((0, 0, 4), (3, 0, 0), (0, -1, 0), 5), model=roof, transform=lifted(2, 2.0))
     u, v = np.meshgrid(np.linspace(-3, 3, 601), np.linspace(-1, 1, 201))
     x = -0.6
     d2 = (u - x) ** 2 + v**2 + 16
     form = 16 / d2**2
-    hidden = (x + u) / 2 > 0  # where the way to the light crosses z = 2
+    hidden = (x + u) / 2 > 0  # where the ray to the light crosses z = 2
     want = form[hidden].sum() / form.sum()
     assert 0.2 < want < 0.8
     assert alpha_at(half, x, 0) == pytest.approx(want, rel=0.02)
@@ -112,12 +112,12 @@ def test_half_of_a_rectangle(roof):
 
 @pytest.mark.parametrize("spp", [1, 4, 64])
 def test_the_mean_does_not_depend_on_the_samples(spp, roof):
-    """A sun's penumbra by any number of samples: the sun's disk is cut by the roof's straight edge."""
+    """A sun's penumbra has the same mean for any number of samples: the roof's straight edge cuts the sun's disk."""
     scene = caught(pr.SunLight((0, 0, -1), 3, angle=20), model=roof, transform=lifted(2, 2.0))
     radius = np.tan(np.radians(10))
     for share in (-0.5, 0.0, 0.4):
         x = 2 * radius * share
-        # Directions within a cone, by their cosine: a disk in the plane of directions' sines.
+        # Directions in a cone, weighted by the cosine, fill a disk in the plane of their sines.
         s = np.sin(np.radians(10))
         a, b = np.meshgrid(np.linspace(-s, s, 801), np.linspace(-s, s, 801))
         disk = a * a + b * b < s * s
@@ -128,23 +128,23 @@ def test_the_mean_does_not_depend_on_the_samples(spp, roof):
 
 
 def test_an_even_sky_below_a_roof(roof):
-    """In the middle under a square roof: the form factor of a rectangle."""
+    """The value below the middle of a square roof is the form factor of a rectangle."""
     scene = caught(pr.EnvironmentLight(), model=roof, transform=lifted(2))
-    a = 1.0  # half the edge over the height
+    a = 1.0  # half the edge divided by the height
     root = np.sqrt(1 + a * a)
     want = 4 / (2 * np.pi) * 2 * (a / root * np.arctan(a / root))
     assert alpha_at(scene, 0, 0, spp=1024) == pytest.approx(want, rel=0.02)
 
 
 def test_lights_hide_the_sky(roof):
-    """One that shines as the sky behind it makes no difference."""
+    """A light that shines like the sky behind it makes no difference."""
     lamp = pr.RectLight((0, 0, 4), (3, 0, 0), (0, -3, 0), 1)
     alone, both = (caught(pr.EnvironmentLight(), *more, model=roof, transform=lifted(2)) for more in ((), (lamp,)))
     assert alpha_at(both, 1.5, 0, spp=1024) == pytest.approx(alpha_at(alone, 1.5, 0, spp=1024), rel=0.02)
 
 
 def test_passes_make_the_same_picture(ball):
-    """Whatever the number of threads; and where the noise ends it."""
+    """The picture depends neither on the number of threads nor on ending by noise."""
     scene = caught(pr.SunLight((0.3, 0, -1), 3, angle=10), model=ball, transform=lifted(2))
     one, two = (pr.render(scene, ABOVE, pr.Settings("path", spp=8, threads=n)) for n in (1, 2))
     assert np.array_equal(one, two)
@@ -167,20 +167,20 @@ def test_backgrounds_show_through(ball):
     sky.add_light(pr.EnvironmentLight((1, 2, 3)))
     sky.background = "environment"
     lit = np.pi * (0.2126 + 2 * 0.7152 + 3 * 0.0722)
-    # Of the sky the ball hides 1 / h^2, with direct light nothing; of the sun all.
+    # The ball hides 1 / h^2 of the sky, nothing of it for direct light only, and all of the sun.
     for settings, hidden in ((pr.Settings("path", spp=256), 1 / 25), (pr.Settings("phong"), 0)):
         image = pr.render(sky, camera, settings)
         assert (image[..., 3] == 1).all()
         free = lit * (1 - hidden) / (lit + np.pi)
         assert image[20, 20, :3] == pytest.approx(np.array([1, 2, 3]) * free, rel=0.1)
         assert image[0, 0, :3] == pytest.approx([1, 2, 3], rel=0.1)
-    image = pr.render(sky, camera, pr.Settings("ao", spp=256, ao_distance=100))  # which asks for an even sky only
+    image = pr.render(sky, camera, pr.Settings("ao", spp=256, ao_distance=100))  # this integrator needs an even sky
     assert (image[..., 3] == 1).all()
     assert image[20, 20, :3] == pytest.approx(np.array([1, 2, 3]) * 24 / 25, rel=0.01)
 
 
 def test_only_the_camera_sees_it_so(ball):
-    """In a mirror, and as what throws light back, it is a plane in its own colour."""
+    """In mirrors and for reflected light, the catcher is a plane in its own colour."""
     pictures = []
     for catcher in (False, True):
         scene = pr.Scene()
@@ -239,7 +239,7 @@ def test_a_checker_shows_where_the_material_has_no_color(material, seen):
 
 @pytest.mark.parametrize("integrator", ["phong", "path"])
 def test_a_mirror_plane_reflects(ball, integrator):
-    """The ball below the plane, mirrored, is where the ball above is: its picture from the mirrored camera."""
+    """The reflection of the ball is what the mirrored camera sees."""
     scene = pr.Scene()
     scene.add(ball, lifted(1.5), pr.Emissive((1, 2, 3)))
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1), checker=1.0), material=pr.Mirror((0.5, 0.5, 1)))

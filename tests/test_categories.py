@@ -1,4 +1,4 @@
-"""Categories: whole numbers of few values are never blended, and legends have their names and swatches."""
+"""Categories, which are few whole numbers, are never blended; legends show their names and swatches."""
 
 import numpy as np
 import pytest

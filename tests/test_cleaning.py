@@ -1,4 +1,4 @@
-"""Cleaning: what is planted is found, what is real stays."""
+"""Cleaning finds planted strays and keeps real points."""
 
 import numpy as np
 import pytest

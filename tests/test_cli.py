@@ -1,4 +1,4 @@
-"""The command line: what it makes, what it says, and how it ends."""
+"""The command line: its output, its messages, and its exit status."""
 
 import json
 import os
@@ -24,7 +24,7 @@ HEADER = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty f
 
 @pytest.fixture(autouse=True)
 def _threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("POINTRAY_THREADS", "2")  # --threads sets it: put it back
+    monkeypatch.setenv("POINTRAY_THREADS", "2")  # restores the number that --threads has set
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def ascii_ply(path: Path, rows: np.ndarray, announced: int | None = None) -> Pat
 
 
 def bad_input(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Run it; the one line that it says."""
+    """Run the command; returns the one line that it prints."""
     capsys.readouterr()
     assert execute(arguments) == 2
     out, err = capsys.readouterr()
@@ -84,7 +84,7 @@ def test_render_without_background_is_transparent(scan: Path) -> None:
 
 
 def test_render_from_an_eye(scan: Path) -> None:
-    """The normals tell what the camera looks at."""
+    """The colours of normals show what the camera looks at."""
     picture = scan.with_name("a.png")
     view = ["--eye", "0,-4,0", "--target", "0,0,0", "--fov", "45", "--integrator", "normal"]
     assert execute(["render", str(scan), "-o", str(picture), *SMALL, *view, "--surface", "paper"]) == 0
@@ -101,7 +101,7 @@ def test_target_alone_moves_the_framed_camera(scan: Path) -> None:
 
 
 def test_ground_and_lights(scan: Path) -> None:
-    """A sun throws the sphere's shadow on the ground; more light and another exposure are brighter."""
+    """The sphere casts a shadow on the ground under a sun; more light and more exposure are brighter."""
 
     def mean(*more: str) -> float:
         picture = scan.with_name("a.jpg")
@@ -117,7 +117,7 @@ def test_ground_and_lights(scan: Path) -> None:
 
 
 def test_projections(scan: Path) -> None:
-    """The sphere framed orthographically is as wide as its box allows; a panorama is taken inside of it."""
+    """An orthographic frame fits the sphere's box; a panorama is taken from inside the sphere."""
     covered = {}
     for projection in ("perspective", "orthographic", "panorama"):
         picture = scan.with_name("a.png")
@@ -129,7 +129,7 @@ def test_projections(scan: Path) -> None:
 
 
 def test_aperture_focus_and_filter(scan: Path) -> None:
-    """The camera stands 4 before the sphere: a lens blurs its outline, unless that is where it is sharp."""
+    """The camera stands 4 in front of the sphere. A lens blurs its outline unless it is in focus."""
 
     def half_covered(*more: str) -> float:
         picture = scan.with_name("a.png")
@@ -232,7 +232,7 @@ def test_some_points_are_not_finite(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 @pytest.mark.parametrize("output", ["no_such_folder/a.png", "a.gif", "a", "folder.png"])
 def test_the_output_is_checked_first(output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Before the file is looked at, which is not there."""
+    """A bad output is told before the file is looked for, which is absent."""
     (tmp_path / "folder.png").mkdir()
     said = bad_input(["render", str(tmp_path / "missing.ply"), "-o", str(tmp_path / output)], capsys)
     assert "missing.ply" not in said and "write" in said
@@ -279,7 +279,7 @@ def test_the_output_is_checked_first(output: str, tmp_path: Path, capsys: pytest
     ],
 )
 def test_options_are_checked_first(option: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Before the file is read, which holds nothing."""
+    """Bad options are told before the file is read, which is empty."""
     file = tmp_path / "broken.ply"
     file.write_text("nothing")
     assert "broken.ply" not in bad_input(
@@ -336,7 +336,7 @@ print(status, sorted(heavy))
     assert done.stdout.splitlines()[-2:] == [pr.__version__, "[0, 0, 0, 0] []"]
 
 
-# Where the shell has the process ignore Ctrl-C (in the background), the test needs it all the same.
+# A background job of a shell ignores Ctrl-C; this test needs it in any case.
 PROGRAM = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -348,7 +348,7 @@ main()
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
 @pytest.mark.parametrize("command", ["render scan.ply -o a.png", "demo -o a.png --points 20000"])
 def test_interrupted_while_compiling(command: str, scan: Path, tmp_path: Path) -> None:
-    """Status 130 within half a second (of three tries, for busy machines), and nothing left behind."""
+    """The status is 130 within half a second, in one of three tries for busy machines; nothing is left behind."""
     waited = []
     for attempt in range(3):
         environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path / f"cache{attempt}")}

@@ -1,4 +1,4 @@
-"""Clip planes: against rays whose intervals are found by hand, in pictures of what is cut open, and what is told."""
+"""Clip planes: compared with rays cut by hand, in pictures of what is cut open, and messages about bad ones."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def scene(statue, sphere) -> pr.Scene:
 
 
 def interval(clips, origins, directions, t_min, t_max):
-    """The part of each ray that no plane cuts away; low > high where nothing is left."""
+    """The part of each ray that no plane cuts away; low > high if nothing is left."""
     low, high = np.broadcast_to(t_min, origins.shape[:-1]).copy(), np.broadcast_to(t_max, origins.shape[:-1]).copy()
     for point, normal in clips:
         height, rise = (origins - point) @ normal, directions @ normal
@@ -79,10 +79,10 @@ def test_the_same_as_rays_with_intervals(scene, name, rays, limits):
     cut = scene.copy()
     cut.clips = clips
     found, expected = cut.intersect(origins, directions, *limits), scene.intersect(origins, directions, low, high)
-    # One may go together with others and one alone: t may differ by a step of float32.
+    # A ray may be traced in a group or singly: t may differ by a step of float32.
     same = (found.instance == expected.instance) & np.isclose(found.t, expected.t, rtol=2.4e-7, atol=0)
     assert np.array_equal(cut.occluded(origins, directions, *limits), found.instance >= 0)
-    # An interval's beginning may lie on a surface, a cut may not: these few rays begin in splats, close to it.
+    # An interval may begin on a surface, a cut may not: these few rays begin in splats close to it.
     assert (~same).sum() <= 5
     around = scene.intersect(origins[~same], directions[~same], low[~same] - 0.05, low[~same] + 0.05)
     assert (around.instance >= 0).all()
@@ -92,7 +92,7 @@ def test_the_same_as_rays_with_intervals(scene, name, rays, limits):
 
 
 def rim_rays(shape, inwards, off):
-    """Rays through the plane z = 0.3, `off` within the unit sphere, across its surface; and where they go through."""
+    """Rays through the plane z = 0.3 at points `off` inside the unit sphere, across its surface; and these points."""
     turn = RNG.uniform(0, 2 * np.pi, 600) if len(shape) == 1 else np.linspace(0, 0.1, 600)
     out = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
     through = out * (np.sqrt(1 - 0.3**2) - off) + 0.3 * UP
@@ -103,7 +103,7 @@ def rim_rays(shape, inwards, off):
 @pytest.mark.parametrize("shape", [(600,), (20, 30)])
 @pytest.mark.parametrize("off", [-1e-4, -3e-5, 3e-5, 1e-4])
 def test_a_ray_that_is_cut_beside_the_surface_does_not_start_on_it(sphere, shape, off):
-    """Radii are 0.05 here: all of this is within the hundredth of a radius in which rays start on a surface."""
+    """Radii are 0.05 here, so all rays are within the hundredth of a radius in which they start on a surface."""
     scene = pr.Scene()
     scene.add(sphere)
     scene.clips = [(0.3 * UP, UP)]
@@ -205,7 +205,7 @@ def test_a_picture_under_way_keeps_its_planes(scene):
     scene.clips = CLIPS["a corner"]
     after = scene.snapshot().world
     assert np.array_equal(world.clips, kept) and len(before) == 1 and len(scene.clips) == 3
-    assert after.clips.size == 12 and after.instances is world.instances  # nothing else is made anew
+    assert after.clips.size == 12 and after.instances is world.instances  # nothing else is rebuilt
     scene.update(0, np.eye(4))
     assert np.array_equal(scene.snapshot().world.clips, after.clips)
 

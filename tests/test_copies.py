@@ -1,4 +1,4 @@
-"""Copies of a scene, its lights as a whole, and the count of changes."""
+"""Copies of a scene, setting all its lights, and its count of changes."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def scene(sphere) -> pr.Scene:
 
 
 def state(scene, camera):
-    """Pictures of a scene, and the numbers that its hits tell."""
+    """Pictures of a scene, and the numbers of its hits."""
     hits = scene.intersect(*camera.rays())
     return [pr.render(scene, camera, pr.Settings("phong")), hits.instance, hits.t, hits.color]
 
@@ -66,7 +66,7 @@ def test_a_copy_and_its_original_change_by_themselves(scene, change, built):
         assert equal(state(other, camera), state(kept, camera))
         if changed is twin:
             assert equal(state(kept, camera), before)
-    assert equal(state(scene, camera), state(twin, camera))  # the same has happened to both
+    assert equal(state(scene, camera), state(twin, camera))  # both have had the same changes
 
 
 def test_a_copy_counts_on_by_itself(sphere):
@@ -90,7 +90,7 @@ def test_materials_of_a_copy_are_let_go(sphere):
         twin.update(0, material=pr.Diffuse(k / 20))
     assert len(twin._instances._equal_materials) == 2 and len(scene._instances._equal_materials) == 1
     twin.add(sphere, material=pr.Diffuse(0.25))
-    assert twin._instances.materials[1] is scene._instances.materials[0]  # the same look is kept once
+    assert twin._instances.materials[1] is scene._instances.materials[0]  # equal materials are kept once
     scene.update(0, material=pr.Diffuse(0.5))
     twin.remove(1)
     assert len(scene._instances._equal_materials) == 1

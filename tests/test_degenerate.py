@@ -1,4 +1,4 @@
-"""Clouds that no scanner gives: a hit has a unit normal, a place and a row of the caller's, or it is no hit."""
+"""Degenerate clouds: every hit has a unit normal, a position and one of the caller's rows, or it is a miss."""
 
 import warnings
 
@@ -40,7 +40,7 @@ CLOUDS = {
 
 
 def cast_at(positions, radii, n=6000):
-    """Rays through places near points, some of them straight down through points and along the axes."""
+    """Rays through positions near points, some of them straight down through points or along the axes."""
     some = RNG.integers(len(positions), size=n)
     radii = np.broadcast_to(radii, len(positions))[some, None]
     ends = positions[some] + radii * RNG.uniform(-1, 1, (n, 3)) * RNG.choice([0, 0.3, 1], (n, 1))
@@ -52,7 +52,7 @@ def cast_at(positions, radii, n=6000):
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize("name", CLOUDS)
 def test_hits_are_whole(name, surface):
-    """Their normals are of unit length, and everything about them is a number."""
+    """Hits have unit normals, and all their values are numbers."""
     positions, normals, radii = CLOUDS[name]
     points = pr.Points(positions, normals, attributes={"row": np.arange(len(positions)) + 1.0})
     origins, directions = cast_at(positions, radii)
@@ -82,7 +82,7 @@ def test_hits_are_whole(name, surface):
 
 @pytest.mark.parametrize("size", [1e-150, 1e150])
 def test_normals_of_an_instance_of_any_size(size):
-    """Squares of its transform are no numbers."""
+    """The squares of its transform's entries overflow or vanish."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points(GRID, np.tile(UP, (64, 1))), np.full(64, 1.5)), pr.transform(scale=size))
     found = scene.intersect(np.array([3.2, 3.3, 5]) * size, (0, 0, -1))
@@ -95,7 +95,7 @@ EXPONENTS = -1000, -500, -110, -20, 20, 110, 500, 1000
 
 @pytest.mark.parametrize("exponent", EXPONENTS)
 def test_a_power_of_two_in_the_direction_only_scales_t(exponent):
-    """To the last bit, wherever a ray begins and ends."""
+    """t scales exactly, to the last bit, wherever a ray begins and ends."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("torus", 3000)))
     scene.add(pr.Plane((0, 0, -1), UP))
@@ -119,7 +119,7 @@ def test_a_power_of_two_in_the_direction_only_scales_t(exponent):
 
 @pytest.mark.parametrize("length", [5e-324, 1e-310, 1e-300, 1e-150, 1e150, 1e300, 1.7e308])
 def test_directions_of_any_length(length):
-    """The shortest are some steps of float64 long: along an axis, where that turns them to nowhere."""
+    """The shortest directions are a few steps of float64 long, but along an axis, where rounding does not turn them."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points(GRID, np.tile(UP, (64, 1))), np.full(64, 1.5)))
     found = scene.intersect([[3.2, 3.3, 5]], [[0, 0, -length]])

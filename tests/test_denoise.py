@@ -1,4 +1,4 @@
-"""Denoising: nearer to the exact picture, coverage and threads untouched, and what is said without its package."""
+"""Denoising: pictures are nearer to the exact one, coverage stays, and a message tells if the package is absent."""
 
 import sys
 
@@ -40,7 +40,7 @@ def test_pictures_without_noise_stay(stage):
 
 @pytest.mark.parametrize("integrator", ["path", "ao"])
 def test_what_is_not_noisy_stays(integrator):
-    """Background and sky to the last bit, and a surface that gives the same light in all samples."""
+    """Background, sky and a surface of constant light in all samples keep their last bit."""
     pytest.importorskip("pyoidn")
     scene = pr.Scene()
     ball = pr.Model(pr.procedural("sphere", 3_000))
@@ -70,13 +70,13 @@ def test_what_is_not_noisy_stays(integrator):
 def test_without_its_package(stage, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     with pytest.raises(ValueError, match=r"pip install 'pointray\[denoise\]'"):
-        picture(stage, denoise=True, spp=65536)  # said before the work begins
+        picture(stage, denoise=True, spp=65536)  # told before the work begins
 
 
 @pytest.mark.parametrize("command", ["render -o out.png", "animate -o film"])
 @pytest.mark.parametrize("file", ["scan.ply", "scene.toml"])
 def test_a_command_says_so_before_it_begins(tmp_path, monkeypatch, capsys, command, file):
-    """Nothing of the scan has been read, and nothing written."""
+    """The message comes before the scan is read and anything is written."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     (tmp_path / "scan.ply").write_text("no points")
@@ -86,5 +86,5 @@ def test_a_command_says_so_before_it_begins(tmp_path, monkeypatch, capsys, comma
     said = capsys.readouterr().err
     assert "pointray[denoise]" in said and len(said.splitlines()) == 1
     assert {path.name for path in tmp_path.iterdir()} == {"scan.ply", "scene.toml"}
-    assert execute([name, file, *output, "--denoise"]) == 2  # without noise it is not needed: the scan is read, and bad
+    assert execute([name, file, *output, "--denoise"]) == 2  # without noise the scan is read, and bad
     assert "pointray[denoise]" not in capsys.readouterr().err

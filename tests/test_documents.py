@@ -1,4 +1,4 @@
-"""The documents: what they name is there, and ARCHITECTURE.md tells the rooms as they are."""
+"""The documents: what they name exists, and ARCHITECTURE.md describes the rooms as they are."""
 
 import re
 from pathlib import Path
@@ -18,7 +18,7 @@ DOCUMENTS = [
 OF_THE_CODE = [
     path for path in DOCUMENTS if path.name not in ("README.md", "CHANGELOG.md") or path.parent.name == "decisions"
 ]
-# What looks like a path: a file of code or a document, or a folder.
+# What looks like a path of code, of a document, or of a folder.
 PATH = re.compile(r"[\w.-]+(?:/[\w.-]+)*(?:\.(?:py|md|js|cpp)|/)")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
@@ -34,12 +34,12 @@ def paths_in(text: str) -> set[str]:
 
 
 def missing(names: set[str]) -> list[str]:
-    """Paths that are neither in the package nor in the project."""
+    """Paths that exist neither in the package nor in the project."""
     return sorted(name for name in names if not ((PACKAGE / name).exists() or (ROOT / name).exists()))
 
 
 def anchors(text: str) -> set[str]:
-    """What a link may name of a document: its headings, as GitHub writes them."""
+    """The anchors of a document that links may name: its headings, as GitHub writes them."""
     headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 

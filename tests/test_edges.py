@@ -1,4 +1,4 @@
-"""Corners of small exact grids: a cube, a rod, stairs and an L with right normals are whole."""
+"""Corners of small exact grids have no holes: a cube, a rod, stairs and an L with right normals."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def sides(cells):
 
 
 def cloud(cells, k):
-    """Each square as k x k points, its rim included: at an edge every face has points of its own."""
+    """Each square as k x k points, rim included, so that at an edge every face has its own points."""
     s, t = (a.reshape(-1, 1) for a in np.meshgrid(*[np.linspace(0, 1, k)] * 2))
     found = [(o + s * u + t * v, np.repeat(n[None], k * k, axis=0)) for o, u, v, n in sides(cells)]
     positions, normals = (np.concatenate(part).astype(np.float32) for part in zip(*found, strict=True))
@@ -40,7 +40,7 @@ def scene_of(positions, normals):
 
 
 def rays_from(cells, count, seed=0):
-    """Random rays from within the cells."""
+    """Random rays from inside the cells."""
     rng = np.random.default_rng(seed)
     origins = np.array(cells)[rng.integers(len(cells), size=count)] + rng.uniform(0.1, 0.9, (count, 3))
     directions = rng.normal(size=(count, 3))
@@ -49,7 +49,7 @@ def rays_from(cells, count, seed=0):
 
 @pytest.mark.parametrize("k", [3, 4, 5, 6, 9])
 def test_corners_of_a_grid_reach_as_far_as_its_faces(k):
-    """Three faces unfolded into a plane leave a quarter empty: once corners reached 2.2 times as far as the others."""
+    """Three faces unfolded into a plane leave a quarter empty, which once gave corners 2.2 times the others' radius."""
     positions, normals = cloud([(0, 0, 0)], k)
     rows = distinct(positions)[0]
     model = pr.Model(pr.Points(positions[rows], normals[rows]))

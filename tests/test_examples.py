@@ -1,4 +1,4 @@
-"""Every example, with few points and pixels: it runs and shows something."""
+"""Every example runs and shows something, with few points and pixels."""
 
 import re
 import runpy
@@ -72,7 +72,7 @@ def test_notebook(tmp_path: Path) -> None:
     for cell in book.cells:
         cell.source = cell.source.replace("50_000", "2_500").replace("spp=16", "spp=2")
     nbclient.NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    assert not list(tmp_path.iterdir())  # where the notebook lies nothing is left
+    assert not list(tmp_path.iterdir())  # nothing is left beside the notebook
     shown = [part.data for cell in book.cells for part in cell.get("outputs", []) if "data" in part]
     assert any("<iframe src=" in data.get("text/html", "") for data in shown)
     assert any("image/png" in data for data in shown)

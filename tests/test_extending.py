@@ -1,4 +1,4 @@
-"""What it takes to add to pointray: one thing of each kind is added here, and used."""
+"""Extending pointray: these tests add and use a format, an integrator and a material."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def write(file, points):
 def test_a_format_is_its_own_file_and_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The file lies in formats/, which has another folder for the time of this test."""
+    """The file lies in a folder that this test adds to the package `formats`."""
     scan, rows = tmp_path / "scan.xyz", sphere_points(500)
     np.savetxt(scan, rows)
     with pytest.raises(ValueError, match=r"cannot read \.xyz; can read \.ply$"):
@@ -68,7 +68,7 @@ def test_a_format_is_its_own_file_and_a_line(
 
 @inline
 def _integrate_facing(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """How far the surface is turned upwards, as grey."""
+    """Grey by how far the surface faces upwards."""
     trace_tile(world, scratch)
     for i in range(TILE):
         hit = tile_hit(scratch, i)
@@ -84,7 +84,7 @@ def facing_frame(work: Array, world: World, camera: Array, job: Pass, film: Arra
 
 @pytest.mark.long
 def test_an_integrator_is_its_own_file_and_two_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It compiles kernels: a minute."""
+    """This compiles kernels for a minute."""
     with pytest.raises(ValueError, match="unknown integrator 'facing'"):
         pr.Settings("facing")
     rows = sphere_points(2000)
@@ -102,7 +102,7 @@ def test_an_integrator_is_its_own_file_and_two_lines(monkeypatch: pytest.MonkeyP
 
 @dataclass(frozen=True)
 class Brass(Material):
-    """A material of a kind that kernels know."""
+    """A material whose kind the kernels know."""
 
     polish: float = 0.5
 
@@ -130,7 +130,7 @@ direction = [1, 1, -1]
 
 
 def test_a_material_of_a_kind_that_kernels_know_is_a_class(tmp_path: Path) -> None:
-    """A scene file has it by its name, with its parameters."""
+    """Scene files can name it, with its parameters."""
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)
     scene = pr.load_scene(file).scene

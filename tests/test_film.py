@@ -1,4 +1,4 @@
-"""Where the camera is in a film: on a turntable and along keys."""
+"""The camera's path in a film: on a turntable and along keys."""
 
 import numpy as np
 import pytest
@@ -66,7 +66,7 @@ def test_a_film_goes_through_its_keys():
 
 
 def test_frames_around_a_key_lead_to_it():
-    """The curve itself meets the keys: no jump where they are put in its place."""
+    """The curve passes through the keys, so that the frames at keys do not jump."""
     steps = np.diff([camera.eye for camera in pr.fly(KEYS, 200)], axis=0)
     speeds = np.linalg.norm(steps, axis=1)
     assert np.abs(np.diff(speeds)).max() < 0.02 * speeds.max()
@@ -77,7 +77,7 @@ def test_frames_around_a_key_lead_to_it():
 
 
 def test_a_view_that_turns_round_does_not_collapse():
-    """The eye stays, the target goes to its other side: level, half a turn at an even rate, never through the eye."""
+    """The target goes to the eye's other side: level, half a turn at an even rate, never through the eye."""
     keys = [(0, pr.Camera.look_at((0, 0, 0), (0, 2, 0))), (1, pr.Camera.look_at((0, 0, 0), (0, -4, 0)))]
     cameras = pr.fly(keys, 36)
     assert all(camera.eye == (0, 0, 0) for camera in cameras)

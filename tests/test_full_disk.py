@@ -1,4 +1,4 @@
-"""Writing where the disk is full or the process is killed: the old file stays whole, and nothing is left beside it."""
+"""If the disk is full or the process is killed, the old file stays whole, and nothing is left beside it."""
 
 import json
 import os
@@ -27,8 +27,8 @@ if os.name == "posix":
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="limits, locks and signals of POSIX")
 
-# Writes a file whole, then again and again with a limit that cuts it off, at many places and in the last block that
-# waits in a buffer; prints the places where that went unnoticed.
+# Writes a whole file, then again and again with a limit that cuts it off, at many lengths and within the last block,
+# which waits in a buffer. Prints the limits where that went unnoticed.
 SWEEP = """
 import json, resource, signal, sys
 from pathlib import Path
@@ -105,7 +105,7 @@ def test_a_plot_that_is_cut_off_does_not_replace_the_old_one(tmp_path):
 
 @pytest.fixture
 def pictures(tmp_path):
-    """Three numbered pictures, by their pattern; skips where no film can be made."""
+    """The pattern of three numbered pictures; skips the test if no film can be made."""
     pytest.importorskip("imageio_ffmpeg")
     folder = tmp_path / "pictures"
     frames = Frames(folder / "%04d.png", {}, 3, (36, 40))
@@ -119,14 +119,14 @@ def pictures(tmp_path):
 def test_a_film_that_is_cut_off_does_not_replace_the_old_one(tmp_path, pictures):
     import imageio_ffmpeg
 
-    ffmpeg = tmp_path / "ffmpeg"  # one that goes on where the limit is met, as on a full disk
+    ffmpeg = tmp_path / "ffmpeg"  # a process that goes on when it meets the limit, as on a full disk
     ffmpeg.write_text(f"#!/bin/sh\ntrap '' XFSZ\nexec {imageio_ffmpeg.get_ffmpeg_exe()} \"$@\"\n")
     ffmpeg.chmod(0o755)
     sweep(tmp_path / "film", "film.mp4", pictures, IMAGEIO_FFMPEG_EXE=str(ffmpeg))
 
 
 def test_what_an_exr_lacks_is_seen(tmp_path):
-    """Wherever it is cut off, and where its table of chunks was not written at the end."""
+    """A file is refused wherever it is cut off, and if its table of chunks was not written at the end."""
     pytest.importorskip("OpenEXR")
     file = tmp_path / "a.exr"
     write_layers(file, {"depth": np.random.default_rng(0).random((70, 9))})
@@ -154,7 +154,7 @@ def test_what_a_film_lacks_is_seen(tmp_path, pictures):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="mounts a small file system")
 def test_a_really_full_disk(tmp_path, pictures):
-    """Pictures and a film on a file system of 64 KiB: each is written whole, or told and the old one stays."""
+    """Pictures and a film on a file system of 64 KiB are written whole, or an error is told and the old file stays."""
     disk = tmp_path / "disk"
     disk.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)]
@@ -181,7 +181,7 @@ def test_a_really_full_disk(tmp_path, pictures):
         subprocess.run(["umount", str(disk)], check=True)
 
 
-# Renders a picture as the command line does, onto a disk with room for so many bytes.
+# Renders a picture as the command line does, onto a disk with limited room.
 COMMAND = """
 import resource, signal, sys
 from pointray.cli import execute
@@ -220,10 +220,10 @@ def test_a_table_that_nobody_gets_is_a_failure(tmp_path):
 
 
 def test_an_error_that_a_library_swallows_is_raised_all_the_same(tmp_path, monkeypatch):
-    """Though there is room again for what it writes next."""
+    """The error is raised even if there is room again for what is written next."""
     file = tmp_path / "a.bin"
     file.write_bytes(b"old")
-    monkeypatch.setattr(files, "BUFFER", 0)  # each write goes to the disk
+    monkeypatch.setattr(files, "BUFFER", 0)  # each write goes to the disk at once
     with pytest.raises(OSError, match="File too large"), replacing(file) as beside:
         beside.write(b"one")
         limit = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -268,13 +268,13 @@ def names(folder):
 
 
 def write_anew(file):
-    """Write in a process of its own: each looks once for what others have left."""
+    """Write in a process of its own, because each process cleans up a folder only once."""
     code = "import sys; from pointray.points.files import replacing\nwith replacing(sys.argv[1]) as f: f.write(b'new')"
     subprocess.run([sys.executable, "-c", code, str(file)], check=True)
 
 
 def test_what_a_killed_process_leaves_goes_with_the_next_write(tmp_path):
-    """Not what a living one writes, nor what is called alike."""
+    """Files of a living process and files with similar names stay."""
     foreign = [tmp_path / ".pointray-notes.txt", tmp_path / ".pointray-0123456789abcdef0.png", tmp_path / ".pointray"]
     for path in foreign:
         path.write_text("mine")
@@ -284,7 +284,7 @@ def test_what_a_killed_process_leaves_goes_with_the_next_write(tmp_path):
     kill(killed)
     assert names(tmp_path) == before and len(before) == 6
     write_anew(tmp_path / "c.txt")
-    assert len(names(tmp_path)) == 6  # one goes, c.txt comes
+    assert len(names(tmp_path)) == 6  # a leftover goes, c.txt comes
     living.communicate(b"\n")
     assert living.returncode == 0
     assert (tmp_path / "b.png").read_bytes() == b"half"
@@ -292,7 +292,7 @@ def test_what_a_killed_process_leaves_goes_with_the_next_write(tmp_path):
 
 
 def test_a_process_that_lives_on_takes_away_too(tmp_path):
-    """Also in a thread beside one that writes there: each file has a lock of its own."""
+    """This works beside a thread that writes there, too: each file has a lock of its own."""
     killed = begin_writing(tmp_path / "a.png")
     kill(killed)
     with replacing(tmp_path / "b.txt") as first:
@@ -305,7 +305,7 @@ def test_a_process_that_lives_on_takes_away_too(tmp_path):
 
 
 def test_a_film_whose_first_moment_was_its_last_goes_on(tmp_path):
-    """What is left of a note that was being written is no reason to refuse the folder."""
+    """A leftover of an unfinished note is no reason to refuse the folder."""
     from pointray.cli.animate import film_output
 
     pytest.importorskip("imageio_ffmpeg")
@@ -321,7 +321,7 @@ def test_a_film_whose_first_moment_was_its_last_goes_on(tmp_path):
 
 
 def test_many_writers_of_one_folder_do_not_take_each_others_files(tmp_path):
-    """Processes that all sweep, at every write, while all write."""
+    """All processes clean up at every write, while all write."""
     code = """
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Rays of a tile that go in groups: what they hit does not depend on who else is in the tile."""
+"""Rays of a tile that are traced in groups: their hits do not depend on the other rays of the tile."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ ORDERS = {
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_groups_that_share_tiles(scene, order):
-    """Of several views a tile's rays lie in each other: each hits what it hits among its own."""
+    """Tiles mix rays of several views: each hits what it hits among rays of its own view."""
     eyes = (5.0, -6.0, 3.0), (-5.0, -4.0, 2.0), (1.0, 7.0, 0.5), (1.25, -7.0, 0.0)
     groups = [view(scene, eye) for eye in eyes]
     n = len(groups[0][0])
@@ -61,7 +61,7 @@ def test_groups_that_share_tiles(scene, order):
 
 
 def test_shadow_rays_of_pixels_beside_a_silhouette(scene):
-    """Neighbouring pixels on different parts of the shape: their shadow rays, in their tiles and alone."""
+    """Neighbouring pixels see different parts of the shape; their shadow rays are traced in tiles and singly."""
     origins, directions = view(scene, (5.0, -6.0, 3.0))
     hits = scene.intersect(origins, directions)
     hit = np.isfinite(hits.t)
@@ -79,14 +79,14 @@ def sphere():
 
 
 def test_rays_that_a_clip_plane_cuts_beside_others(sphere):
-    """Those begin at the plane, on no surface though close to it; the others in the tile are not cut."""
+    """Cut rays begin at the plane, close to a surface but not on it; the tile's other rays are not cut."""
     scene = pr.Scene()
     scene.add(sphere)
     scene.clips = [((0, 0, 0.3), (0, 0, 1))]
     turn = np.linspace(0, 0.1, 600)
     out = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
     through, directions = out * (np.sqrt(1 - 0.3**2) - 3e-5) + (0, 0, 0.3), out - (0, 0, 0.6)
-    cut = through - 2 * directions, directions  # from within, 0.0006 radii below the surface
+    cut = through - 2 * directions, directions  # from inside, 0.0006 radii below the surface
     whole = 3 * out - (0, 0, 0.4), -out
     origins, directions = mixed((cut, whole), ORDERS["in turn"](600, 2))
     hits = scene.intersect(origins, directions)
@@ -102,7 +102,7 @@ def bowl():
 
 @pytest.mark.parametrize("integrator", ["phong", "path"])
 def test_inside_and_outside_of_a_surface_in_one_tile(bowl, integrator):
-    """A light at the eye throws no shadow that is seen: not on the outside of a bowl, and not within."""
+    """A light at the eye casts no visible shadow, neither on the outside of a bowl nor on its inside."""
     scene, eye = pr.Scene(), (0.3, -5.0, 3.0)
     scene.add(bowl, material=pr.Diffuse(0.5))
     scene.clips = [((0, 0, 0.3), (0.1, 0, 1))]

@@ -1,4 +1,4 @@
-"""The house: which room stands on which, who may import Numba, and that nothing goes around in a circle."""
+"""The order of imports: which room may import which, who may import Numba, and no circles."""
 
 import ast
 import graphlib
@@ -12,8 +12,8 @@ from pointray.jit.disk import SHARED
 
 PACKAGE = Path(pointray.__file__).parent
 
-# From the ground up: what stands in a room imports only from rooms before it, and from its own. A room is a folder, or
-# a file at the top.
+# From the ground up: a room imports only from rooms before it and from itself. A room is a folder, or a file at the
+# top.
 TOWER = [
     *("jit", "simd", "arguments", "choices", "extras", "progress", "memory", "kernels", "data"),
     *("neighbors", "points", "tree", "splats", "intersect", "trace", "model_file", "model", "shade"),
@@ -23,7 +23,7 @@ TOWER = [
 
 
 def name_of(path: Path) -> str:
-    """A file's module, below the package: `trace.tile`; of a folder's `__init__` the folder."""
+    """The name of a file's module below the package, such as `trace.tile`; an `__init__` has that of its folder."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -32,7 +32,7 @@ FILES = {name_of(path): path for path in PACKAGE.rglob("*.py")}
 
 
 def imports(path: Path) -> set[str]:
-    """What a file imports, also within functions: modules of the package as in `FILES`, others with their full name."""
+    """All imports of a file, even in functions: the package's modules as in `FILES`, others with full names."""
     folder = path.parent.relative_to(PACKAGE.parent).parts
     named = []
     for node in ast.walk(ast.parse(path.read_text())):
@@ -46,7 +46,7 @@ def imports(path: Path) -> set[str]:
 
 
 def _inner(module: str) -> str:
-    """The name in `FILES` of a module of the package; empty: it is none."""
+    """The name in `FILES` of a module of the package, or an empty string."""
     name = module.removeprefix("pointray.")
     return name if module.startswith("pointray.") and name in FILES else ""
 
@@ -58,7 +58,7 @@ def upwards(tower: list[str], arrows: dict[str, set[str]]) -> list[tuple[str, st
     return [pair for pair, (room, other) in rooms.items() if other in floor and floor[other] > floor[room]]
 
 
-ARROWS = {name: imports(path) for name, path in FILES.items() if name}  # the package's own __init__ has all names
+ARROWS = {name: imports(path) for name, path in FILES.items() if name}  # the package's own __init__ imports all names
 
 
 def test_every_room_has_its_floor():
@@ -92,7 +92,7 @@ def test_every_public_name_is_there():
 
 
 def test_the_cache_is_keyed_by_what_kernels_are_made_of():
-    """All that files with kernels import, also through others, and nothing else but the rest of its rooms."""
+    """The key covers all that files with kernels import, directly or not, and whole rooms, but nothing else."""
     marks = re.compile(r"^@(kernel|inline|routine|intrinsic|njit|lower_builtin|register_model)", re.MULTILINE)
     waiting = [name for name, path in FILES.items() if marks.search(path.read_text())]
     seen, needed = set(waiting), set()

@@ -130,7 +130,7 @@ def spotted(dark, share=0.02):
 
 
 def test_a_few_bright_spots_do_not_leave_the_rest_dark():
-    """The soft curve is chosen where they would; then they are no whiter than by the plain one."""
+    """The soft curve is chosen if the rest would be dark; then the spots are no whiter than by the plain one."""
     stops, curve = auto_tone(spotted(0.01))
     assert curve == "soft" and stops > auto_exposure(spotted(0.01)) + 2
     shown = linear_to_srgb(tone(spotted(0.01)[..., :3], stops, curve)) * 255

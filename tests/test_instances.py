@@ -1,4 +1,4 @@
-"""Many instances: the tree over them, what rays meet against each instance alone, moving, and what it all costs."""
+"""Many instances: the tree over them, hits compared with those of each instance alone, moves, and memory."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def random_rays(count, spread):
 
 @pytest.mark.parametrize("shift", [0, 4e6])
 def test_many_are_as_the_nearest_of_each(models, shift):
-    """Rays of a picture, and rays that go all ways, in tiles and by few; also where coordinates are those of maps."""
+    """Rays of a picture and random rays, in tiles and a few at a time, also far from the origin."""
     transforms = [random_transform(5) for _ in range(60)]
     for transform in transforms:
         transform[:3, 3] += shift
@@ -56,13 +56,13 @@ def test_many_are_as_the_nearest_of_each(models, shift):
         assert 0.1 < np.isfinite(t).mean() < 0.9
         assert np.array_equal(hits.instance, instance)
         hit = instance >= 0
-        assert np.allclose(hits.t[hit], t[hit], rtol=1e-6)  # alone or in a tile: the last bit
+        assert np.allclose(hits.t[hit], t[hit], rtol=1e-6)  # singly or in a tile: the last bit may differ
         assert np.abs(hits.normal - normal).max() < 1e-5
         assert np.array_equal(scene.occluded(origins, directions), hit)
 
 
 def ruffled(count):
-    """A sheet of few points with open borders: its surface goes on beyond their bounds."""
+    """A sheet of few points with open borders, whose surface extends beyond the points' bounds."""
     x, y = RNG.uniform(-1, 1, (2, count))
     normals = np.stack([-1.2 * np.cos(4 * x), 0 * x, 0 * x + 1], axis=1)
     points = np.stack([x, y, 0.3 * np.sin(4 * x)], axis=1)
@@ -84,7 +84,7 @@ def test_the_surface_goes_on_beyond_the_points(scale):
 
 
 def moved_off(transform):
-    """Away from all rays of a test."""
+    """A transform that moves away from all rays of a test."""
     out = transform.copy()
     out[:3, 3] += 10.0
     return out
@@ -126,7 +126,7 @@ def test_moving_one_of_many(models):
 
 
 def test_a_picture_under_way_keeps_its_scene(models):
-    """What is changed while kernels read it changes in a copy."""
+    """Changes while kernels read a scene go to a copy."""
     scene = scene_of(models, [np.eye(4)] * 5)
     world = scene.snapshot().world
     before = world.instances.copy()
@@ -177,7 +177,7 @@ def test_the_tree_over_instances(name):
 
 
 def test_memory_of_an_instance(models):
-    """The issue's measure: one model, and at most 300 bytes an instance, with what kernels read."""
+    """The target is at most 300 bytes an instance of one model, including what kernels read."""
     scene, transform = pr.Scene(), np.eye(4)
     count = 2048
     for k in range(count):

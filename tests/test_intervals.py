@@ -1,4 +1,4 @@
-"""t_min and t_max only choose among what a ray hits: a shorter ray hits what the whole one does, or nothing."""
+"""t_min and t_max only select among hits: a shorter ray hits what the whole one does, or nothing."""
 
 from functools import cache
 
@@ -18,7 +18,7 @@ EYES = np.array([[0.6, -0.9, 0.3], [-0.6, -0.9, 0.1], [0.1, 1.0, 0.2], [1.0, 0.1
 
 @cache
 def scene_of(name):
-    """A scene with one model; of a real scan 40,000 points."""
+    """A scene with one model; real scans are reduced to 40,000 points."""
     if name in SCANS:
         points = pr.read(shared_model(f"points/{SCANS[name]}.ply"))
         some = np.random.default_rng(2).permutation(len(points))[:40_000]
@@ -32,7 +32,7 @@ def scene_of(name):
 
 
 def cast(scene, kind, n=128):
-    """n x n rays: of a picture, in tiles; of four pictures in turn, in groups; or at random, each alone."""
+    """n x n rays: of a picture (tiles), of four pictures in turn (groups), or random ones (alone)."""
     rng, bounds = np.random.default_rng(7), scene.bounds
     middle, size = bounds.mean(axis=0), np.linalg.norm(bounds[1] - bounds[0])
     if kind == "alone":
@@ -48,12 +48,12 @@ def cast(scene, kind, n=128):
 
 
 def slack_of(model):
-    """How far apart roots may be: which leaf is searched first decides, and without refinement f is drawn as a line."""
+    """How far apart roots may be: they depend on the first leaf searched; without refinement f is taken as a line."""
     return model.spacing * (1e-3 if model.settings.refine else 0.03)
 
 
 def check(scene, rays, limits, t, slack):
-    """Rays hit at t, inf for none; `occluded` tells the same. Returns which do not, as (k,) numbers of rays."""
+    """Check that rays hit at t (inf for a miss) and that `occluded` agrees. Returns the numbers of rays that do not."""
     found = scene.intersect(*rays, *limits)
     hit = np.isfinite(found.t)
     blocked = scene.occluded(*rays, *limits)
@@ -63,7 +63,7 @@ def check(scene, rays, limits, t, slack):
 
 
 def on_surface(model, x, d):
-    """Whether f is so small at a place, for a ray of the direction d, that the start rule counts there."""
+    """Whether f is so small at x, for a ray of direction d, that the start rule applies there."""
     splats, x = splats_of(model), x - model.points.origin
     near = splats[np.linalg.norm(splats[:, :3] - x, axis=1) < splats[:, 6]]
     share = float(START if model.settings.refine else START_UNREFINED)
@@ -78,7 +78,7 @@ def on_surface(model, x, d):
 @pytest.mark.parametrize("kind", ["tiles", "groups", "alone"])
 @pytest.mark.parametrize("name", CLOUDS)
 def test_a_shorter_ray_hits_the_same_or_nothing(name, kind):
-    """Wherever it ends: anywhere, and just before and just behind the hit."""
+    """Rays end anywhere, and just before and just behind the hit."""
     (scene, model), rng = scene_of(name), np.random.default_rng(3)
     rays, slack = cast(scene, kind), slack_of(model)
     t = scene.intersect(*rays).t.astype(float)
@@ -94,7 +94,7 @@ def test_a_shorter_ray_hits_the_same_or_nothing(name, kind):
 @pytest.mark.parametrize("kind", ["tiles", "groups", "alone"])
 @pytest.mark.parametrize("name", CLOUDS)
 def test_a_ray_that_begins_later_hits_the_same(name, kind):
-    """Wherever it begins, behind or before its origin; but for those that begin on the surface."""
+    """Rays begin behind or before their origin. Those that begin on the surface are excluded."""
     (scene, model), rng = scene_of(name), np.random.default_rng(4)
     rays, slack = cast(scene, kind), slack_of(model)
     size = np.linalg.norm(scene.bounds[1] - scene.bounds[0])
@@ -107,7 +107,7 @@ def test_a_ray_that_begins_later_hits_the_same(name, kind):
     begin = np.where(np.isfinite(back), back, 0) - 0.06 * model.radii.max() - size * rng.random(t.shape)
     cases.append((np.minimum(begin, 0), np.inf, np.where(begin > 0, t, back)))
     origins, directions = (a.reshape(-1, 3) for a in rays)
-    few = 0.01 if model.settings.refine else 0.03  # without refinement rays begin on the surface from five times as far
+    few = 0.01 if model.settings.refine else 0.03  # unrefined, the start rule applies five times as far
     for begin, end, right in cases:
         wrong = check(scene, rays, (begin, end), right, slack)
         starts = origins[wrong] + begin.reshape(-1, 1)[wrong] * directions[wrong]
@@ -117,7 +117,7 @@ def test_a_ray_that_begins_later_hits_the_same(name, kind):
 
 @pytest.mark.parametrize("order", ["tiles", "alone"])
 def test_the_rest_of_a_step_behind_a_cut_is_looked_into(order):
-    """Near a sphere's rim a step of the samples passes both sides; a plane cuts the first one away."""
+    """Near a sphere's rim one step of samples passes both sides, and a plane cuts away the first."""
     rng, n = np.random.default_rng(1), 32
     positions = sphere_points(3000)
     model = pr.Model(pr.Points(positions, positions))
@@ -127,7 +127,7 @@ def test_the_rest_of_a_step_behind_a_cut_is_looked_into(order):
     aside, turn = np.sqrt(1 - half**2), 2e-3 * np.arange(n)[:, None]
     origins = np.stack([aside * np.cos(turn), aside * np.sin(turn), np.full((n, n), -3.0)], axis=-1)
     if order == "alone":
-        origins = origins.reshape(-1, 3)[::17]  # fewer than go together
+        origins = origins.reshape(-1, 3)[::17]  # fewer rays than are traced together
         origins = np.concatenate([np.stack([origins, origins * (-1, 1, 1)], axis=1).reshape(-1, 3)])
     whole = scene.intersect(origins, [0, 0, 1.0])
     scene.clips = [((0, 0, 0), (0, 0, -1))]
@@ -143,7 +143,7 @@ def test_a_plane_is_hit_wherever_a_ray_begins_and_ends():
     scene.add(pr.Plane((0.1, 0.2, -0.3), (0.2, 0.3, 1)))
     origins, directions = rng.normal(size=(2, 4000, 3))
     rise = directions @ (0.2, 0.3, 1) / np.linalg.norm(directions, axis=1)
-    origins, directions = (a[np.abs(rise) > 0.2] for a in (origins, directions))  # flatter ones begin on the plane
+    origins, directions = (a[np.abs(rise) > 0.2] for a in (origins, directions))  # flatter rays begin on the plane
     t = scene.intersect(origins, directions, -np.inf).t.astype(float)
     assert np.isfinite(t).all()
     share = 1e-5 * np.abs(t) + 1e-5

@@ -1,4 +1,4 @@
-"""The engine room: the disk cache, the thread loop."""
+"""Kernels: the disk cache and the thread loop."""
 
 import os
 import shutil
@@ -91,7 +91,7 @@ def test_a_run_is_cancelled_between_two_tiles():
     timer.join()
     count = np.count_nonzero(out)
     assert 1 <= count < 5_000
-    run(_slow, len(out), out, threads=2, cancel=cancel)  # asked for already
+    run(_slow, len(out), out, threads=2, cancel=cancel)  # cancelled before it starts
     assert np.count_nonzero(out) == count
 
 
@@ -114,7 +114,7 @@ print(use(3.0), jit.compilations())
 
 
 def use(folder: Path, cache: Path, program: str = USE) -> list[str]:
-    """What a kernel that calls `vec.length` gives, and how many kernels were compiled, in a process of its own."""
+    """Run a kernel that calls `vec.length` in its own process; returns its result and how many kernels it compiled."""
     environment = {**os.environ, "PYTHONPATH": str(folder), "POINTRAY_CACHE": str(cache)}
     script = folder / "use.py"
     script.write_text(program)
@@ -184,7 +184,7 @@ print(sum("far_away" in line for line in defined), sum("both" in line for line i
 
 
 def test_a_routine_is_compiled_once_and_an_inline_not_by_itself(elsewhere, tmp_path):
-    """Called with constants and without, and from an inline, whose options Numba hands on."""
+    """The routine is called with and without constants, and from an inline, whose options Numba passes on."""
     assert use(elsewhere, tmp_path / "cache", CALLS) == [str(2.0 - 12.0 + 2.0 - 6.0), "1", "1", "1", "0"]
 
 
@@ -217,13 +217,13 @@ print(use(3.0), jit.compilations())
 
 
 def test_an_edited_piece_of_a_kernel_outside_of_the_package_is_seen(elsewhere, tmp_path):
-    """The twins in tests/naive.py are such kernels: a stale one would compare with what is no longer written there."""
+    """The twins in tests/naive.py are such kernels: a stale one would be an outdated reference."""
     assert use(elsewhere, tmp_path, PIECE) == ["6.0", "1"]
     assert use(elsewhere, tmp_path, PIECE.replace("2.0", "7.0")) == ["21.0", "1"]
 
 
 def test_only_folders_that_are_marked_are_pruned(tmp_path):
-    """Not one that is called alike, nor one that holds another mark; the newest stay."""
+    """Folders with similar names or another mark stay, and so do the newest."""
     foreign = [tmp_path / "kernels-of-my-own", tmp_path / "kernels-0000000000000000", tmp_path / "kernels-x"]
     ours = [tmp_path / f"kernels-{k:016x}" for k in range(1, 8)]
     for age, folder in enumerate([*foreign, *ours]):

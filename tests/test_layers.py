@@ -1,4 +1,4 @@
-"""Pictures in layers: what is in them, and what is left of them in EXR and NPZ files."""
+"""Pictures in layers: their contents, and what EXR and NPZ files keep of them."""
 
 import sys
 
@@ -16,7 +16,7 @@ NONE = 2**32 - 1  # -1 in an EXR
 
 @pytest.fixture(scope="module")
 def scene() -> pr.Scene:
-    """A red sphere above a checker, a green one in its own material, and sky between them."""
+    """A red sphere above a checker, a green one with its own material, and sky between them."""
     rows = sphere_points(3000)
     model = pr.Model(pr.Points(rows, rows, np.tile(np.uint8([255, 128, 0]), (3000, 1))))
     scene = pr.Scene()
@@ -194,7 +194,7 @@ def test_render_writes_all_layers(scan, capsys):
 
 
 def test_without_openexr_it_says_what_to_install(scan, tmp_path, monkeypatch, capsys):
-    """Before the scan, which is not there, is looked for."""
+    """The message comes before the scan is looked for, which is absent."""
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     for command in (["render", "missing.ply"], ["demo"]):
         assert execute([*command, "-o", str(tmp_path / "a.exr")]) == 2
@@ -210,7 +210,7 @@ def test_exposure_is_no_part_of_layers(scan, capsys):
 
 
 def test_layers_keep_the_background_that_is_asked_for(scan):
-    """In a picture it stands behind; in layers it is light as everything else."""
+    """In a picture the background is behind everything; in layers it is light like the rest."""
     for name, more in (("a.npz", ["--background", "0.5,0.25,1"]), ("b.npz", [])):
         assert execute(["render", str(scan), "-o", str(scan.with_name(name)), "--size", "16x12", *more]) == 0
     with np.load(scan.with_name("a.npz")) as layers:

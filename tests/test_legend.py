@@ -1,4 +1,4 @@
-"""Legends: where they stand, what their colours and ticks say, on all kinds of pictures, and bad input."""
+"""Legends: their position, colours and ticks, on all kinds of pictures, and bad input."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def blank(width, height, level, channels=3):
 
 
 def column_of(drawn, name):
-    """A column of a picture that shows a map's colours, and its rows that do, as entries of the map."""
+    """A column of the picture that shows a map's colours, and its rows as entries of the map."""
     table = colormap(name).astype(int)
 
     def away(colors):
@@ -47,7 +47,7 @@ def test_a_bar_from_the_greatest_to_the_least(size, level):
 
 @pytest.mark.parametrize("level", [0, 90, 255])
 def test_writing_is_dark_on_light(level):
-    """What stands beside the bar: ink on a panel, on any background."""
+    """Text beside the bar is dark on a light panel, on any background."""
     drawn = draw_legend(blank(800, 600, level), HEIGHT).astype(int)
     x, rows, _ = column_of(drawn, "viridis")
     beside = drawn[rows[0] : rows[-1], x + 14 : x + 40].mean(axis=2)
@@ -98,7 +98,7 @@ def test_classes_have_fields(name, last, size):
     drawn = draw_legend(blank(*size, 30), pr.Attribute("class", name, (0, last)))
     count = min(last + 1, len(colormap(name)))
     for k, color in enumerate(colormap(name)):
-        assert ((drawn == color).all(axis=2).sum() > 25) == (k < count)  # fewer: of writing
+        assert ((drawn == color).all(axis=2).sum() > 25) == (k < count)  # smaller areas are text
     centers = [np.argwhere((drawn == colormap(name)[k]).all(axis=2)).mean(axis=0) for k in range(count)]
     assert (np.diff([y for y, _ in centers]) < 0).all() and np.ptp([x for _, x in centers]) < 2
 
@@ -111,7 +111,7 @@ def test_a_long_name_fits():
 
 
 def test_pictures_of_all_kinds(tmp_path):
-    """Linear and transparent ones are as what is shown, and keep what is beside the legend."""
+    """Linear and transparent pictures get the same legend and are unchanged beside it."""
     shown = draw_legend(blank(160, 120, 0), HEIGHT).astype(int)
     linear = draw_legend(np.zeros((120, 160, 3), np.float32), HEIGHT)
     assert linear.dtype == np.float32

@@ -56,7 +56,7 @@ def rays(camera, spp, shape="box", seed=0):
 
 
 def at_depth(origins, directions, depth):
-    """Where rays are, so far along the view from the eye."""
+    """Points of rays at a depth along the view from the eye."""
     t = (depth - (origins - EYE) @ FORWARD) / (directions @ FORWARD)
     return origins + t[..., None] * directions
 
@@ -75,7 +75,7 @@ def test_a_single_sample_goes_through_the_middles(projection, shape):
 
 
 def test_a_perspective_ray_is_forward_and_aside():
-    """In so many words: forward + u right + v up, as long as the middle of the picture is one away."""
+    """The direction is forward + u right + v up, with the middle of the picture at distance one."""
     right = np.cross(FORWARD, (0.1, 0.2, 1))
     right /= np.linalg.norm(right)
     half = np.tan(np.radians(55) / 2)
@@ -106,7 +106,7 @@ def scene():
 @pytest.mark.parametrize("view", [(0, -3, 0), (1.5, -2, 2)])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
 def test_a_picture_of_depths_is_what_its_rays_meet(scene, projection, view):
-    """Along the view; in a panorama from the eye. Also where all rays are parallel to two axes."""
+    """Depths are along the view, but from the eye in a panorama; also if all rays are parallel to two axes."""
     camera = pr.Camera.look_at(view, (0, 0, 0), size=(40, 40), projection=projection)
     depth = pr.render(scene, camera, pr.Settings("depth"))
     origins, directions = camera.rays()
@@ -125,7 +125,7 @@ def test_a_picture_of_depths_is_what_its_rays_meet(scene, projection, view):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("focus", [None, 3.0, np.inf])
 def test_what_is_in_the_plane_of_focus_is_sharp(projection, focus):
-    """There a ray meets the one through the lens's middle, whatever its place on the lens; elsewhere it is off by
+    """There a ray meets the one through the lens's middle, wherever it passes the lens; elsewhere it is off by
     that place times |z - focus| / focus: together a disc, the circle of confusion."""
     camera = camera_with(projection, aperture=0.6, focus=focus)
     through_lens, sharp = rays(camera, 64, seed=3), rays(dataclasses.replace(camera, aperture=0), 64, seed=3)
@@ -154,7 +154,7 @@ def test_the_lens_is_a_disc_evenly_covered(projection):
 
 
 def edge(size, aperture=0.0, shape="box"):
-    """Coverage along a row of pixels, 0.1 wide at distance 4, of what ends there in the middle; focus at 2."""
+    """Coverage along a row of pixels, 0.1 wide at distance 4, of a plate that ends in the middle; focus at 2."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points([[-100, 0, 0]], [[0, -1, 0]]), [100.0], surface="disc"))
     fov = np.degrees(2 * np.arctan(0.05 / 4))
@@ -163,7 +163,7 @@ def edge(size, aperture=0.0, shape="box"):
 
 
 def test_a_lens_blurs_an_edge_over_the_circle_of_confusion():
-    """Diameter 2: aperture 2, twice as far as it is sharp. What is left of a line is the covered part of the disc."""
+    """The circle has diameter 2: aperture 2, at twice the focus distance. Coverage is the covered part of the disc."""
     x = 0.1 * (np.arange(30) - 14.5)
     s = np.clip(-x, -1, 1)
     np.testing.assert_allclose(edge(30, 2.0), 0.5 + (s * np.sqrt(1 - s * s) + np.arcsin(s)) / np.pi, atol=0.01)
@@ -175,7 +175,7 @@ X = np.linspace(-1.5, 1.5, 3001)  # pixels
 
 
 def filter_of(shape):
-    """The filter over X, summed over the other axis, by its definition."""
+    """The filter over X by its definition, summed over the other axis."""
     if shape == "box":
         return np.where(np.abs(X) < 0.5, 1.0, 0.0)
     if shape == "tent":
@@ -187,13 +187,13 @@ def filter_of(shape):
 
 
 def shares(shape):
-    """The share of the filter to the left of each place of X."""
+    """The share of the filter to the left of each value of X."""
     f = filter_of(shape)
     return (np.cumsum(f) - f / 2) / f.sum()
 
 
 def farthest(positions, shape):
-    """The greatest difference between the shares of the places and those of the filter (Kolmogorov and Smirnov)."""
+    """The greatest difference between the distribution of positions and the filter's (Kolmogorov and Smirnov)."""
     return np.abs(np.searchsorted(np.sort(positions), X) / len(positions) - shares(shape)).max()
 
 
@@ -216,7 +216,7 @@ def test_places_are_spread_like_the_filter_and_like_no_other(shape):
 
 @pytest.mark.parametrize("shape", FILTERS)
 def test_an_edge_shows_the_filter(shape):
-    """Of each pixel that part of the filter is covered that reaches over the edge; pixels see nothing of others."""
+    """A pixel's coverage is the part of its filter beyond the edge; pixels do not share samples."""
     want = np.interp(2.5 - np.arange(6), X, shares(shape), left=0, right=1)
     np.testing.assert_allclose(edge(6, shape=shape), want, atol=0.004)
 

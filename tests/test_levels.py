@@ -1,4 +1,4 @@
-"""Levels of detail: what they are made of, which one is shown, and that pictures from afar are calmer with them."""
+"""Levels of detail: their points, which one is shown, and that they make pictures from afar calmer."""
 
 import warnings
 
@@ -38,7 +38,7 @@ def test_levels_are_ever_coarser(statue):
 
 
 def test_means_of_a_cell():
-    """Both sides of a thin wall stay apart; attributes and colours are means."""
+    """Both sides of a thin wall stay apart, and attributes and colours are means."""
     x = np.array([[0, 0, 0], [0.4, 0, 0], [0.1, 0.1, 0.1], [5, 5, 5]], float)
     normals = np.array([[0, 0, 1], [0, 0, 1], [0, 0, -1], [1, 0, 0]], float)
     colors = np.array([[0, 0, 0], [100, 100, 100], [10, 20, 30], [255, 0, 0]], np.uint8)
@@ -51,7 +51,7 @@ def test_means_of_a_cell():
 
 
 def test_supports_of_levels_reach_no_farther_than_those_they_stand_for():
-    """What stands alone, like leaves of a plant, hardly grows: by the gaps between it 22 times as many rays hit."""
+    """Isolated parts, like leaves of a plant, hardly grow: closing the gaps between them gave 22 times as many hits."""
     rng = np.random.default_rng(3)
     ball, up = pr.procedural("sphere", 30_000), np.array([0, 0.6, 0.8])
     away = rng.normal(scale=0.015, size=(200, 20, 3))
@@ -69,7 +69,7 @@ def test_supports_of_levels_reach_no_farther_than_those_they_stand_for():
     whole = hit(model)
     for level in model.levels:
         seen = hit(level)
-        grown = 0.2 if len(level.points) > 2000 else 1.0  # the last one's cells are wider than what stands alone
+        grown = 0.2 if len(level.points) > 2000 else 1.0  # the last level's cells are wider than the isolated parts
         assert (seen & ~whole).sum() < grown * whole.sum() and (whole & ~seen).sum() < 0.03 * whole.sum()
 
 
@@ -106,7 +106,7 @@ def test_a_scaled_instance_counts_by_its_size(statue):
 
 
 def test_pictures_from_afar(statue):
-    """Nearer to the picture of many samples than with all points, and calmer while the camera moves."""
+    """They are nearer to a picture of many samples than with all points, and calmer while the camera moves."""
     scene = pr.Scene()
     scene.add(statue)
     scene.add_light(pr.SunLight((0.5, 0.7, -1), 3))
@@ -150,7 +150,7 @@ def test_off_by_a_setting_and_only_in_pictures(statue):
 
 @pytest.mark.parametrize("name, allowed", [("z", 0.01), ("x", 0.01), ("wave", 0.02)])
 def test_colours_by_an_attribute(statue, name, allowed):
-    """By places and by values of points: the colours of many samples of all points, up to silhouettes."""
+    """Colours by coordinates and by values are those of many samples of all points, except at silhouettes."""
     scene = pr.Scene()
     x = statue.points.world
     points = pr.Points(x, statue.points.normals, attributes={"wave": np.sin(3 * x[:, 2]) + x[:, 0]})
@@ -168,7 +168,7 @@ def test_colours_by_an_attribute(statue, name, allowed):
 
 
 def test_each_instance_has_the_paint_of_its_level(statue):
-    """Several levels, paints and models at once: each as if it were alone."""
+    """Several levels, colourings and models at once each look as if they were alone."""
     cameras = [pr.Camera.look_at((0, -d, 1), (0, 0, 1), size=(48, 48), fov=240 / d) for d in (5, 20, 60)]
     values = {"a": statue.points.world[:, 2], "b": statue.points.world[:, 0]}
     points = pr.Points(statue.points.world, statue.points.normals, attributes=values)
@@ -189,7 +189,7 @@ def test_each_instance_has_the_paint_of_its_level(statue):
 
 
 def test_classes_stay_whole(statue):
-    """A mean of classes is no class; nor is there a paint for levels that were made after it."""
+    """Levels are shown neither for classes, which have no mean, nor if they are newer than the colouring."""
     kinds = {"kind": (statue.points.world[:, 2] > 1).astype(float), "smooth": statue.points.world[:, 2]}
     points = pr.Points(statue.points.world, statue.points.normals, attributes=kinds)
     model = pr.Model(points, statue.radii)
@@ -241,7 +241,7 @@ def test_films_of_a_scan_show_levels(scan, monkeypatch):
     monkeypatch.setattr(pr.Model, "make_levels", lambda model, *said: (made.append(model), real(model, *said)))
     with_levels, without = frames(scan, "with"), frames(scan, "without", "--no-levels")
     assert len(made) == 1 and all(a != b for a, b in zip(with_levels, without, strict=True))
-    # None are made where none is shown, nor in the place of a surface that is asked for.
+    # No levels are made if none is shown, or if a surface is asked for.
     assert frames(scan, "near", "--size", "240x180") and frames(scan, "disc", "--surface", "disc")
     assert len(made) == 1
 
@@ -270,7 +270,7 @@ def test_scene_files_and_levels_of_saved_models(scan, tmp_path):
 
 
 def test_levels_look_the_way_their_points_do():
-    """Sides of a thin body look to opposite sides, however coarse; nothing is said of them."""
+    """The sides of a thin body face opposite directions in every level, and nothing is told about them."""
     across = np.linspace(-1, 1, 160)
     x, y = (a.ravel() for a in np.meshgrid(across, across))
     body = np.concatenate([np.column_stack([x, y, np.full(len(x), z)]) for z in (-0.04, 0.04)])

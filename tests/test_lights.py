@@ -1,4 +1,4 @@
-"""Lights against their formulas: what arrives, where places on them are chosen, where rays meet them; the sky."""
+"""Lights compared with their formulas: what arrives, where they are sampled, where rays meet them; and the sky."""
 
 import math
 
@@ -18,7 +18,7 @@ RNG = np.random.default_rng(3)
 
 @kernel
 def _sample(world, x, out):
-    """Samples of light 0 at x: direction, distance, light, density; then t and density of a ray that goes there."""
+    """Samples of light 0 at x: direction, distance, light, pdf; then t and pdf of a ray in that direction."""
     world = borrow(world)
     x = (x[0], x[1], x[2])
     for i in range(len(out)):
@@ -41,7 +41,7 @@ def _middle(world, x, out):
 
 @kernel
 def _meet(world, o, d, out):
-    """t of rays with light 0, and the density of choosing them."""
+    """t of rays with light 0, and the pdf of sampling them."""
     world = borrow(world)
     for i in range(len(out)):
         ray = (o[0], o[1], o[2]), (d[i, 0], d[i, 1], d[i, 2])
@@ -100,7 +100,7 @@ FLAT_NORMAL = np.array([0.0, 0, 1])
 
 
 def exact_irradiance(light, x):
-    """Of a surface at x that faces up, by a sum over many small pieces of the light."""
+    """The irradiance of a surface at x that faces up, by a sum over many small pieces of the light."""
     if isinstance(light, pr.SunLight):  # a disk of even radiance at infinity, all of it above the horizon
         middle = -np.asarray(light.direction) / np.linalg.norm(light.direction)
         return middle[2] * np.broadcast_to(np.asarray(light.irradiance, float), 3)
@@ -143,7 +143,7 @@ def test_a_ray_to_a_sample_meets_the_light_there(name):
 
 @pytest.mark.parametrize("name", [name for name in LIGHTS if name != "sun"])
 def test_pdfs_sum_to_one(name):
-    """Over all directions: what is met is what is chosen."""
+    """The pdf integrates to one over all directions in which rays meet the light."""
     d = even_directions(400_000)
     out = np.empty((len(d), 2))
     _meet(world_of(LIGHTS[name]), np.array([0.1, -0.2, 0.3]), d, out)
@@ -190,7 +190,7 @@ def test_the_pictures_light_is_chosen_by_its_brightness(up):
     out = np.empty((COUNT, 8))
     _sample_sky(world, out)
     assert np.allclose(np.linalg.norm(out[:, :3], axis=1), 1)
-    assert np.median(np.abs(out[:, 7] / out[:, 6] - 1)) < 1e-9  # but for places at the very edge of a pixel
+    assert np.median(np.abs(out[:, 7] / out[:, 6] - 1)) < 1e-9  # except at the very edge of a pixel
     d = even_directions(400_000)
     sky = np.empty((len(d), 7))
     _sky(world, d, sky)
@@ -202,7 +202,7 @@ def test_the_pictures_light_is_chosen_by_its_brightness(up):
 
 @pytest.mark.parametrize("up", UPS)
 def test_irradiance_of_the_sky(up):
-    """A smooth one: within 2% of the sum over all directions."""
+    """For a smooth sky it is within 2% of the sum over all directions."""
     image = np.empty((64, 128, 3))
     image[:] = np.linspace(2, 0.1, 64)[:, None, None] * (1, 0.5, 0.2)
     for light in (
@@ -220,7 +220,7 @@ def test_irradiance_of_the_sky(up):
 
 
 def test_where_a_picture_lies():
-    """Ahead is the middle, to the right what is to the right, row 0 up; with a gradient the zenith is up."""
+    """The picture's middle is ahead, its right side to the right, its row 0 up; a gradient's zenith is up."""
     height, width = 16, 32
     image = np.zeros((height, width, 3))
     image[7:9, 15:17], image[7:9, 23:25], image[0] = (1, 0, 0), (0, 1, 0), (0, 0, 1)
@@ -241,7 +241,7 @@ def test_pictures_from_files(tmp_path, suffix):
     out.open(str(path), oiio.ImageSpec(16, 8, 3, "float"))
     out.write_image(image)
     out.close()
-    assert np.abs(pr.EnvironmentLight(image=path).image - image).max() < 0.13  # .hdr has 8 bits of each
+    assert np.abs(pr.EnvironmentLight(image=path).image - image).max() < 0.13  # .hdr has 8 bits a channel
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(ValueError, match=path.name):
         pr.EnvironmentLight(image=path)
@@ -282,7 +282,7 @@ def test_one_environment_only():
 
 @pytest.mark.parametrize("integrator", ["phong", "ao", "path"])
 def test_the_sky_behind_is_the_same_in_every_integrator(integrator):
-    """Beside a sphere, and all around where there is nothing; without any light it is white but for `phong`."""
+    """This holds beside a sphere and in an empty scene. Without any light the sky is white, except by `phong`."""
     scene, camera = pr.Scene(), pr.Camera.look_at((0, -6, 1), (0, 0, 0), fov=40, size=(40, 40))
     scene.add(pr.Model(pr.procedural("sphere", 3000)))
     scene.background = "environment"
@@ -310,7 +310,7 @@ class Counted(pr.PointLight):
 
 @pytest.mark.parametrize("count", [10, 1000])
 def test_a_light_more_is_no_more_work_after_many(count):
-    """Each light is checked when it comes, and read once when there is something to be seen."""
+    """Each light is checked when it is added, and read once when something is rendered."""
     scene, Counted.asked = pr.Scene(), 0
     for k in range(count):
         assert scene.add_light(Counted((k, 0, 1), 1)) == k
@@ -320,7 +320,7 @@ def test_a_light_more_is_no_more_work_after_many(count):
 
 
 def test_lights_are_not_copied_when_one_more_comes():
-    """The memory that thousands take grows with their number."""
+    """Memory grows in proportion to the number of lights."""
     scene, light, held = pr.Scene(), pr.PointLight((0, 0, 1), 1), []
     for _ in range(5000):
         scene.add_light(light)

@@ -1,4 +1,4 @@
-"""Commands that get less and less memory: they do their work, or end with one line and status 1."""
+"""Commands with less and less memory do their work, or end with one line and status 1."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from conftest import sphere_points
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory, and how much there is of it")
 
 POINTS = 50_000
-# The command runs once, of a small scan, so that all is loaded, and then in children that may have so many MiB more.
+# The command runs once on a small scan, so that all is loaded, and then in children that get this many MiB more.
 PROGRAM = """
 import json, os, resource, signal, sys
 from pointray.cli import execute, main
@@ -59,7 +59,7 @@ def test_a_lack_of_memory_is_one_line_and_status_1(tmp_path: Path, command: str)
     arguments = [text.format(scan=tmp_path / "large.ply", folder=tmp_path) for text in COMMANDS[command]]
     rooms = [int(room) for room in np.geomspace(2, 120, 12)]
     told = [sys.executable, "-c", PROGRAM, str(tmp_path), json.dumps(rooms), *arguments]
-    # One arena: with several, threads for which there is none ask the system for each piece, and crawl.
+    # One arena: with several, threads without an arena ask the system for every allocation, which is slow.
     environment = {**os.environ, "POINTRAY_THREADS": "4", "MALLOC_ARENA_MAX": "1"}
     done = subprocess.run(told, env=environment, capture_output=True, text=True, check=True, timeout=600)
     ends = json.loads(done.stdout.split("ENDS")[1])

@@ -1,4 +1,4 @@
-"""Many lights: the choice follows its table, rays meet what a walk over all lights meets, and the mean stays right."""
+"""Many lights: sampling follows its table, rays meet what a walk over all lights meets, and the mean stays right."""
 
 import math
 
@@ -14,7 +14,7 @@ from pointray.shade.emitters import intersect_light, sun_in
 
 @kernel
 def _choose(world, numbers, out):
-    """Which light each number chooses, and its chance, told in both ways."""
+    """The light that each number chooses, and its probability by both functions."""
     world = borrow(world)
     for i in range(len(numbers)):
         which, chance = choose_light(world, numbers[i])
@@ -24,7 +24,7 @@ def _choose(world, numbers, out):
 
 @kernel
 def _meet(world, o, d, out):
-    """Of rays: t and number of the lamp that is met, by the tree and by a walk; density of suns, the same."""
+    """t and number of the lamp that each ray meets, by the tree and by a walk; the pdf of suns, by both."""
     world = borrow(world)
     for i in range(len(o)):
         x, direction = (o[i, 0], o[i, 1], o[i, 2]), (d[i, 0], d[i, 1], d[i, 2])
@@ -45,7 +45,7 @@ def _meet(world, o, d, out):
 
 
 def lights_of(count, rng, spread=4.0):
-    """Unlike ones: of all kinds, of powers that differ by thousands, some black."""
+    """Lights of all kinds whose powers differ by factors of thousands; some are black."""
     out = []
     for k in range(count):
         position, power = rng.uniform(-spread, spread, 3) + (0, 0, spread + 1), rng.lognormal(0, 2) * (k % 7 != 3)
@@ -68,7 +68,7 @@ def world_of(lights, sky=None):
 
 
 def expected_shares(world, radius, sky=None):
-    """The chance of each light, as it is described."""
+    """The probability of each light, as documented."""
     power = []
     for record in world.lights.reshape(-1, LIGHT):
         kind, brightest = record[LIGHT_KIND], record[LIGHT_POWER : LIGHT_POWER + 3].max()
@@ -81,7 +81,7 @@ def expected_shares(world, radius, sky=None):
 
 
 def half_diagonal_of(world):
-    """Half the diagonal of the box around lights that are somewhere."""
+    """Half the diagonal of the box around all lights except suns."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for record in world.lights.reshape(-1, LIGHT):
         if record[LIGHT_KIND] != SUN_LIGHT:
@@ -94,7 +94,7 @@ def half_diagonal_of(world):
 @pytest.mark.parametrize("count", [5, 8, 12, 300])
 @pytest.mark.parametrize("with_sky", [False, True])
 def test_the_choice_follows_its_table(count, with_sky):
-    """200,000 numbers: chi-square below its 99.9% quantile, for these seeds."""
+    """For 200,000 numbers and these seeds, chi-square is below its 99.9% quantile."""
     stats = pytest.importorskip("scipy.stats")
     rng = np.random.default_rng(count)
     image = np.full((32, 64, 3), 2.0) * (0.5, 1, 0.25)
@@ -113,7 +113,7 @@ def test_the_choice_follows_its_table(count, with_sky):
 
 
 def test_few_lights_are_chosen_evenly():
-    """As many as are few: no picture of few lights has more noise than with an even choice."""
+    """Few lights are chosen evenly, so that their pictures have no more noise than with an even choice."""
     world = world_of([pr.PointLight((k, 0, 1), 10.0**k) for k in range(8)])
     np.testing.assert_allclose(np.diff(world.light_shares), 1 / 8, rtol=1e-12)
     assert not world_of([pr.PointLight((0, 0, 1), 0), pr.SphereLight((0, 0, 3), 1, 0)]).light_shares.size
@@ -129,18 +129,18 @@ def test_no_power_is_too_large_for_the_table():
 def test_rays_meet_the_lights_that_a_walk_over_all_meets(count):
     rng = np.random.default_rng(count)
     lights = lights_of(count, rng)
-    if count == 25:  # all in one place
+    if count == 25:  # all at one position
         lights = [pr.SphereLight((0, 0, 5), 0.1 + 0.01 * k, 1) for k in range(count)]
     world = world_of(lights)
     o, d = rng.uniform(-6, 6, (30_000, 3)), rng.normal(size=(30_000, 3))
-    aims = world.lights.reshape(-1, LIGHT)[rng.integers(len(lights), size=20_000), 1:4]  # of suns their directions
+    aims = world.lights.reshape(-1, LIGHT)[rng.integers(len(lights), size=20_000), 1:4]  # the directions of suns
     d[10_000:] = aims + rng.normal(0, 0.2, (20_000, 3)) - o[10_000:] * (rng.random((20_000, 1)) < 0.8)
     d[10_000::2] *= np.sign(rng.random((10_000, 1)) - 0.3)
     d[:3000, 0] = 0.0  # along faces of boxes
     d[1000:5000, 2] = 0.0
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     boxes = world.lamps.boxes.reshape(-1, 6)[world.lamps.lights < 0]
-    if len(boxes):  # in the planes of their faces, too
+    if len(boxes):  # rays in the planes of their faces, too
         o[:2000, 0], o[2000:3000, 0] = rng.choice(boxes[:, 0], 2000), rng.choice(boxes[:, 3], 1000)
     out = np.empty((len(o), 6))
     _meet(world, o, d, out)
@@ -148,12 +148,12 @@ def test_rays_meet_the_lights_that_a_walk_over_all_meets(count):
     np.testing.assert_array_equal(out[:, 1], out[:, 3])
     np.testing.assert_allclose(out[:, 4], out[:, 5], rtol=1e-12)
     assert count < 20 or ((out[:, 1] >= 0).sum() > 100 and (count == 25 or (out[:, 4] > 0).sum() > 100))
-    if count == 1000:  # its boxes are those of what they hold: most rays skip most
+    if count == 1000:  # the boxes fit their contents: most rays skip most of them
         assert (world.lamps.lights < 0).sum() > 100 and (world.lamps.skips[world.lamps.lights < 0] > 0).all()
 
 
 def means(ball, lights, seeds, **settings):
-    """Mean radiance in the halves of pictures of a glossy floor with a ball on it, by seed: (seeds, 4)."""
+    """Mean radiance in four halves (upper, lower, left, right) of pictures of a glossy floor with a ball: (seeds, 4)."""
     scene = pr.Scene()
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1), 0.6), material=pr.Phong(specular=0.5, exponent=60))
     scene.add(ball, np.array([[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 1.0], [0, 0, 0, 1]]))
@@ -167,16 +167,16 @@ def means(ball, lights, seeds, **settings):
 
 
 def test_the_mean_is_the_sum_over_all_lights():
-    """Unlike ones, some hidden by the ball, the floor and each other, met by scattered rays as well.
+    """Unlike lights, some hidden by the ball, the floor and each other, are also met by reflected rays.
 
-    Beside pictures with one that shines each, the others black: they hide what they hid, and are never chosen.
+    The sum is over pictures with one light each. The others are black: they still hide things, and are never chosen.
     """
     rng, ball = np.random.default_rng(5), pr.Model(pr.procedural("sphere", 2000))
     sky = pr.EnvironmentLight(image=np.kron(rng.lognormal(-2, 1, (4, 8, 3)), np.ones((4, 4, 1))))
     lights = [light for light in lights_of(30, rng, 2.0) if not isinstance(light, pr.SunLight)]
     lights += [pr.SunLight((1, 1, -1.5), 0.5, angle=30), pr.SunLight((-1, 1, -1), 0.3, angle=0)]
-    lights += [pr.RectLight((-2, 3, 2), (1.5, 0, 0), (0, -0.3, 1.5), 1.0)]  # large, on the floor as a highlight
-    lights += [pr.PointLight((0, 0, -1), 30), pr.SphereLight((0, 1, 1), 0.3, 50)]  # below the floor, within the ball
+    lights += [pr.RectLight((-2, 3, 2), (1.5, 0, 0), (0, -0.3, 1.5), 1.0)]  # large, with a highlight on the floor
+    lights += [pr.PointLight((0, 0, -1), 30), pr.SphereLight((0, 1, 1), 0.3, 50)]  # below the floor; inside the ball
 
     def black(light):
         fields = {name: getattr(light, name) for name in light.__dataclass_fields__}

@@ -1,4 +1,4 @@
-"""Materials: energy, reciprocity, densities and their samples, Fresnel and Snell, and bad input."""
+"""Materials: energy, reciprocity, pdfs and their samples, Fresnel and Snell, and bad input."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ ANGLES = [0, 35, 60, 80, 88]
 @pytest.mark.parametrize("name", OPAQUE)
 @pytest.mark.parametrize("degrees", ANGLES)
 def test_energy_and_pdf(name, degrees):
-    """No more than all light is reflected, and weights and densities are what samples do."""
+    """No more than all light is reflected, and weights and pdfs agree with the samples."""
     surface, wo, count = Surface(OPAQUE[name]), wo_at(degrees), 200_000
     albedo, probability = integrals(surface, wo)
     assert 0 < albedo.max() <= 1 + 1e-3
@@ -52,7 +52,7 @@ def test_energy_and_pdf(name, degrees):
 @pytest.mark.parametrize("name", OPAQUE)
 @pytest.mark.parametrize("degrees", [0, 60, 85])
 def test_samples_lie_where_their_pdf_says(name, degrees):
-    """Chi square over rings and sectors about the mirrored direction."""
+    """Chi-square test over rings and sectors around the mirrored direction."""
     surface, wo, count = Surface(OPAQUE[name]), wo_at(degrees), 200_000
     directions, solid = quadrature(wo)
     mass = (surface.eval_bsdf(wo, directions)[1] * solid).reshape(len(RINGS) - 1, NODES, SECTORS, -1).sum(axis=(1, 3))
@@ -68,7 +68,7 @@ def test_samples_lie_where_their_pdf_says(name, degrees):
 
 @pytest.mark.parametrize("name", OPAQUE)
 def test_reciprocity(name):
-    """Eye and light change places; half of the pairs lie close to the mirrored direction, where lobes are."""
+    """Eye and light are exchanged. Half of the pairs lie close to the mirrored direction, where lobes are."""
     surface = Surface(OPAQUE[name], color=(0.9, 0.5, 0.1))
     a = upper(RNG.normal(size=(400, 3)))
     b = upper(RNG.normal(size=(400, 3)))
@@ -110,14 +110,14 @@ def test_principled_is_what_the_papers_say(roughness, metallic):
     base = surface.eval_bsdf(wo, wi)[0] / wi[:, 2:] - glossy
     if metallic == 1:
         np.testing.assert_allclose(base, 0, atol=1e-9 * glossy.max())
-    else:  # of one colour, and at most Lambert's over what is let in
+    else:  # the base has one colour, and at most Lambert's share of the light that enters
         tint = base / np.array(color)
         np.testing.assert_allclose(tint, tint[:, :1] * np.ones(3), atol=1e-8 * glossy.max())
         assert (tint > -1e-9 * glossy.max()).all() and tint.max() < 1.1 * (1 - metallic) / np.pi
 
 
 def test_what_white_furnaces_lose():
-    """The figures of Principled's docstring: between facets light is lost."""
+    """Light is lost between facets, by the figures in Principled's docstring."""
     for roughness, reflected in ((0.1, 0.999), (0.5, 0.92), (1, 0.31)):
         albedo = integrals(Surface(pr.Principled(1, roughness, 1)), wo_at(0))[0]
         assert albedo == pytest.approx(np.full(3, reflected), abs=0.01)
@@ -156,7 +156,7 @@ def wos_at(degrees, side=1.0):
 @pytest.mark.parametrize("ior", [1.5, 1.33, 0.75, 2.4, 1])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_glass_refracts(ior, side):
-    """Snell's law, total reflection where it has no answer, all within one plane, and unit directions."""
+    """Snell's law, total reflection if it has no solution, directions of unit length within one plane."""
     degrees = np.linspace(0, 89.9, 500)
     wos = wos_at(degrees, side)
     reflected, refracted, share = Surface(pr.Dielectric(ior)).glass(wos)
@@ -179,7 +179,7 @@ def test_fresnels_landmarks():
     glass = Surface(pr.Dielectric(1.5))
     brewster, critical = np.degrees(np.arctan(1.5)), np.degrees(np.arcsin(1 / 1.5))
     _, _, share = glass.glass(wos_at([0, brewster, 90]))
-    # At Brewster's angle light within the plane is let through: half of what is left of the other.
+    # At Brewster's angle all light polarised in the plane passes: the other half's reflection remains.
     assert share == pytest.approx([0.04, ((1.5**2 - 1) / (1.5**2 + 1)) ** 2 / 2, 1], abs=1e-12)
     _, _, inside = glass.glass(wos_at([0, critical - 1e-3, critical + 1e-3, 60], side=-1.0))
     assert inside[0] == pytest.approx(0.04) and inside[1] < 1 and (inside[2:] == 1).all()
@@ -188,7 +188,7 @@ def test_fresnels_landmarks():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_glass_keeps_all_light(side):
-    """A path goes on with weight 1 whichever way, is reflected as often as the share says, and knows its side."""
+    """A path always goes on with weight 1, is reflected as often as the share says, and knows its side."""
     glass, wo, count = Surface(pr.Dielectric(1.5)), wo_at(40, side), 100_000
     reflected, refracted, share = glass.glass(wo[None])
     direction, weight, pdf, left = glass.sample(wo, RNG.random((count, 3)))
@@ -197,14 +197,14 @@ def test_glass_keeps_all_light(side):
     assert back.mean() == pytest.approx(share[0], abs=5 * np.sqrt(share[0] / count))
     assert (direction[back] == reflected).all() and (direction[~back] == refracted).all()
     assert (left[~back] == -side).all() and not glass.eval_bsdf(wo, refracted)[0].any()
-    # The way back through the surface, whose normal is turned to the eye there, reflects the same share.
+    # The reverse path, for which the normal is turned to the eye, reflects the same share.
     home = glass.glass(np.array([[refracted[0, 0], 0, -refracted[0, 2], -side]]))
     assert home[2] == pytest.approx(share) and home[1][0] == pytest.approx(wo[:3] * (1, 1, -1))
 
 
 @pytest.mark.parametrize("name", [*OPAQUE, *CLEAR])
 def test_extremes_are_finite(name):
-    """Grazing and wrong-sided eyes, and the least and greatest random numbers."""
+    """Eyes graze the surface or are behind it; random numbers are the least and the greatest."""
     surface = Surface((OPAQUE | CLEAR)[name])
     ends = [0.0, 2.0**-32, 0.5, 1 - 2.0**-32, 1 - 2.0**-53]
     numbers = np.stack(np.meshgrid(ends, ends, ends), axis=-1).reshape(-1, 3)

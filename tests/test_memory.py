@@ -1,4 +1,4 @@
-"""Memory: what is available, what is refused, and that what is made takes no more than is said."""
+"""Memory: how much is available, what is refused, and that pictures take no more than estimated."""
 
 import os
 import re
@@ -21,7 +21,7 @@ GIB = 2**30
 
 @pytest.fixture
 def system(tmp_path, monkeypatch):
-    """Files like those of Linux; a function sets what they say."""
+    """Files like those of Linux; returns a function that sets their contents."""
     for name in ("MEMINFO", "OWN_CGROUPS", "CGROUPS"):
         monkeypatch.setattr(memory, name, tmp_path / name)
 
@@ -48,7 +48,7 @@ def test_what_is_available_is_the_least_of_machine_and_groups(system):
     assert available_memory() == 1.5 * GIB
     system(own="0::/a/b\n", a__b=(GIB, 2 * GIB, 0))
     assert available_memory() == 0
-    system(own="0::/../outside\n", **{"__": (2 * GIB, 0, 0)})  # in a container its own group is the root
+    system(own="0::/../outside\n", **{"__": (2 * GIB, 0, 0)})  # in a container the root is its own group
     assert available_memory() == 2 * GIB
 
 
@@ -91,7 +91,7 @@ def test_pictures_that_do_not_fit_are_refused_at_once(scene, system):
 @pytest.mark.parametrize("output", ["a.png", "a.npz", "a.exr", "film"])
 @pytest.mark.parametrize("file", ["scan.ply", "scene.toml"])
 def test_the_command_line_refuses_before_it_begins(tmp_path, monkeypatch, capsys, system, file, output):
-    """Nothing of the scan has been read, and nothing written."""
+    """The command refuses before it reads the scan or writes anything."""
     if output == "a.exr":
         pytest.importorskip("OpenEXR")
     monkeypatch.chdir(tmp_path)
@@ -105,7 +105,7 @@ def test_the_command_line_refuses_before_it_begins(tmp_path, monkeypatch, capsys
     assert sorted(tmp_path.iterdir()) == before
 
 
-# Peak of the memory while the last lines run, less what was there before and the picture itself; bytes a pixel.
+# Bytes a pixel: the peak of memory in the last lines, less the memory before and the picture itself.
 PEAK = """
 import sys
 import numpy as np
@@ -128,7 +128,7 @@ before = now("VmRSS:")
 work(2048)
 print((now("VmHWM:") - before) / 2048**2)
 """
-ALLOWED = 20 + 16 + 8  # bytes a pixel: beside the picture, and the picture; then 32 MiB for bands, whatever the size
+ALLOWED = 20 + 16 + 8  # bytes a pixel beside the picture, and of the picture; then 32 MiB for bands of any size
 
 
 @pytest.mark.long
@@ -164,7 +164,7 @@ def test_a_large_picture_takes_little_beside_itself(tmp_path, work, most):
 def test_a_picture_of_several_bands_is_one(tmp_path, monkeypatch, name, alpha):
     image = np.random.default_rng(0).random((70, 50, 4), dtype=np.float32)
     image[..., 3] = 1
-    image[-1, -1] *= alpha  # in the last band only
+    image[-1, -1] *= alpha  # this is in the last band only
     write_image(tmp_path / name, image)
     whole = (tmp_path / name).read_bytes()
     assert 70 * 50 < BAND
@@ -180,7 +180,7 @@ def test_layers_of_several_bands_are_those_of_all_rays(scene, monkeypatch, size,
     monkeypatch.setattr("pointray.rendering.layers.BAND", 1)
     layers = pr.render_layers(scene, camera)
     hits = scene.intersect(*camera.rays())
-    # Bands of a picture one pixel wide end within tiles: a ray may go alone there, which rounds otherwise.
+    # Bands of a picture one pixel wide end within tiles. There a ray may be traced singly, with other rounding.
     rounding = {"rtol": 1e-6, "atol": 1e-7} if 1 in size else {"rtol": 0, "atol": 0}
     for name in ("normal", "position", "instance", "point"):
         np.testing.assert_allclose(layers[name], getattr(hits, name), **rounding)
@@ -189,7 +189,7 @@ def test_layers_of_several_bands_are_those_of_all_rays(scene, monkeypatch, size,
 
 
 def test_sums_of_many_samples_stay_exact(scene):
-    """In passes and in one: of 4,096 samples 1e-6; sums that are rounded at each sample are off by far more."""
+    """4,096 samples, in one pass or several, err by 1e-6. Sums rounded at each sample would err by far more."""
     color = 0.1
     scene.add(pr.Plane((0, 0, 2), (0, 0, 1), color))
     camera = pr.Camera.look_at((0, 0, 9), (0, 0, 0), size=(8, 8))

@@ -1,4 +1,4 @@
-"""Pictures beside Mitsuba's, of a mesh there and of its vertices here, at sizes that take seconds."""
+"""Pictures of meshes' vertices compared with Mitsuba's of the meshes, at sizes that take seconds."""
 
 import os
 import sys
@@ -20,7 +20,7 @@ def pair(request):
         pytest.importorskip(package)
     if request.param == "bunny":
         shared_model("meshes/stanford_bunny_mesh.ply")
-    choose_variant(arrays=False)  # old LLVMs end the process where they meet AVX-512
+    choose_variant(arrays=False)  # old versions of LLVM end the process on processors with AVX-512
     return Pair(body(request.param, MODELS / "meshes"), size=96, spp=49)
 
 
@@ -52,7 +52,7 @@ def test_a_wrong_color_is_noticed(pair, monkeypatch):
 
 
 def aborted(*arguments):
-    """What Mitsuba does where its LLVM does not know the processor."""
+    """End the process as Mitsuba does if its LLVM does not know the processor."""
     os.abort()
 
 

@@ -1,4 +1,4 @@
-"""The splats listed near rays: none that is over a ray may be left out, whatever the sizes beside each other."""
+"""The splats listed near rays include all that are over a ray, however different their sizes."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def _near(tree, leaf, ray, longest, out):
 
 
 def over(model, leaf, ray):
-    """Slots whose support reaches a ray's part, of the blocks that a leaf knows, in float64; and all of these."""
+    """Slots of a leaf's blocks whose support meets a part of a ray, in float64; and all slots."""
     first, count = model.tree.spans[2 * leaf : 2 * leaf + 2]
     used = model.tree.spheres.reshape(-1, 4, 16)[first : first + count, 3] >= 0
     blocks = model.tree.refs.reshape(-1, 16)[first : first + count][used].astype(np.int64)
@@ -42,7 +42,7 @@ def over(model, leaf, ray):
 
 @pytest.mark.parametrize("ratio", [1, 30, 3000])
 def test_every_splat_over_a_ray_is_listed(ratio):
-    """Fine points on one spot of a coarse plane: the voxel is hundreds of their radii wide."""
+    """A coarse plane has a small area of fine points: the voxel is hundreds of their radii wide."""
     rng = np.random.default_rng(8)
     coarse, fine = rng.uniform(-1, 1, (800, 3)), rng.uniform(-0.2, 0.2, (400, 3))
     positions = np.concatenate([coarse, fine]) * (1, 1, 0)

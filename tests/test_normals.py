@@ -118,7 +118,7 @@ def torus(n, rng):
 
 @pytest.mark.parametrize(("noise", "rms"), [(0, 0.05), (0.1, 1.6), (0.5, 9.0)])
 def test_quadrics_follow_a_random_torus(noise, rms):
-    """Measured 0.02, 1.2 and 6.7 degrees with 50,000 points; planes through 16 gave 0.7, 2.3 and 13."""
+    """Measured: 0.02, 1.2 and 6.7 degrees with 50,000 points. Planes through 16 points gave 0.7, 2.3 and 13."""
     rng = np.random.default_rng(8)
     positions, normals = torus(20_000, rng)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
@@ -143,11 +143,11 @@ def cube(n, rng):
 
 
 def test_sharp_edges_stay_sharp():
-    """Measured: 2.7% of the points of a cube off by over 20 degrees; planes through 16 gave 3.8%."""
+    """Measured: 2.7% of a cube's points are off by over 20 degrees. Planes through 16 points gave 3.8%."""
     positions, normals = cube(20_000, np.random.default_rng(2))
     angle = degrees(estimate_normals(Points(positions)).normals, normals)
     assert np.median(angle) < 0.01
-    assert (angle > 20).mean() < 0.06  # 20,000 points have 1.6 times the edges of 50,000
+    assert (angle > 20).mean() < 0.06  # 20,000 points have 1.6 times the share of points at edges that 50,000 have
     assert (angle > 90).mean() < 0.002
 
 
@@ -157,7 +157,7 @@ def test_noise_is_measured_in_spacings():
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
     levels = [_survey(np.float32(positions + s * spacing * rng.normal(size=positions.shape)))[0] for s in (0, 0.1)]
     assert levels[0] < 0.005
-    assert 0.1 < levels[1] < 0.2  # the spacing of k neighbours is 0.56 of h
+    assert 0.1 < levels[1] < 0.2  # the spacing by k neighbours is 0.56 h
 
 
 def test_a_given_number_of_neighbors_is_used():
@@ -184,9 +184,9 @@ def test_a_thin_closed_shell_has_two_sides():
 @pytest.mark.parametrize("residual", [1, np.nan])
 @pytest.mark.parametrize("gap", [0.2, 0.4])
 def test_a_cavity_and_a_plate_thinner_than_the_spacing(gap, residual):
-    """Half of one sheet looks the wrong way: winding numbers turn it back, also where the fits are to lines."""
+    """Half of one sheet is flipped at first. Winding numbers turn it back, even if fits are to lines."""
     rng = np.random.default_rng(5)
-    wall = 56 * sphere_points(40_000)  # a spacing of about one
+    wall = 56 * sphere_points(40_000)  # the spacing is about one
     x = rng.uniform(-8, 8, (2 * 256, 2))
     z = np.repeat([gap / 2, -gap / 2], 256)
     for inside, away in ((True, -1), (False, 1)):
@@ -271,10 +271,10 @@ def test_what_cannot_be_estimated(positions, others, words):
     ("name", "viewpoint", "flipped"),
     [
         ("stanford_bunny", None, 0.001),
-        ("stanford_dragon", None, 0.0011),  # 433 of 434,995 rows measured; 1,233 without winding numbers
+        ("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
-        ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; those through 10 or 24 differ by 2.9 or 1.1%
+        ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; 10 or 24 differ by 2.9 or 1.1%
     ],
 )
 def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, flipped):
@@ -285,14 +285,14 @@ def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, flipped
 
 
 def two_sided(points):
-    """Rows at one place with normals to opposite sides: nobody can tell which is whose (0.6% of the dragon's)."""
+    """Rows of equal position and opposite normals, which cannot be told apart (0.6% of the dragon's)."""
     rows, groups = distinct(points.positions)
     opposite = np.sum(points.normals[rows][groups] * points.normals, axis=1) < 0
     return np.isin(groups, groups[opposite])
 
 
 def scan_pipes(step, noise):
-    """A scanner at the origin looks at two pipes, in steps of azimuth and elevation: positions and exact normals."""
+    """Positions and exact normals of two pipes, scanned from the origin in steps of azimuth and elevation."""
     turn, rise = (a.ravel() for a in np.meshgrid(np.arange(-0.3, 0.3, step[0]), np.arange(-0.4, 0.4, step[1])))
     ray = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1)
     nearest, normals = np.full(len(ray), np.inf), np.zeros_like(ray)

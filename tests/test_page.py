@@ -1,4 +1,4 @@
-"""The page of the viewer in a browser: worked with mouse and keys, its picture compared with what `render` makes."""
+"""The viewer's page in a browser, used by mouse and keys; its picture is compared with that of `render`."""
 
 import http.server
 import json
@@ -23,8 +23,8 @@ from pointray.viewer.viewer import Viewer
 from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of, shown_levels, socket_of
 
 SIZE = (640, 360)
-SAMPLES = 4  # of finished pictures: the page is told so, as a user would
-MODEL = (182, 180)  # where it is in the view at first, beside the panel
+SAMPLES = 4  # of finished pictures; tests set it in the panel, as a user would
+MODEL = (182, 180)  # its position in the first view, beside the panel
 NAMES = ("eye", "target", "up")
 
 
@@ -55,7 +55,7 @@ def viewer(scene):
 
 @contextmanager
 def shown(browser, viewer, **options):
-    """The page of a viewer, its picture finished; nothing may go wrong in it."""
+    """The page of a viewer with a finished picture. The page must not report any problem."""
     page = Page(browser, viewer.url, SIZE, **options)
     page.until("pointray.last")
     page.choose("samples", f"{SAMPLES}")
@@ -67,7 +67,7 @@ def shown(browser, viewer, **options):
 
 @contextmanager
 def serving(folder):
-    """Another site: the address of a folder's files."""
+    """The address of another site, which serves a folder's files."""
 
     class Handler(http.server.SimpleHTTPRequestHandler):
         def log_message(self, *words):
@@ -88,18 +88,18 @@ def page(browser, viewer):
 
 
 def apart(page, scene, camera, exposure=0.0, **settings):
-    """How far the picture is from what `render` makes of a camera; levels, mean."""
+    """Mean difference of the picture from that of `render` with a camera, in levels."""
     picture, image = page.picture(), expected(scene, camera, SAMPLES, SIZE, exposure, **settings)
-    return np.abs(picture - image).mean() if picture.shape == image.shape else np.inf  # a small one: moving
+    return np.abs(picture - image).mean() if picture.shape == image.shape else np.inf  # smaller while moving
 
 
 def shows(page, scene, **settings):
-    """Whether the picture is what `render` makes of the page's camera."""
+    """Whether the picture is that of `render` with the page's camera."""
     return apart(page, scene, page.camera, **settings) < CLOSE
 
 
 def becomes(page, scene, **settings):
-    """Wait for it: a slider draws pictures on its way."""
+    """Wait until it is, because a slider draws pictures while it moves."""
     number = page.finished(SAMPLES)["number"]
     while not shows(page, scene, **settings):
         number = page.finished(SAMPLES, number)["number"]
@@ -107,12 +107,12 @@ def becomes(page, scene, **settings):
 
 
 def away(camera):
-    """From the target to the eye."""
+    """The vector from the target to the eye."""
     return np.subtract(camera["eye"], camera["target"])
 
 
 def surface_at(scene, camera, x, y):
-    """The place of the surface under a pixel's upper left corner, and the size of a pixel there."""
+    """The point of the surface under a pixel's upper left corner, and the size of a pixel there."""
     view = pr.Camera.look_at(*(camera[name] for name in (*NAMES, "fov")), SIZE)
     origins, directions = view.rays()
     corner = np.s_[y - 1 : y + 1, x - 1 : x + 1]
@@ -122,7 +122,7 @@ def surface_at(scene, camera, x, y):
 
 
 def coordinates(page):
-    """The place that the box of a click names."""
+    """The point that the box of a click names."""
     text = page.tab.locator("#picked").inner_text()
     return np.array([float(re.search(rf"^{axis} (\S+)", text, re.MULTILINE)[1]) for axis in "xyz"])
 
@@ -166,7 +166,7 @@ def test_the_picture_is_refined_while_nothing_moves(page, scene):
         page.drag(MODEL, (-50, 10))
     stages = [(header["stage"], header["samples"]) for header in page.headers[count:]]
     assert stages[0] == ("moving", 1) and stages[-1] == ("refined", 64)
-    # A slow machine may take the hand to be still on its way: what counts is the last time.
+    # On a slow machine the mouse may seem to rest during the drag: only the last refinement counts.
     last = stages[max(k for k, stage in enumerate(stages) if stage == ("still", 1)) + 1 :]
     assert {stage for stage, _ in last} == {"refined"}
     assert [samples for _, samples in last] == sorted(samples for _, samples in last)
@@ -177,7 +177,7 @@ def test_a_stray_mouse_changes_nothing(page):
     count, before = len(page.said), page.frames
     page.tab.mouse.move(MODEL[0] - 40, MODEL[1] - 20)
     page.tab.mouse.move(*MODEL, steps=20)
-    page.tab.mouse.click(*MODEL)  # its answer comes after all that was said before
+    page.tab.mouse.click(*MODEL)  # its answer comes after those to all earlier messages
     page.tab.locator("#picked").wait_for()
     assert [json.loads(text)["type"] for text in page.said[count:]] == ["pick"]
     assert page.frames == before and page.last["samples"] == SAMPLES
@@ -320,13 +320,13 @@ def test_keys_of_the_standard_views(page, scene):
 
 
 def free_area(page):
-    """What the page said last of the view: left, top, right, bottom of what is free."""
+    """The free area of the view that the page sent last: left, top, right, bottom."""
     sizes = [message for message in map(json.loads, page.said) if message["type"] == "size"]
     return sizes[-1]["free"] if sizes else None
 
 
 def waits_for_free(page, wanted):
-    """Until the page has told of an area as wanted."""
+    """Wait until the page has sent an area that meets a condition."""
     for _ in range(200):
         if (free := free_area(page)) is not None and wanted(free):
             return free
@@ -337,8 +337,8 @@ def waits_for_free(page, wanted):
 def test_the_page_tells_what_the_panel_leaves_free(page):
     panel = page.tab.locator("#panel").bounding_box()
     sizes = [message for message in map(json.loads, page.said) if message["type"] == "size"]
-    assert len(sizes) == 1 and sizes[0]["free"] == [0, 0, round(panel["x"]), SIZE[1]]  # told once, and rightly
-    page.tab.locator(".lil-title").first.click()  # folded: its title is left
+    assert len(sizes) == 1 and sizes[0]["free"] == [0, 0, round(panel["x"]), SIZE[1]]  # sent once, and right
+    page.tab.locator(".lil-title").first.click()  # folded: only its title remains
     title = page.tab.locator(".lil-title").first.bounding_box()
     bottom = round(title["y"] + title["height"])
     assert waits_for_free(page, lambda free: free[2] == SIZE[0]) == [0, bottom, *SIZE]
@@ -354,9 +354,9 @@ def test_the_panel_folds_away_on_a_narrow_window(page):
     free = waits_for_free(page, lambda free: free[2] == 380)
     title.click()
     button.wait_for(state="visible")
-    page.tab.mouse.click(60, 400)  # on the picture
+    page.tab.mouse.click(60, 400)  # a click on the picture
     button.wait_for(state="hidden")
-    assert free_area(page) == free  # an open panel stands over it for a moment only
+    assert free_area(page) == free  # an open panel covers the picture only for a moment
     page.tab.set_viewport_size({"width": SIZE[0], "height": SIZE[1]})
     button.wait_for(state="visible")
 
@@ -364,7 +364,7 @@ def test_the_panel_folds_away_on_a_narrow_window(page):
 def test_orthographic_views_have_a_scale_bar(page, scene):
     bar = page.tab.locator("#scale")
     assert bar.is_hidden()
-    for notches in (0, 3, -7):  # round lengths at any scale
+    for notches in (0, 3, -7):  # the bar's length is round at any scale
         with page.another(SAMPLES):
             if not notches:
                 page.tab.keyboard.press("o")
@@ -387,19 +387,19 @@ def test_orthographic_views_have_a_scale_bar(page, scene):
 
 
 def expected_of(scene, view):
-    """The page's picture of any camera."""
+    """The picture that the page should show of any camera."""
     return shown_levels(pr.render(scene, view, pr.Settings(spp=SAMPLES)))
 
 
 def north_of(page):
-    """Which way the arrow points: degrees to the right of upwards, None while there is none."""
+    """The arrow's direction in degrees to the right of upwards, None without an arrow."""
     if page.tab.locator("#north").is_hidden():
         return None
     return float(re.fullmatch(r"rotate\((\S+)\)", page.tab.locator("#needle").get_attribute("transform"))[1])
 
 
 def test_a_georeferenced_scan_has_a_north_arrow(browser, page, model):
-    assert north_of(page) is None  # of coordinates about zero nobody knows
+    assert north_of(page) is None  # coordinates around zero have no known north
     points = model.points
     far = scene_of(pr.Model(pr.Points(points.positions + (4.5e5, 5.4e6, 300.0), points.normals)))
     with closing(Viewer(SharedScene("far.ply", far))) as viewer, shown(browser, viewer) as other:
@@ -462,7 +462,7 @@ def test_the_end_of_the_server_and_another_one(page, viewer, scene):
     assert np.array_equal(page.picture(), picture)
     token = viewer.url.rstrip("/").rpartition("/")[2]
     stranger = Viewer(SharedScene("statue.ply", scene), port=viewer.port)
-    page.tab.wait_for_timeout(1500)  # it tries each second
+    page.tab.wait_for_timeout(1500)  # the page tries to connect each second
     assert stranger.port == viewer.port and page.tab.locator("#banner").is_visible()
     stranger.close()
     again = Viewer(SharedScene("statue.ply", scene), port=viewer.port, token=token)

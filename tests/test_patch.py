@@ -1,4 +1,4 @@
-"""The part of a ray in which a voxel's columns can hold the surface, beside the same looked for in small steps."""
+"""The part of a ray in which a voxel's columns can hold the surface, compared with a search in small steps."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ STEPS = 20_000
 
 
 class Tree(NamedTuple):
-    """As much of a tree as `narrow` reads."""
+    """The part of a tree that `narrow` reads."""
 
     leaves: np.ndarray
     patches: np.ndarray
@@ -42,7 +42,7 @@ class Leaf:
         return Tree(record, np.concatenate([*self.slopes, self.low, self.high]).astype(np.float32))
 
     def holds(self, x):
-        """Whether places (n, 3) lie in the slab of their column."""
+        """Whether points (n, 3) lie in the slab of their column."""
         w = int(np.abs(self.normal).argmax())
         u, v = (w + 1) % 3, (w + 2) % 3
         local = x - self.cell[:3].astype(float)
@@ -82,14 +82,14 @@ def _narrow_one_by_one(tree, rows, out):
 
 
 def narrowed(leaf, rows, function=_narrow):
-    """Where 16 rays, the rows of `_narrow`, can meet the surface."""
+    """The parts of 16 rays, rows for `_narrow`, that can meet the surface."""
     out = np.zeros(32, np.float32)
     function(leaf.tree, rows, out)
     return out[:16], out[16:]
 
 
 def through(leaf, rng):
-    """16 rays (origins, directions) through a leaf's voxel, some along an axis, and where they enter and leave it."""
+    """16 rays (origins, directions) through a leaf's voxel, some along an axis, and their t of entering and leaving."""
     low, high = leaf.cell[:3].astype(float), leaf.cell[3:].astype(float)
     d = rng.normal(size=(16, 3))
     d[:4] = np.eye(3)[rng.integers(3, size=4)] * rng.choice([-1, 1], (4, 1)) + 1e-20
@@ -122,7 +122,7 @@ def test_rays_are_narrowed_to_the_slabs_of_their_columns(seed, function):
 
 
 def test_a_leaf_without_numbers_ends():
-    """As of a damaged file: whatever comes out, the way through the columns ends."""
+    """A damaged file may have such leaves. The result does not matter, but the walk through the columns must end."""
     leaf = Leaf(np.random.default_rng(0))
     o, d, enter, leave = through(leaf, np.random.default_rng(1))
     rows = np.concatenate([o.T.ravel(), d.T.ravel(), (1 / d).T.ravel(), enter, leave]).astype(np.float32)

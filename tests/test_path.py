@@ -21,7 +21,7 @@ def floor_scene(color=0.5):
 
 
 def floor_points(camera):
-    """Where the camera's rays meet the plane z = 0, (h, w, 3)."""
+    """Points at which the camera's rays meet the plane z = 0, (h, w, 3)."""
     o, d = camera.rays()
     return o - d * (o[..., 2:] / d[..., 2:])
 
@@ -75,7 +75,7 @@ SIZED = {
 
 
 def emitting_piece(light):
-    """What the light adds to a plane at 0, by many small pieces of it that shine as points."""
+    """The light's contribution to a plane at 0, by many small pieces of it that shine as points."""
     positions, normals, area = pieces(light)
     v = positions[None] - np.zeros(3)
     square = (v**2).sum(axis=-1)
@@ -110,7 +110,7 @@ def pieces(light):
 
 @pytest.mark.parametrize("name", SIZED)
 def test_lights_with_a_size(name):
-    """Below the light, by both ways of finding it; and the light itself is seen, from its front only."""
+    """The plane below is lit by either way of finding a light. The light itself is seen from its front only."""
     light = SIZED[name]
     scene, _ = floor_scene(0.5)
     scene.add_light(light)
@@ -121,11 +121,11 @@ def test_lights_with_a_size(name):
     assert seen[..., :3] == pytest.approx(3) and (seen[..., 3] == 1).all()
     if name != "sphere":
         behind = path(scene, pr.Camera.look_at((0.4, 0, 3), light.center, up=(0, 1, 0), fov=1, size=(4, 4)), 4)
-        assert behind[..., :3].max() < 1.5  # the plane, through the light's back
+        assert behind[..., :3].max() < 1.5  # the plane is seen through the light's back
 
 
 def test_the_penumbra_of_a_sphere_light():
-    """A wide upright plate throws its edge's shadow: soft over the width that the sphere spans through the edge."""
+    """The edge of a wide upright plate casts a soft shadow, as wide as the sphere projected through the edge."""
     plate = np.stack(np.meshgrid(np.linspace(-3, 0, 150), np.linspace(-3, 3, 300), indexing="ij"), axis=-1).reshape(
         -1, 2
     )
@@ -141,7 +141,7 @@ def test_the_penumbra_of_a_sphere_light():
     free.add_light(pr.SphereLight((0, 0, height), radius, 10))
     share = shadow / path(free, camera, 1024, max_depth=1)[..., 0].mean(axis=0)
     x = floor_points(camera)[0, :, 0]
-    # Halfway the half sphere is seen; the share is that of a disk beyond a straight edge: 10% and 90% of its area.
+    # Halfway half of the sphere is seen. Its share is that of a disk cut by a straight edge: 10% and 90% of its area.
     begin, end = (float(np.interp(q, share, x)) for q in (0.1, 0.9))
     disk = np.sqrt(1 - np.linspace(-1, 1, 200_001) ** 2)
     quantile = np.interp(0.9, np.cumsum(disk) / disk.sum(), np.linspace(-1, 1, 200_001))
@@ -170,7 +170,7 @@ def test_a_mirror_reflects_what_is_around(sphere):
 
 @pytest.mark.parametrize("integrator", ["path", "phong"])
 def test_glass_obeys_snell(sphere, integrator):
-    """The angle by which a sphere of glass bends rays, told from a sky whose colour is its direction."""
+    """A glass sphere bends rays by the right angle, read from a sky whose colour is its direction."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Dielectric(1.5))
     height, width = 360, 720
@@ -191,7 +191,7 @@ def test_glass_obeys_snell(sphere, integrator):
     middle = (offset > 0.1) & (offset < 0.6)
     spp = 1 if integrator == "phong" else 4096
     image = pr.render(scene, camera, pr.Settings(integrator=integrator, spp=spp, filter="box", max_depth=2))
-    # Two surfaces: what is not reflected at either, (1 - F)^2, comes from one direction; the rest from the first one.
+    # The light that passes both surfaces, (1 - F)^2, comes from one direction; the rest is reflected by the first.
     cosine = np.sqrt(1 - offset[middle] ** 2)
     inner = np.sqrt(1 - (offset[middle] / 1.5) ** 2)
     reflect = 0.5 * (
@@ -222,7 +222,7 @@ def test_the_sky_behind_is_the_same_for_direct_light(sphere):
 
 
 def test_what_mirrors_send_on_is_theirs_alone(sphere):
-    """What stands beside a mirror, in front of the same sky, looks as if the mirror were black."""
+    """Objects beside a mirror, before the same sky, look as if the mirror were black."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Mirror())
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1), 0.5))
@@ -235,7 +235,7 @@ def test_what_mirrors_send_on_is_theirs_alone(sphere):
 
 
 def test_glass_loses_nothing(sphere):
-    """In even light from all around a body of glass cannot be seen."""
+    """A body of glass cannot be seen in even light from all around."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Dielectric(1.5))
     scene.add_light(pr.EnvironmentLight(1.0))
@@ -246,19 +246,19 @@ def test_glass_loses_nothing(sphere):
 
 @pytest.mark.parametrize("color", [1.0, 0.5])
 def test_a_white_furnace(sphere, color):
-    """In even light a convex diffuse body has the radiance of its colour; a white plane as well."""
+    """In even light a convex diffuse body has the radiance of its colour, and so has a white plane."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Diffuse(color))
     scene.add_light(pr.EnvironmentLight(1.0))
     camera = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(32, 32))
     image = path(scene, camera, 64)
     assert image[..., :3].sum() / image[..., 3].sum() / 3 == pytest.approx(color, rel=0.005)
-    even = pr.render(scene, camera)  # phong: all around without shadows, which a convex body does not throw
+    even = pr.render(scene, camera)  # phong has no shadows here, nor has a convex body
     assert even[even[..., 3] == 1, :3] == pytest.approx(color, rel=0.01)
 
 
 def test_both_ways_of_finding_a_light_agree(sphere):
-    """A glossy floor under a large light: found by shadow rays too, or by scattered ones only."""
+    """A glossy floor finds a large light by shadow rays too, or by reflected rays only."""
     camera = pr.Camera.look_at((0, -3, 1), (0, 0.5, 0), size=(24, 24))
     pictures = []
     for light in (pr.RectLight((0, 2, 1.5), (1.5, 0, 0), (0, 0, 1), 2), None):
@@ -266,7 +266,7 @@ def test_both_ways_of_finding_a_light_agree(sphere):
         scene.add(pr.Plane((0, 0, 0), (0, 0, 1), 0.5), material=pr.Phong(specular=0.6, exponent=200))
         if light is not None:
             scene.add_light(light)
-        else:  # the same rectangle of points that emit
+        else:  # the same rectangle as points that emit
             x, z = np.meshgrid(np.linspace(-1.5, 1.5, 150), np.linspace(0.5, 2.5, 100))
             shape = pr.Points(
                 np.stack([x.ravel(), np.full(x.size, 2.0), z.ravel()], axis=1), np.tile([0, -1, 0], (x.size, 1))
@@ -280,18 +280,18 @@ def test_both_ways_of_finding_a_light_agree(sphere):
 
 
 def test_lights_add_up(sphere):
-    """One of several lights is chosen at each scattering: in the mean the picture is the sum of theirs."""
+    """One of several lights is sampled at each bounce: in the mean the picture is the sum of their pictures."""
     sky = np.full((16, 32, 3), 0.1)
     sky[3, 8] = 60
     lights = [
         pr.PointLight((2, -3, 2), 10),
-        pr.RectLight((-1, -3, 2), (0.5, 0, 0), (0, -0.3, -0.5), (2, 4, 6)),  # its back to the camera
+        pr.RectLight((-1, -3, 2), (0.5, 0, 0), (0, -0.3, -0.5), (2, 4, 6)),  # with its back to the camera
         pr.SunLight((1, 1, -2), 0.5, angle=5),
         pr.EnvironmentLight(image=sky),
     ]
     camera = pr.Camera.frame([(-1, -1, -1), (1, 1, 1)], size=(24, 24))
     pictures = []
-    dark = pr.RectLight((-1, -3, 2), (0.5, 0, 0), (0, -0.3, -0.5), 0)  # hides what the panel hides
+    dark = pr.RectLight((-1, -3, 2), (0.5, 0, 0), (0, -0.3, -0.5), 0)  # a black light that hides what the panel hides
     for some in ([lights[0], dark], [lights[1]], [lights[2], dark], [lights[3], dark], lights):
         scene = pr.Scene()
         scene.add(sphere, material=pr.Phong(0.7, specular=0.3, exponent=30))
@@ -305,7 +305,7 @@ def test_lights_add_up(sphere):
 
 
 def test_lights_hide_what_is_behind_them():
-    """A wide panel: light from above its back does not reach the floor, whichever way it is looked for."""
+    """Light from above the back of a wide panel does not arrive at the floor by either way of finding lights."""
     camera = pr.Camera.look_at((0, -0.5, 0.3), (0, 0, 0), fov=10, size=(12, 12))
     pictures = []
     for others in ([], [pr.SphereLight((0, 0, 4), 0.5, 500), pr.PointLight((0.3, 0, 5), 100)]):
@@ -333,7 +333,7 @@ def test_the_same_seed_gives_the_same_picture(sphere):
 
 
 def test_passes_make_the_same_picture(sphere):
-    """Samples are summed in their own order, however many are made at a time; a noise target only ends them."""
+    """Samples are summed in their own order, however many are made at a time. A noise target only stops early."""
     scene = pr.Scene()
     scene.add(sphere)
     camera = pr.Camera.frame(scene.bounds, size=(40, 30))
@@ -360,14 +360,14 @@ def test_noise_and_time_end_the_work(sphere):
 
 
 def test_ambient_occlusion(sphere):
-    """Half of the sky is open over a plane, all of it but for what a sphere covers beside it."""
+    """The sky above a plane is open, except for the part that a sphere covers."""
     scene, camera = floor_scene(0.8)
     open_plane = pr.render(scene, camera, pr.Settings(integrator="ao", spp=4, ao_distance=5))
     assert open_plane[..., :3] == pytest.approx(0.8, abs=1e-6)
     scene.add(sphere, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2.0], [0, 0, 0, 1]]))
     camera = pr.Camera.look_at((3, 0, 0.5), (0.0, 0, 0), fov=2, size=(8, 8))
     shaded = pr.render(scene, camera, pr.Settings(integrator="ao", spp=1024, filter="box", ao_distance=50))
-    # A sphere of radius 1 two above takes sin^2 of its half angle, 1/4, of the irradiance.
+    # A sphere of radius 1 at height 2 covers sin^2 of its half angle, 1/4, of the irradiance.
     assert shaded[3:5, 3:5, :3].mean() == pytest.approx(0.8 * 0.75, rel=0.01)
     near = pr.render(scene, camera, pr.Settings(integrator="ao", spp=64, ao_distance=0.9))
     assert near[3:5, 3:5, :3] == pytest.approx(0.8, abs=1e-6)

@@ -82,7 +82,7 @@ def test_lists_among_the_vertices_are_dropped(tmp_path, text, order):
 
 
 def with_lists(text, order):
-    """A file with a list in every vertex, by hand: plyfile's writer forgets the byte order of such rows."""
+    """A file with a list in every vertex, written by hand, because plyfile forgets the byte order of such rows."""
     name = "ascii" if text else {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
     header = f"ply\nformat {name} 1.0\nelement first 2\nproperty uchar a\nelement vertex 50\nproperty float x\n"
     header += "property list uchar int near\nproperty float y\nproperty float z\nend_header\n"
@@ -108,7 +108,7 @@ def test_colors_of_all_kinds(tmp_path, names, colors):
 
 @pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
 def test_headers_as_programs_write_them(tmp_path, line_end):
-    """All line ends, a comment in Latin-1, a first byte of data that looks like a line end."""
+    """Headers have any line end, a comment in Latin-1, and a first byte of data that looks like a line end."""
     lines = [
         "ply",
         "format binary_little_endian 1.0",
@@ -133,7 +133,7 @@ LISTED = "element vertex 2\nproperty float x\nproperty list uchar int near\nprop
 @pytest.mark.parametrize("blank", ["", "\n", " \t\n\n"])
 @pytest.mark.parametrize("vertices", [(PLAIN, "1 2 3", "4 5 6"), (LISTED, "1 0 2 3", "4 2 8 9 5 6")])
 def test_lines_before_ascii_vertices_end_as_they_may_and_blank_ones_are_no_rows(tmp_path, line_end, blank, vertices):
-    """The strips' rows have three numbers: one row too few that is passed over would be taken for a vertex."""
+    """The strips' rows have three numbers: if one row too few were skipped, it would be taken for a vertex."""
     header, *rows = vertices
     body = blank + blank.join(f"{line}\n" for line in ("2 7 8", "2 7 8", "2 7 8", *rows))
     (tmp_path / "a.ply").write_bytes(STRIPS.format(vertices=header, body=body).replace("\n", line_end).encode())
@@ -192,7 +192,7 @@ def test_lengths_in_ascii_that_are_none_are_bad_input(tmp_path, length):
 
 
 def calls_in(work):
-    """How many functions Python calls for it, its own and compiled ones."""
+    """The number of functions that Python calls to read the file, in Python or compiled."""
     count = 0
 
     def see(frame, event, argument):
@@ -210,9 +210,9 @@ def calls_in(work):
 @pytest.mark.parametrize("text", [False, True])
 @pytest.mark.parametrize("row", [b"\0", b"\2abcd"])
 def test_rows_before_the_vertices_are_passed_over_in_compiled_code(tmp_path, text, row):
-    """As many calls for a hundred thousand rows as for ten."""
+    """A hundred thousand rows need as many calls as ten."""
     counts = []
-    for n in (10, 10, 100_000):  # the first compiles
+    for n in (10, 10, 100_000):  # the first call compiles
         content = with_strips(row * n, before=n)
         if text:
             body = "0\n" * n if row == b"\0" else "2 25185 25699\n" * n
@@ -297,7 +297,7 @@ def test_damaged_files_are_named_with_the_reason_in_one_line(tmp_path, content, 
 
 @pytest.fixture(scope="module")
 def valid(tmp_path_factory):
-    """One small file of each kind, as bytes (the last with a list a vertex), and a path to write damaged ones to."""
+    """A small file of each kind as bytes (the last has a list in each vertex), and a path for damaged ones."""
     path = tmp_path_factory.mktemp("fuzz") / "a.ply"
     columns = dict(zip(["x", "y", "z", "red", "green", "blue", "a"], [*XYZ.T, *RGB.T, XYZ[:, 0]], strict=True))
     contents = [save(path, columns, text, order, [faces("strips")]).read_bytes() for text, order in FORMATS]
@@ -314,7 +314,7 @@ def test_a_damaged_file_is_read_or_refused(valid, kind, cut, flips):
     path, contents = valid
     content = bytearray(contents[kind])
     for offset, bits in flips:
-        content[int(offset**2 * len(content))] ^= bits  # more of them in the header
+        content[int(offset**2 * len(content))] ^= bits  # most of them in the header
     path.write_bytes(content[: int(np.sqrt(cut) * len(content)) + 1])
     try:
         points = read(path)
@@ -414,7 +414,7 @@ def test_compressed_gaussians_are_refused_with_what_they_hold():
 
 
 def test_more_vertices_than_can_be_held_are_refused(tmp_path):
-    """The file has them all: it is sparse."""
+    """The sparse file does have them all."""
     path = tmp_path / "huge.ply"
     path.write_text(HEADER.format(format="binary_little_endian", count=2**31))
     os.truncate(path, 2**31 * 12 + 1000)

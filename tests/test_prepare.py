@@ -1,4 +1,4 @@
-"""pointray prepare: what it writes, what it says, and how render uses it."""
+"""`pointray prepare`: its output, its messages, and how `render` uses the output."""
 
 import json
 import re
@@ -60,7 +60,7 @@ def test_render_uses_the_radii(scan, capsys, tmp_path, monkeypatch):
     assert run(capsys, "render", small, *picture)[0] == 0
     points = pr.read(small)
     assert len(points) == 300 and np.array_equal(given[0], points.attributes["radius"])
-    # Not where one of them is no radius.
+    # The radii are not used if one of them is invalid.
     bad = points.attributes["radius"].copy()
     bad[7] = np.nan
     pr.write(small, pr.Points(points.positions, points.normals, attributes={"radius": bad}))
@@ -85,7 +85,7 @@ def test_nothing_to_do_copies(scan, capsys):
 
 
 def test_a_tolerance_is_told_once(scan, capsys):
-    """Where it is not met the share that meets it is said, in the line of the result and nowhere else."""
+    """If the tolerance is not met, only the line of the result tells the share that meets it."""
     out = scan.with_name("out.ply")
     status, text, err = run(capsys, "prepare", scan, "-o", out, "--tolerance", "0.01", "--drop-outliers")
     assert status == 0 and "of 5,100, within 0.01\n" in text and err == ""
@@ -97,7 +97,7 @@ def test_a_tolerance_is_told_once(scan, capsys):
 
 
 def link_of(scan: Path, kind: str) -> Path:
-    """Another name of a file."""
+    """A link to a file."""
     other = scan.with_name(f"{kind}.ply")
     if kind == "same":
         return scan
@@ -146,7 +146,7 @@ def test_bad_outputs_are_known_before_the_work(scan, capsys, name, words):
 
 @pytest.fixture
 def saved(tmp_path: Path) -> tuple[pr.Points, Path]:
-    """A model with all that points can hold, far from the origin, and with levels of detail."""
+    """A model with everything that points can hold, far from the origin and with levels of detail."""
     torus = pr.procedural("torus", 20_000)
     n = len(torus)
     colors = np.random.default_rng(1).integers(0, 255, (n, 3), np.uint8)
@@ -168,13 +168,13 @@ def test_the_points_of_a_model_come_back(saved, capsys):
     for name in ("normals", "colors"):
         assert np.array_equal(getattr(again, name), getattr(points, name))
     assert again.attributes.keys() == {"row"} and np.array_equal(again.attributes["row"], points.attributes["row"])
-    # They can be made fewer, too.
+    # They can also be subsampled.
     status, text, _ = run(capsys, "prepare", file, "-o", out, "--count", 900)
     assert status == 0 and f"of {len(points):,}" in text and len(pr.read(out)) == 900
 
 
 def test_a_model_stays_what_it_is(saved, capsys):
-    """Its surface too where points are dropped; where nothing is to be done it is the same file."""
+    """Its surface stays even if points are dropped. If nothing is to be done, the file is the same."""
     points, file = saved
     out = file.with_name("out.pointray")
     assert run(capsys, "prepare", file, "-o", out)[0] == 0
@@ -196,7 +196,7 @@ def test_info_of_a_model(saved, capsys):
     assert facts["levels"] == [len(level.points) for level in model.levels] and facts["levels"]
     assert facts["median_radius"] == pytest.approx(np.median(model.radii))
     assert run(capsys, "info", file)[0] == 0
-    # Of the points alone it tells the same.
+    # A file of the points alone gives the same.
     run(capsys, "prepare", file, "-o", file.with_name("out.ply"))
     alone = json.loads(run(capsys, "info", file.with_name("out.ply"), "--json")[1])
     assert {name: facts[name] for name in alone if name != "file"} == {k: v for k, v in alone.items() if k != "file"}
@@ -225,9 +225,9 @@ CLOUDS = {
 
 @pytest.mark.parametrize("name", CLOUDS)
 def test_info_of_a_large_scan_asks_for_few_neighbours(name, monkeypatch):
-    """The spacing is that of a sample, and nearly that of all; few trees of few points are built for it."""
+    """The spacing is that of a sample, nearly that of all. Few trees of few points are built for it."""
     points = pr.Points(CLOUDS[name](np.random.default_rng(3)))
-    monkeypatch.setattr(report, "_count_lone", lambda *given: 0)  # takes a model's normals and radii
+    monkeypatch.setattr(report, "_count_lone", lambda *given: 0)  # reads a model's normals and radii
     whole = report.describe(points, deep=True)
     asked, ask = [], report.neighbors
     monkeypatch.setattr(report, "FEW", 50_000)
@@ -245,7 +245,7 @@ def test_info_of_a_large_scan_asks_for_few_neighbours(name, monkeypatch):
 
 
 def test_the_spacing_of_a_sample_is_that_of_its_points(monkeypatch):
-    """Whose neighbours are looked for among all points."""
+    """The sample's neighbours are searched among all points."""
     rows = sphere_points(60_000)
     monkeypatch.setattr(report, "SAMPLED", 60_000)
     found, count = report._sampled_spacing(rows)

@@ -1,4 +1,4 @@
-"""The procedural models: the promised number of points, on the exact surface, evenly spread, always the same."""
+"""The procedural models have the promised number of points, on the exact surface, even, and always the same."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_sphere_and_torus_distances():
 
 
 def test_lattice_distances_at_a_strut():
-    # half way along a strut it is a plain cylinder of radius 0.035
+    # a strut is a plain cylinder of radius 0.035 at its middle
     assert procedural_distance("lattice", [0.0, 0.25, 0.25 + 0.055]) == pytest.approx(0.02, rel=1e-9)
     assert procedural_distance("lattice", [0.0, 0.25, 0.25]) < 0
     assert procedural_distance("lattice", [0.0, 0.0, 0.0]) > 0.2
@@ -119,7 +119,7 @@ def test_statue_is_one_closed_solid():
     _, counts = np.unique(edges[:, 0] * len(vertices) + edges[:, 1], return_counts=True)
     assert (counts % 2 == 0).all()
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    assert np.einsum("ij,ij->i", np.cross(a, b), c).sum() / 6 > 0.3  # outward, or the volume would be negative
+    assert np.einsum("ij,ij->i", np.cross(a, b), c).sum() / 6 > 0.3  # negative if normals point inward
 
 
 def test_statue_stands_on_the_ground():

@@ -1,4 +1,4 @@
-"""Whoever waits sees how much is done: bars that move from the beginning to the end, and never back."""
+"""Progress bars move from the beginning to the end, and never back."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from pointray.progress import part_of, tell
 
 
 class Told:
-    """What was told: shares of stages in their order."""
+    """Records the reported shares of stages in their order."""
 
     def __init__(self):
         self.stages, self.shares = [], []
@@ -26,7 +26,7 @@ class Told:
 
 
 def moves(shares, steps, longest):
-    """Whether shares go from 0 to 1, in so many steps at least, none of them longer than this."""
+    """Whether shares go from 0 to 1 in at least this many steps, none longer than the longest allowed."""
     assert all(0 <= share <= 1 for share in shares)
     gaps = np.diff([0.0, *shares, 1.0])
     return (gaps >= 0).all() and np.count_nonzero(gaps) >= steps and gaps.max() <= longest

@@ -12,21 +12,21 @@ from pointray.splats.voronoi import Hood, measure_cells
 
 N = 10_000
 SPHERE = sphere_points(N)
-PLACES = sphere_points(50_000, seed=9)  # of its surface
+PLACES = sphere_points(50_000, seed=9)  # area of the surface
 UP = np.array([[0, 0, 1]], np.float32)
 RNG = np.random.default_rng(3)
 
 
 def survey(positions, normals=None):
-    """Radii and borders of points that all differ; normals: those of a sphere."""
+    """Radii and borders of points that all differ. The default normals are those of a sphere."""
     positions = np.asarray(positions, np.float32)
     normals = positions / np.linalg.norm(positions, axis=1, keepdims=True) if normals is None else normals
-    normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # not read-only: another type to Numba
+    normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # read-only is another type to Numba
     return choose_radii(positions, normals, *neighbors(positions, NEIGHBORS + 1))[:2]
 
 
 def covers(positions, radii, samples):
-    """Of the splats that reach each place: how many there are, and the least share of a radius between."""
+    """For each sample: the number of splats that reach it, and its least distance to one, as a share of the radius."""
     distances, rows = cKDTree(positions).query(samples, k=60)
     share = distances / radii[rows]
     return (share < 1).sum(axis=1), share.min(axis=1)
@@ -50,7 +50,7 @@ def square(n, seed=0):
 
 
 def test_cells_are_those_of_a_brute_force_search():
-    """In the plane: a cell's farthest vertex is the centre of an empty circle through the point and two others."""
+    """In a plane, a cell's farthest vertex is the centre of an empty circle through the point and two others."""
     x = square(60)
     hood = Hood(np.arange(60), *neighbors(x, 60))
     farthest, _ = measure_cells(x, np.repeat(UP, 60, axis=0), hood)
@@ -64,7 +64,7 @@ def test_cells_are_those_of_a_brute_force_search():
             centers = np.stack([b[:, 1] * aa - a[:, 1] * bb, a[:, 0] * bb - b[:, 0] * aa], 1) / cross[:, None]
         radius = np.linalg.norm(centers, axis=1)
         side = np.linalg.norm(flat - flat[i], axis=1).max()
-        usable = np.isfinite(radius) & (np.abs(centers).max(axis=1) < side)  # inside of the first square
+        usable = np.isfinite(radius) & (np.abs(centers).max(axis=1) < side)  # inside the first square
         empty = [
             np.linalg.norm(flat - flat[i] - c, axis=1).min() > r - 1e-9 for c, r in zip(centers, radius, strict=True)
         ]
@@ -110,7 +110,7 @@ def test_radii_follow_scale_and_order():
 
 
 def test_a_hundredfold_density_is_covered_everywhere():
-    """A square whose density falls a hundredfold from one end to the other, and one that falls by a step."""
+    """The density of points falls a hundredfold over a square, either gradually or by a step."""
     x = square(60_000)
     for keep in (100.0 ** -x[:, 0], np.where(x[:, 0] < 0.3, 1, 0.01)):
         points = x[RNG.uniform(size=len(x)) < keep]
@@ -155,7 +155,7 @@ def test_borders_end_in_small_radii_that_know_the_way_out():
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_cloud_has_the_same_radii(axis):
-    """Random points with open borders. Before, of the sides at a cell's corner one was asked, by its handedness."""
+    """Points are random with open borders. The result once depended on the handedness of a cell's corner."""
     x = square(20_000)
     radii, borders = survey(x, UP)
     mirror = np.ones(3, np.float32)
@@ -275,7 +275,7 @@ def test_no_radius_is_much_smaller_than_those_around():
     x = square(20_000)
     radii, _ = survey(x, UP)
     near = neighbors(x, 9)[1]
-    assert (radii >= 0.85 * np.median(radii[near], axis=1)).mean() > 0.97  # 0.84 by the cells alone
+    assert (radii >= 0.85 * np.median(radii[near], axis=1)).mean() > 0.97  # the cells alone would give 0.84
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -26,7 +26,7 @@ def blocks(language: str) -> list[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the scan and the examples that the README speaks of; the current one."""
+    """A folder with the scan and the examples that the README names; it is the current folder."""
     pr.write(tmp_path / "scan.ply", pr.procedural("statue", 5000))
     (tmp_path / "examples").mkdir()
     for path in (ROOT / "examples").glob("*.toml"):
@@ -37,14 +37,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def load_film(path: Path) -> None:
-    """Raises if it is no film."""
+    """Load a film; raises if it is none."""
     import imageio_ffmpeg
 
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] > 1
 
 
 def see(arguments: list[str]) -> None:
-    """Look at what `pointray view` shows, and end it."""
+    """Load the page of `pointray view`, and end the program."""
     process, url, _ = serve(*arguments)
     try:
         browser = Browser(url)

@@ -1,4 +1,4 @@
-"""Coordinates that were rounded are named as what they are, and rasters are not."""
+"""Rounded coordinates are recognised, and rasters are not taken for them."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ PLACE = np.float64([432_100, 5_412_300, 240])
 
 
 def hills(spacing: float, n: int = 20_000) -> np.ndarray:
-    """Random points of a surface, so far apart."""
+    """Random points of a surface with this spacing."""
     x, y = np.random.default_rng(0).uniform(0, spacing * np.sqrt(n), (2, n))
     return np.column_stack([x, y, 3 * spacing * np.sin(x / (20 * spacing)) + 2 * spacing * np.cos(y / (13 * spacing))])
 
@@ -49,7 +49,7 @@ def test_float32_at_millions_of_metres(spacing):
 @pytest.mark.parametrize("origin", [(0, 0, 0), PLACE])
 @pytest.mark.parametrize("ratio", [0.3, 0.5, 0.6, 0.7, 1.0, 1.5, 3.0])
 def test_decimals(ratio, origin):
-    """Also those of LAS, about a place of its own in doubles."""
+    """Decimals are recognised also about an offset in doubles, as in LAS."""
     steps, message = find_rounding(pr.Points(np.round(hills(0.01 / ratio), 2) + origin))
     assert steps[:2] == pytest.approx((0.01, 0.01))
     assert "steps of 0.01" in message and "float32" not in message and message.endswith("more decimals")

@@ -1,4 +1,4 @@
-"""Places of samples: each pair of dimensions is a net, pairs know nothing of each other, keys give other places."""
+"""Sample positions: each pair of dimensions is a net, pairs are independent, and keys give other positions."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def sample_pairs(count, pair, many=64, seed=0):
 
 
 def test_the_second_dimension_is_sobols():
-    """The direction numbers of x + 1, added one by one, against the product of masked shifts."""
+    """The direction numbers of x + 1, added one by one, are compared with the product of masked shifts."""
 
     def sobol(i):
         out, direction = 0, 1 << 31
@@ -79,14 +79,14 @@ def test_pairs_keys_and_seeds_are_independent():
 
 
 def test_sums_converge_faster_than_at_random():
-    """Root mean square error of the mean of a smooth function: 256 samples at random would give 0.0149."""
+    """The root mean square error of a smooth function's mean: 256 random samples would give 0.0149."""
     x, y = np.moveaxis(sample_pairs(256, 3), 2, 0)
     error = (x * y).mean(axis=1) - 0.25
     assert np.sqrt((error**2).mean()) < 0.0015
 
 
 def test_equal_areas_of_the_square_are_equal_areas_of_the_disc():
-    """A grid of points: shares within each circle and each sector; and neighbours stay neighbours."""
+    """A grid of points keeps its shares within each circle and sector, and neighbours stay neighbours."""
     side = (np.arange(400) + 0.5) / 400
     square = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
     out = np.empty((400 * 400, 2))

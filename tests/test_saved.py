@@ -127,7 +127,7 @@ def test_another_description_is_an_error(tmp_path, saved, old, new, words):
 
 
 def damages():
-    """What a byte on the disk may do to a tree: (array, what to do to it)."""
+    """Damages that a wrong byte on the disk may do to a tree: (array, function that damages it)."""
 
     def put(index, value):
         def change(array):
@@ -193,7 +193,7 @@ def test_levels_of_detail_come_back(tmp_path, leveled):
 
 
 def test_a_file_without_a_word_on_levels_is_read(tmp_path, saved):
-    """As they were before files kept levels."""
+    """Older files did not keep levels."""
     data = saved[1].read_bytes()
     assert data.count(b', "levels": []') == 1
     (tmp_path / "m").write_bytes(data.replace(b', "levels": []', b" " * 14))
@@ -217,7 +217,7 @@ def test_a_damaged_level_is_an_error(tmp_path, leveled):
 def test_a_damaged_tree_is_an_error(tmp_path, saved, name, change):
     model = pr.Model.load(saved[1])
     array = getattr(model.tree, name)
-    if name == "leaves":  # of one that holds something
+    if name == "leaves":  # of a leaf that is not empty
         array = array[LEAF * int(np.flatnonzero(array[STEP::LEAF])[0]) :]
     change(array)
     model.save(tmp_path / "m")
@@ -290,7 +290,7 @@ def test_what_cannot_be_a_model_is_told_with_its_file(tmp_path, capsys):
 
 @pytest.mark.long
 def test_no_extreme_number_in_a_file_leads_a_ray_astray(tmp_path):
-    """In a process of its own: a ray that reads foreign memory may end it."""
+    """This runs in a process of its own, which a ray that reads foreign memory may end."""
     command = [sys.executable, str(Path(__file__).with_name("extremes.py")), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, f"exit status {done.returncode}: {done.stderr[-2000:]}"
@@ -307,7 +307,7 @@ def test_a_span_whose_end_wraps_around_is_an_error(tmp_path, saved):
 
 
 def test_a_model_saved_without_the_longest_step_is_the_same(tmp_path, saved):
-    """As they were before it was kept."""
+    """Older files did not keep the longest step."""
     model = pr.Model.load(saved[1])
     model.tree.head[LONGEST] = 0.0
     model.save(tmp_path / "m")
@@ -315,7 +315,7 @@ def test_a_model_saved_without_the_longest_step_is_the_same(tmp_path, saved):
 
 
 def test_bounds_far_from_the_points_are_an_error(tmp_path, saved):
-    """No camera can stand before them."""
+    """No camera could frame such bounds."""
     model = pr.Model.load(saved[1])
     model._bounds[1, 2] = 1e206
     model.save(tmp_path / "m")

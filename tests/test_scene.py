@@ -1,4 +1,4 @@
-"""Scenes: shapes of batches, what hits mean, transforms, lights, threads, and bad input."""
+"""Scenes: shapes of batches, the meaning of hits, transforms, lights, threads, and bad input."""
 
 import threading
 
@@ -78,7 +78,7 @@ def test_leading_shapes(scene, shape):
 
 @pytest.mark.parametrize("shape", [(37, 53), (5, 70), (64, 33)])
 def test_a_picture_of_rays_hits_what_a_row_of_them_hits(scene, shape):
-    """Arrays with two axes are traced in squares along a curve: each ray's answer still lands in its own place."""
+    """Arrays with two axes are traced in squares along a curve, but each ray's result keeps its position."""
     origins, directions = pr.Camera.look_at((0.3, -4, 0.2), (0, 0, 0), size=shape[::-1]).rays()
     square, row = (
         scene.intersect(origins, directions),
@@ -89,7 +89,7 @@ def test_a_picture_of_rays_hits_what_a_row_of_them_hits(scene, shape):
     for name in ("t", "position", "normal", "color", "instance"):
         want = getattr(row, name)
         assert np.allclose(getattr(square, name).reshape(want.shape), want, atol=1e-4, equal_nan=True), name
-    assert (square.point.reshape(-1) == row.point).mean() > 0.99  # two may weigh alike
+    assert (square.point.reshape(-1) == row.point).mean() > 0.99  # two points may have equal weights
     blocked = scene.occluded(origins, directions)
     assert blocked.shape == shape and np.array_equal(blocked.reshape(-1), hit)
 
@@ -312,7 +312,7 @@ def test_one_point_with_a_radius_is_a_disc():
 
 
 def in_shadow(scene, sun, camera):
-    """Where the camera's rays hit, (m, 3), and whether each place that faces the sun is dark."""
+    """The camera's hits, (m, 3), and whether each that faces the sun is dark."""
     scene.lights = [pr.SunLight(-np.asarray(sun))]
     hits = scene.intersect(*camera.rays())
     lit, dark = (pr.render(scene, camera, pr.Settings(shadows=shadows))[..., 0] for shadows in (False, True))
@@ -321,7 +321,7 @@ def in_shadow(scene, sun, camera):
 
 
 def test_overlapping_discs_cast_no_shadow_on_each_other():
-    """On the lit half of a sphere; under a disc that hovers above there is shadow."""
+    """The lit half of a sphere has no shadows, except under a disc that hovers above."""
     points, radius = pr.procedural("sphere", 5_000), 0.12
     scene, sun = pr.Scene(), np.array([0.6, -0.48, 0.64])
     scene.add(pr.Model(points, surface="disc"))
@@ -336,7 +336,7 @@ def test_overlapping_discs_cast_no_shadow_on_each_other():
 
 
 def test_discs_of_another_sheet_cast_shadows():
-    """Of the same model, as close as half a radius."""
+    """The sheets are of one model, and as close as half a radius."""
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
     floor, above = np.insert(grid, 2, 0.0, axis=1), np.insert(grid[grid[:, 0] < 8], 2, 0.7, axis=1)
     positions = np.concatenate([floor, above])
@@ -364,7 +364,7 @@ def random_rays(n, low=-2.5, high=2.5):
 
 
 def test_occluded_is_where_intersect_hits(scene):
-    """Also with intervals, and with directions that have any length."""
+    """This holds also with intervals and for directions of any length."""
     origins, directions = random_rays(50_000)
     t_min, t_max = np.sort(np.random.default_rng(3).uniform(0, 3, (2, len(origins))), axis=0)
     hits = scene.intersect(origins, directions, t_min, t_max)
@@ -377,7 +377,7 @@ def test_occluded_is_where_intersect_hits(scene):
 
 
 def test_the_interval_walks_from_hit_to_hit(scene):
-    """From behind the first hit a ray finds the second, where the sphere has it, and then nothing."""
+    """A ray from behind the first hit finds the sphere's second hit, and then nothing."""
     origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), fov=24, size=(60, 60)).rays()
     b = (origins * directions).sum(-1)
     root = np.sqrt(np.maximum(b * b - (origins * origins).sum(-1) + 1, 0))
@@ -421,7 +421,7 @@ def test_two_models_are_as_the_nearer_of_each(model):
     hits = both.intersect(origins, directions)
     nearest, found = each.min(axis=0), np.isfinite(hits.t)
     assert np.array_equal(found, np.isfinite(nearest))
-    # What is behind a hit is not looked at, so that samples end elsewhere.
+    # Rays do not look behind a hit, so that their samples end elsewhere.
     assert np.abs(hits.t[found] - nearest[found]).max() < 1e-4
     assert (hits.instance == each.argmin(axis=0))[found].mean() > 0.999
     assert (hits.instance[~found] == -1).all()
@@ -429,7 +429,7 @@ def test_two_models_are_as_the_nearer_of_each(model):
 
 @pytest.mark.parametrize("scale", [1e-6, 1e5])
 def test_a_scaled_instance_is_as_a_scaled_cloud(model, scale):
-    """Rounding apart nothing depends on the unit of length."""
+    """Nothing depends on the unit of length, except rounding."""
     one, other = pr.Scene(), pr.Scene()
     one.add(model, matrix(np.eye(3) * scale))
     points = model.points
@@ -462,7 +462,7 @@ def test_a_plane_and_its_checker():
     assert (hits.normal == [0, 0, 1]).all()
     shade = hits.color[:, 0] / 0.8
     assert np.isin(np.rint(shade * 2), (1, 2)).all() and shade == pytest.approx(np.rint(shade * 2) / 2, abs=1e-6)
-    # Both kinds are as frequent, and the square at one edge's distance along an axis is of the other kind.
+    # Both kinds of squares are equally frequent, and neighbours along an axis are of different kinds.
     assert 0.45 < (shade > 0.75).mean() < 0.55
     for step in ([0.5, 0, 0], [0, 0.5, 0]):
         moved = scene.intersect(np.stack([x, y, np.full(4000, 2.0)], axis=1) + step, [0, 0, -1]).color[:, 0] / 0.8
@@ -504,6 +504,6 @@ def test_exchange_puts_models_in_the_place_of_others() -> None:
 
 
 def test_a_plane_reflects_no_more_than_there_is():
-    """Else light that bounces on it without end leaves the range of numbers."""
+    """Otherwise light that bounces without end would overflow."""
     with pytest.raises(ValueError, match="color must lie between 0 and 1"):
         pr.Plane((0, 0, 0), (0, 0, 1), color=(0.5, 1.5, 0.5))

@@ -1,4 +1,4 @@
-"""Scene files: the same scene as in Python, and what is wrong with one, with file, line and key."""
+"""Scene files give the same scene as Python, and their mistakes are told with file, line and key."""
 
 import re
 from pathlib import Path
@@ -146,7 +146,7 @@ def sky() -> np.ndarray:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder with a scene file, and what it names."""
+    """A folder with a scene file and the files that it names."""
     rows = sphere_points(2000)
     points = pr.Points(0.5 * rows, rows, attributes={"radius": np.full(2000, 0.1, np.float32)})
     pr.write(tmp_path / "scan.ply", points)
@@ -158,7 +158,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def in_python(folder: Path) -> tuple[pr.Scene, pr.Camera, pr.Settings]:
-    """GOOD, by hand."""
+    """The scene of GOOD, made in Python."""
     ball = pr.Model(pr.procedural("sphere", 2000), surface="imls", samples=5, refine=0, trim=None, radius_scale=1.2)
     points = pr.read(folder / "scan.ply")
     scan = pr.Model(points, points.attributes["radius"])
@@ -300,7 +300,7 @@ def test_levels_of_detail(folder: Path, saved: bool) -> None:
 
 
 def said(folder: Path, text: str, capsys: pytest.CaptureFixture[str], *options: str) -> str:
-    """The one line about a scene file, which is bad input, without the name of the folder."""
+    """The one line of error about a bad scene file, without the name of the folder."""
     (folder / "scene.toml").write_text(text)
     capsys.readouterr()
     assert execute(["render", str(folder / "scene.toml"), "-o", str(folder / "a.png"), *options]) == 2
@@ -310,11 +310,11 @@ def said(folder: Path, text: str, capsys: pytest.CaptureFixture[str], *options: 
 
 
 def line(text: str, start: str) -> int:
-    """The number of the line that starts so."""
+    """The number of the line that starts with a text."""
     return next(k for k, row in enumerate(text.split("\n"), 1) if row.startswith(start))
 
 
-# What is replaced, by what, which key the message names and what it says. The line is that of the replacement.
+# The text, its replacement, the key that the message names, and what it says. The line is that of the replacement.
 WRONG = {
     "unknown key": ("fov = 50", "fow = 50", "camera.fow", "unknown key 'fow' (did you mean 'fov'?); there are: eye, "),
     "unknown table": ("[settings]", "[seting]", "seting", "unknown key 'seting' (did you mean 'settings'?)"),
@@ -389,7 +389,7 @@ WRONG = {
 
 @pytest.mark.parametrize("case", WRONG)
 def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """All of these are told before any scan is read: that one is broken."""
+    """All of these are told before any scan is read, as the scan is broken."""
     (folder / "scan.ply").write_text("broken")
     old, new, key, message = WRONG[case]
     assert old in GOOD
@@ -432,7 +432,7 @@ def test_files_that_are_no_scenes(text: str, message: str, folder: Path, capsys:
 
 
 def test_the_line_within_a_list_of_tables(folder: Path) -> None:
-    """An array that goes over many lines, with texts of many lines around."""
+    """An array that spans many lines, between texts of many lines."""
     rows = ["    { kind = 'sun', direction = [1, 1, -1] },  # ]"] * 50
     rows[37] = "    { kind = 'sun',\tdirection = [0, 0, 0] },"
     text = "a = '''\nlights = [\n[lights]\n'''\nlights = [\n" + "\n".join(rows) + "\n]\n[b]\nc = '''\n]\n'''\nd = 1\n"
@@ -505,7 +505,7 @@ def test_no_scene_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_the_manual(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The example of docs/scenes.md, and the mistake that it shows."""
+    """The example of docs/scenes.md works, and its mistake gives the message shown there."""
     page = (Path(__file__).resolve().parents[1] / "docs" / "scenes.md").read_text()
     (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     small = text.replace("100_000", "2000")

@@ -1,4 +1,4 @@
-"""On which line of a scene file a key stands, beside a twin that asks tomllib about each of its lines."""
+"""The line of a key in a scene file, compared with a twin that asks tomllib about each line."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ o = [1,
 
 
 def naive_line_of(text: str, key: tuple[str | int, ...]) -> int:
-    """The first line after which a text that ends there, or at the next line at which it may, has the key."""
+    """The first line after which the text, cut there or at the next line where it may be cut, has the key."""
     while key and not holds(tomllib.loads(text), key):
         key = key[:-1]
     lines = text.split("\n")
@@ -82,7 +82,7 @@ def parsed(lines: list[str]) -> Any:
 
 
 def all_keys(data: Any, key: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
-    """The key of data, and those of all that it holds."""
+    """All keys in data, at any depth."""
     parts = list(data) if isinstance(data, dict) else list(range(len(data))) if isinstance(data, list) else []
     return [key, *(inner for part in parts for inner in all_keys(data[part], (*key, part)))]
 
@@ -108,7 +108,7 @@ def test_lines_in_examples(name: str) -> None:
 def test_what_is_wrong_behind_a_long_text_is_told_after_one_look_at_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """tomllib, which takes most of the time, reads the text once and not up to each of its lines."""
+    """tomllib, which takes most of the time, reads the text once, and not again for each line."""
     text = "a = '''\n" + "a line of a text\n" * 20_000 + "'''\n[b]\n\"c.d\" = 3\n"
     (tmp_path / "scene.toml").write_text(text)
     read, loads = 0, tomllib.loads

@@ -1,4 +1,4 @@
-"""The screen's levels by a table, against the formulas that write pictures."""
+"""The screen's levels by a table, compared with the formulas that write pictures."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from pointray.image.tone import linear_to_srgb, tone
 
 
 def plain(image, backdrop, exposure, curve):
-    """Level by level, without a table."""
+    """Levels by the formulas, without a table."""
     light = np.nan_to_num(image[..., :3], posinf=1e30) * np.float32(2.0**exposure)
     light = light + np.asarray(backdrop, np.float32) * (1 - image[..., 3:])
     return np.rint(linear_to_srgb(tone(light, 0.0, curve)) * 255).astype(int)

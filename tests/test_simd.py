@@ -1,4 +1,4 @@
-"""Vectors against NumPy; and the same kernels for processors that can do less, or others."""
+"""Vectors compared with NumPy, and kernels for lesser and other processors."""
 
 import os
 import re
@@ -92,7 +92,7 @@ def _compared(a, out):
 
 
 def test_comparisons_know_nan_and_inf():
-    """A comparison with NaN is false; where one is NaN, min and max give the second."""
+    """A comparison with NaN is false; if one argument is NaN, min and max give the second."""
     a = np.random.default_rng(4).normal(size=32).astype(np.float32)
     a[0], a[17], a[2], a[19], a[20] = np.nan, np.nan, np.inf, -np.inf, a[4]
     out = np.zeros(48, np.float32)
@@ -162,7 +162,7 @@ Path(out + ".ll").write_text(_closest.inspect_llvm(signature))
 
 @pytest.fixture(scope="module")
 def traced(tmp_path_factory):
-    """What the program above writes, by the processor it compiles for: hits, assembly, LLVM."""
+    """The output of the program above for a processor: hits, assembly, LLVM."""
     folder = tmp_path_factory.mktemp("processors")
     pr.Model(pr.procedural("statue", 20_000)).save(folder / "statue.pointray")
 
@@ -202,10 +202,10 @@ def test_a_processor_with_shorter_vectors(traced, here, processor, widest):
 
 @pytest.mark.long
 def test_an_arm_processor_needs_no_library_for_rays(here):
-    """The kernel of x86-64 without features, lowered for aarch64: what it calls is memory, Python's errors, Numba."""
+    """A kernel for plain x86-64, lowered for aarch64, calls only memory, Python's errors and Numba."""
     code = re.sub(r"target triple = .*", 'target triple = "aarch64-unknown-linux-gnu"', here[2])
     code = re.sub(r"target datalayout = .*\n", "", code)
-    # Numba's own counting of references, once a call, is written for x86.
+    # Numba's reference counting, once a call, is written for x86.
     code = re.sub(r"= (tail )?call i8 @llvm\.x86\.atomic.*", "= add i8 0, 0", code)
     assert not re.findall(r"call [^@]*@llvm\.x86\.", code)
     llvm.initialize_all_targets()
@@ -215,6 +215,6 @@ def test_an_arm_processor_needs_no_library_for_rays(here):
     kernels = [part for part in re.split(r"\n(?=[A-Za-z_][\w.$]*:)", assembly) if re.match(r"_ZN8pointray", part)]
     calls = {name for part in kernels for name in re.findall(r"\n\s+bl\s+(\S+)", part)}
     assert any("fmla" in part for part in kernels)
-    # numba_*: helpers that come with Numba, for directions of extreme lengths only.
+    # numba_* are helpers of Numba, which only directions of extreme lengths need.
     known = ("_ZN8pointray", "NRT_", "memset", "memcpy", "numba_frexp", "numba_ldexp")
     assert not {name for name in calls if not name.startswith(known)}

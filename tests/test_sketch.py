@@ -1,4 +1,4 @@
-"""What is seen of a scan before its pictures can be traced: dots, drawn by NumPy."""
+"""The sketch of a scan before its pictures can be traced: dots, drawn by NumPy."""
 
 import threading
 
@@ -42,7 +42,7 @@ def test_a_ball_is_a_disc_without_gaps_lit_from_above_left(with_normals, project
 
 
 def test_what_is_near_hides_what_is_behind():
-    """A red wall before a green one; and their colours are linear."""
+    """A red wall hides a green one, and colours are linear."""
     rng = np.random.default_rng(2)
     positions = rng.random((20_000, 3)) * (1, 0, 1)
     red, green = np.tile([188, 0, 0], (20_000, 1)), np.tile([0, 188, 0], (20_000, 1))
@@ -51,7 +51,7 @@ def test_what_is_near_hides_what_is_behind():
     camera = pr.Camera.look_at((0.5, -2, 0.5), (0.5, 0, 0.5), size=(200, 200))
     image = Sketch([cloud]).draw(camera)
     inner = image[image.shape[0] // 3 : -image.shape[0] // 3, image.shape[1] // 3 : -image.shape[1] // 3]
-    assert (inner[..., 0] > 0.3).mean() > 0.9  # points at random leave some gaps
+    assert (inner[..., 0] > 0.3).mean() > 0.9  # random points leave some gaps
     behind = Sketch([cloud]).draw(pr.Camera.look_at((0.5, 3, 0.5), (0.5, 0, 0.5), size=(200, 200)))
     inner = behind[behind.shape[0] // 3 : -behind.shape[0] // 3, behind.shape[1] // 3 : -behind.shape[1] // 3]
     assert (inner[..., 1] > 0.3).mean() > 0.9
@@ -82,7 +82,7 @@ def test_some_of_many_points_and_of_several_clouds():
 
 @pytest.fixture
 def cold(monkeypatch):
-    """Kernels of pictures are not there until this is set."""
+    """The state of the kernels of pictures, which seem not to be compiled until `release` is set."""
     ready = {"warm": False, "waits": []}
 
     def wait(settings):
@@ -98,7 +98,7 @@ def cold(monkeypatch):
 
 @pytest.fixture
 def opened(tmp_path, cold):
-    """What loads a ball that stands upright along some axis, its subject, and a browser that waits for it."""
+    """A loader of a ball that stands upright along some axis, its scene, and a browser that waits for it."""
     path = tmp_path / "ball.ply"
     pr.write(path, sphere(8_000))
     shared = SharedScene("ball.ply")
@@ -120,7 +120,7 @@ def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
     assert first["stage"] == "still" and first["camera"]["eye"] == camera["eye"]
     status = browser.listen(lambda: browser.last("status"))
     assert status["lines"] == ["a sketch: 8,000 of 8,000 points"]
-    browser.say(type="pick", x=0.5, y=0.5, purpose="query", extend=False)  # nothing to ask yet
+    browser.say(type="pick", x=0.5, y=0.5, purpose="query", extend=False)  # nothing to trace yet
     browser.say(type="press", name="save.picture")
     camera["eye"] = [0, -6, 0]
     browser.go(camera)
@@ -130,7 +130,7 @@ def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
     thread.join(60)
     browser.refined(64)
     assert shared.scene is not None and shared.sketch is None
-    assert browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0]  # the hand had moved it
+    assert browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0]  # the user had moved it
     browser.listen(lambda: "million" in " ".join(browser.last("status")["lines"]))
 
 

@@ -1,4 +1,4 @@
-"""The proof at the head of `tree/leaves.py`: where f = 0 lies in the slab, whatever the few splats over it."""
+"""The claim proved at the head of `tree/leaves.py`: the surface f = 0 of any few splats lies in their slab."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ from pointray.tree.columns import slab_along
 from pointray.tree.leaves import limits_of
 
 TRIM, STEPS, LINES = 0.75, 120, 24
-PAD = 1e-4  # of a radius, against rounding: one splat alone has a slab without thickness
+PAD = 1e-4  # of a radius, against rounding: the slab of a single splat has no thickness
 
 
 @kernel
 def _outside(work, clouds, normals, lines, settings, out):
-    """Per cloud: zeros found on lines through it, and the greatest share of the way to its slab's border at one."""
+    """Per cloud: zeros found on lines through it, and their greatest height in the slab (1 at its border)."""
     kind, trim, limits = settings
     found, most = out
     i = next_tile(work)
@@ -43,11 +43,11 @@ def _outside(work, clouds, normals, lines, settings, out):
 
 
 def clouds_of(rng, count, splats):
-    """Splats (count, splats, 13) whose normals lie in cones of all widths, and the unit vectors in the middle."""
+    """Splats (count, splats, 13) whose normals lie in cones of all widths, and the axes of the cones."""
     x = rng.normal(size=(count, splats, 3)) * rng.uniform(0.05, 0.7, (count, 1, 1))
     spread = rng.choice([0.03, 0.2, 0.6, 2.0], (count, 1, 1))
     n = np.array([0, 0, 1]) + spread * rng.normal(size=(count, splats, 3))
-    # Half of them bent as spheres and saddles are, which is where the three surfaces part.
+    # Half of the clouds are bent like spheres and saddles, where the three surfaces differ.
     bend = rng.uniform(-1.5, 1.5, (count, 1, 2)) * (rng.random((count, 1, 1)) < 0.5)
     n[..., :2] += bend * x[..., :2]
     n[..., 2] = np.abs(n[..., 2]) + 0.02

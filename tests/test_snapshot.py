@@ -1,4 +1,4 @@
-"""Scenes that are used by several threads, copied, sent to other processes; and what holds what in memory."""
+"""Scenes that are used by several threads, copied, or sent to other processes, and what keeps memory alive."""
 
 import _thread
 import copy
@@ -25,7 +25,7 @@ def ball(n: int = 2000, seed: int = 0) -> pr.Model:
 
 
 def one_ball() -> pr.Scene:
-    """A scene that alone holds its model."""
+    """A scene with a model that nothing else holds."""
     scene = pr.Scene()
     scene.add(ball(), material=pr.Diffuse(pr.Attribute("z", "viridis")))
     scene.add_light(pr.SunLight((1, 1, -1)))
@@ -50,7 +50,7 @@ def test_what_holds_addresses_holds_what_lies_there(holder):
     gc.collect()
     assert blocks() is not None
     del held
-    scene.snapshot()  # forgets what was painted
+    scene.snapshot()  # forgets the colours
     gc.collect()
     assert blocks() is None
 
@@ -134,12 +134,12 @@ def test_all_that_a_scene_holds_can_be_pickled():
 
 @pytest.mark.long
 def test_each_call_sees_the_scene_of_one_moment():
-    """While a ball jumps to and fro no call may see it in both places or in none; others come and go beside it."""
+    """A ball jumps to and fro, and no call may see it twice or not at all, while others come and go beside it."""
     scene = pr.Scene()
     jumper = scene.add(ball(), material=pr.Diffuse(pr.Attribute("z", "viridis")))
     transforms = [pr.transform(translate=(x, 0, 0)) for x in (-1.5, 1.5)]
     scene.update(jumper, transforms[0])
-    x = np.repeat([-1.5, 1.5], 2000)  # several batches of rays at each place
+    x = np.repeat([-1.5, 1.5], 2000)  # several batches of rays at each position
     origins = np.stack([x, np.full(len(x), -5.0), np.zeros(len(x))], axis=1)
     wrong: list[object] = []
     ended = threading.Event()
@@ -178,7 +178,7 @@ def test_each_call_sees_the_scene_of_one_moment():
 
 
 def test_neighbours_are_not_asked_for_where_an_interrupt_arrives():
-    """SciPy's own threads would go on after one, in memory that is gone: ours are waited for."""
+    """SciPy's own threads would go on in freed memory after an interrupt, whereas ours are joined."""
     tree = NeighborTree(pr.procedural("sphere", 100).positions)
     ask, asked = tree._tree.query, []
 

@@ -1,4 +1,4 @@
-"""The first picture of a scan: which way is up, where the camera stands, what lights it, how it is exposed."""
+"""The first picture of a scan: its up direction, camera, lights and exposure."""
 
 from dataclasses import replace
 from functools import cache
@@ -16,7 +16,7 @@ from pointray.staging.framing import MARGIN, STRAY, Lens, frame_points, frame_tu
 from pointray.staging.sample import sample_of
 from pointray.staging.upright import axis_direction, find_up
 
-# How the scans of the shared folder stand, as one sees when one looks at them.
+# The up directions of the shared scans, as a human sees them.
 STANDING = {
     "stanford_bunny": "y",
     "stanford_dragon": "y",
@@ -44,7 +44,7 @@ def scan(name):
 
 
 def seen(camera, points):
-    """Where points are in the picture, (2, n): -1 to 1 across and upwards; and how far along the view, (n,)."""
+    """Positions of points in the picture, (2, n), from -1 to 1 across and upwards, and depths along the view, (n,)."""
     eye, forward, right, up = camera.record()[:12].reshape(4, 3)
     offset = points - eye
     depth = offset @ forward
@@ -53,7 +53,7 @@ def seen(camera, points):
 
 
 def filled(camera, points, stray=STRAY):
-    """The middle of what the points fill of the picture, and its half size."""
+    """The middle and half size of the box that the points fill in the picture."""
     low, high = np.quantile(seen(camera, points)[0], [stray, 1 - stray], axis=1)
     return (low + high) / 2, (high - low) / 2
 
@@ -139,7 +139,7 @@ def test_what_turns_stays_in_the_picture(up, projection):
 @pytest.mark.parametrize("fov", [35, 100])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_what_turns_turns_about_its_own_axis(projection, fov):
-    """Of a cone seen from above, whose middle in the picture is not that of its axis; also from among its points."""
+    """A cone seen from above has its middle away from its axis; the eye may also be among its points."""
     rng = np.random.default_rng(4)
     height, angle = 3 * np.sqrt(rng.random(20_000)), 2 * np.pi * rng.random(20_000)
     cone = np.stack([height * np.cos(angle) + 5, height * np.sin(angle), 3 - height], axis=1)
@@ -208,7 +208,7 @@ def test_terrain_is_seen_from_above_and_a_side_from_before_it():
 
 
 def room(ceiling):
-    """Points on the inside of a box, with normals that look into it."""
+    """Points on the inside of a box, with normals that point inwards."""
     rng, sides = np.random.default_rng(3), []
     for axis in range(3):
         for side in (0, 1):
@@ -298,7 +298,7 @@ def test_a_light_of_the_camera_stands_where_it_would_in_the_world():
 
 
 def test_sky_rays_find_what_a_corner_sees():
-    """At a wall's foot half of the sky is hidden, far from it nothing is."""
+    """Half of the sky is hidden at a wall's foot, and none of it far from the wall."""
     x, y = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(-1, 1, 60))
     flat, zero, one = np.ravel(x), np.zeros(3600), np.ones(3600)
     floor = np.stack([flat, y.ravel(), zero], axis=1), np.stack([zero, zero, one], axis=1)
@@ -346,10 +346,10 @@ def test_exposure_brings_any_light_to_the_same_brightness():
 def test_exposure_keeps_highlights():
     image = np.full((100, 100, 4), 0.01, np.float32)
     image[..., 3] = 1.0
-    image[:2] = 1.0  # 2 of 100
+    image[:2] = 1.0  # 2 of 100 pixels
     assert 2 ** auto_exposure(image) <= 0.93
     image[:2] = 0.01
-    image[0, :20] = 1e6  # one of 500 may burn
+    image[0, :20] = 1e6  # one pixel of 500 may burn
     assert 2 ** auto_exposure(image) * 0.01 == pytest.approx(0.24, rel=0.05)
 
 

@@ -1,4 +1,4 @@
-"""Strays: no disc that one notices, a word about how many; and where there is surface, it stays closed."""
+"""Strays get no visible discs and are counted in a message; true surfaces stay closed."""
 
 import json
 import warnings
@@ -39,14 +39,14 @@ def square(n, seed=0):
 
 
 def groups(count, size, seed=1):
-    """Groups of points above the unit square, 0.3 to 1.5 high, a group's some 0.05 from each other."""
+    """Groups of points 0.3 to 1.5 above the unit square; a group's points are some 0.05 apart."""
     draw = np.random.default_rng(seed)
     middles = draw.uniform([0, 0, 0.3], [1, 1, 1.5], (count, 3))
     return (np.repeat(middles, size, axis=0) + 0.03 * draw.normal(size=(count * size, 3))).astype(np.float32)
 
 
 def missed(points, rays, normals=UP):
-    """How many vertical rays from above, at these places, hit nothing or a back side."""
+    """The number of vertical rays from above these points that hit nothing or a back side."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points(points, np.array(np.broadcast_to(normals, points.shape)))))
     hits = scene.intersect(rays + np.float32([0, 0, 3]), [0, 0, -1])
@@ -70,7 +70,7 @@ def test_strays_are_no_wider_than_the_surface_beside_them(size, facing):
 
 
 def test_scatter_is_no_surface():
-    """300 points all over the air, with normals that say nothing: some fit by chance, and then have no company."""
+    """300 random points in the air with random normals are strays. Some fit by chance, but have no neighbours."""
     air = np.random.default_rng(3).uniform([0, 0, 0.2], [1, 1, 1.2], (300, 3))
     x = np.concatenate([square(30_000), air]).astype(np.float32)
     radii, lone = chosen(x, np.concatenate([np.repeat(UP[None], 30_000, axis=0), sphere_points(300, seed=5)]))
@@ -138,7 +138,7 @@ def test_a_surface_that_thins_stays_closed(fall, by):
     x = x[np.random.default_rng(7).uniform(size=len(x)) < share]
     radii, lone = chosen(x, UP)
     assert lone.sum() <= 2  # in a corner
-    assert fall < 30 or radii.max() > 4 * np.median(radii)  # these are wide discs that are needed
+    assert fall < 30 or radii.max() > 4 * np.median(radii)  # these wide discs are needed
     assert missed(x, 0.9 * square(40_000, seed=8) + np.float32([0.05, 0.05, 0])) == 0
 
 
@@ -164,7 +164,7 @@ def radii_around(points, rows, radii, k=200):
 
 @pytest.mark.long
 def test_autzen_has_no_ball_on_its_end_wall():
-    """Some 15 returns of a wall, 30 times sparser than the seats: a ball of discs up to 13 times as wide as usual."""
+    """A wall of 15 returns, 30 times sparser than the seats, was a ball of discs up to 13 times the usual width."""
     points = pr.read(shared_model("points/autzen_stadium_crop_rgb.ply"))
     with pytest.warns(UserWarning, match=TELLS):
         model = pr.Model(points)
@@ -177,7 +177,7 @@ def test_autzen_has_no_ball_on_its_end_wall():
     ("name", "most"), [("potree_lion_takanawa_rgb", 1e-4), ("tls_pumpA_rgb", 5e-4), ("sfm_garden_rgb_nonormals", 1e-3)]
 )
 def test_few_wide_discs_are_left_in_scans(name, most):
-    """Over ten times as wide as usual: before, 4 in 1,000 of the pump's and 7 of the garden's, up to 66 times."""
+    """Discs over ten times the usual width were once 4 in 1,000 of the pump's and 7 of the garden's, up to 66 times."""
     points = pr.read(shared_model(f"points/{name}.ply"))
     with pytest.warns(UserWarning, match=TELLS):
         radii = pr.Model(points).radii
@@ -187,7 +187,7 @@ def test_few_wide_discs_are_left_in_scans(name, most):
 
 
 def test_what_flies_beside_the_lion_is_a_speck():
-    """Three or more points at half the lion's size from it: they were discs 7 times as wide as usual."""
+    """Three or more points, half the lion's size away from it, were discs of 7 times the usual width."""
     points = pr.read(shared_model("points/potree_lion_takanawa_rgb.ply"))
     with pytest.warns(UserWarning, match=TELLS):
         radii = pr.Model(points).radii
@@ -195,7 +195,7 @@ def test_what_flies_beside_the_lion_is_a_speck():
 
 
 def through_the_base(name, up, low):
-    """Of the rays that meet a statue's base from below, the share that meet a back side first."""
+    """The share of the rays at a statue's base from below that meet a back side first."""
     points = pr.read(shared_model(f"points/{name}.ply"))
     scene = pr.Scene()
     scene.add(pr.Model(points))
@@ -210,5 +210,5 @@ def through_the_base(name, up, low):
 
 @pytest.mark.parametrize(("name", "up", "low"), [("stanford_lucy_50k", 1, 16), ("nefertiti_50k", 2, 8)])
 def test_bases_where_density_falls_are_closed(name, up, low):
-    """Before, 6 and 10% of the rays from below went through, where discs wider than most were cut."""
+    """6 and 10% of the rays from below once went through, when discs wider than most were cut."""
     assert through_the_base(name, up, low) < 2e-3

@@ -1,4 +1,4 @@
-"""Subsampling: the traced subset against the cloud, and hostile clouds."""
+"""Subsampling: the traced subset compared with the cloud, and hostile clouds."""
 
 import warnings
 
@@ -20,7 +20,7 @@ def diagonal(points):
 
 
 def traced(points, subset, radii, distances):
-    """How far the traced surface is from each point along its normal, inf where no ray finds it."""
+    """Distance of the traced surface from each point along its normal; inf if no ray finds it."""
     scene = pr.Scene()
     scene.add(pr.Model(subset, radii))
     x, n = points.world, points.normals / np.linalg.norm(points.normals, axis=1, keepdims=True)
@@ -33,7 +33,7 @@ def traced(points, subset, radii, distances):
 
 
 def grid_picked(points, count):
-    """One point a cell, the one nearest to the cell's mean, of a grid with about so many cells that hold any."""
+    """The point nearest to the mean of each cell, in a grid with about this many filled cells."""
     x = points.positions.astype(np.float64)
     low, high = diagonal(points) / 1e4, diagonal(points)
     for _ in range(40):
@@ -83,7 +83,7 @@ HALF = [
 
 
 def both_errors(points, count):
-    """Errors, in diagonals, of a subset and of a grid's at equal count; inf where there is none up to 1%."""
+    """Errors, in diagonals, of a subset and of a grid's at equal count; inf if over 1%."""
     grid = grid_picked(points, count)
     subset, radii = pr.subsample(points, count=len(grid))
     assert len(subset) == len(radii) == len(grid)
@@ -100,7 +100,7 @@ def test_half_the_largest_error_of_a_grid(name, n, count):
 
 @pytest.mark.long
 def test_half_the_error_of_a_grid_where_it_is_sharp(statue):
-    """All but 10 of 50,000 points; the last lie in crevices as narrow as the cloud's spacing."""
+    """10 of 50,000 points are excluded, in crevices as narrow as the cloud's spacing."""
     ours, theirs = both_errors(statue, 8000)
     assert np.isinf(ours).sum() <= 0.05 * np.isinf(theirs).sum()
     assert ours[-11] <= 0.5 * min(theirs[-11], 1e-2)
@@ -113,7 +113,7 @@ def test_half_the_error_of_a_grid_where_it_is_sharp(statue):
     ("name", "n", "share"), [("torus", 30_000, 0.1), ("sphere", 20_000, 0.1), ("statue", 50_000, 0.05)]
 )
 def test_relaxation_saves_a_tenth_and_uncovers_nothing(name, n, share):
-    """Less on the statue here, where many of 50,000 points stand for themselves; of a million a tenth."""
+    """It saves a tenth of a million points, but less of the 50,000 here, many of which represent only themselves."""
     points = pr.procedural(name, n)
     cloud, error = cloud_of(points), 0.001 * diagonal(points)
     pool, rows = select_greedily(cloud, measure(cloud, error), error)
@@ -128,7 +128,7 @@ def test_relaxation_saves_a_tenth_and_uncovers_nothing(name, n, share):
 
 
 def test_splats_stay_within_the_error_bound_and_hold_what_is_near():
-    """Against all distances: what a splat on a smooth surface holds is what lies within its radius."""
+    """By brute force, a splat on a smooth surface holds just the points within its radius."""
     cloud = cloud_of(pr.procedural("torus", 5000))
     seeds = np.arange(0, 5000, 50, dtype=np.int32)
     error = 0.02
@@ -163,7 +163,7 @@ def test_sizes_differ_slowly_and_thin_plates_stay_apart():
     points = pr.Points(x, n)
     subset, radii = pr.subsample(points, 0.005)
     away = traced(points, subset, radii, (0.006, 0.02))
-    assert (away <= 0.005).mean() >= 0.99  # but for the plates' rims
+    assert (away <= 0.005).mean() >= 0.99  # except at the plates' rims
     assert set(np.sign(subset.normals[:, 2])) == {-1, 1}
 
 
@@ -302,7 +302,7 @@ def test_a_plane_has_no_holes_up_to_its_border():
 
 @pytest.mark.long
 def test_the_statue_of_the_paper():
-    """A million points: within the tolerance, and 32,000 of them better than a grid's."""
+    """A subset of a million points is within the tolerance; one of 32,000 is better than a grid's."""
     points = pr.procedural("statue", 1_000_000)
     tolerance = 5e-4 * diagonal(points)
     subset, radii = pr.subsample(points, tolerance)

@@ -1,4 +1,4 @@
-"""Rays against exact shapes: depth, normals, watertightness, where secondary rays start, and open borders."""
+"""Rays compared with exact shapes: depth, normals, no holes, starts of secondary rays, and open borders."""
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_rays_from_a_sphere_leave_outside_and_are_blocked_inside(surface, degree
 
 
 def sphere_traced(name, x, directions, radius):
-    """Least exact distance along rays that start two radii off, for 8 units of length or up to the first hit."""
+    """Least exact distance along rays that start two radii off, over 8 units of length or up to the first hit."""
     t, least, live = np.full(len(x), 2 * radius), np.full(len(x), np.inf), np.arange(len(x))
     for _ in range(300):
         d = pr.procedural_distance(name, x[live] + t[live, None] * directions[live])
@@ -100,7 +100,7 @@ def sphere_traced(name, x, directions, radius):
     ("name", "n"), [("torus", 60_000), ("lattice", 300_000), pytest.param("statue", 200_000, marks=pytest.mark.long)]
 )
 def test_shadow_rays_agree_with_the_exact_shape(name, n, surface):
-    """From hits to anywhere: blocked exactly when they go inside or the exact shape is in the way."""
+    """Rays from hits to anywhere are blocked if they go inside or the exact shape is in the way, and only then."""
     scene, model = scene_of(name, n, surface=surface)
     target = (0, 0, 1) if name == "statue" else (0, 0, 0)
     origins, directions = pr.Camera.look_at((1, -4, 2), target, fov=40, size=(110, 110)).rays()
@@ -186,7 +186,7 @@ def test_refine_and_samples_are_honoured():
 
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_rays_in_a_tile_hit_what_they_hit_alone(surface):
-    """Neighbouring rays go through the tree together; in random order each goes alone."""
+    """Neighbouring rays are traced together; in random order each is traced singly."""
     scene, model = scene_of("statue", surface=surface)
     scene.add(model, transform=np.diag([-0.5, 0.5, 0.5, 1]) + np.eye(4, k=3))
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
@@ -203,7 +203,7 @@ def test_rays_in_a_tile_hit_what_they_hit_alone(surface):
 
 @pytest.mark.parametrize("name", ["sphere", "statue"])
 def test_rays_from_hits_do_not_depend_on_their_tile(name):
-    """Shadow rays, and rays that go on from a hit, start on the surface: the order of the batch changes nothing."""
+    """Shadow rays and reflected rays start on the surface; the order of the batch changes nothing."""
     scene, model = scene_of(name)
     origins, directions = (a.reshape(-1, 3) for a in pr.Camera.frame(model.bounds, size=(121, 83)).rays())
     hits = scene.intersect(origins, directions)
@@ -236,7 +236,7 @@ def test_rays_that_are_none_and_points_that_are_astray():
     x = np.column_stack([np.stack(np.meshgrid(*[np.arange(-20, 21) * 1e-3] * 2), -1).reshape(-1, 2), np.zeros(41**2)])
     x = np.concatenate([x, np.full((1, 3), 1e6)])
     scene, _ = scene_of(pr.Points(x, np.tile([0, 0, 1.0], (len(x), 1))), radii=np.full(len(x), 2e-3))
-    scene.intersect(np.array([0.6, 0.7, 0.9]) * 1e6, [-0.6, -0.7, -0.9])  # too far to be told apart, but it ends
+    scene.intersect(np.array([0.6, 0.7, 0.9]) * 1e6, [-0.6, -0.7, -0.9])  # too far to be resolved, but tracing ends
 
 
 def test_trim_follows_the_radii_and_leaves_no_phantoms():
@@ -252,7 +252,7 @@ def test_trim_follows_the_radii_and_leaves_no_phantoms():
 
 
 def test_a_step_of_density_is_no_border():
-    """A square whose one half has a 16th of the other's points: no ray falls through between."""
+    """One half of a square has a 16th of the other's points, but no ray falls through between them."""
     dense = np.stack(np.meshgrid(np.arange(-1, 0, 0.005), np.arange(-1, 1, 0.005)), -1).reshape(-1, 2)
     sparse = np.stack(np.meshgrid(np.arange(0.01, 1, 0.02), np.arange(-1, 1, 0.02)), -1).reshape(-1, 2)
     x = np.concatenate([dense, sparse])
@@ -265,7 +265,7 @@ def test_a_step_of_density_is_no_border():
 @pytest.mark.parametrize("sampling", ["even", "random"])
 @pytest.mark.parametrize("gap", [0.5, 1.0, 2.0, 3.0])
 def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap):
-    """A wall half a spacing thick to three: from both sides, down to 10 degrees above it, and from within."""
+    """A wall of half a spacing to three is hit from both sides, down to 10 degrees above it, and from inside."""
     n = 10_000
     h = 1 / np.sqrt(n)
     x = [RNG.uniform(size=(n, 2)), RNG.uniform(size=(n, 2))]

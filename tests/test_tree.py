@@ -1,4 +1,4 @@
-"""The tree is whole, the validator sees when it is not, and nothing that is seen depends on slabs, boxes or voxels."""
+"""Trees are valid, the validator sees corruption, and no hit depends on slabs, boxes or voxels."""
 
 from functools import cache
 
@@ -103,25 +103,25 @@ def point_outside(tree):
 def thin_slabs(tree):
     """By nearly half of their thickness on one side."""
     leaves = tree.leaves.reshape(-1, 16)
-    full = np.isfinite(leaves[:, 10])  # an empty leaf's are unlimited
+    full = np.isfinite(leaves[:, 10])  # slabs of an empty leaf are unlimited
     leaves[full, 10] -= 0.45 * (leaves[full, 10] - leaves[full, 9])
 
 
 def thin_patches(tree):
     """By nearly half of their thickness on one side."""
     low, high = tree.patches.reshape(-1, 4, 16)[:, 2], tree.patches.reshape(-1, 4, 16)[:, 3]
-    full = np.isfinite(high - low)  # those of empty leaves are unlimited
+    full = np.isfinite(high - low)  # columns of empty leaves are unlimited
     high[full] -= 0.45 * (high - low)[full]
 
 
 def turn_patches(tree):
-    """As if the columns lay along other axes."""
+    """Let the columns lie along other axes."""
     patches = tree.patches.reshape(-1, 4, 4, 4)
     patches[:] = patches.swapaxes(2, 3).copy()
 
 
 def thin_boxes(tree):
-    """The leaves' boxes, by a twentieth."""
+    """Shrink the leaves' boxes by a twentieth."""
     rows, leaf = (
         tree.boxes.reshape(-1, 6, 8),
         (tree.children.reshape(-1, 8) < 0) & (tree.children.reshape(-1, 8) > -(2**31)),
@@ -139,7 +139,7 @@ def narrow_voxels(tree):
 
 
 def empty_a_leaf(tree):
-    """Not a child any more, and without splats: as if it had been proved empty."""
+    """Make a leaf no child and without splats, as if it had been proved empty."""
     rows, children = tree.boxes.reshape(-1, 6, 8), tree.children.reshape(-1, 8)
     node, k = np.argwhere((children < 0) & (children > -(2**31)))[len(tree.leaves) // 32]
     tree.spans[2 * ~children[node, k] + 1] = 0
@@ -219,7 +219,7 @@ def test_the_size_of_voxels_changes_nothing(name, factor):
 
 
 def crumpled(extra):
-    """Splats of a noisy double wall, and some of them once more far away, which shifts all blocks."""
+    """Splats of a noisy double wall, and copies of some of them far away, which shift all blocks."""
     rng = np.random.default_rng(5)
     x, side = rng.uniform(0, 1, (20_000, 3)), rng.choice([-1.0, 1.0], (20_000, 1))
     u, v = 9 * x[:, 0], 7 * x[:, 1]
@@ -240,7 +240,7 @@ def test_which_sheet_is_seen_does_not_depend_on_blocks():
     assert np.isfinite(one).mean() > 0.99
     assert (np.isfinite(one) != np.isfinite(other)).sum() <= 2
     both = np.isfinite(one) & np.isfinite(other)
-    assert (np.abs(one[both] - other[both]) > 1e-3).sum() <= 2  # 363 where whole blocks are left out
+    assert (np.abs(one[both] - other[both]) > 1e-3).sum() <= 2  # 363 if whole blocks are left out
 
 
 def test_coincident_and_huge_supports_are_no_trouble():

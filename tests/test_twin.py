@@ -1,4 +1,4 @@
-"""Rays agree with the brute-force twin: hit or miss the same, t within 2% of the local radius."""
+"""Rays agree with the brute-force twin: the same hits and misses, t within 2% of the local radius."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def cloud(name):
     """The points, and a direction to look from."""
     if name in ("bunny", "dragon"):
         return pr.read(shared_model(f"points/stanford_{name}.ply")), (0.45, 0.35, 1.0), (0, 1, 0)
-    # Of the lattice's many rims a share that falls with the radius is grazed.
+    # Rays graze the lattice's many rims; their share falls with the radius.
     count = 500_000 if name == "lattice" else 100_000
     return pr.procedural(name, count), (0.45, -1.0, 0.35), (0, 0, 1)
 

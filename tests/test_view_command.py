@@ -1,4 +1,4 @@
-"""`pointray view`, as a program: what it prints, what it shows of files, and how it ends."""
+"""`pointray view` as a program: what it prints, what it shows of files, and how it ends."""
 
 import signal
 import sys
@@ -28,7 +28,7 @@ def start():
     started = []
 
     def begin(*arguments):
-        """The process, the address that it prints, and all that it has printed."""
+        """Start the program; returns it, the address that it prints, and all that it has printed."""
         started.append(serve(*arguments))
         return started[-1]
 
@@ -126,7 +126,7 @@ def test_large_scans_are_shown_in_part_first(tmp_path, monkeypatch):
 
 
 def is_rather(frame, wanted, other):
-    """Whether a frame, in its full size, is the one picture and not the other, up to what JPEG changes in both."""
+    """Whether a frame of full size is one picture and not the other, within the changes of JPEG."""
     seen = levels_in(frame[1])
     if seen.shape != wanted.shape:
         return False
@@ -145,13 +145,13 @@ def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
     shared.load(loading.Files([path], {}, lambda scene: None, leveled)).join(60)
     counts = [count for _, count in shown]
     assert counts == sorted(counts) and (counts[-1] >= 2) == leveled
-    if leveled:  # a scene of its own: what colours points counts the levels
+    if leveled:  # a scene of its own, because colouring counts the levels
         scenes = list(dict.fromkeys(scene for scene, _ in shown if scene is not None))
         assert len(scenes) == 3 and scenes[1].models == scenes[2].models
 
 
 def test_levels_in_the_panel(tmp_path, start, monkeypatch):
-    """As `render` makes it with levels, and with all points when they are switched off."""
+    """The picture is that of `render` with levels, or with all points when levels are switched off."""
     model = pr.Model(pr.procedural("statue", 40_000))
     model.make_levels()
     model.save(tmp_path / "a.pointray")

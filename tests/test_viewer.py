@@ -1,4 +1,4 @@
-"""The viewer without a page: what the server says, draws and refuses."""
+"""The viewer without a page: what the server sends, draws and refuses."""
 
 import json
 import threading
@@ -143,7 +143,7 @@ def test_lights_come_and_go(browser, scene):
     browser.say(type="press", name="lamps.0.remove")
     browser.listen(lambda: "no_lamps" in browser.controls())
     assert np.abs(levels_in(browser.refined(64)[1]) - head).mean() < CLOSE
-    assert len(scene.lights) == 1  # the scene itself is left alone
+    assert len(scene.lights) == 1  # the scene itself is unchanged
 
 
 def test_lights_that_hold_arrays_can_go(browser, scene):
@@ -226,7 +226,7 @@ def test_what_a_click_needs_is_loaded_after_the_first_picture(viewer, monkeypatc
 
 
 def test_of_clicks_while_one_is_looked_at_the_last_counts(browser, monkeypatch):
-    """A slow machine loses none but those between."""
+    """A slow machine drops only the clicks in between."""
     busy, go, asked = threading.Event(), threading.Event(), []
 
     def slow(scene, camera, x, y):
@@ -242,7 +242,7 @@ def test_of_clicks_while_one_is_looked_at_the_last_counts(browser, monkeypatch):
     for x in (0.1, 0.2, 0.51):
         browser.say(type="pick", purpose="query", extend=True, x=x, y=0.5)
     before = browser.last("camera")
-    browser.say(type="view", name="front")  # its answer comes after the clicks have
+    browser.say(type="view", name="front")  # its answer comes after those to the clicks
     browser.listen(lambda: browser.last("camera") is not before)
     go.set()
     assert float(browser.listen(lambda: browser.last("measured"))["text"]) > 0
@@ -609,17 +609,17 @@ class Deaf:
 
 def test_a_browser_that_leaves_while_it_is_told_of_a_change(scene, caplog):
     shared, sessions = SharedScene("x", scene), []
-    shared.subscribe(lambda: sessions[0].leave() if sessions else None)  # told before the session is
+    shared.subscribe(lambda: sessions[0].leave() if sessions else None)  # this message comes before the session exists
     sessions.append(session.Session(Deaf(), shared, sessions.append))
     sessions[0].receive(json.dumps({"type": "size", "width": 64, "height": 48, "scale": 1}))
     sessions[0].receive(json.dumps({"type": "set", "name": "color_by", "value": "height"}))
     shared.show(scene)
-    assert len(sessions) == 2  # it has left
+    assert len(sessions) == 2  # the browser has left
     assert not [record.message for record in caplog.records if record.name == "pointray.view"]
 
 
 def test_the_exposure_does_not_flicker_while_the_camera_moves():
-    """It is chosen anew where looks change, and where a still picture asks for much more or less."""
+    """It is chosen anew if settings change, or if a still picture needs much more or less."""
     painter = Painter(lambda frame: None, lambda text: None)
     camera = pr.Camera.look_at((0, -3, 0), (0, 0, 0), size=(8, 8))
 

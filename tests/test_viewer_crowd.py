@@ -1,4 +1,4 @@
-"""`pointray view` under many hands: it neither grows nor loses a thread, and complains of nothing."""
+"""`pointray view` with many users keeps its memory and threads, and reports no error."""
 
 import random
 import re
@@ -18,9 +18,9 @@ from browsing import Page, chromium
 from viewing import Browser
 
 EVENTS = 10_000
-BY_HAND = 400  # of them in a real browser, which is killed after half of them
-WARM = 10_000  # events before them and before memory is measured: until then it grows to what so many hands need
-VISITORS = 3  # without a page
+BY_HAND = 400  # events in a real browser, which is killed after half of them
+WARM = 10_000  # events before memory is measured: until then it grows to what so many users need
+VISITORS = 3  # users without a page
 GROWTH = 1.05
 SECONDS = 60.0
 SIZES = ((160, 120), (200, 100), (96, 128))
@@ -46,7 +46,7 @@ def serving(model, log):
 
 
 def wait(condition):
-    """What a condition returns, when it holds."""
+    """Wait until a condition holds; returns its value."""
     end = time.monotonic() + SECONDS
     while not (found := condition()):
         assert time.monotonic() < end, "it never happened"
@@ -55,7 +55,7 @@ def wait(condition):
 
 
 class Visitor:
-    """Somebody without a page, who does things at random."""
+    """A user without a page, who acts at random."""
 
     ACTS = {
         "turn": 60,
@@ -75,7 +75,7 @@ class Visitor:
         self.come()
 
     def come(self):
-        """Come, or go and come again."""
+        """Connect, or leave and connect again."""
         self.leave()
         self.socket = Browser(self.url, self.dice.choice(SIZES))
         self.camera = self.socket.arrive()
@@ -88,7 +88,7 @@ class Visitor:
             self.socket.close()
 
     def act(self):
-        """One event; its name."""
+        """Make one event; returns its name."""
         (name,) = self.dice.choices(list(self.ACTS), self.ACTS.values())
         getattr(self, name)()
         self.socket.answer(0.002)
@@ -105,7 +105,7 @@ class Visitor:
         self.socket.go(self.camera)
 
     def set(self):
-        """A control of the panel; seldom one that builds the model anew."""
+        """Set a control of the panel, seldom one that rebuilds the model."""
         hidden = ("samples", "output.", "" if self.dice.random() < 0.03 else "build.")
         controls = [c for name, c in self.socket.controls().items() if not name.startswith(tuple(filter(None, hidden)))]
         control = self.dice.choice([c for c in controls if c["kind"] in ("choice", "range", "switch", "color")])
@@ -138,7 +138,7 @@ class Visitor:
         self.socket.say(type="view", name=self.dice.choice(("home", "front", "top", "left")))
 
     def lamp(self):
-        """A light more or less."""
+        """Add or remove a light."""
         lamps = [name for name in self.socket.controls() if re.fullmatch(r"lamps\.\d+\.remove", name)]
         more = len(lamps) < MOST and (len(lamps) <= LEAST or self.dice.random() < 0.5)
         self.socket.say(type="press", name="lamps.add.sun" if more else self.dice.choice(lamps))
@@ -154,7 +154,7 @@ class Visitor:
         )
 
     def try_all(self):
-        """Everything that loads machine code: it stays, and is no leak."""
+        """Try everything that loads machine code, which stays in memory and is no leak."""
         for integrator in INTEGRATORS:
             for material in MATERIALS:
                 self.socket.set("integrator", integrator)
@@ -165,7 +165,7 @@ class Visitor:
 
 
 class Hand:
-    """Somebody with a real browser."""
+    """A user with a real browser."""
 
     def __init__(self, launch, url, dice):
         self.dice = dice
@@ -174,7 +174,7 @@ class Hand:
         self.page.until("pointray.last")
 
     def act(self):
-        """Some events; how many."""
+        """Make some events; returns their number."""
         steps = self.dice.randint(5, 12)
         choice = self.dice.random()
         if choice < 0.6:
@@ -188,7 +188,7 @@ class Hand:
         return steps
 
     def killed(self):
-        """By signal 9; nothing is said to the server."""
+        """Kill the browser by signal 9, without a message to the server."""
         started = [p for p in psutil.Process().children(recursive=True) if p.name() == "chromium"]
         (main,) = [p for p in started if not any(word.startswith("--type=") for word in p.cmdline())]
         main.send_signal(signal.SIGKILL)
@@ -200,7 +200,7 @@ class Hand:
 
 
 def alone(server):
-    """Memory and threads of the server when everybody has left."""
+    """Memory and threads of the server after everybody has left."""
     before = []
 
     def calm():
@@ -218,7 +218,7 @@ def test_ten_thousand_events(tmp_path):
     with chromium() as launch, serving(tmp_path / "statue.pointray", log) as (server, url):
 
         def crowd(count, hands):
-            """So many events, some of them by a hand."""
+            """Make this many events, some of them in a real browser."""
             visitors = [Visitor(url, dice) for _ in range(VISITORS)]
             hand, before = Hand(launch, url, dice), done["hand"]
             for k in range(count - hands):

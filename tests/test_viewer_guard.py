@@ -1,4 +1,4 @@
-"""Who may come in to the viewer, and what one page or client may take of it."""
+"""Who may use the viewer, and how much one page or client may take."""
 
 import json
 import re
@@ -82,7 +82,7 @@ def ask(viewer, target, *headers, host=None):
 
 
 def path_of(viewer):
-    """The part of the address that holds the token."""
+    """The path of the address, which holds the token."""
     return f"/{viewer.url.rstrip('/').rpartition('/')[2]}/"
 
 
@@ -95,14 +95,14 @@ def test_only_files_of_the_page_are_served(viewer):
         status, text = ask(viewer, path + name)
         assert status == 200 and "Content-Security-Policy" in text and "Referrer-Policy: no-referrer" in text, name
     status, text = ask(viewer, path.rstrip("/"))
-    assert status == 308 and f"Location: {path.strip('/')}/\r\n" in text  # relative: there may be a prefix
+    assert status == 308 and f"Location: {path.strip('/')}/\r\n" in text  # relative, because there may be a prefix
 
 
 HUB, PUBLIC = "/user/x/", "hub.example.org"
 
 
 class Proxy:
-    """What jupyter-server-proxy does of each request: takes the prefix away, keeps Host, and names the prefix."""
+    """Forwards requests like jupyter-server-proxy: removes the prefix, keeps Host, and names the prefix."""
 
     def __init__(self, viewer):
         self.prefix = f"{HUB}proxy/{viewer.port}"
@@ -110,7 +110,7 @@ class Proxy:
         self._viewer = viewer
 
     def get(self, target, *headers):
-        """An address as the browser asks for it."""
+        """Get an address as the browser requests it."""
         assert target.startswith(f"{self.prefix}/"), target
         return ask(self._viewer, target.removeprefix(self.prefix), *self.headers, *headers, host=PUBLIC)
 
@@ -130,7 +130,7 @@ def plain_viewer(monkeypatch):
 
 
 def test_the_page_works_behind_the_proxy_of_a_hub(hub_viewer):
-    """The frame's address, and all that it names, are below the prefix."""
+    """The frame's address and all that it names are below the prefix."""
     proxy = Proxy(hub_viewer)
     html = hub_viewer._repr_html_()
     page = re.search(r'src="([^"]+)"', html)[1]
@@ -157,7 +157,7 @@ def test_the_page_works_behind_the_proxy_of_a_hub(hub_viewer):
 
 
 def first_line(viewer, target, *headers):
-    """The words of the first line of an answer, whose connection may stay open."""
+    """The words of an answer's first line; its connection may stay open."""
     with socket.create_connection(("127.0.0.1", viewer.port)) as stream:
         stream.settimeout(10.0)
         stream.sendall("\r\n".join((f"GET {target} HTTP/1.1", f"Host: {PUBLIC}", *headers, "", "")).encode())
@@ -165,7 +165,7 @@ def first_line(viewer, target, *headers):
 
 
 def test_other_names_are_refused_but_for_the_hubs_own_proxy(hub_viewer, plain_viewer):
-    """Neither without the header that only the proxy adds, nor with another prefix, nor where there is no hub."""
+    """Other names are refused without the proxy's header, with another prefix, or without a hub."""
     path, known = path_of(hub_viewer), Proxy(hub_viewer).headers
     assert ask(hub_viewer, path, *known, host=PUBLIC)[0] == 200
     assert ask(hub_viewer, path, host=PUBLIC)[0] == 403
@@ -241,7 +241,7 @@ def test_requests_that_make_no_sense_are_the_clients_fault(viewer):
 
 
 class Visitor:
-    """What is behind a browser here: nothing."""
+    """The server's side of a browser, which here does nothing."""
 
     def receive(self, text):
         pass
@@ -272,7 +272,7 @@ def test_a_client_that_does_not_read_is_let_go(size, kind):
             sent += max(size, 50)
             held = max(held, tracemalloc.get_traced_memory()[0] - begun)
         assert not link.open and held < BOUND, f"{held:,}"
-        wait(lambda: tracemalloc.get_traced_memory()[0] - begun < 1 << 20)  # and nothing stays
+        wait(lambda: tracemalloc.get_traced_memory()[0] - begun < 1 << 20)  # nothing remains of it
         tracemalloc.stop()
 
 
@@ -282,7 +282,7 @@ def test_a_client_that_does_not_read_is_let_go(size, kind):
     ids=["pings", "pongs", "empty pieces"],
 )
 def test_a_client_that_sends_no_messages_is_let_go(frame):
-    """Pings want answers, which it does not read; pieces of a message have no end."""
+    """Pings want answers, which it does not read, and the fragments of a message do not end."""
     server = Server(lambda link: Visitor(), "127.0.0.1", 0)
     hello = f"GET /{server.token}/socket HTTP/1.1\r\nHost: 127.0.0.1\r\n{HELLO}{KEY}\r\n\r\n"
     first = [0x01, 0x80, 0, 0, 0, 0] if frame[0] == 0 else []
@@ -293,7 +293,7 @@ def test_a_client_that_sends_no_messages_is_let_go(frame):
         deaf.sendall(bytes(first))
         tracemalloc.start()
         with pytest.raises(ConnectionError):
-            server._loop.call_soon_threadsafe(time.sleep, 0.5)  # then all that came is there at once
+            server._loop.call_soon_threadsafe(time.sleep, 0.5)  # then all that came is read at once
             for _ in range(20):
                 deaf.sendall(bytes(frame) * 50_000)
         peak = tracemalloc.get_traced_memory()[1]
@@ -325,13 +325,13 @@ def test_a_file_for_a_client_that_goes_is_left(tmp_path, sent):
         sending = threading.Thread(target=link.send_file, args=(b"", tmp_path / "big.exr"))
         sending.start()
         sending.join(0.5)
-        assert sending.is_alive()  # it waits for the client, and the file on the disk
+        assert sending.is_alive()  # the thread waits for the client, with the file on the disk
         assert tracemalloc.get_traced_memory()[1] < BOUND // 4
         tracemalloc.stop()
         client.close_socket()
         sending.join(30)
         assert not sending.is_alive() and not link.open
-        link.send_file(b"", tmp_path / "big.exr")  # nobody is there: at once
+        link.send_file(b"", tmp_path / "big.exr")  # nobody is there, so it ends at once
         with pytest.raises(OSError):
             link.send_file(b"", tmp_path / "none.exr")
 
@@ -344,7 +344,7 @@ def test_pictures_in_flight_fit_into_what_may_wait():
 
 
 class Deaf:
-    """A `link.Link` to nobody, from wherever; what it was to say."""
+    """A `link.Link` to nobody, from any address, which records its messages."""
 
     def __init__(self, is_local):
         self.is_local, self.said = is_local, []
@@ -401,7 +401,7 @@ def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
         count = len(other.frames)
         other.go(camera, fov=30.0 + k, time=2.0 + k)
         other.listen(lambda n=count, k=k: any(h["time"] == 2.0 + k for h, _ in other.frames[n:]))
-    browser.say(type="sun", dx=0.1, dy=0.0)  # the last that is answered
+    browser.say(type="sun", dx=0.1, dy=0.0)  # the last one that is answered
     browser.listen(lambda: browser.last("values"))
     lamps = [name for name in browser.controls() if re.fullmatch(r"lamps\.\d+\.on", name)]
     assert len(lamps) == MOST_LAMPS
@@ -433,7 +433,7 @@ def test_a_scene_of_many_lights_has_a_panel_all_the_same(browser, scene):
 
 
 def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkeypatch):
-    """However long it takes: here until the other one has its pictures."""
+    """This holds however long the work takes, here until the other page has its pictures."""
     busy, go, whole = threading.Event(), threading.Event(), ViewSettings.with_lamp
 
     def slow(self, *arguments):
@@ -446,7 +446,7 @@ def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkey
     browser.say(type="press", name="lamps.add.sun")
     assert busy.wait(60)
     try:
-        with closing(Browser(viewer.url, SIZE)) as other:  # one that comes meanwhile
+        with closing(Browser(viewer.url, SIZE)) as other:  # a request that comes meanwhile
             camera = other.arrive()
             other.go(camera, fov=30.0, time=2.0)
             other.listen(lambda: any(header["time"] == 2.0 for header, _ in other.frames))
@@ -459,7 +459,7 @@ def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkey
 
 
 def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
-    """While one is drawn the page is heard, and none of those between is drawn."""
+    """The server reads the page's messages while one is drawn, and draws none of those in between."""
     busy, go, drawn = threading.Event(), threading.Event(), []
     whole = lookups.legend_of
 
@@ -476,7 +476,7 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
     for name in ("plasma", "magma") * 10:
         browser.set("colormap", name)
     before = browser.last("camera")
-    browser.say(type="view", name="front")  # its answer comes after all of them were heard
+    browser.say(type="view", name="front")  # its answer comes after all of them were read
     browser.listen(lambda: browser.last("camera") is not before)
     go.set()
     browser.listen(lambda: (m := browser.last("legend")) and m["image"])
@@ -486,7 +486,7 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
 
 def test_many_wishes_for_a_surface_need_two_threads(scene):
     shared = SharedScene("x", scene)
-    with shared._builds:  # as if one were being built
+    with shared._builds:  # pretends that one is being built
         threads = {shared.rebuild(radius_scale=1.0 + k / 1_000) for k in range(1, 500)}
         assert len(threads) == 1
     for thread in threads:

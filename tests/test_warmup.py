@@ -1,4 +1,4 @@
-"""Kernels compiled beside and before they are needed, and what is told of it."""
+"""Kernels that are compiled in another process before they are needed, and the messages about it."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ from pointray.viewer.time_left import TimeLeft
 
 
 class Clock:
-    """Time that passes when it is told to."""
+    """A clock that tests advance."""
 
     def __init__(self, monkeypatch):
         self.now = 100.0
@@ -30,7 +30,7 @@ def clock(monkeypatch):
 
 
 def test_the_backlog_tells_which_kernel_and_how_long(clock):
-    """Two rows at once: what is left is what the longer one still takes, at the pace that was seen."""
+    """Two queues run at once: the time left is that of the longer one, at the speed seen so far."""
     work = Backlog()
     assert work.state is None
     work.expect({"a": 4.0, "b": 6.0})
@@ -45,7 +45,7 @@ def test_the_backlog_tells_which_kernel_and_how_long(clock):
     number, total, _, seconds = work.state
     assert (number, total) == (2, 3) and seconds == pytest.approx(2 * 20 - 8)
     work.end("c", beside=True)
-    assert work.state is None  # nothing at this moment
+    assert work.state is None  # nothing is compiled at this moment
     work.begin("b")
     work.begin("unknown")
     assert work.state.total == 4
@@ -74,7 +74,7 @@ def test_time_left_is_that_of_a_stage(clock):
     assert left("tree", 0.5) is None
     clock.now += 10.0
     assert left("tree", 0.75) == pytest.approx(10.0)
-    assert left("tree", None) is None and left("tree", 0.1) is None  # begun anew
+    assert left("tree", None) is None and left("tree", 0.1) is None  # started again
 
 
 COLD = """
@@ -127,13 +127,13 @@ def run(program, cache, *words):
 @pytest.mark.long
 @pytest.mark.parametrize("integrator", ["phong", "path"])
 def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path, integrator):
-    """And on the next one nothing is: neither compiled nor told."""
+    """On the next start nothing is compiled, and nothing is told."""
     first = run(COLD % integrator, tmp_path)
     count = len(warmup.BUILD) + len(warmup.NORMALS) + 2
     cold, compiled, covered = first[0].split()
     assert cold == "True" and int(covered) > 100
     assert first[1] == "[] []"
-    assert count - 4 <= int(compiled) <= count  # how many orienting takes depends on the points
+    assert count - 4 <= int(compiled) <= count  # the number that orienting needs depends on the points
     assert first[2] == f"(1, {count}) None" and first[3] == "True"
     again = run(COLD % integrator, tmp_path)
     assert again[0] == f"False 0 {covered}" and again[2] == "False None"
@@ -141,7 +141,7 @@ def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path, integrator
 
 @pytest.fixture
 def uncompiled(monkeypatch):
-    """A kernel that is taken for not compiled."""
+    """A kernel that counts as not compiled."""
     monkeypatch.setattr(beside, "is_compiled", lambda dispatcher: False)
     return "pointray.trace.cast._closest"
 
@@ -171,7 +171,7 @@ def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatc
 
 
 def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):
-    """Killed, not ended: nothing is left behind that goes on compiling."""
+    """Its starter is killed, and no process goes on compiling."""
     script = (
         "import os, time; from pointray.jit import beside; beside.is_compiled = lambda d: False; "
         "from pointray.rendering import warmup; import subprocess; real = subprocess.Popen\n"
@@ -203,7 +203,7 @@ def is_alive(pid):
 
 
 def test_names_of_kernels_are_right():
-    """Those that are told to come, and those that the process beside knows how to compile."""
+    """The expected kernels' names, and those that the other process can compile, are right."""
     for name in (*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES):
         assert f"pointray.{name}" in jit.KERNELS
     assert np.all([cost > 0 for cost in (*warmup.BUILD.values(), *warmup.NORMALS.values())])

@@ -1,4 +1,4 @@
-"""Tiles of a picture in which no model can be seen are not traced: pictures are the same as if they were."""
+"""Tiles in which no model can be seen are not traced, and pictures are the same as if they were."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def scene_of(model):
 
 
 def both(scene, camera, settings, monkeypatch):
-    """The picture, and the same with all tiles traced."""
+    """The picture, and the picture with all tiles traced."""
     image = pr.render(scene, camera, settings)
     with monkeypatch.context() as patch:
         patch.setattr(picture, "window_of", lambda camera, top: EVERYWHERE)
@@ -43,7 +43,7 @@ def test_pictures_are_the_same(model, integrator, background, monkeypatch):
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_it_lies_close_around_what_is_seen(model, projection):
-    """Each tile's edge at most from it, so that much is spared."""
+    """The window is within a tile's edge of the model, so that much is saved."""
     scene, camera = scene_of(model), pr.Camera.look_at(**CAMERA, projection=projection, fov=35)
     left, top, right, bottom = window_of(camera, scene.snapshot().world.top)
     rows, columns = np.nonzero(np.isfinite(scene.intersect(*camera.rays()).t))
@@ -60,7 +60,7 @@ def test_nothing_is_spared_where_something_may_be_seen(model):
 
 
 def test_what_is_no_model_is_seen_beside_it(model, monkeypatch):
-    """Planes, lamps that paths meet, the sky; and an empty scene is background."""
+    """Planes, lights that paths meet, and the sky are seen; an empty scene is background."""
     camera = pr.Camera.look_at(**CAMERA)
     plane, lamp, sky = scene_of(model), scene_of(model), scene_of(model)
     plane.add(pr.Plane((0, 0, -0.5), (0, 0, 1)))

@@ -1,4 +1,4 @@
-"""Normals of a file that are not those of its surface: noticed, said, and replaced by fitted ones."""
+"""Normals of a file that are not those of its surface are noticed, told, and replaced by fitted ones."""
 
 import json
 import warnings
@@ -29,14 +29,14 @@ def unit(rows: np.ndarray) -> np.ndarray:
 
 
 def tilted(normals: np.ndarray, degrees: float, direction: np.ndarray) -> np.ndarray:
-    """Each turned by so much, towards the way."""
+    """Normals, each turned by some degrees towards a direction."""
     normals = unit(np.asarray(normals, np.float64))
     across = unit(direction - np.sum(direction * normals, axis=1, keepdims=True) * normals)
     return normals * np.cos(np.radians(degrees)) + across * np.sin(np.radians(degrees))
 
 
 def ripple(steepness: float = 1.0, n: int = 12_000) -> pr.Points:
-    """z = sin r, with the normals of waves that are so many times as steep: with 2.2 a median of 21 degrees off."""
+    """z = sin r, with the normals of steeper waves: 2.2 times the steepness gives a median error of 21 degrees."""
     xy = np.random.default_rng(0).uniform(-7, 7, (n, 2))
     r = np.linalg.norm(xy, axis=1)
     slopes = xy * (np.cos(r) / r)[:, None]
@@ -81,7 +81,7 @@ def test_noise_speaks_against_no_normals(amount):
 @pytest.mark.parametrize("name", ["sphere", "torus", "lattice", "statue"])
 @pytest.mark.parametrize("count", [1, 2, 11, 12, 100, 500, 2_000, 20_000])
 def test_detail_finer_than_the_points_speaks_against_no_normals(name, count):
-    """Planes through the statue's 2,000 points are 21 degrees off its normals, those of the lattice 45."""
+    """Planes through the statue's 2,000 points are 21 degrees off its normals, and those of the lattice 45."""
     assert not pr.check_normals(pr.procedural(name, count)).wrong
 
 
@@ -124,7 +124,7 @@ def test_where_there_are_no_normals_nothing_is_wrong(normals):
 
 @pytest.mark.parametrize("step", [0.5, 1, 2, 3, 5])
 def test_rounded_coordinates_speak_against_no_normals(step):
-    """Where all neighbours lie on one step, the plane through them is that step, and is not asked."""
+    """If all neighbours lie on one step of rounding, the plane through them is that step, and does not count."""
     points = ripple(n=40_000)
     positions = points.positions.astype(np.float64)
     size = step * 14 / 200
@@ -141,7 +141,7 @@ def test_the_median_decides():
 
 
 def test_of_many_points_only_those_around_a_sample_are_looked_through(monkeypatch):
-    """And nearly the same is found: the neighbours are those among all points."""
+    """The result is nearly the same, because neighbours are searched among all points."""
     points = pr.procedural("torus", 60_000)
     usual = pr.check_normals(points.with_normals(tilted(points.normals, 30, np.float64([0, 0, 1]))))
     asked, ask = [], nearby.neighbors
@@ -186,7 +186,7 @@ def test_right_ones_are_kept_and_wrong_ones_where_that_is_wished_for():
 def test_a_model_keeps_what_points_have():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".* lone points?")  # some at the corners
+        warnings.filterwarnings("ignore", ".* lone points?")  # some lie at the corners
         assert pr.check_normals(pr.Model(ripple(2.2, 3_000)).points).wrong
 
 
@@ -293,7 +293,7 @@ def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
 
 @pytest.mark.parametrize("coarse", [False, True])
 def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
-    """Of a large scan in the coarse version too."""
+    """The coarse version of a large scan has fitted normals, too."""
     if coarse:
         monkeypatch.setattr("pointray.viewer.loading.COARSE", 4_000)
         monkeypatch.setattr("pointray.viewer.loading.WORTH", 8_000)

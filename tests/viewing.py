@@ -1,4 +1,4 @@
-"""A browser for tests of the viewer, without the page: it says what a page says, and keeps what it is told."""
+"""A browser for tests of the viewer, without the page: it sends what a page sends, and keeps what it receives."""
 
 import io
 import json
@@ -19,7 +19,7 @@ from pointray.image.tone import GRADIENT, backdrop_rows
 from pointray.viewer.messages import describe
 
 SIZE = (160, 120)
-CLOSE = 1.5  # of 255, what JPEG may change on average
+CLOSE = 1.5  # of 255: the mean change that JPEG may make
 
 
 def levels_in(file):
@@ -28,7 +28,7 @@ def levels_in(file):
 
 
 def expected(scene, camera, samples, size=SIZE, exposure=0.0, **settings):
-    """What `render` makes of it, over the viewer's backdrop."""
+    """The picture by `render`, over the viewer's backdrop."""
     view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], size)
     return shown_levels(pr.render(scene, view, pr.Settings(spp=samples, **settings)), exposure)
 
@@ -47,14 +47,14 @@ def scene_of(model):
 
 
 def compile_kernels(scene):
-    """Before anybody waits for a picture: a first time takes minutes."""
+    """Compile before anybody waits for a picture, as the first time takes minutes."""
     camera = describe(pr.Camera.frame(scene.bounds))
     for settings in ({}, {"integrator": "normal"}):
         expected(scene, camera, 2, (8, 8), **settings)
 
 
 def socket_of(url):
-    """Where the socket of a viewer's page is."""
+    """The address of the socket of a viewer's page."""
     return f"ws{url.removeprefix('http')}socket"
 
 
@@ -75,7 +75,7 @@ class Browser:
         self._socket.send(text)
 
     def listen(self, until, seconds=60.0):
-        """Take messages until a condition holds; what it returns."""
+        """Take messages until a condition holds; returns its value."""
         end = time.monotonic() + seconds
         while not (found := until()):
             left = end - time.monotonic()
@@ -87,7 +87,7 @@ class Browser:
         return found
 
     def rest(self, seconds):
-        """Take what comes within some time."""
+        """Take the messages that come within some time."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             try:
@@ -96,7 +96,7 @@ class Browser:
                 return
 
     def answer(self, seconds):
-        """As `rest`, and forget what came."""
+        """Like `rest`, but forget what came."""
         self.rest(seconds)
         self.told = [m for m in (self.last("camera"), self.last("panel")) if m]
         self.frames.clear()
@@ -118,7 +118,7 @@ class Browser:
         return next((m for m in reversed(self.told) if m["type"] == kind), None)
 
     def arrive(self):
-        """Go where the server says; returns the camera."""
+        """Take the camera that the server sends; returns it."""
         camera = self.listen(lambda: self.last("camera"))
         self.go(camera)
         return camera
@@ -128,7 +128,7 @@ class Browser:
         self.say(**{"type": "camera", **view, "time": 1.0, **changes})
 
     def refined(self, samples):
-        """The frame with so many samples that comes next."""
+        """The next frame with this many samples."""
         begun = len(self.frames)
         return self.listen(lambda: next((f for f in self.frames[begun:] if f[0]["samples"] == samples), None))
 
@@ -144,7 +144,7 @@ class Browser:
 
 
 def serve(*arguments):
-    """`pointray view` as a process: that, the address that it prints, and all that it has printed."""
+    """`pointray view` as a process; yields it, the address that it prints, and all that it has printed."""
     command = [sys.executable, "-m", "pointray.cli", "view", "--no-open", *map(str, arguments)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     said = []

@@ -3,8 +3,9 @@
 `make attack` makes all of them and prints a table; `tests/test_attack.py` makes a few of each. An input is named by its
 part, seed and number: the same three give the same input again.
 
-parts: which there are; child: the process that takes inputs; pool: the processes that are told them, which notice a
-crash or a hang; ledger: what is done, and the table; mutate, casting, writers: what several parts share.
+`parts` lists the parts. `child` is the process that takes inputs, `pool` the processes that send them and notice a
+crash or a hang. `ledger` records what is done and prints the table. Several parts share `mutate`, `casting` and
+`writers`.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-# Takes an input's source of chance and its number. Whether the input was accepted (else refused); raises what is wrong.
+# Takes an input's random generator and number. Returns whether the input was accepted; raises if anything is wrong.
 Attack = Callable[[np.random.Generator, int], bool]
 
 
 class WrongError(Exception):
-    """The input was taken, and what came of it is not right."""
+    """The input was accepted, and its result is wrong."""
 
 
 class CrashError(Exception):
-    """A process that the attack had started was ended by a signal that nobody had sent."""
+    """A process of the attack was ended by a signal that nobody had sent."""

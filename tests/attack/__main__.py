@@ -15,12 +15,12 @@ from attack.ledger import Ledger, code_key
 from attack.parts import PARTS
 from attack.pool import Attacker
 
-BATCHES = 200  # into which the inputs of a part are cut
-SAY = 15.0  # seconds between two words on how far it is
+BATCHES = 200  # batches into which the inputs of a part are cut
+SAY = 15.0  # seconds between two messages of progress
 
 
 def spans_of(count: int) -> list[tuple[int, int]]:
-    """Batches of inputs. Their length depends on the count by powers of two, so that a larger count has the same."""
+    """Batches of inputs. Their length is a power of two, so that a larger count shares most of them."""
     length = 1
     while length * BATCHES < count:
         length *= 2
@@ -28,7 +28,7 @@ def spans_of(count: int) -> list[tuple[int, int]]:
 
 
 def attack_part(ledger: Ledger, part: str, seed: int, count: int, jobs: int) -> None:
-    """Make the inputs of a part that are not made yet, in several processes at once."""
+    """Make the remaining inputs of a part, in several processes at once."""
     left: queue.SimpleQueue[tuple[int, int]] = queue.SimpleQueue()
     for span in spans_of(count):
         if not ledger.has(part, seed, *span):
@@ -98,7 +98,7 @@ def main() -> int:
     if unknown:
         parser.error(f"unknown part {unknown[0]}: one of {', '.join(PARTS)}")
     parts = told.part or list(PARTS)
-    # A shell's job in the background ignores Ctrl-C, and all that it starts does too: no interrupt would arrive.
+    # A background job of a shell ignores Ctrl-C, and so does all that it starts: no interrupt would arrive.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if told.input is not None:
         if len(parts) != 1:

@@ -1,4 +1,4 @@
-"""Rays cast at what was accepted: every result is a hit with finite numbers, or a miss."""
+"""Rays cast at what was accepted: every result must be a hit with finite numbers, or a miss."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from attack.mutate import Rng
 
 
 def rays_at(rng: Rng, bounds: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """64 rays from around a box at places in it, as a tile: (8, 8, 3) origins and directions."""
+    """64 rays from around a box to points in it, as a tile: (8, 8, 3) origins and directions."""
     low, high = bounds
     size = float(np.linalg.norm(high - low)) or 1.0
     around = rng.normal(size=3)
@@ -22,7 +22,7 @@ def rays_at(rng: Rng, bounds: NDArray[np.float64]) -> tuple[NDArray[np.float64],
 def check_hits(hits: pr.Hits, rows: int, exact: bool = True) -> None:
     """WrongError if a result is neither a hit nor a miss.
 
-    rows : of the caller's points; exact : whether normals are of length 1, and each hit names a point
+    rows : number of the caller's points; exact : whether normals must have length 1, and hits name points
     """
     t, hit = hits.t, np.isfinite(hits.t)
     if np.isnan(t).any() or (t < 0).any():

@@ -1,4 +1,4 @@
-"""The process that takes inputs: numbers come in by stdin, what became of each goes out as a line of JSON.
+"""The process that takes inputs: their numbers come in by stdin, their outcomes go out as lines of JSON.
 
     python -m attack.child PART SEED FOLDER
 
@@ -23,16 +23,16 @@ import numpy as np
 from attack import Attack, CrashError
 from attack.parts import KNOWN
 
-MEMORY = 8 << 30  # bytes of address space: a file that asks for more is believed too much
+MEMORY = 8 << 30  # bytes of address space: no file may make the reader ask for more
 
 
 def chance(part: str, seed: int, index: int) -> np.random.Generator:
-    """The source of chance of an input; of both parts that attack saved models the same."""
+    """The random generator of an input, which is the same for both parts that attack saved models."""
     return np.random.default_rng([zlib.crc32(KNOWN[part].module.encode()), seed, index])
 
 
 def outcome_of(attack: Attack, rng: np.random.Generator, index: int, folder: Path) -> tuple[str, str]:
-    """accepted, refused, crashed or failed; and of the last two what happened, without the folder's name."""
+    """accepted, refused, crashed or failed; the last two with what happened, without the folder's name."""
     try:
         return ("accepted" if attack(rng, index) else "refused"), ""
     except CrashError as crash:
@@ -44,7 +44,7 @@ def outcome_of(attack: Attack, rng: np.random.Generator, index: int, folder: Pat
 
 
 def limit_memory() -> None:
-    """Have memory run out before the machine's does, where the system has such a limit."""
+    """Limit the process's memory to less than the machine's, where the system allows."""
     try:
         import resource
     except ImportError:
@@ -56,7 +56,7 @@ def limit_memory() -> None:
 def main() -> None:
     part, seed, folder = sys.argv[1], int(sys.argv[2]), Path(sys.argv[3])
     out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what the library prints is no answer
+    os.dup2(2, 1)  # answers must not mix with what the library prints
     faulthandler.enable()
     limit_memory()
     warnings.simplefilter("ignore")

@@ -18,7 +18,7 @@ from attack.mutate import Rng, pick
 
 SMALL = ["--size", "160x120", "--spp", "2"]
 OLD = b"old"
-# Name of what is written, and the command. view writes nothing, and ends only when it is interrupted.
+# Name of the output, and the command. view writes nothing, and ends only when it is interrupted.
 COMMANDS = {
     "a.png": ["render", *SMALL],
     "a.jpg": ["render", *SMALL],
@@ -28,8 +28,8 @@ COMMANDS = {
     "film": ["animate", "--size", "64x48", "--spp", "1", "--seconds", "0.5", "--fps", "12"],
     "": ["view", "--no-open"],
 }
-LATEST = 1.4  # times as long as the command takes: until then the signal comes
-WRITING = 0.8, 1.1  # in times as long: when files are written, which is when every second signal comes
+LATEST = 1.4  # the signal comes within this many times the command's duration
+WRITING = 0.8, 1.1  # the same unit: when files are written, and every second signal comes
 
 
 def command_of(name: str, scan: Path, target: Path) -> list[str]:
@@ -39,7 +39,7 @@ def command_of(name: str, scan: Path, target: Path) -> list[str]:
 
 
 def check_files(name: str, target: Path, new: bytes | None, kept: bool) -> bool:
-    """Whether the new file is there; WrongError if what is there is neither it nor the old one."""
+    """Whether the new file is there; WrongError if there is something else than it or the old one."""
     names = sorted(path.name for path in target.iterdir())
     if name == "film":
         return check_film(target / name, names)
@@ -53,7 +53,7 @@ def check_files(name: str, target: Path, new: bytes | None, kept: bool) -> bool:
 
 
 def check_film(folder: Path, names: list[str]) -> bool:
-    """The frames there are, are whole; beside them is at most the note."""
+    """Check that all frames are whole, and that nothing but the note is beside them."""
     if names not in ([], ["film"]):
         raise WrongError(f"film: left beside: {names}")
     found = sorted(folder.iterdir()) if folder.exists() else []
@@ -75,7 +75,7 @@ def begin(folder: Path) -> Attack:
     known: dict[str, tuple[bytes, float]] = {}
 
     def known_of(name: str) -> tuple[bytes, float]:
-        """What the command writes when it is left alone, and how long it takes."""
+        """What the command writes without an interrupt, and how long it takes."""
         if name not in known:
             begun = time.monotonic()
             done = subprocess.run(command_of(name, scan, target), capture_output=True, text=True)
@@ -102,7 +102,7 @@ def begin(folder: Path) -> Attack:
         process.send_signal(signal.SIGINT)
         _, said = process.communicate()
         status = process.returncode
-        # Before the command has begun it is Python that ends, by the signal itself: a shell sees 130 too.
+        # Before the command has begun, the signal itself ends Python: a shell sees 130, too.
         early = status == -signal.SIGINT and "execute" not in said
         if status < 0 and not early:
             raise CrashError(f"{name or 'view'}: {signal.Signals(-status).name}")

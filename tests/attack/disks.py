@@ -1,7 +1,7 @@
 """Full disks: writers and commands that may write so many bytes and no more.
 
-They end with status 1 and one line; the old file is whole and nothing is left beside it. Or all went onto the disk:
-status 0, and the new file is whole. The limit is that of the process on the size of files, or a small file system
+If the disk fills, they end with status 1 and one line, the old file is whole, and nothing is left beside it. Otherwise
+the status is 0 and the new file is whole. The limit is the process's limit on the size of files, or a small file system
 where this process may mount one.
 """
 
@@ -32,13 +32,13 @@ SMALL = ["--size", "48x32", "--spp", "1"]
 
 
 def limit_files(size: int) -> None:
-    """No file of this process grows beyond so many bytes: writes fail, as on a full disk."""
+    """Let no file of this process grow beyond this size: writes fail, as on a full disk."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
 def mount_small(folder: Path, size: int) -> bool:
-    """A file system of so many bytes on a folder, which this process alone sees; False where that is not allowed."""
+    """Mount a small file system that only this process sees onto a folder; False if that is not allowed."""
     libc = ctypes.CDLL(None, use_errno=True)
     if os.geteuid() != 0 or libc.unshare(CLONE_NEWNS) != 0:
         return False
@@ -48,7 +48,7 @@ def mount_small(folder: Path, size: int) -> bool:
 
 
 def told_by(arguments: list[str]) -> tuple[int, list[str]]:
-    """A command's exit status, and what it says of errors."""
+    """A command's exit status and its lines of errors."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         status = execute(arguments)
@@ -56,9 +56,9 @@ def told_by(arguments: list[str]) -> tuple[int, list[str]]:
 
 
 class Job:
-    """Something that writes a file, and both of its versions.
+    """Something that writes a file, and both versions of the file.
 
-    run : writes the new one; None from it, or what a command says: status and lines
+    run : writes the new version; returns None, or the status and lines of a command
     """
 
     def __init__(self, name: str, run: Callable[[Path], tuple[int, list[str]] | None], old: bytes, new: bytes) -> None:
@@ -96,7 +96,7 @@ def found_in(target: Path) -> dict[str, str]:
 
 
 def write_there(job: Job, target: Path, kept: bool) -> dict[str, Any]:
-    """Have a job write into a folder; status, lines, whether it raised, and what is there afterwards."""
+    """Let a job write into a folder; returns status, lines, whether it raised, and what is there afterwards."""
     path = target / job.name
     raised, told = "", None
     try:
@@ -110,7 +110,7 @@ def write_there(job: Job, target: Path, kept: bool) -> dict[str, Any]:
 
 
 def judge(job: Job, kept: bool, told: dict[str, Any]) -> bool:
-    """Whether the new file is there; WrongError if what is there is neither, or what was said is not true."""
+    """Whether the new file is there; WrongError if neither version is, or if the messages are not true."""
     status, found = told["status"], told["found"]
     if status not in (0, 1) or told["raised"] not in ("", "OSError"):
         raise WrongError(f"{job.name}: status {status} {told['lines'][:1]} {told['raised'][:120]}")
@@ -140,7 +140,7 @@ def begin(folder: Path) -> Attack:
         return write_there(job, target, kept)
 
     def film_on_full_disk(rng: Rng) -> bool:
-        """Frames that are there are whole, and a note beside them says no more than is true."""
+        """Check that frames are whole, and that the note beside them says nothing untrue."""
 
         def work() -> dict[str, Any]:
             limit_files(int(rng.integers(0, 12_000)))

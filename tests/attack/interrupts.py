@@ -14,7 +14,7 @@ from attack import Attack, CrashError, WrongError
 from attack.mutate import Rng
 
 LATEST = 0.25  # seconds until the signal
-PATIENCE = 8.0  # seconds until it is sent again: one that comes while Python frees something is lost
+PATIENCE = 8.0  # seconds until it is sent again: Python loses a signal that comes while it frees an object
 
 
 class Victim:
@@ -33,7 +33,7 @@ class Victim:
         self._process.send_signal(signal.SIGINT)
 
     def wait_for(self, word: str, seconds: float) -> bool:
-        """Read what it says until it says this; False if it takes too long, CrashError if it has come to its end."""
+        """Read its output up to this line; False if that takes too long, CrashError if the process has ended."""
         end = time.monotonic() + seconds
         while True:
             while b"\n" in self._rest:

@@ -1,6 +1,6 @@
-"""SIGKILL at random moments while files are written: the old file or the new one is there, whole.
+"""SIGKILL at random moments while files are written: either the old or the new file must be there, whole.
 
-What a killed process leaves beside is gone after the next process has written into that folder.
+Files that a killed process leaves beside it must be gone after the next process has written into that folder.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LONGEST = 0.06  # seconds until the kill
 
 
 def killed_after(rng: Rng, work: Callable[[], None]) -> None:
-    """Do the work in a process that is killed at a random moment; CrashError if it ends by another signal."""
+    """Work in a process that is killed at a random moment; CrashError if it ends by another signal."""
     child = os.fork()
     if child == 0:
         try:
@@ -63,7 +63,7 @@ def render_for_ever(folder: Path) -> None:
 
 
 def check_film(folder: Path) -> bool:
-    """Whether there are frames; WrongError if one of them is not whole."""
+    """Whether there are frames; WrongError if one is not whole."""
     pictures = sorted(folder.glob("[0-9]*.png"))
     for path in pictures:
         with Image.open(path) as picture:
@@ -72,7 +72,7 @@ def check_film(folder: Path) -> bool:
 
 
 def in_process(write: Callable[[], None]) -> None:
-    """Write in a process of its own: each takes away only once what others have left in a folder."""
+    """Write in a process of its own, because each process cleans up a folder only once."""
 
     def work() -> dict[str, Any]:
         write()

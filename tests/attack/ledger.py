@@ -1,4 +1,4 @@
-"""What is done of an attack, so that one that was interrupted goes on; and the table at its end."""
+"""The record of what is done, with which an interrupted attack goes on, and the table at its end."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from attack.pool import Failure, Tally
 
 ROOT = Path(__file__).resolve().parents[2]
 COLUMNS = ("inputs", "accepted", "refused", "crashed", "hung", "failed")
-SHOWN = 8  # seeds of a failure that are listed
+SHOWN = 8  # inputs of a failure that are listed
 
 
 def code_key() -> str:
-    """A hash of the package and of the attack: what was done with others is not done."""
+    """A hash of the package and of the attack. Batches that were done with another hash do not count."""
     digest = hashlib.sha256()
     for folder in ("src", "tests/attack"):
         files = [path for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".toml", ".txt")]
@@ -34,7 +34,7 @@ class Ledger:
     Parameters
     ----------
     folder : path
-        Made if it is not there.
+        It is created if absent.
     """
 
     def __init__(self, folder: Path, key: str) -> None:
@@ -46,10 +46,10 @@ class Ledger:
             try:
                 batch = json.loads(line)
                 self._batches[batch["part"], batch["seed"], batch["start"]] = batch
-            except (ValueError, KeyError):  # cut off when the machine stopped
+            except (ValueError, KeyError):  # a line that was cut off when the machine stopped
                 continue
         with self._file.open("a") as file:
-            file.write("\n")  # what was cut off ends here
+            file.write("\n")  # ends such a line
 
     def has(self, part: str, seed: int, start: int, stop: int) -> bool:
         """Whether a batch is done."""
@@ -66,7 +66,7 @@ class Ledger:
             file.write(json.dumps(batch) + "\n")
 
     def of(self, part: str, seed: int) -> tuple[Tally, float]:
-        """What became of all inputs so far, and the seconds that they took."""
+        """The outcomes of all inputs so far, and the seconds that they took."""
         tally, seconds = Tally(), 0.0
         for batch in self._batches.values():
             if (batch["part"], batch["seed"]) == (part, seed):
@@ -95,7 +95,7 @@ def _cells(counts: Counter[str]) -> str:
 
 
 def _grouped(part: str, seed: int, failures: list[Failure]) -> list[str]:
-    """A line for each thing that went wrong: how often, and the inputs, named as `make attack` takes them."""
+    """A line for each kind of failure: how often it came, and its inputs, named as `make attack` takes them."""
     groups: dict[tuple[str, str], list[Failure]] = {}
     for failure in sorted(failures, key=lambda failure: failure.index):
         same = "".join("#" if letter.isdigit() else letter for letter in failure.what[:80])

@@ -1,7 +1,7 @@
-"""Saved models, `.pointray`: indices at their extremes, floats that are none, lies in the headers, damaged bytes.
+"""Saved models, `.pointray`: indices at their extremes, NaN and infinite floats, lies in headers, damaged bytes.
 
-Every second input sets one integer of one index array to an extreme, all of them in turn; the others do anything.
-Rays are cast at what loads: each hits with finite numbers or misses.
+Every second input sets one integer of one index array to an extreme, in turn; the others are damaged at random. Rays
+are cast at what loads: each must hit with finite numbers or miss.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from attack.casting import cast
 from attack.mutate import WORDS, Rng, corrupt, extremes_of, pick, poison
 
 ALIGN = 64
-# Index arrays, and how many of each come in a round: spans are few, and lead farthest.
+# Index arrays, and how many of each come in a round. Spans are few, and a wrong one does most harm.
 INDICES = {"spans": 3, "children": 2, "refs": 1, "order": 1, "borders": 1, "facing": 1, "colors": 1}
 JSONS = (
     None,
@@ -49,14 +49,14 @@ JSONS = (
 
 
 class Saved(NamedTuple):
-    """A file in its parts: the description, and the arrays that it names."""
+    """The parts of a file: the description, and the arrays that it names."""
 
     about: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
 
 
 def split(data: bytes) -> Saved:
-    """The parts of a file that is whole."""
+    """Split a valid file into its parts."""
     stream, found = io.BytesIO(data), []
     while stream.tell() + ALIGN < len(data):
         npy.read_magic(stream)
@@ -69,7 +69,7 @@ def split(data: bytes) -> Saved:
 
 
 def join(saved: Saved, lie: Callable[[int, bytes], bytes] = lambda k, header: header) -> bytes:
-    """The file of such parts. lie : changes the header of the k-th array"""
+    """Join parts to a file. lie : changes the header of the k-th array"""
     head = np.frombuffer(json.dumps(saved.about).encode(), np.uint8)
     out = io.BytesIO()
     for k, array in enumerate((head, *saved.arrays.values())):
@@ -120,7 +120,7 @@ def _ball(rng: Rng, n: int) -> NDArray[np.float64]:
 
 
 def lengths_of(saved: Saved, name: str) -> int:
-    """How many there are of what an index array counts."""
+    """The number of items that the values of an index array may refer to."""
     prefix, _, field = name.rpartition("tree.")
     arrays = {key.removeprefix(f"{prefix}tree."): array.size for key, array in saved.arrays.items()}
     groups, blocks = arrays["refs"] // 16, arrays["blocks"] // 28
@@ -129,9 +129,9 @@ def lengths_of(saved: Saved, name: str) -> int:
 
 
 def all_extremes(files: list[Saved]) -> list[tuple[int, str, int, int]]:
-    """Every integer of every index array at every extreme: (file, array, place, value).
+    """Every integer of every index array at every extreme: (file, array, index, value).
 
-    Arrays take turns, see `INDICES`; of each the first files come first, shuffled.
+    Arrays take turns (see `INDICES`). Within an array, files come in order, and the extremes of each are shuffled.
     """
     queues: dict[str, list[tuple[int, str, int, int]]] = {field: [] for field in INDICES}
     rng = np.random.default_rng(0)
@@ -171,7 +171,7 @@ def poison_floats(rng: Rng, saved: Saved) -> None:
 
 
 def mix_indices(rng: Rng, saved: Saved) -> None:
-    """Several integers at once: at extremes, or at each other's values."""
+    """Set several integers at once to extremes or to each other's values."""
     names = [name for name, array in saved.arrays.items() if array.dtype.kind == "i" and array.size]
     for _ in range(int(rng.integers(1, 6))):
         array = saved.arrays[pick(rng, names)].reshape(-1)
@@ -209,7 +209,7 @@ def change_lengths(rng: Rng, saved: Saved) -> None:
 
 
 def change_about(rng: Rng, saved: Saved) -> None:
-    """A value somewhere in the description is another, or gone; or two arrays have changed places."""
+    """Change or delete a value somewhere in the description, or swap two arrays."""
     parent: Any = saved.about
     while True:
         keys = list(parent) if isinstance(parent, dict) else list(range(len(parent)))
@@ -233,7 +233,7 @@ def change_about(rng: Rng, saved: Saved) -> None:
 
 
 def lie_header(rng: Rng) -> Callable[[int, bytes], bytes]:
-    """The header of one array says something else."""
+    """Change the header of one array."""
     which = int(rng.integers(30))
     old, new = pick(
         rng,
@@ -255,7 +255,7 @@ def lie_header(rng: Rng) -> Callable[[int, bytes], bytes]:
 
 
 def anything(rng: Rng, saved: Saved) -> bytes:
-    """A file that is damaged in one of many ways."""
+    """A file that is damaged at random."""
     kind = rng.random()
     if kind < 0.7:
         changes = (poison_floats, poison_floats, poison_floats, mix_indices, mix_indices, swap_bytes, swap_bytes)
@@ -304,7 +304,7 @@ def begin(folder: Path) -> Attack:
 
 
 def from_afar(model: pr.Model) -> NDArray[np.float32]:
-    """A picture in which a pixel is as wide as the model's points are apart: of its levels of detail."""
+    """A picture whose pixels are as wide as the distance between points, so that levels of detail are shown."""
     scene = pr.Scene()
     scene.add(model)
     low, high = model.bounds
@@ -314,6 +314,6 @@ def from_afar(model: pr.Model) -> NDArray[np.float32]:
 
 
 def check_picture(picture: NDArray[np.float32]) -> None:
-    """WrongError if a pixel is no number."""
+    """WrongError if a pixel is not finite."""
     if not np.isfinite(picture).all():
         raise WrongError("a pixel is not finite")

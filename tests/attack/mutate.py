@@ -1,4 +1,4 @@
-"""What mutators share: numbers at the edges of their types, as text and as bytes; damage to any bytes."""
+"""Helpers of mutators: numbers at the edges of their types, as text and as bytes, and damage to any bytes."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ FLOATS = (np.nan, -np.nan, np.inf, -np.inf, 3e38, -3e38, 1e30, -1e30, 1e-45, -1e
 
 
 def pick(rng: Rng, values: Sequence[T]) -> T:
-    """One of them."""
+    """Choose one of them."""
     return values[int(rng.integers(len(values)))]
 
 
 def corrupt(rng: Rng, data: bytes, ops: int = 3) -> bytes:
-    """Bytes changed, inserted, taken out, doubled or cut off, at one to `ops` places, most of them near the start."""
+    """Change, insert, remove, double or cut off bytes at one to `ops` places, most of them near the start."""
     out = bytearray(data)
     for _ in range(int(rng.integers(1, ops + 1))):
         if not out:
@@ -52,7 +52,7 @@ def corrupt(rng: Rng, data: bytes, ops: int = 3) -> bytes:
 
 
 def extremes_of(dtype: np.dtype[Any], length: int, partner: int) -> list[int]:
-    """Values at which checks of an index go wrong: the type's ends, the length's, and those less its partner."""
+    """Values at which checks of an index may fail: ends of the type and of the length, and both less the partner."""
     low, high = int(np.iinfo(dtype).min), int(np.iinfo(dtype).max)
     ends = [low, high, -1, 0, length - 1, length, length + 1, ~length, low + 1]
     ends += [end - partner for end in (low, high, -1, length, length + 1)]
@@ -60,7 +60,7 @@ def extremes_of(dtype: np.dtype[Any], length: int, partner: int) -> list[int]:
 
 
 def poison(rng: Rng, array: NDArray[np.floating[Any]], share: float = 0.0) -> None:
-    """Set one to four numbers of a flat array, or a share of all, to what floats can be at worst."""
+    """Set one to four numbers of a flat array, or a share of all, to the worst values of floats."""
     if array.size == 0:
         return
     count = max(int(rng.integers(1, 5)), int(share * array.size))

@@ -1,4 +1,4 @@
-"""The parts of the attack: how many inputs of each, and how long one may take."""
+"""The parts of the attack: how many inputs each has, and how long one may take."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Part(NamedTuple):
     Attributes
     ----------
     module : str
-        Its `begin(folder)` makes what the inputs are made from, and returns the `Attack`.
+        Its `begin(folder)` prepares the material of the inputs, and returns the `Attack`.
     count : int
         Inputs in a whole attack: 200,000 in all.
     few : int
@@ -19,7 +19,7 @@ class Part(NamedTuple):
     limit : float
         Seconds after which an input counts as a hang.
     checked : bool
-        Whether kernels check every access.
+        Whether kernels check every access to an array.
     """
 
     module: str
@@ -41,5 +41,5 @@ PARTS = {
     "disks": Part("disks", 400, 24, 60.0),
     "kills": Part("kills", 200, 10, 60.0),
 }
-# With what tests the harness itself.
+# All parts, and one that tests the harness itself.
 KNOWN = {**PARTS, "sample": Part("sample", 0, 0, 2.5)}

@@ -1,7 +1,7 @@
-"""PLY files: valid ones of every kind, made anew each time; lies in the header, damage to rows, damage to bytes.
+"""PLY files: random valid ones of every kind, with lies in the header, damage to rows, or damage to bytes.
 
-What is accepted has as many rows as the header says, becomes a model, and rays are cast at it. A file that is valid,
-or has been changed without any meaning, is accepted, and gives the positions that were written.
+An accepted file must have as many rows as its header says; it becomes a model, and rays are cast at it. A file that is
+valid, or whose change has no meaning, must be accepted and give the positions that were written.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from attack.casting import cast
 from attack.mutate import WORDS, Rng, corrupt, pick
 
 LARGEST_MODEL = 300  # points
-# Of types their letters in struct; both spellings of each are known.
+# Letters of types in `struct`. PLY has two spellings of each type.
 LETTERS = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f", "double": "d"}
 LETTERS |= dict(
     zip(["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"], "bBhHiIfd", strict=True)
@@ -32,7 +32,7 @@ COUNTS = ("0", "1", "-1", "1000000000", "999999999999999", "2147483648", "922337
 
 
 class Property(NamedTuple):
-    """count : type of a list's length, or empty."""
+    """A property of an element. count : type of a list's length, or empty"""
 
     name: str
     type: str
@@ -44,7 +44,7 @@ class Property(NamedTuple):
 
 
 class Element(NamedTuple):
-    """rows : of each property a number, or of a list its numbers."""
+    """An element. rows : a number for each property, or several for a list"""
 
     name: str
     properties: list[Property]
@@ -57,10 +57,10 @@ class Ply:
     Attributes
     ----------
     positions : (n, 3) float32
-        What a reader has to find.
+        The positions that a reader must find.
     header : list of str
     body : list of list of bytes
-        Of each element its rows.
+        The rows of each element.
     """
 
     def __init__(self, rng: Rng) -> None:
@@ -78,7 +78,7 @@ class Ply:
 
     @property
     def vertex(self) -> int:
-        """Which element it is."""
+        """Number of the vertex element."""
         return next(k for k, element in enumerate(self.elements) if element.name == "vertex")
 
     def _row(self, element: Element, row: list[float | list[float]]) -> bytes:
@@ -103,7 +103,7 @@ class Ply:
 
 
 def _vertex(rng: Rng) -> tuple[Element, NDArray[np.float32]]:
-    """The vertices: on a sphere, in any order of properties, with some that nobody asked for."""
+    """Vertices on a sphere, with their properties in any order and some unknown ones."""
     n, type = int(rng.integers(1, 41)), pick(rng, ("float", "double", "float32", "float64", "short", "int"))
     xyz = rng.normal(size=(n, 3))
     xyz = (xyz / np.linalg.norm(xyz, axis=1, keepdims=True)).astype(np.float32)
@@ -129,7 +129,7 @@ def _vertex(rng: Rng) -> tuple[Element, NDArray[np.float32]]:
 
 
 def _other(rng: Rng, name: str) -> Element:
-    """Faces, strips or a grid: with lists, or without."""
+    """Faces, strips or a grid, with or without lists."""
     n = int(rng.integers(0, 5))
     properties = [Property("flag", "uchar")]
     if name != "grid":
@@ -226,7 +226,7 @@ def add_line(rng: Rng, ply: Ply) -> None:
 
 
 def change_number(rng: Rng, ply: Ply) -> None:
-    """In a row; of a list perhaps the length."""
+    """Change a number in a row, or perhaps the length of a list."""
     k = int(rng.integers(len(ply.body)))
     if not ply.body[k]:
         return
@@ -246,7 +246,7 @@ def change_number(rng: Rng, ply: Ply) -> None:
 
 
 def change_rows(rng: Rng, ply: Ply) -> None:
-    """One more, one less, an empty one, or one with too much in it."""
+    """Add or remove a row, or add an empty or an overlong one."""
     k = int(rng.integers(len(ply.body)))
     rows = ply.body[k]
     at = int(rng.integers(len(rows) + 1))
@@ -266,7 +266,7 @@ OTHER = (lie_count, lie_type, lie_name, lie_format, move_lines, add_line, change
 
 
 def make_file(rng: Rng) -> tuple[bytes, Ply | None]:
-    """A file, and what it must give if it has to be accepted."""
+    """A file, and the positions that it must give if it has to be accepted."""
     ply, kind = Ply(rng), rng.random()
     if kind < 0.15:
         pick(rng, SAME)(rng, ply)
@@ -274,7 +274,7 @@ def make_file(rng: Rng) -> tuple[bytes, Ply | None]:
     if kind < 0.75:
         for _ in range(int(rng.integers(1, 4))):
             change: Callable[[Rng, Ply], None] = pick(rng, OTHER)
-            with suppress(IndexError, ValueError):  # an earlier one has taken away what this one changes
+            with suppress(IndexError, ValueError):  # an earlier change has removed what this one changes
                 change(rng, ply)
         data = ply.write()
         return (corrupt(rng, data, 1) if rng.random() < 0.1 else data), None
@@ -311,7 +311,7 @@ def begin(folder: Path) -> Attack:
 
 
 def _warm(folder: Path) -> None:
-    """Have the kernels ready, before time is taken."""
+    """Compile the kernels before time is measured."""
     rng = np.random.default_rng(0)
     xyz = rng.normal(size=(30, 3))
     cast(rng, pr.Model(xyz / np.linalg.norm(xyz, axis=1, keepdims=True)))

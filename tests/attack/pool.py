@@ -1,4 +1,4 @@
-"""Child processes that take inputs in batches; a crash is told from a refusal by how the child ended."""
+"""Child processes that take inputs in batches. How a child ends distinguishes a crash from a refusal."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from typing import Any
 
 from attack.parts import KNOWN
 
-ALONE = 20  # crashes and hangs that are made again alone; later ones are counted only
-START = 1800.0  # seconds for a child to be ready: kernels may have to be compiled
+ALONE = 20  # crashes and hangs that are repeated alone; later ones are only counted
+START = 1800.0  # seconds for a child to be ready, which may compile kernels
 TESTS = Path(__file__).resolve().parents[1]
 
 
@@ -34,7 +34,7 @@ class Failure:
     kind : str
         crashed, hung or failed.
     again : bool
-        Whether the input alone, in a new process, does the same.
+        Whether the input fails the same way alone in a new process.
     """
 
     index: int
@@ -45,7 +45,7 @@ class Failure:
 
 @dataclass
 class Tally:
-    """What became of some inputs."""
+    """Outcomes of some inputs."""
 
     counts: Counter[str] = field(default_factory=Counter)
     failures: list[Failure] = field(default_factory=list)
@@ -68,7 +68,7 @@ class Child:
         environment["POINTRAY_CHECK"] = "1" if KNOWN[part].checked else os.environ.get("POINTRAY_CHECK", "")
         command = [sys.executable, "-m", "attack.child", part, str(seed), str(inputs)]
         with self._errors.open("wb") as errors:
-            # A group of its own: Ctrl-C is the parent's, and what the child has started goes with it.
+            # In its own process group: Ctrl-C reaches only the parent, and the child's own children end with it.
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.PIPE,
@@ -84,7 +84,7 @@ class Child:
             raise RuntimeError(f"the part {part} does not begin: {words}")
 
     def answers(self, start: int, stop: int) -> Iterator[dict[str, Any]]:
-        """What became of the inputs; fewer than asked for if the child dies. HangError if one takes too long."""
+        """The outcomes of the inputs, fewer than asked for if the child dies. HangError if one takes too long."""
         assert self._process.stdin is not None
         with suppress(BrokenPipeError):
             self._process.stdin.write(f"{start} {stop}\n".encode())
@@ -96,7 +96,7 @@ class Child:
             yield answer
 
     def _next(self, limit: float) -> dict[str, Any] | None:
-        """The next line, None at the end of all."""
+        """The next line, or None at the end."""
         assert self._process.stdout is not None
         pipe, end = self._process.stdout.fileno(), time.monotonic() + limit
         while b"\n" not in self._rest:
@@ -111,7 +111,7 @@ class Child:
         return answer
 
     def last_words(self) -> str:
-        """How it ended, and where: the first line that Python's fault handler has of the thread that did it."""
+        """How it ended, and where: the first line of Python's fault handler about the thread that crashed."""
         status = self._process.wait(30)
         name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
         text = self._errors.read_text(errors="replace")
@@ -121,7 +121,7 @@ class Child:
         return f"{name} {at[0] if at and status < 0 else ' / '.join(said[-2:])}"[:300]
 
     def end(self) -> None:
-        """Kill it and all that it has started, and take its folder away."""
+        """Kill it and all that it has started, and remove its folder."""
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
@@ -133,9 +133,9 @@ class Child:
 
 
 class Attacker:
-    """Makes the inputs of one part, in a child that is begun anew whenever one kills it.
+    """Makes the inputs of one part in a child, and starts another child whenever an input ends it.
 
-    Use it as a context: at its end the child ends.
+    Use it as a context manager, which ends the child.
     """
 
     def __init__(self, part: str, seed: int) -> None:
@@ -152,14 +152,14 @@ class Attacker:
             self._child = None
 
     def make(self, start: int, stop: int) -> Tally:
-        """Make inputs; one that ends the child, or takes too long, is made again alone."""
+        """Make inputs. One that ends the child or takes too long is repeated alone."""
         tally, index = Tally(), start
         while index < stop:
             index = self._go_on(index, stop, tally)
         return tally
 
     def _go_on(self, start: int, stop: int, tally: Tally) -> int:
-        """Make inputs until all are made or the child is gone; returns the first that is not made."""
+        """Make inputs until all are made or the child is gone; returns the first that remains."""
         if self._child is None:
             self._child = Child(self.part, self.seed)
         index, kind, what = start, "", ""
@@ -183,7 +183,7 @@ class Attacker:
         return index + 1
 
     def _alone(self, index: int) -> str:
-        """What an input does to a new child."""
+        """The outcome of an input in a new child."""
         child = Child(self.part, self.seed)
         try:
             answer = next(iter(child.answers(index, index + 1)), None)

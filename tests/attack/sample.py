@@ -1,4 +1,4 @@
-"""No attack: inputs that do what attacks have to notice, by their number. For the harness's own test."""
+"""A sample for the harness's own test: the number of an input decides what it does."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Scene files: their words, numbers and lines exchanged, doubled and taken out, their bytes damaged.
+"""Scene files whose words, numbers and lines are exchanged, doubled or removed, or whose bytes are damaged.
 
-One is refused in one line, or its scene is rendered at 8 x 8 pixels; some go through the command.
+A file must be refused in one line, or its scene is rendered at 8 x 8 pixels. Some go through the command.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from attack.mutate import WORDS, Rng, corrupt, pick
 from pointray.cli import execute
 from pointray.scenefile import Plan, models
 
-MOST_POINTS = 3000  # a larger model, or one that takes long to mesh, is not built
+MOST_POINTS = 3000  # points: larger models, and those that take long to mesh, are not built
 MESHED_FAST = ("sphere", "torus")
-COMMAND = 0.05  # the share that goes through the command
+COMMAND = 0.05  # share of files that go through the command
 SCENES = Path(__file__).with_name("scenes")
 TEXTS = [(SCENES / name).read_text() for name in ("everything.toml", "framed.toml")]
 TOKEN = re.compile(r'"[^"\n]*"|[-+]?[0-9][0-9_.eE]*|[A-Za-z_][\w]*|[\[\]{}=,.]')
@@ -35,13 +35,13 @@ def _listed(name: str) -> list[str]:
     return [line.encode().decode("unicode_escape") for line in (SCENES / name).read_text().splitlines()]
 
 
-STRINGS = [*_listed("texts.txt"), "x" * 5000]  # what a text may be
-VALUES = [*_listed("values.txt"), "[" * 200]  # what may stand behind a =
-LINES = _listed("lines.txt")  # what may be added
+STRINGS = [*_listed("texts.txt"), "x" * 5000]  # values of a text
+VALUES = [*_listed("values.txt"), "[" * 200]  # values behind a =
+LINES = _listed("lines.txt")  # lines that may be added
 
 
 def swap_token(rng: Rng, text: str) -> str:
-    """A word, number, text or sign is another."""
+    """Replace a word, number, text or sign."""
     tokens = list(TOKEN.finditer(text))
     if not tokens:
         return text
@@ -63,7 +63,7 @@ def swap_token(rng: Rng, text: str) -> str:
 
 
 def swap_value(rng: Rng, text: str) -> str:
-    """What stands behind a = is another."""
+    """Replace the value behind a =."""
     matches = list(re.finditer(r"= ([^\n]*)", text))
     if not matches:
         return text
@@ -73,7 +73,7 @@ def swap_value(rng: Rng, text: str) -> str:
 
 
 def scale_number(rng: Rng, text: str) -> str:
-    """A number is a little or a lot larger or smaller; still a good one, often."""
+    """Make a number a little or a lot larger or smaller; often it is still valid."""
     numbers = list(re.finditer(r"(?<![\w.\"])-?\d+(\.\d+)?", text))
     if not numbers:
         return text
@@ -102,7 +102,7 @@ def add_line(rng: Rng, text: str) -> str:
 
 
 def nest(rng: Rng, text: str) -> str:
-    """A value deep in brackets, or a name of many parts."""
+    """Put a value deep into brackets, or make a name of many parts."""
     depth = pick(rng, (1, 2, 30, 500, 3000))
     if rng.random() < 0.3:
         return f"{'a.' * depth}b = 1\n{text}"
@@ -118,7 +118,7 @@ CHANGES: tuple[Callable[[Rng, str], str], ...] = (
     *(move_lines, add_line, add_line, nest),
 )
 
-MILD = (scale_number, move_lines)  # often still a scene
+MILD = (scale_number, move_lines)  # the result is often still a scene
 
 
 def make_file(rng: Rng) -> bytes:
@@ -134,7 +134,7 @@ def make_file(rng: Rng) -> bytes:
 
 
 def make_folder(folder: Path) -> None:
-    """What the scene files name: a scan, a saved model, places, and a picture of the sky."""
+    """Files that the scene files name: a scan, a saved model, instances, and a picture of the sky."""
     rng = np.random.default_rng(11)
     rows = rng.normal(size=(80, 3))
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
@@ -154,7 +154,7 @@ def is_small(data: dict[str, Any]) -> bool:
 
 
 def run_command(path: Path, picture: Path) -> bool:
-    """Whether the command renders it; WrongError if it says more than a line, or ends otherwise than in 0 or 2."""
+    """Whether the command renders it; WrongError if it prints more than a line, or if its status is not 0 or 2."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         status = execute(["render", str(path), "-o", str(picture), "--size", "8x8", "--spp", "1"])
@@ -169,7 +169,7 @@ def run_command(path: Path, picture: Path) -> bool:
 def begin(folder: Path) -> Attack:
     """Mutated scene files."""
     make_folder(folder)
-    models.procedural = lru_cache(64)(models.procedural)  # the same few points again and again: 0.2 s each
+    models.procedural = lru_cache(64)(models.procedural)  # the same few points would take 0.2 s each time
     path, picture = folder / "scene.toml", folder / "a.png"
 
     def attack(rng: Rng, index: int) -> bool:
@@ -203,7 +203,7 @@ def begin(folder: Path) -> Attack:
 
 
 def _warm(path: Path) -> None:
-    """Have the kernels of all integrators and models ready, before time is taken."""
+    """Compile the kernels of all integrators and models before time is measured."""
     for text in TEXTS:
         path.write_text(text)
         plan = Plan(path)

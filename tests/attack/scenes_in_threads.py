@@ -1,6 +1,6 @@
-"""Threads that trace a scene while another one changes, copies and pickles it, and drops models that only it held.
+"""Threads trace a scene while another one changes, copies and pickles it, and drops models that only it held.
 
-Each result is that of a state which the scene has been in, to the last bit.
+Each result must be that of a state which the scene has been in, to the last bit.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from attack import Attack, WrongError
 from attack.mutate import Rng, pick
 
 SPAN = 0.35  # seconds that an input takes
-SLOTS = 2  # places at which a model is, or is not
+SLOTS = 2  # slots, each of which may hold a model
 SIZE = (12, 12)
 SHIFT = np.array([[1.0, 0, 0, 0.3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
@@ -32,13 +32,13 @@ class State(NamedTuple):
     Attributes
     ----------
     there : tuple of bool
-        Whether the model of each slot is.
+        Whether each slot has its model.
     moved : bool
-        Whether the fixed model stands elsewhere.
+        Whether the fixed model is at its second position.
     lit : bool
         Whether there is a light.
     cut : bool
-        Whether it is cut open.
+        Whether a clip plane cuts the scene.
     """
 
     there: tuple[bool, ...]
@@ -48,9 +48,9 @@ class State(NamedTuple):
 
 
 class Stage:
-    """A scene, and what changes it from one state to another.
+    """A scene that can be changed from one state to another.
 
-    The models of the slots are loaded from files each time, so that the scene alone holds them.
+    The models of the slots are loaded from files each time, so that only the scene holds them.
     """
 
     def __init__(self, files: list[Path], fixed: pr.Model) -> None:
@@ -60,7 +60,7 @@ class Stage:
         self.state = State((False,) * SLOTS, False, False, False)
 
     def change_to(self, state: State) -> None:
-        """Change what differs, one thing after the other; each is a state of its own."""
+        """Make one change after another; the scene is in a valid state after each."""
         for slot, there in enumerate(state.there):
             if there and slot not in self._numbers:
                 self._numbers[slot] = self.scene.add(pr.Model.load(self._files[slot]))
@@ -98,7 +98,7 @@ def neighbour(rng: Rng, state: State) -> State:
 
 
 class Views:
-    """What is asked of a scene: closest hits, any hits, and a picture, each as bytes."""
+    """The queries of a scene: closest hits, any hits, and a picture, each as bytes."""
 
     def __init__(self) -> None:
         self._camera = pr.Camera.look_at((0.4, -6, 1), (0.4, 0, 0), fov=40, size=SIZE)
@@ -122,7 +122,7 @@ QUESTIONS = ("intersect", "occluded", "single", "render")
 
 
 def copied(rng: Rng, scene: pr.Scene) -> tuple[str, pr.Scene]:
-    """A copy, by one of the ways there are."""
+    """A copy by a random method, and the method's name."""
     copiers: dict[str, Callable[[Any], Any]] = {
         "copy": copy.copy,
         "deepcopy": copy.deepcopy,
@@ -202,7 +202,7 @@ def begin(folder: Path) -> Attack:
 
 
 def check_copies(rng: Rng, stage: Stage, views: Views) -> None:
-    """Copies are traced when the original has gone, and do not change with it."""
+    """Check that copies can be traced after the original is gone, and do not change with it."""
     want = {name: getattr(views, name)(stage.scene) for name in QUESTIONS}
     method, twin = copied(rng, stage.scene)
     stage.change_to(neighbour(rng, neighbour(rng, stage.state)))

@@ -1,6 +1,6 @@
-"""Pictures of the sky: Radiance .hdr in all its forms, and .exr, .png and .jpg where there is what writes them.
+"""Pictures of the sky: Radiance .hdr in all its forms, and .exr, .png and .jpg if a library can write them.
 
-What is accepted lights a sphere, in a picture whose every pixel is a number.
+A picture that is accepted lights a sphere, and every pixel of the result must be a number.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def rgbe(rng: Rng, shape: tuple[int, int] = SHAPE) -> NDArray[np.uint8]:
 
 
 def hdr(rng: Rng) -> bytes:
-    """A Radiance file: flat, or its rows in runs."""
+    """A Radiance file, flat or with run-length encoded rows."""
     pixels = rgbe(rng)
     height, width = pixels.shape[:2]
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.0\n\n" + f"-Y {height} +X {width}\n".encode()
@@ -46,7 +46,7 @@ def hdr(rng: Rng) -> bytes:
 
 
 def others(folder: Path) -> list[tuple[str, bytes]]:
-    """Files of the kinds that a library here can write: (extension, contents)."""
+    """Files of the formats that an installed library can write: (extension, contents)."""
     rng, out = np.random.default_rng(3), []
     image = rng.random((*SHAPE, 3)).astype(np.float32)
     shown = (image * 255).astype(np.uint8)
@@ -71,7 +71,7 @@ def others(folder: Path) -> list[tuple[str, bytes]]:
 
 
 def lie_header(rng: Rng, data: bytes) -> bytes:
-    """A text or a whole number of the header is another."""
+    """Change a text or an integer of the header."""
     end = (
         max(data.find(b"\n", data.find(b"\n\n") + 2), min(len(data), 350)) if data[:2] == b"#?" else min(len(data), 350)
     )
@@ -84,7 +84,7 @@ def lie_header(rng: Rng, data: bytes) -> bytes:
 
 
 def lie_window(rng: Rng, data: bytes) -> bytes:
-    """The size that an .exr says it has."""
+    """Change a number in the header of an .exr, such as its size."""
     at = data.find(
         pick(rng, (b"dataWindow\0box2i\0", b"displayWindow\0box2i\0", b"chlist\0", b"tiles\0", b"compression\0"))
     )
@@ -96,7 +96,7 @@ def lie_window(rng: Rng, data: bytes) -> bytes:
 
 
 def damage(rng: Rng, data: bytes) -> bytes:
-    """Bytes of the header, or of the pixels alone."""
+    """Damage any bytes, or those of the pixels only."""
     at = int(rng.random() < 0.7) * len(data) // 3
     return data[:at] + corrupt(rng, data[at:], 2)
 

@@ -1,6 +1,6 @@
-"""A process that works for ever, catches each KeyboardInterrupt and goes on: what `interrupts` sends signals to.
+"""The process to which `interrupts` sends signals: it works for ever, catches each KeyboardInterrupt and goes on.
 
-It says "in STAGE" before each piece of work, and "interrupted" when it has caught one.
+It prints "in STAGE" before each piece of work, and "interrupted" when it has caught an interrupt.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ def main() -> None:
         "render": lambda: pr.render(scene, camera, pr.Settings("path", spp=4)),
         "intersect": lambda: scene.intersect(origins, directions),
     }
-    for do in work.values():  # kernels are ready before the first signal
+    for do in work.values():  # this compiles the kernels before the first signal
         do()
     print("ready", flush=True)
     while True:
-        with suppress(KeyboardInterrupt):  # one that comes while another is told
+        with suppress(KeyboardInterrupt):  # a signal that comes while another is reported
             try:
                 while True:
                     name = str(rng.choice(list(work)))

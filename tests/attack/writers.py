@@ -1,6 +1,6 @@
-"""What writes files: pictures, layers, scans, saved models, frames of a film; each in two versions that differ.
+"""Writers of pictures, layers, scans, saved models and frames of a film, each in two versions that differ.
 
-Attacks on writing compare what is found with both versions, byte for byte.
+Attacks on writing compare the files with both versions, byte for byte.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pointray.image.frames import Frames
 
 Write = Callable[[Path, int], None]
 SIZE = (64, 48)
-LEFTOVERS = ".pointray-*"  # what a write that is not finished leaves beside its file
+LEFTOVERS = ".pointray-*"  # files that an unfinished write leaves beside its target
 
 
 def _image(version: int) -> np.ndarray[Any, Any]:
@@ -37,7 +37,7 @@ def _cloud(version: int) -> pr.Points:
 
 
 def writers() -> dict[str, tuple[str, Write]]:
-    """By its name the extension of a file, and what writes version 0 or 1 of it."""
+    """Writers by name: the extension of a file, and a function that writes version 0 or 1 of it."""
     images = [_image(version) for version in (0, 1)]
     clouds = [_cloud(version) for version in (0, 1)]
     models = [pr.Model(cloud) for cloud in clouds]
@@ -72,7 +72,7 @@ def versions_of(write: Write, path: Path) -> list[bytes]:
 
 
 def film(folder: Path, version: int, count: int = 12) -> Frames:
-    """Frames of a film of random pictures, `version` in its settings."""
+    """Frames of a film of random pictures, with `version` in its settings."""
     return Frames(folder / "%02d.png", {"version": version}, count, SIZE)
 
 
@@ -82,7 +82,7 @@ def frame_image(k: int) -> np.ndarray[Any, Any]:
 
 
 def in_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What a forked process finds out; CrashError if a signal ends it, WrongError if it raises."""
+    """The result of a forked process; CrashError if a signal ends it, WrongError if it raises."""
     here, there = os.pipe()
     child = os.fork()
     if child == 0:
