@@ -1,4 +1,4 @@
-"""How good is the surface? Rays through clouds of exactly known surfaces, beside flat discs on the same points.
+"""Measure the surface's accuracy by rays through clouds of known surfaces, beside flat discs on the same points.
 
     python bench/accuracy.py [--quick | --full | --choice] [--shapes sphere statue bunny ...] [--surfaces apss disc ...]
                              [--points 10000 ...] [--noise 0 0.1 ...] [--rays 200000] [--csv FILE] [--plot FILE]
@@ -69,7 +69,7 @@ def cases(options: argparse.Namespace) -> Iterator[Case]:
 
 
 def choice_cases(options: argparse.Namespace) -> Iterator[Case]:
-    """The clouds that surface, samples and refinement are chosen on."""
+    """The cases by which surface, samples and refinement are chosen."""
     for shape in ("torus", "statue"):
         for sampling in ("even", "random"):
             for noise in (0.0, 0.1):

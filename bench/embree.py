@@ -64,7 +64,7 @@ def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
 
 
 class Ours:
-    """pointray over a model: flat float64 rays in, t or whether they are blocked out."""
+    """pointray with a model: takes flat float64 rays, gives t or whether they are blocked."""
 
     def __init__(self, model: pr.Model) -> None:
         self.scene = pr.Scene()

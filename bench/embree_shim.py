@@ -84,7 +84,7 @@ def native(process: subprocess.Popen[str], kind: str) -> Frame:
 
 
 def shim(discs: Discs, origins: Floats, directions: Floats, kind: str) -> Frame:
-    """The same from Numba."""
+    """One frame from Numba."""
     wall, cpu = time.perf_counter(), time.process_time()
     t = discs.closest(origins, directions, threads=THREADS, packets=kind == "packets")
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
@@ -101,7 +101,7 @@ def compare(discs: Discs, process: subprocess.Popen[str], rays: tuple[Floats, Fl
             if ours.hits != theirs.hits or abs(ours.mean - theirs.mean) > 1e-6 * theirs.mean:
                 raise SystemExit(f"{kind}: the two loops do not see the same: {ours} and {theirs}")
             pairs.append((ours[:2], theirs[:2]))
-        times = np.array(pairs[1:])  # the first one compiles; axes: frame, Numba or C++, wall or processor
+        times = np.array(pairs[1:])  # the first frame compiles; axes: frame, Numba or C++, wall or processor
         ratio = np.median(times[:, 0] / times[:, 1], axis=0)
         (numba_wall, numba_cpu), (cpp_wall, cpp_cpu) = np.median(times, axis=0)
         print(f"{kind}: {ours.hits / len(rays[0]):.1%} of the rays hit")

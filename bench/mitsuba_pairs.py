@@ -82,7 +82,7 @@ def _sky_picture(radiance: Callable[[Floats], Floats]) -> LightPair:
 
 
 def _gradient(d: Floats) -> Floats:
-    """From brown below to blue above, brighter to the right."""
+    """A sky from brown below to blue above, brighter to the right."""
     up, side = 0.5 + 0.5 * d[..., 2:], 1.0 + 0.5 * d[..., :1]
     return np.asarray(side * (up * (0.5, 0.8, 1.2) + (1.0 - up) * (0.5, 0.4, 0.3)))
 

@@ -135,12 +135,12 @@ def their_scene(case: Case, body: Body) -> Any:
 
 
 def camera(size: int) -> pr.Camera:
-    """From the front and above."""
+    """A camera in front of the model and above it."""
     return pr.Camera.look_at((5.0, -15.0, 8.0), (0.0, 0.0, -0.3), fov=28, size=(size, size))
 
 
 def their_camera(ours: pr.Camera, samples: int, finer: int = 1) -> Any:
-    """The same camera; `finer` times as many pixels a side."""
+    """The camera for Mitsuba, with `finer` times as many pixels a side."""
     import mitsuba as mi
 
     width, height = ours.size

@@ -204,7 +204,7 @@ def orbit(link: ClientConnection, camera: dict[str, Any], seconds: float) -> tup
 
 
 def measure_server(file: Path, size: tuple[int, int], seconds: float, runs: int) -> list[Figures]:
-    """A client that only acknowledges."""
+    """Figures of a client that only acknowledges."""
     rows = []
     with serving(file) as (server, url), linked(url, size) as link:
         while not isinstance(message := link.recv(), str) or json.loads(message)["type"] != "camera":
@@ -261,7 +261,7 @@ def measure_opening(file: Path, size: tuple[int, int], points: int, cache: str |
 
 
 def measure_first_opening(file: Path, size: tuple[int, int], points: int) -> Figures:
-    """The same where no kernel is compiled yet."""
+    """Like `measure_opening`, with no kernel compiled yet."""
     with tempfile.TemporaryDirectory(prefix="pointray-") as cache:
         return measure_opening(file, size, points, cache)
 

@@ -1,4 +1,4 @@
-"""Colour by attribute: the maps, ranges, what shows between points, in which pictures, and bad input."""
+"""Colour by attribute: maps, ranges, colours between points, kinds of pictures, and bad input."""
 
 import sys
 

@@ -128,7 +128,7 @@ def test_a_framed_box_fits_with_a_margin(size, fov, direction):
     column, row, depth = project(camera, corners(BOX + 1e6))
     assert (depth > 0).all()
     spans = np.ptp(column), np.ptp(row)
-    if fov < 90:  # else a corner may come too near to the eye
+    if fov < 90:  # otherwise a corner may come too near to the eye
         assert max(spans) == pytest.approx(1 / MARGIN, rel=1e-6)
     for ends in (column, row):
         assert ends.min() >= (1 - 1 / MARGIN) / 2 - 1e-6

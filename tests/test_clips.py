@@ -110,7 +110,7 @@ def test_a_ray_that_is_cut_beside_the_surface_does_not_start_on_it(sphere, shape
     origins, directions, through = rim_rays(shape, False, off)
     hits = scene.intersect(origins, directions)
     met = hits.instance >= 0
-    if off > 0:  # from just within out
+    if off > 0:  # from just inside outwards
         assert met.all() and np.abs(hits.position - through).max() < 1e-3
         assert scene.occluded(origins, directions).all()
     else:
@@ -192,7 +192,7 @@ def test_occlusion_by_the_sky(sphere):
     scene = pr.Scene()
     scene.add(sphere)
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=1))
-    scene.clips = [((0, 0, -1), (0, 0, 1))]  # the ground is left alone
+    scene.clips = [((0, 0, -1), (0, 0, 1))]  # the ground is not cut
     camera = pr.Camera.look_at((0, -3, 3), (0, 0, -1), size=(20, 20))
     assert np.allclose(pr.render(scene, camera, pr.Settings("ao", spp=4)), 1)
 

@@ -1,4 +1,4 @@
-"""Camera rays as kernels make them: projections, the lens, and the filters by which samples lie in pixels."""
+"""Camera rays from kernels: projections, the lens, and the pixel filters that samples follow."""
 
 import dataclasses
 

@@ -153,7 +153,7 @@ def test_rays_meet_the_lights_that_a_walk_over_all_meets(count):
 
 
 def means(ball, lights, seeds, **settings):
-    """Mean radiance in four halves (upper, lower, left, right) of pictures of a glossy floor with a ball: (seeds, 4)."""
+    """Mean radiance in the halves (upper, lower, left, right) of pictures of a floor with a ball: (seeds, 4)."""
     scene = pr.Scene()
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1), 0.6), material=pr.Phong(specular=0.5, exponent=60))
     scene.add(ball, np.array([[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 1.0], [0, 0, 0, 1]]))

@@ -1,4 +1,4 @@
-"""Path tracing and its relatives against scenes whose light can be computed."""
+"""Path tracing and its relatives, compared with light that can be computed by formulas."""
 
 import math
 

@@ -130,7 +130,7 @@ def test_statue_stands_on_the_ground():
 
 
 def test_statue_has_relief_finer_than_32000_points():
-    """Neighbouring normals of the coarse cloud differ more than those of the fine one by far."""
+    """Neighbouring normals differ by far more in the coarse cloud than in the fine one."""
     turns = []
     for n in (32_000, 200_000):
         positions, normals, _ = drawn("statue", n)

@@ -142,7 +142,7 @@ def test_a_load_beyond_the_end_is_noticed():
         _vectors(np.zeros(15, np.float32), np.zeros(16, np.int32), np.zeros(160, np.float32))
 
 
-# A program: traces a saved model and writes what it found, and the kernel's code.
+# A program that traces a saved model and writes its hits and the kernel's code.
 TRACE = """
 import sys
 from pathlib import Path

@@ -318,7 +318,7 @@ def test_sky_rays_find_what_a_corner_sees():
     ]
     np.testing.assert_allclose(shares[0], 1.0, atol=0.02)
     assert shares[1][0] == pytest.approx(0.6, abs=0.12) and shares[1][1] > shares[1][0] + 0.1
-    assert shares[2][1] == pytest.approx(1.0, abs=0.02)  # the wall is farther than that
+    assert shares[2][1] == pytest.approx(1.0, abs=0.02)  # the wall is farther away than the distance
 
 
 def test_the_studio_leaves_nothing_black_and_burns_nothing():

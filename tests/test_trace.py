@@ -80,7 +80,7 @@ def test_rays_from_a_sphere_leave_outside_and_are_blocked_inside(surface, degree
     tangent = unit(np.cross(n, RNG.normal(size=n.shape)))
     rise = np.radians(degrees)
     assert not scene.occluded(x, np.cos(rise) * tangent + np.sin(rise) * n).any()
-    if degrees > 0.5:  # below, the chord stays within the hundredth of a radius that counts as the surface
+    if degrees > 0.5:  # at flatter angles the chord stays within the hundredth of a radius that counts as the surface
         assert scene.occluded(x, np.cos(rise) * tangent - np.sin(rise) * n).all()
 
 
@@ -110,7 +110,7 @@ def test_shadow_rays_agree_with_the_exact_shape(name, n, surface):
     radius = float(np.median(model.radii))
     least, leaves = sphere_traced(name, x, towards, radius), (normal * towards).sum(-1)
     truth = (least <= 0) | (leaves < 0)
-    # Near-grazing rays are left out: those along the surface, and those that pass half a radius from it.
+    # Near-grazing rays are excluded: those along the surface, and those that pass within half a radius of it.
     sure = (np.abs(leaves) > 0.15) & ((least < -0.02 * radius) | (least > 0.5 * radius) | (leaves < 0))
     assert sure.mean() > 0.7
     assert (scene.occluded(x, towards) != truth)[sure].sum() <= 1
@@ -301,7 +301,7 @@ def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap):
 
 @pytest.mark.parametrize("surface", ["paper", "imls"])
 def test_normals_are_the_mean_ones_also_at_the_rims_of_supports(surface):
-    """Two close samples are joined by a line, but not where one is at the rim of the only splats around."""
+    """Two close samples are joined by a line, unless one is at the rim of the only splats near it."""
     n, rng = 4000, np.random.default_rng(1)
     clean = pr.procedural("sphere", n)
     positions = clean.positions + rng.normal(size=(n, 3)) * 0.25 * spacing(4 * np.pi, n)

@@ -101,14 +101,14 @@ def point_outside(tree):
 
 
 def thin_slabs(tree):
-    """By nearly half of their thickness on one side."""
+    """Cut nearly half of their thickness off on one side."""
     leaves = tree.leaves.reshape(-1, 16)
     full = np.isfinite(leaves[:, 10])  # slabs of an empty leaf are unlimited
     leaves[full, 10] -= 0.45 * (leaves[full, 10] - leaves[full, 9])
 
 
 def thin_patches(tree):
-    """By nearly half of their thickness on one side."""
+    """Cut nearly half of their thickness off on one side."""
     low, high = tree.patches.reshape(-1, 4, 16)[:, 2], tree.patches.reshape(-1, 4, 16)[:, 3]
     full = np.isfinite(high - low)  # columns of empty leaves are unlimited
     high[full] -= 0.45 * (high - low)[full]

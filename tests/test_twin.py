@@ -12,7 +12,7 @@ CLOUDS = ["bunny", "dragon", "lattice", "statue"]
 
 
 def cloud(name):
-    """The points, and a direction to look from."""
+    """The points, and a direction to view them from."""
     if name in ("bunny", "dragon"):
         return pr.read(shared_model(f"points/stanford_{name}.ply")), (0.45, 0.35, 1.0), (0, 1, 0)
     # Rays graze the lattice's many rims; their share falls with the radius.

@@ -111,7 +111,7 @@ def test_signs_lengths_and_missing_ones_do_not_count():
 
 
 def test_normals_that_scatter_about_the_right_ones_are_right():
-    """The surface averages them, as the comparison does."""
+    """The surface averages normals, and so does the comparison."""
     points = pr.procedural("torus", 20_000)
     scattered = tilted(points.normals, 21, np.random.default_rng(3).normal(size=(20_000, 3)))
     assert 1 < pr.check_normals(points.with_normals(scattered)).angle < 6
@@ -257,7 +257,7 @@ def test_info_says_the_same(file, bare, capsys):
 
 
 def off_at_a_slope(scene: pr.Scene) -> float:
-    """Degrees between the normal that a ray from above meets on a slope of the ripple and the true one."""
+    """Degrees between the true normal and that of a ray's hit, from above, on a slope of the ripple."""
     x, y = 1.5, 1.0
     r = np.hypot(x, y)
     truth = unit(np.float64([[-x * np.cos(r) / r, -y * np.cos(r) / r, 1]]))[0]

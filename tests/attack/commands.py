@@ -1,4 +1,4 @@
-"""Ctrl-C in the commands: SIGINT at a random moment; they end with 130, or done, and leave no file half-written."""
+"""Ctrl-C in the commands: SIGINT at a random moment. They end with 130 or finish, and leave no half-written file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Full disks: writers and commands that may write so many bytes and no more.
+"""Full disks: writers and commands that may write only a limited number of bytes.
 
 If the disk fills, they end with status 1 and one line, the old file is whole, and nothing is left beside it. Otherwise
 the status is 0 and the new file is whole. The limit is the process's limit on the size of files, or a small file system

@@ -42,7 +42,7 @@ def killed_after(rng: Rng, work: Callable[[], None]) -> None:
 
 
 def write_for_ever(write: Write, path: Path) -> None:
-    """One version after the other."""
+    """Write one version after the other."""
     version = 0
     while True:
         version = 1 - version
@@ -50,7 +50,7 @@ def write_for_ever(write: Write, path: Path) -> None:
 
 
 def render_for_ever(folder: Path) -> None:
-    """A film, again and again."""
+    """Render a film again and again."""
     version = 0
     while True:
         version += 1

@@ -52,7 +52,7 @@ class Element(NamedTuple):
 
 
 class Ply:
-    """A file that is being made.
+    """A PLY file that is being made.
 
     Attributes
     ----------
