@@ -237,7 +237,7 @@ def cases(options: argparse.Namespace) -> Iterator[Case]:
     """What a run compares, in the order of the table."""
     materials = [name for name in options.materials if name not in FORMULAS or options.variant != "scalar_rgb"]
     for material in materials:
-        least = MATERIALS[material]().scatterings
+        least = MATERIALS[material]().bounces
         for light in () if options.bounces else options.lights:
             if least == 1 or light in ("constant", "gradient"):
                 yield Case(light, material, "floor", least)

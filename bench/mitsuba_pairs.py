@@ -143,11 +143,11 @@ LIGHTS: dict[str, Callable[[], LightPair]] = {
 
 
 class MaterialPair(NamedTuple):
-    """The same material for both. scatterings : bounces that are needed to see the scene in it"""
+    """The same material for both. bounces : how many are needed to see the scene in it"""
 
     ours: Material
     theirs: dict[str, Any]
-    scatterings: int = 1
+    bounces: int = 1
 
 
 def diffuse(color: Any) -> dict[str, Any]:

@@ -197,10 +197,10 @@ def test_a_scene_file_on_a_turntable(scene, rendered, capsys):
 
 
 def test_options_change_what_a_scene_file_says(scene, rendered):
-    wishes = ["--size", "16x12", "--fov", "30", "--exposure", "1", "--background", "0,0,0"]
-    assert execute(["animate", str(scene), "-o", str(scene.with_name("out")), *FOUR, *wishes]) == 0
+    options = ["--size", "16x12", "--fov", "30", "--exposure", "1", "--background", "0,0,0"]
+    assert execute(["animate", str(scene), "-o", str(scene.with_name("out")), *FOUR, *options]) == 0
     assert (rendered[3].fov, rendered[3].size, rendered[3].focus) == (30, (16, 12), 5.5)
-    assert (scene.with_name("out") / "0000.png").read_bytes() == still(scene, *wishes)
+    assert (scene.with_name("out") / "0000.png").read_bytes() == still(scene, *options)
 
 
 def test_a_scene_file_that_is_framed_turns_about_what_it_is_framed_at(scene, rendered):

@@ -50,7 +50,7 @@ def seen(model, attribute, transform=None):
     return hits, hit, np.rint(255 * linear_to_srgb(hits.color[hit])).astype(int)
 
 
-def at(name, share):
+def color_at(name, share):
     """The colour of a map at 0..1, as matplotlib chooses it, in levels."""
     table = colormap(name)
     return table[np.minimum((np.asarray(share) * len(table)).astype(int), len(table) - 1)].astype(int)
@@ -93,7 +93,7 @@ def test_a_constant_comes_back_within_one_level(value, tmp_path):
         pr.write_image(tmp_path / "a.png", image)
         shown = np.asarray(Image.open(tmp_path / "a.png")).astype(int)
         shown = shown[shown[..., 3] == 255][:, :3]
-        assert len(shown) > 100 and np.abs(shown - at(name, np.clip(value, 0, 1))).max() <= 1
+        assert len(shown) > 100 and np.abs(shown - color_at(name, np.clip(value, 0, 1))).max() <= 1
 
 
 @pytest.mark.parametrize("name", SMOOTH)
@@ -101,7 +101,7 @@ def test_the_map_is_followed(model, name):
     """The colour at a hit is that of the map at the blended value."""
     hits, hit, shown = seen(model, pr.Attribute("height", name, (-1, 1)))
     share = hits.attributes["height"][hit] / 2 + 0.5
-    steps = np.stack([at(name, np.clip(share + e, 0, 1)) for e in (-1e-3, 0, 1e-3)])
+    steps = np.stack([color_at(name, np.clip(share + e, 0, 1)) for e in (-1e-3, 0, 1e-3)])
     assert (np.abs(shown - steps).max(axis=2).min(axis=0) <= 1).all()
     assert len(np.unique(shown, axis=0)) > 50
 
@@ -136,10 +136,10 @@ def test_classes_begin_again_after_the_last_and_where_the_range_does():
 def test_what_has_no_value_is_grey(model):
     hits, hit, shown = seen(model, pr.Attribute("half", "viridis", (0, 1)))
     x = hits.position[hit][:, 0]
-    assert (shown[x > 0.1] == 128).all() and (shown[x < -0.1] == at("viridis", 0.25)).all()
+    assert (shown[x > 0.1] == 128).all() and (shown[x < -0.1] == color_at("viridis", 0.25)).all()
     grey = (shown == 128).all(axis=1)
     assert np.isin(grey, (True, False)).all() and np.abs(x[grey].min()) < 0.1 and np.abs(x[~grey].max()) < 0.1
-    assert {tuple(c) for c in shown[~grey]} == {tuple(at("viridis", 0.25))}  # NaN must not darken its neighbours
+    assert {tuple(c) for c in shown[~grey]} == {tuple(color_at("viridis", 0.25))}  # NaN must not darken its neighbours
     assert (seen(model, pr.Attribute("lost"))[2] == 128).all()
     assert (seen(model, pr.Attribute("lost", "tab10"))[2] == 128).all()
 
@@ -405,11 +405,11 @@ def test_height_is_along_up(model, tmp_path, capsys):
     assert "along x, y or z" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("wish", ["z:magenta", "z:gray:1", "z:gray:2,1", "z:gray:a,b", ":gray", "z:gray:1,2:3"])
-def test_color_by_is_checked_first(wish, tmp_path, capsys):
+@pytest.mark.parametrize("value", ["z:magenta", "z:gray:1", "z:gray:2,1", "z:gray:a,b", ":gray", "z:gray:1,2:3"])
+def test_color_by_is_checked_first(value, tmp_path, capsys):
     """Bad options are told before the file is read, which is empty."""
     (tmp_path / "broken.ply").write_text("nothing")
-    arguments = ["render", str(tmp_path / "broken.ply"), "-o", str(tmp_path / "a.png"), "--color-by", wish]
+    arguments = ["render", str(tmp_path / "broken.ply"), "-o", str(tmp_path / "a.png"), "--color-by", value]
     assert execute(arguments) == 2
     said = capsys.readouterr().err
     assert "broken.ply" not in said and said.count("\n") == 1

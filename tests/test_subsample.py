@@ -224,7 +224,7 @@ SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
 
 
 @pytest.mark.parametrize(
-    ("wishes", "words"),
+    ("options", "words"),
     [
         ({}, "either tolerance or count"),
         ({"tolerance": 1, "count": 5}, "not both"),
@@ -238,9 +238,9 @@ SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
         ({"count": 2001}, "2,000 different places"),
     ],
 )
-def test_wishes_that_make_no_sense(wishes, words):
+def test_wishes_that_make_no_sense(options, words):
     with pytest.raises(ValueError, match=words):
-        pr.subsample(SPHERE, **wishes)
+        pr.subsample(SPHERE, **options)
 
 
 def test_one_place_only():

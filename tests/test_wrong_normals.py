@@ -198,10 +198,10 @@ def test_render_says_so_and_how_to_keep_them(file, tmp_path, capsys):
         "(--normals file keeps them)\n"
     ) in capsys.readouterr().err
     shown = {"auto": picture.read_bytes()}
-    for wish in ("file", "fit"):
-        assert execute(["render", str(file), "-o", str(picture), *SMALL, "--normals", wish]) == 0
+    for choice in ("file", "fit"):
+        assert execute(["render", str(file), "-o", str(picture), *SMALL, "--normals", choice]) == 0
         assert "degrees off" not in capsys.readouterr().err
-        shown[wish] = picture.read_bytes()
+        shown[choice] = picture.read_bytes()
     assert shown["auto"] == shown["fit"] != shown["file"]
 
 
@@ -226,11 +226,11 @@ def test_a_saved_model_has_its_normals(command, tmp_path, capsys):
 def test_prepare_writes_the_normals_that_are_used(file, bare, tmp_path, capsys):
     out, truth = tmp_path / "out.ply", ripple().normals
     off = {}
-    for wish in ("auto", "file", "fit"):
-        assert execute(["prepare", str(file), "-o", str(out), "--normals", wish]) == 0
+    for choice in ("auto", "file", "fit"):
+        assert execute(["prepare", str(file), "-o", str(out), "--normals", choice]) == 0
         cosines = np.abs(np.sum(pr.read(out).normals * truth, axis=1))
-        off[wish] = np.degrees(np.median(np.arccos(np.minimum(cosines, 1))))
-        assert ("degrees off" in capsys.readouterr().err) == (wish == "auto")
+        off[choice] = np.degrees(np.median(np.arccos(np.minimum(cosines, 1))))
+        assert ("degrees off" in capsys.readouterr().err) == (choice == "auto")
     assert off["auto"] < 2 and off["fit"] < 2 and off["file"] == pytest.approx(21, abs=1)
     assert execute(["prepare", str(bare), "-o", str(out)]) == 0 and pr.read(out).normals is None
     assert execute(["prepare", str(bare), "-o", str(out), "--normals", "fit", "--viewpoint", "0,0,-90"]) == 0
@@ -265,15 +265,15 @@ def off_at_a_slope(scene: pr.Scene) -> float:
     return float(np.degrees(np.arccos(min(abs(normal @ truth), 1.0))))
 
 
-@pytest.mark.parametrize("wish", ["auto", "file", "fit"])
-def test_a_scene_file_says_whose(wish, file, tmp_path, recwarn):
+@pytest.mark.parametrize("choice", ["auto", "file", "fit"])
+def test_a_scene_file_says_whose(choice, file, tmp_path, recwarn):
     scene = tmp_path / "scene.toml"
-    line = "" if wish == "auto" else f'normals = "{wish}"\n'
+    line = "" if choice == "auto" else f'normals = "{choice}"\n'
     scene.write_text(f'[models.a]\nfile = "ripple.ply"\n{line}[[instances]]\nmodel = "a"\n')
     made = pr.load_scene(scene).scene
     said = [str(w.message) for w in recwarn if "degrees off" in str(w.message)]
-    assert len(said) == (wish == "auto") and all('(normals = "file" keeps them)' in text for text in said)
-    assert (off_at_a_slope(made) > 8) == (wish == "file")
+    assert len(said) == (choice == "auto") and all('(normals = "file" keeps them)' in text for text in said)
+    assert (off_at_a_slope(made) > 8) == (choice == "file")
 
 
 def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
@@ -300,9 +300,9 @@ def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
     shared, plain = SharedScene("a"), {"surface": None, "samples": 4, "radius_scale": 1.0}
     shown: list[pr.Scene] = []
     monkeypatch.setattr(shared, "show", lambda scene, home=None: shown.append(scene))
-    for wish in ("auto", "file"):
-        Files([file], plain, lambda scene: (0.0, 0.0, 1.0), False, wish)(shared)
+    for choice in ("auto", "file"):
+        Files([file], plain, lambda scene: (0.0, 0.0, 1.0), False, choice)(shared)
         assert len(shown) == 1 + coarse
-        assert all((off_at_a_slope(scene) > 8) == (wish == "file") for scene in shown)
+        assert all((off_at_a_slope(scene) > 8) == (choice == "file") for scene in shown)
         shown.clear()
     assert sum("degrees off" in str(w.message) for w in recwarn) == 1
