@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,13 +15,11 @@ from numpy.typing import NDArray
 
 import pointray as pr
 from conftest import sphere_points
-from pointray.choices import FORMATS, INTEGRATORS
-from pointray.cli import execute
+from pointray.choices import INTEGRATORS
 from pointray.jit import Array, inline, kernel
 from pointray.kernels.records import World
 from pointray.kernels.scratch import TILE, Scratch
 from pointray.kernels.vec import scale
-from pointray.points import formats
 from pointray.rendering.film import add_color
 from pointray.rendering.integrate import Pass, render_tiles
 from pointray.rendering.picture import KERNELS
@@ -25,6 +27,7 @@ from pointray.shade.materials import Material, Principled
 from pointray.trace.hits import tile_hit
 from pointray.trace.world import trace_tile
 
+ROOT = Path(pr.__file__).parent
 BRASS = (0.9, 0.7, 0.3)
 CAMERA = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(24, 16))
 
@@ -44,26 +47,143 @@ def write(file, points):
     np.savetxt(file, points.world)
 """
 
+CONVERT = """
+import sys
+import numpy as np
+import pointray as pr
+from pointray.cli import execute
 
+<<<<<<< HEAD
 def test_a_format_is_its_own_file_and_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The file lies in a folder that this test adds to the package `formats`."""
     scan, rows = tmp_path / "scan.xyz", sphere_points(500)
+=======
+scan, again, broken = sys.argv[1:]
+assert execute(["info", scan]) == 0
+pr.write(again, pr.read(scan))
+try:
+    pr.read(broken)
+except ValueError as error:
+    print(error)
+"""
+
+VELVET = """
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...arguments import check_range
+from ...jit import inline
+from ...kernels.records import VELVET, VELVET_SHARE, ShadingPoint, World
+from ...kernels.vec import Vec3, scale
+from ..materials import Color, Material, record_of
+from .phong import eval_diffuse
+
+
+@dataclass(frozen=True)
+class Velvet(Material):
+    color: Color = None
+    share: float = 0.5
+
+    def record(self):
+        out = record_of(VELVET, self.color)
+        out[VELVET_SHARE] = check_range(self.share, "share", 0, 1)
+        return out
+
+
+@inline
+def eval_velvet(world: World, material: int, point: ShadingPoint, cosine: float) -> tuple[Vec3, float]:
+    rgb, pdf = eval_diffuse(point, cosine)
+    return scale(rgb, world.materials[material + VELVET_SHARE]), pdf
+"""
+
+SCENE = """
+[models.ball]
+procedural = "sphere"
+points = 2000
+
+[materials.brass]
+kind = "brass"
+polish = 0.75
+
+[[instances]]
+model = "ball"
+material = "brass"
+
+[[lights]]
+kind = "sun"
+direction = [1, 1, -1]
+"""
+
+LINES = [  # what a kind of material adds to three other files: after which line, and what
+    ("kernels/records.py", "MATERIAL_KIND = 0\n", "VELVET, VELVET_SHARE = 6, 5\n"),
+    (
+        "shade/bsdf.py",
+        "from .lobes.specular import sample_specular\n",
+        "from .lobes.velvet import VELVET, eval_velvet\n",
+    ),
+    (
+        "shade/bsdf.py",
+        "        return eval_principled(world, material, point, wi, cosine)\n",
+        "    if kind == VELVET:\n        return eval_velvet(world, material, point, cosine)\n",
+    ),
+    ("__init__.py", '    "SunLight": "shade.lights",\n', '    "Velvet": "shade.lobes.velvet",\n'),
+]
+
+SHOW = """
+import sys
+import numpy as np
+import pointray as pr
+
+CAMERA = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(24, 16))
+
+def scene(material):
+    made = pr.Scene()
+    made.add(pr.Model(pr.procedural("sphere", 2000)), material=material)
+    made.add_light(pr.SunLight((1, 1, -1)))
+    return made
+
+def shown(scene):
+    return [pr.render(scene, CAMERA, pr.Settings(name))[..., :3] for name in ("phong", "path")]
+
+velvet, matt = shown(scene(pr.Velvet(0.8, share=0.25))), shown(scene(pr.Diffuse(0.8)))
+for one, other in zip(velvet, matt):
+    assert other.max() > 0.1
+    np.testing.assert_allclose(one, 0.25 * other, rtol=1e-5)
+np.testing.assert_array_equal(shown(pr.load_scene(sys.argv[1]).scene), velvet)
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A copy of the package, to which files are added."""
+    return Path(shutil.copytree(ROOT, tmp_path / "copy" / "pointray", ignore=shutil.ignore_patterns("__pycache__")))
+
+
+def run(package: Path, code: str, *arguments: str) -> str:
+    """What a program prints that uses a copy of the package."""
+    environment = {**os.environ, "PYTHONPATH": str(package.parent)}
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=package.parent)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_format_is_its_own_file(tmp_path: Path, package: Path) -> None:
+    scan, again, broken = (tmp_path / f"{name}.xyz" for name in ("scan", "again", "broken"))
+    rows = sphere_points(500)
+>>>>>>> 793733c (A material of a new kind touches three other files, a file format none)
     np.savetxt(scan, rows)
+    broken.write_text("1 2\n")
     with pytest.raises(ValueError, match=r"cannot read \.xyz; can read \.ply$"):
         pr.read(scan)
-    (tmp_path / "own_xyz.py").write_text(XYZ)
-    monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path)])
-    monkeypatch.setitem(FORMATS, ".xyz", "own_xyz")
-    np.testing.assert_allclose(pr.read(scan).world, rows, atol=1e-6)
-    assert execute(["info", str(scan)]) == 0
-    assert "500" in capsys.readouterr().out
-    pr.write(tmp_path / "again.xyz", pr.read(scan))
-    np.testing.assert_allclose(pr.read(tmp_path / "again.xyz").world, rows, atol=1e-6)
-    scan.write_text("1 2\n")
-    with pytest.raises(ValueError, match=r"scan\.xyz: has rows of other than three numbers$"):
-        pr.read(scan)
+    (package / "points" / "formats" / "xyz.py").write_text(XYZ)
+    said = run(package, CONVERT, str(scan), str(again), str(broken))
+    assert "500" in said
+    assert said.endswith(f"{broken}: has rows of other than three numbers\n")
+    np.testing.assert_allclose(np.loadtxt(again), rows, atol=1e-6)
 
 
 @inline
@@ -100,6 +220,21 @@ def test_an_integrator_is_its_own_file_and_two_lines(monkeypatch: pytest.MonkeyP
         np.testing.assert_allclose(shown[..., k], normals[..., 2], atol=1e-6)
 
 
+@pytest.mark.long
+def test_a_material_of_a_new_kind_is_its_own_file_and_lines_in_three(tmp_path: Path, package: Path) -> None:
+    """It compiles kernels: a minute."""
+    (package / "shade" / "lobes" / "velvet.py").write_text(VELVET)
+    for name, line, more in LINES:
+        text = (package / name).read_text()
+        assert text.count(line) == 1, line
+        (package / name).write_text(text.replace(line, line + more))
+    assert len({name for name, _, _ in LINES}) == 3
+    (tmp_path / "scene.toml").write_text(
+        SCENE.replace("brass", "velvet").replace("polish = 0.75", "color = 0.8\nshare = 0.25")
+    )
+    run(package, SHOW, str(tmp_path / "scene.toml"))
+
+
 @dataclass(frozen=True)
 class Brass(Material):
     """A material whose kind the kernels know."""
@@ -108,25 +243,6 @@ class Brass(Material):
 
     def record(self) -> NDArray[np.float64]:
         return Principled(BRASS, 1.0 - self.polish, 1.0).record()
-
-
-SCENE = """
-[models.ball]
-procedural = "sphere"
-points = 2000
-
-[materials.brass]
-kind = "brass"
-polish = 0.75
-
-[[instances]]
-model = "ball"
-material = "brass"
-
-[[lights]]
-kind = "sun"
-direction = [1, 1, -1]
-"""
 
 
 def test_a_material_of_a_kind_that_kernels_know_is_a_class(tmp_path: Path) -> None:

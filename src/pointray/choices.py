@@ -1,4 +1,4 @@
-"""Choices: the words that options, scene files and the viewer's panel know, with what each is, once. Imports nothing.
+"""Choices: the words that options, scene files and the viewer's panel know, with what each is, once.
 
 The numbers by which kernels know surfaces, projections, filters and integrators are indices of these tables, see
 `number_of`; models that are saved hold those of surfaces: a new one goes to the end.
@@ -6,11 +6,15 @@ The numbers by which kernels know surfaces, projections, filters and integrators
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Iterable
+from pathlib import Path
 
 AUTO = "auto"
 
-FORMATS = {".ply": "ply"}  # of scans; by which file in points/formats/ each is read, and perhaps written
+# Extensions of scans: points/formats/ has a file of this name for each.
+_FILES = pkgutil.iter_modules([str(Path(__file__).parent / "points" / "formats")])
+FORMATS = sorted(f".{file.name}" for file in _FILES if not file.name.startswith("_"))
 
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 

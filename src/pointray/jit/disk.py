@@ -34,8 +34,8 @@ SHARED = (
     *("splats/borders.py", "splats/grow.py", "splats/heap.py", "splats/medians.py", "splats/radii.py"),
     *("splats/sheets.py", "splats/strays.py", "splats/voronoi.py"),
     *("shade/ambient.py", "shade/bsdf.py", "shade/catcher.py", "shade/choice.py", "shade/direct.py"),
-    *("shade/emitters.py", "shade/microfacet.py", "shade/specular_rays.py", "shade/path.py", "shade/phong.py"),
-    *("shade/sky.py", "shade/specular.py", "shade/shading_points.py"),
+    *("shade/emitters.py", "shade/lobes/", "shade/specular_rays.py", "shade/path.py"),
+    *("shade/sky.py", "shade/shading_points.py"),
     *("image/tone.py", "rendering/film.py", "rendering/lens.py", "rendering/settings.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones are removed

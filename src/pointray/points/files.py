@@ -74,7 +74,7 @@ def check_readable(path: str | os.PathLike[str]) -> Callable[[Path, Progress | N
     """The reader of a file; OSError or ValueError if it cannot be opened, or no reader knows its extension."""
     file = check_regular(path)
     if file.suffix.lower() not in FORMATS:
-        known = ", ".join(sorted(FORMATS))
+        known = ", ".join(FORMATS)
         raise ValueError(f"{file}: cannot read {file.suffix or 'a file without extension'}; can read {known}")
     reader: Callable[[Path, Progress | None], Points] = _format(file.suffix.lower()).read
     return reader
@@ -82,12 +82,12 @@ def check_readable(path: str | os.PathLike[str]) -> Callable[[Path, Progress | N
 
 def _format(extension: str) -> Any:
     """The module that reads an extension, such as `formats/ply.py`, imported when it is needed."""
-    return import_module(f"{__package__}.formats.{FORMATS[extension]}")
+    return import_module(f"{__package__}.formats{extension}")
 
 
 def written() -> list[str]:
     """The extensions of formats that can be written."""
-    return [extension for extension in sorted(FORMATS) if hasattr(_format(extension), "write")]
+    return [extension for extension in FORMATS if hasattr(_format(extension), "write")]
 
 
 def write(path: str | os.PathLike[str], points: Points) -> None:

@@ -2,7 +2,7 @@
 
 lights, environment, materials, attributes : what callers give, as records; colormaps, pictures : what these read
 tables : what is built once from a scene's lights
-bsdf : what a surface does with light; phong, microfacet, specular : its lobes
+bsdf : what a surface does with light; lobes/ : the functions of each kind of material
 emitters, sky : the light from a point on a light (`sample_light`), and from all around (`sample_sky`)
 choice : which light a path chooses, and which it meets
 shading_points : what is kept of the hits

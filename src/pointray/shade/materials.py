@@ -38,7 +38,7 @@ MOST_EXPONENT = 1e8  # half a hundredth of a degree wide: a narrower highlight i
 LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one there is Mirror
 
 
-def _record(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
+def record_of(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
     """The record of a kind of material with a colour of 0 to 1."""
     out = np.zeros(MATERIAL_SIZE)
     out[MATERIAL_KIND], out[OWN_COLOR] = kind, color is None or isinstance(color, Attribute)
@@ -76,7 +76,7 @@ class Diffuse(Material):
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
-        return _record(DIFFUSE, self.color)
+        return record_of(DIFFUSE, self.color)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Phong(Material):
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
-        out = _record(PHONG, self.color)
+        out = record_of(PHONG, self.color)
         out[SPECULAR] = check_range(self.specular, "specular", 0, 1)
         out[EXPONENT] = min(check_range(self.exponent, "exponent", 0), MOST_EXPONENT)
         return out
@@ -121,7 +121,7 @@ class Mirror(Material):
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
-        return _record(MIRROR, self.color)
+        return record_of(MIRROR, self.color)
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Dielectric(Material):
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
-        out = _record(DIELECTRIC, 1.0)
+        out = record_of(DIELECTRIC, 1.0)
         out[IOR] = check_range(self.ior, "ior", 0.01, 100)
         return out
 
@@ -190,7 +190,7 @@ class Principled(Material):
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
-        out = _record(PRINCIPLED, self.base_color, "base_color")
+        out = record_of(PRINCIPLED, self.base_color, "base_color")
         alpha = max(check_range(self.roughness, "roughness", 0, 1) ** 2, LEAST_ALPHA)
         out[ALPHA], out[METALLIC] = alpha, check_range(self.metallic, "metallic", 0, 1)
         out[COAT : COAT + 3] = _coat(alpha)
@@ -214,6 +214,6 @@ class Emissive(Material):
 
     def record(self) -> NDArray[np.float64]:
         """The material as kernels read it, (10,) float64."""
-        out = _record(EMISSIVE, self.color)
+        out = record_of(EMISSIVE, self.color)
         out[EMITTED : EMITTED + 3] = rgb(self.radiance, "radiance")
         return out

@@ -19,7 +19,7 @@ from plyfile import PlyData, PlyElement, PlyListProperty
 
 from ...data import Points, check_count
 from ...progress import Progress, part_of, tell
-from .ply_header import Header, read_header
+from ._ply_header import Header, read_header
 
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
@@ -118,14 +118,14 @@ def _skip(file: BinaryIO, element: Any, count: int, order: str) -> None:
     if not _has_lists(element):
         file.seek(count * row, io.SEEK_CUR)
     elif count:
-        from .ply_lists import walk_rows
+        from ._ply_lists import walk_rows
 
         file.seek(walk_rows(*_bytes_from(file), count, element, order, np.empty((0, 0), np.int64)))
 
 
 def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str) -> Columns:
     """Vertices with lists, which are dropped."""
-    from .ply_lists import scalars_at, walk_rows
+    from ._ply_lists import scalars_at, walk_rows
 
     _check_rows(file, vertex, count, sum(_least_size(p) for p in vertex.properties))
     scalars = [p for p in vertex.properties if not isinstance(p, PlyListProperty)]

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from ..jit import inline
-from ..kernels.records import EXPONENT, SPECULAR, ShadingPoint, World
-from ..kernels.vec import Vec3, add, around, dot, mirrored, scale
+from ...jit import inline
+from ...kernels.records import EXPONENT, SPECULAR, ShadingPoint, World
+from ...kernels.vec import Vec3, add, around, dot, mirrored, scale
 
 
 @inline

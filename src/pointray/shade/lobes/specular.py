@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from ..jit import inline
-from ..kernels.records import IOR, MATERIAL_KIND, MIRROR, ShadingPoint, World
-from ..kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub
+from ...jit import inline
+from ...kernels.records import IOR, MATERIAL_KIND, MIRROR, ShadingPoint, World
+from ...kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub
 
 
 @inline

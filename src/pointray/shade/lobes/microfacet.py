@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 
-from ..jit import inline
-from ..kernels.records import ALPHA, COAT, METALLIC, ShadingPoint, World
-from ..kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
+from ...jit import inline
+from ...kernels.records import ALPHA, COAT, METALLIC, ShadingPoint, World
+from ...kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
 from .phong import sample_diffuse
 
 F0 = 0.04  # reflectance of a dielectric of index 1.5 at normal incidence
