@@ -53,13 +53,6 @@ import numpy as np
 import pointray as pr
 from pointray.cli import execute
 
-<<<<<<< HEAD
-def test_a_format_is_its_own_file_and_a_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The file lies in a folder that this test adds to the package `formats`."""
-    scan, rows = tmp_path / "scan.xyz", sphere_points(500)
-=======
 scan, again, broken = sys.argv[1:]
 assert execute(["info", scan]) == 0
 pr.write(again, pr.read(scan))
@@ -174,7 +167,6 @@ def run(package: Path, code: str, *arguments: str) -> str:
 def test_a_format_is_its_own_file(tmp_path: Path, package: Path) -> None:
     scan, again, broken = (tmp_path / f"{name}.xyz" for name in ("scan", "again", "broken"))
     rows = sphere_points(500)
->>>>>>> 793733c (A material of a new kind touches three other files, a file format none)
     np.savetxt(scan, rows)
     broken.write_text("1 2\n")
     with pytest.raises(ValueError, match=r"cannot read \.xyz; can read \.ply$"):

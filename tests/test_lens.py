@@ -40,7 +40,7 @@ def _camera_rays(camera, sampling, origins, directions):
 def _pixel_positions(sampling, out):
     for k in range(out.shape[0]):
         for sample in range(out.shape[1]):
-            out[k, sample, 0], out[k, sample, 1] = position_in_pixel(pixel_key(k, 7, how[0]), sample, how[2])
+            out[k, sample, 0], out[k, sample, 1] = position_in_pixel(pixel_key(k, 7, sampling[0]), sample, sampling[2])
 
 
 def camera_with(projection, **more):
