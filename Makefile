@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PYTEST := $(BIN)/python -m pytest --numprocesses logical --maxprocesses 4 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .PHONY: demo test long check bench attack wheel format clean
@@ -20,10 +21,10 @@ demo: $(VENV)/installed
 	$(BIN)/pointray demo -o demo.png
 
 test: $(VENV)/tools
-	$(BIN)/python -m pytest
+	$(PYTEST)
 
 long: $(VENV)/tools
-	$(BIN)/python -m pytest -m long
+	$(PYTEST) -m long
 
 check: $(VENV)/tools
 	$(BIN)/ruff check .

@@ -179,7 +179,7 @@ class Instances:
 
     def __getstate__(self) -> dict[str, Any]:
         """The state without what is kept for speed only."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("paints", "_looks")}
+        return {name: value for name, value in self.__dict__.items() if name not in ("paints", "_equal_materials")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
