@@ -1,5 +1,6 @@
 """`pointray view` as a program: what it prints, what it shows of files, and how it ends."""
 
+import logging
 import signal
 import sys
 from urllib.parse import urlsplit
@@ -195,6 +196,7 @@ def test_bad_input(arguments, message, scan, tmp_path, monkeypatch, capsys):
     assert execute(["view", *arguments.split()]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1, error
+    assert logging.getLogger("pointray.view").handlers == []  # a caller's process is left as it was
 
 
 def test_a_damaged_file_is_said_on_the_page(start, tmp_path, scan):

@@ -76,10 +76,18 @@ def shared_scene_of(
 
 def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
     """Show the scene until Ctrl-C."""
+    _keep_one_heap()
+    log, handler = logging.getLogger("pointray.view"), logging.StreamHandler()
+    log.addHandler(handler)
+    try:
+        _serve(shared, loader, host, port, open_browser)
+    finally:
+        log.removeHandler(handler)
+
+
+def _serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
     from ..viewer.viewer import Viewer
 
-    _keep_one_heap()
-    logging.getLogger("pointray.view").addHandler(logging.StreamHandler())
     viewer = Viewer(shared, host, port)
     if port not in (0, viewer.port):
         _tell(f"port {port} is taken")
