@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import signal
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +25,22 @@ def one_signature_a_kernel() -> Iterator[None]:
     yield
     many = {name: kernel.signatures for name, kernel in jit.KERNELS.items() if len(kernel.signatures) > 1}
     assert not many
+
+
+@pytest.fixture(scope="session", autouse=True)
+def models_made_once() -> Iterator[None]:
+    """Procedural models are made once a session and copied: making them took half of the time of all tests."""
+    module = importlib.import_module("pointray.points.procedural")
+    sample = module.sample
+    made = lru_cache(maxsize=100, typed=True)(sample)
+
+    def copied(name: object, n: object, seed: object) -> tuple[np.ndarray, ...]:
+        valid = isinstance(name, str) and isinstance(n, int) and isinstance(seed, int)
+        return tuple(array.copy() for array in (made if valid else sample)(name, n, seed))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "sample", copied)
+        yield
 
 
 def shared_model(name: str) -> Path:
