@@ -43,6 +43,11 @@ def models_made_once() -> Iterator[None]:
         yield
 
 
+def long(*values: object) -> object:
+    """A case of a test for `make long`."""
+    return pytest.param(*values, marks=pytest.mark.long)
+
+
 def shared_model(name: str) -> Path:
     """Path of a real scan, such as 'points/stanford_bunny.ply'; skips the test if it is absent."""
     path = MODELS / name

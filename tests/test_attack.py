@@ -7,6 +7,7 @@ import pytest
 from attack.ledger import Ledger
 from attack.parts import PARTS
 from attack.pool import Attacker, Failure, Tally
+from conftest import long
 
 SEED = 1
 needs_posix = pytest.mark.skipif(sys.platform == "win32", reason="processes of POSIX")
@@ -16,8 +17,8 @@ def test_a_whole_attack_has_200_000_inputs():
     assert sum(part.count for part in PARTS.values()) == 200_000
 
 
-# The first time, compiling checked kernels takes minutes.
-NAMES = [pytest.param(name, marks=pytest.mark.long) if part.checked else name for name, part in PARTS.items()]
+# Compiling checked kernels takes minutes; commands are processes, and scene files render.
+NAMES = [long(name) if part.checked or name in ("commands", "toml") else name for name, part in PARTS.items()]
 
 
 @needs_posix
@@ -32,6 +33,7 @@ def test_a_few_inputs_of(name):
         assert tally.counts["accepted"] > 0
 
 
+@pytest.mark.long
 @needs_posix
 def test_a_crash_a_hang_and_a_failure_are_told_from_a_refusal():
     with Attacker("sample", 0) as attacker:

@@ -19,6 +19,7 @@ def rows():
     return measure([3000, 12000], 2, 2, lambda stage, share: None)
 
 
+@pytest.mark.long
 def test_the_views_are_what_they_say():
     """The far view's silhouette spans 90% of the height; in the near view 95% of the pixels hit."""
     scene, points = pr.Scene(), pr.procedural("statue", 20_000)
@@ -32,6 +33,7 @@ def test_the_views_are_what_they_say():
     assert np.isfinite(scene.intersect(*near.rays()).t).mean() >= 0.94
 
 
+@pytest.mark.long
 def test_each_cloud_is_measured_from_far_and_near(rows):
     assert [(r.points, r.view) for r in rows] == [(n, v) for n in (3000, 12000) for v in ("far", "near")]
     for r in rows:

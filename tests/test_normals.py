@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from conftest import shared_model, sphere_points
+from conftest import long, shared_model, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, morton_order, neighbors
 from pointray.points import estimate_normals, procedural, read
@@ -271,7 +271,7 @@ def test_what_cannot_be_estimated(positions, others, words):
     ("name", "viewpoint", "flipped"),
     [
         ("stanford_bunny", None, 0.001),
-        ("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
+        long("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
         ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; 10 or 24 differ by 2.9 or 1.1%
@@ -319,9 +319,7 @@ def test_scan_lines(step, noise, rms):
     assert (angle > 90).mean() < 0.002
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("autzen_stadium_crop_rgb", marks=pytest.mark.long), "outcrop_qcompass_rgb"]
-)
+@pytest.mark.parametrize("name", [long("autzen_stadium_crop_rgb"), "outcrop_qcompass_rgb"])
 def test_real_ground_looks_up(name):
     points = read(shared_model(f"points/{name}.ply"))
     assert (np.sum(estimate_normals(points).normals * points.normals, axis=1) > 0).mean() > 0.95

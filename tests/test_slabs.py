@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from conftest import long
 from naive import KINDS, bisect, field
 from pointray.jit import kernel, next_tile, run
 from pointray.tree.columns import slab_along
@@ -57,8 +58,8 @@ def clouds_of(rng, count, splats):
     return np.concatenate([x, n, r, np.zeros((count, splats, 6))], axis=2), m / np.linalg.norm(m, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("trim", [TRIM, *(pytest.param(trim, marks=pytest.mark.long) for trim in (0.4, 5.0))])
-@pytest.mark.parametrize("surface", ["apss", "paper", "imls"])
+@pytest.mark.parametrize("trim", [TRIM, long(0.4), long(5.0)])
+@pytest.mark.parametrize("surface", [long("apss"), "paper", "imls"])
 def test_all_surface_lies_in_the_slab(surface, trim):
     rng = np.random.default_rng(11)
     shares, zeros = [], 0

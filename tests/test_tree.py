@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model
+from conftest import long, shared_model
 from pointray.kernels.tree import NO_SURFACE
 from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
 from pointray.tree.check import check_tree
@@ -28,18 +28,16 @@ def torus():
     return splats("torus")
 
 
-@pytest.mark.parametrize(
-    "name", ["sphere", "torus", "lattice", pytest.param("statue", marks=pytest.mark.long), "stanford_bunny"]
-)
+@pytest.mark.parametrize("name", [long("sphere"), "torus", long("lattice"), long("statue"), "stanford_bunny"])
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), places=4000) == []
 
 
-@pytest.mark.parametrize("width", [pytest.param(LEAF_WIDTH / 4, marks=pytest.mark.long), LEAF_WIDTH / 2, LEAF_WIDTH])
+@pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), long(LEAF_WIDTH / 2), LEAF_WIDTH])
 @pytest.mark.parametrize(
     "name",
-    ["stanford_bunny", "nefertiti_50k", pytest.param("stanford_dragon_stand_rangescans", marks=pytest.mark.long)],
+    ["stanford_bunny", long("nefertiti_50k"), long("stanford_dragon_stand_rangescans")],
 )
 def test_trees_over_uneven_splats_are_whole(name, width):
     cloud = splats(name)
@@ -59,6 +57,7 @@ def test_columns_are_thinner_than_their_leaf(torus):
     assert ((high - low)[limited].sum(axis=1) / held[limited].sum(axis=1) / slab[limited]).mean() < 0.5
 
 
+@pytest.mark.long
 def test_a_tree_does_not_depend_on_the_number_of_threads():
     cloud = splats("statue")
     one, three = (build_tree(cloud, TreeSettings("apss"), threads) for threads in (1, 3))
@@ -199,7 +198,7 @@ def seen(cloud, **changes):
     return scene.intersect(origins, b - a).t * np.linalg.norm(b - a, axis=1)
 
 
-@pytest.mark.parametrize("name", ["torus", "statue", "stanford_bunny", "stanford_bunny_rangescans"])
+@pytest.mark.parametrize("name", ["torus", long("statue"), "stanford_bunny", long("stanford_bunny_rangescans")])
 def test_slabs_and_boxes_lose_nothing(name):
     cloud = splats(name)
     tight, loose = seen(cloud), seen(cloud, cut=False)

@@ -42,8 +42,9 @@ def compare(name, surface, size):
     assert gap.max() <= 0.02, f"{(gap > 0.02).sum()} of {both.sum()} hits are off, by up to {gap.max():.3f} radii"
 
 
-@pytest.mark.parametrize("surface", SURFACES)
-@pytest.mark.parametrize("name", ["bunny", "statue"])
+@pytest.mark.parametrize(
+    ("name", "surface"), [("bunny", "imls"), ("bunny", "apss"), ("statue", "paper"), ("statue", "apss")]
+)
 def test_rays_agree_with_the_twin(name, surface):
     compare(name, surface, 64)
 
