@@ -17,8 +17,10 @@ def test_a_whole_attack_has_200_000_inputs():
     assert sum(part.count for part in PARTS.values()) == 200_000
 
 
-# Compiling checked kernels takes minutes; commands are processes, and scene files render.
-NAMES = [long(name) if part.checked or name in ("commands", "toml") else name for name, part in PARTS.items()]
+# Compiling checked kernels takes minutes; the others named here take the longest.
+NAMES = [
+    long(name) if part.checked or name in ("commands", "threads", "toml") else name for name, part in PARTS.items()
+]
 
 
 @needs_posix

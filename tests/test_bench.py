@@ -43,6 +43,7 @@ def test_each_cloud_is_measured_from_far_and_near(rows):
     assert far[0] == pytest.approx(far[1], abs=0.03), "the subsampled statue is not the statue"
 
 
+@pytest.mark.long
 def test_the_paper_has_figures_for_its_own_cases(monkeypatch):
     """The stress test is a case of its own with a light and shadows, run here at a small size."""
     monkeypatch.setattr(frames, "STRESS", 4000)
@@ -52,6 +53,7 @@ def test_the_paper_has_figures_for_its_own_cases(monkeypatch):
     assert 0.02 < row.covered < 0.6
 
 
+@pytest.mark.long
 def test_the_table_as_text_and_as_json(rows, capsys):
     show_rows([replace(rows[0], paper_frames_per_second=8.7), rows[1]], 2, False)
     text = capsys.readouterr().out

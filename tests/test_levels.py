@@ -236,6 +236,7 @@ def frames(scan, name, *more):
     return [path.read_bytes() for path in sorted(folder.iterdir())]
 
 
+@pytest.mark.long
 def test_films_of_a_scan_show_levels(scan, monkeypatch):
     made = []
     real = pr.Model.make_levels
