@@ -24,7 +24,7 @@ test: $(VENV)/tools
 	$(PYTEST)
 
 long: $(VENV)/tools
-	$(PYTEST) -m long
+	$(PYTEST) -m 'long or slow'
 
 check: $(VENV)/tools
 	$(BIN)/ruff check .

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import pointray as pr
 from pointray.shade.lights import Light
-from pointray.shade.materials import Material
+from pointray.shade.materials.base import Material
 
 Floats = NDArray[np.float64]
 

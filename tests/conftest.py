@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import json
+import os
 import signal
 from collections.abc import Iterator
 from functools import lru_cache
@@ -20,16 +22,30 @@ MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_signature_a_kernel() -> Iterator[None]:
-    """No kernel has two signatures: a second type of array would compile it again, while a user waits."""
+def one_signature_a_kernel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Check that no test has brought a kernel a second type of array: it would compile again, in front of a user.
+
+    Tests run in several processes. Each leaves its signatures in a file; the last one sees all.
+    """
     yield
-    many = {name: kernel.signatures for name, kernel in jit.KERNELS.items() if len(kernel.signatures) > 1}
-    assert not many
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    own = {name: [str(signature) for signature in kernel.signatures] for name, kernel in jit.KERNELS.items()}
+    (folder / f"signatures-{os.getpid()}.json").write_text(json.dumps(own))
+    found: dict[str, set[str]] = {}
+    for file in folder.glob("signatures-*.json"):
+        for name, signatures in json.loads(file.read_text()).items():
+            found.setdefault(name, set()).update(signatures)
+    assert {name: signatures for name, signatures in found.items() if len(signatures) > 1} == {}
 
 
 @pytest.fixture(scope="session", autouse=True)
 def models_made_once() -> Iterator[None]:
-    """Procedural models are made once a session and copied: making them took half of the time of all tests."""
+    """Procedural models are made once a session and copied: making them took half of the time of all tests.
+
+    A test that makes the same one twice calls `sample` as it was imported, see `tests/test_procedural.py`.
+    """
     module = importlib.import_module("pointray.points.procedural")
     sample = module.sample
     made = lru_cache(maxsize=100, typed=True)(sample)
@@ -43,8 +59,13 @@ def models_made_once() -> Iterator[None]:
         yield
 
 
+def slow(*values: object) -> object:
+    """A case of a test that takes seconds: `make long` runs it, and the run in which every array access is checked."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 def long(*values: object) -> object:
-    """A case of a test for `make long`."""
+    """A case of a test that takes minutes: `make long` runs it."""
     return pytest.param(*values, marks=pytest.mark.long)
 
 

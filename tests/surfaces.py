@@ -14,7 +14,7 @@ from pointray.shade.bsdf import (
     is_specular,
     sample_bsdf,
 )
-from pointray.shade.lobes.specular import glass
+from pointray.shade.materials.specular import glass
 from pointray.trace.hits import material_at
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import accuracy
 import pointray as pr
-from conftest import long
+from conftest import slow
 from measure import Cloud, Row, Setting, cloud_of, lines, measure, model_of, overlap, references, scene_of, trace
 from truth import Mesh, Shape, truth
 from verdicts import verdicts
@@ -15,7 +15,7 @@ from verdicts import verdicts
 N = 100_000
 
 
-@pytest.fixture(scope="module", params=["sphere", long("torus")])
+@pytest.fixture(scope="module", params=["sphere", slow("torus")])
 def even(request):
     return cloud_of(truth(request.param), "even", N)
 
@@ -76,7 +76,7 @@ def test_random_points_are_independent():
     assert spread("even") < 0.3
 
 
-@pytest.mark.parametrize("name", ["sphere", "torus", long("lattice")])
+@pytest.mark.parametrize("name", ["sphere", "torus", slow("lattice")])
 def test_depth_of_a_ray_in_a_solid(name):
     """The depth is compared with dense samples of the exact distance along each ray."""
     shape, h = truth(name), 0.02

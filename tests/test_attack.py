@@ -7,7 +7,7 @@ import pytest
 from attack.ledger import Ledger
 from attack.parts import PARTS
 from attack.pool import Attacker, Failure, Tally
-from conftest import long
+from conftest import long, slow
 
 SEED = 1
 needs_posix = pytest.mark.skipif(sys.platform == "win32", reason="processes of POSIX")
@@ -17,10 +17,14 @@ def test_a_whole_attack_has_200_000_inputs():
     assert sum(part.count for part in PARTS.values()) == 200_000
 
 
-# Compiling checked kernels takes minutes; the others named here take the longest.
-NAMES = [
-    long(name) if part.checked or name in ("commands", "threads", "toml") else name for name, part in PARTS.items()
-]
+# Compiling checked kernels takes minutes; the others named here take some seconds.
+MARKED = {
+    "commands": slow,
+    "threads": slow,
+    "toml": slow,
+    **{name: long for name, part in PARTS.items() if part.checked},
+}
+NAMES = [MARKED[name](name) if name in MARKED else name for name in PARTS]
 
 
 @needs_posix
@@ -35,7 +39,7 @@ def test_a_few_inputs_of(name):
         assert tally.counts["accepted"] > 0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @needs_posix
 def test_a_crash_a_hang_and_a_failure_are_told_from_a_refusal():
     with Attacker("sample", 0) as attacker:

@@ -15,7 +15,7 @@ from pointray import choices
 from pointray.cli.scan_scene import ScanMaterial
 from pointray.rendering.picture import KERNELS
 from pointray.scenefile import shading
-from pointray.shade.materials import Material
+from pointray.shade.materials.base import Material
 
 DOCS = Path(__file__).parent.parent / "docs"
 SCENES = (DOCS / "scenes.md").read_text() if DOCS.exists() else ""

@@ -22,7 +22,7 @@ def picture(stage, **options):
     return pr.render(*stage, pr.Settings(integrator="path", **options))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_denoised_pictures_are_nearer_to_the_exact_one(stage):
     pytest.importorskip("pyoidn")
     exact = picture(stage, spp=512)

@@ -66,7 +66,7 @@ def test_the_same_in_toml_and_in_python(tmp_path: Path, monkeypatch: pytest.Monk
     assert (one == other).all()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_notebook(tmp_path: Path) -> None:
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     book = nbformat.read(FOLDER / "notebook.ipynb", as_version=4)

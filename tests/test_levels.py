@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from conftest import slow
 from pointray.cli import execute
 from pointray.kernels.records import INSTANCE, SHAPE_ROW
 from pointray.rendering.lod import at_distance
@@ -149,7 +149,7 @@ def test_off_by_a_setting_and_only_in_pictures(statue):
     assert away.max() < statue.radii.max()
 
 
-@pytest.mark.parametrize("name, allowed", [long("z", 0.01), long("x", 0.01), ("wave", 0.02)])
+@pytest.mark.parametrize("name, allowed", [slow("z", 0.01), slow("x", 0.01), ("wave", 0.02)])
 def test_colours_by_an_attribute(statue, name, allowed):
     """Colours by coordinates and by values are those of many samples of all points, except at silhouettes."""
     scene = pr.Scene()
@@ -236,7 +236,7 @@ def frames(scan, name, *more):
     return [path.read_bytes() for path in sorted(folder.iterdir())]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_films_of_a_scan_show_levels(scan, monkeypatch):
     made = []
     real = pr.Model.make_levels

@@ -9,12 +9,12 @@ import mitsuba_child
 import mitsuba_pairs
 import pointray as pr
 from beside_mitsuba import Pair, choose_variant, compare
-from conftest import MODELS, long, shared_model
+from conftest import MODELS, shared_model, slow
 from mitsuba_pairs import COLOR, MATERIALS
 from mitsuba_scenes import Case, body
 
 
-@pytest.fixture(scope="module", params=["torus", long("bunny")])
+@pytest.fixture(scope="module", params=["torus", slow("bunny")])
 def pair(request):
     for package in ("mitsuba", "trimesh"):
         pytest.importorskip(package)
@@ -56,7 +56,7 @@ def aborted(*arguments):
     os.abort()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_where_mitsuba_ends_its_process_the_rest_goes_on(capfd):
     pytest.importorskip("mitsuba")
     from mitsuba_speed import speed

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from conftest import long, shared_model, sphere_points
+from conftest import long, shared_model, slow, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, morton_order, neighbors
 from pointray.points import estimate_normals, procedural, read
@@ -271,7 +271,7 @@ def test_what_cannot_be_estimated(positions, others, words):
     ("name", "viewpoint", "flipped"),
     [
         ("stanford_bunny", None, 0.001),
-        long("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
+        slow("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
         ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; 10 or 24 differ by 2.9 or 1.1%
@@ -404,7 +404,7 @@ def test_good_normals_of_scans_cause_no_words_and_flipped_ones_do(name):
     assert looks_inward(points.positions, -points.normals) == (name in CLOSED)
 
 
-@pytest.mark.parametrize("name", [long("statue"), "sphere", "torus", "lattice"])
+@pytest.mark.parametrize("name", [slow("statue"), "sphere", "torus", "lattice"])
 def test_exact_normals_cause_no_words(name):
     points = procedural(name, 20_000)
     assert mend_normals(points)[1] is None

@@ -452,7 +452,7 @@ def test_a_file_that_does_not_open(browser, tmp_path):
     assert page.problems == []
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_end_of_the_server_and_another_one(page, viewer, scene):
     with page.another(SAMPLES):
         page.drag(MODEL, (50, 10))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from conftest import slow
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def path(scene, camera, spp, **options):
     return pr.render(scene, camera, pr.Settings(integrator="path", spp=spp, filter="box", **options))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_closed_sphere_that_emits_and_reflects(sphere):
     """Radiance 1 + 0.5 + 0.25 + ... = 2 in every pixel."""
     scene = pr.Scene()
@@ -170,7 +170,7 @@ def test_a_mirror_reflects_what_is_around(sphere):
         assert np.abs(image[sure, :3] / (sky * (0.9, 0.8, 0.7))[sure] - 1).max() < 0.01, integrator
 
 
-@pytest.mark.parametrize("integrator", [long("path"), "phong"])
+@pytest.mark.parametrize("integrator", [slow("path"), "phong"])
 def test_glass_obeys_snell(sphere, integrator):
     """A glass sphere bends rays by the right angle, read from a sky whose colour is its direction."""
     scene = pr.Scene()
@@ -281,7 +281,7 @@ def test_both_ways_of_finding_a_light_agree(sphere):
     assert np.abs(a - b).mean() / b.mean() < 0.06
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_lights_add_up(sphere):
     """One of several lights is sampled at each bounce: in the mean the picture is the sum of their pictures."""
     sky = np.full((16, 32, 3), 0.1)

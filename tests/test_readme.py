@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import long
+from conftest import slow
 from pointray.cli import execute
 from viewing import Browser, serve
 
@@ -64,7 +64,7 @@ def test_there_is_something_to_test() -> None:
     assert set(re.findall(r"^```(\w+)", README, re.MULTILINE)) <= {"sh", "python"}
 
 
-@pytest.mark.parametrize("block", [long(block) if "animate" in block else block for block in blocks("sh")])
+@pytest.mark.parametrize("block", [slow(block) if "animate" in block else block for block in blocks("sh")])
 def test_commands(block: str, folder: Path) -> None:
     lines = block.replace("\\\n", " ").splitlines()
     for line in lines:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from conftest import long
+from conftest import long, slow
 from naive import KINDS, bisect, field
 from pointray.jit import kernel, next_tile, run
 from pointray.tree.columns import slab_along
@@ -59,7 +59,7 @@ def clouds_of(rng, count, splats):
 
 
 @pytest.mark.parametrize("trim", [TRIM, long(0.4), long(5.0)])
-@pytest.mark.parametrize("surface", [long("apss"), "paper", "imls"])
+@pytest.mark.parametrize("surface", ["apss", "paper", slow("imls")])
 def test_all_surface_lies_in_the_slab(surface, trim):
     rng = np.random.default_rng(11)
     shares, zeros = [], 0

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points
+from conftest import shared_model, slow, sphere_points
 from pointray.cli import execute
 from pointray.neighbors import neighbors
 from pointray.splats import choose_radii
@@ -102,7 +102,7 @@ def test_given_radii_stay():
 
 
 @pytest.mark.parametrize("shape", ["torus", "sphere", "statue", "lattice"])
-@pytest.mark.parametrize("n", [500, 5000, long(50_000)])
+@pytest.mark.parametrize("n", [500, 5000, slow(50_000)])
 def test_clean_models_have_no_strays(shape, n):
     points = pr.procedural(shape, n)
     with warnings.catch_warnings():
@@ -175,7 +175,7 @@ def test_autzen_has_no_ball_on_its_end_wall():
 
 @pytest.mark.parametrize(
     ("name", "most"),
-    [long("potree_lion_takanawa_rgb", 1e-4), ("tls_pumpA_rgb", 5e-4), long("sfm_garden_rgb_nonormals", 1e-3)],
+    [slow("potree_lion_takanawa_rgb", 1e-4), ("tls_pumpA_rgb", 5e-4), slow("sfm_garden_rgb_nonormals", 1e-3)],
 )
 def test_few_wide_discs_are_left_in_scans(name, most):
     """Discs over ten times the usual width were once 4 in 1,000 of the pump's and 7 of the garden's, up to 66 times."""
@@ -187,7 +187,7 @@ def test_few_wide_discs_are_left_in_scans(name, most):
     assert radii.max() < 25 * usual
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_what_flies_beside_the_lion_is_a_speck():
     """Three or more points, half the lion's size away from it, were discs of 7 times the usual width."""
     points = pr.read(shared_model("points/potree_lion_takanawa_rgb.ply"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points
+from conftest import long, shared_model, slow, sphere_points
 from pointray.neighbors import distinct, morton_order
 from pointray.splats.cover import choose, relax
 from pointray.splats.deviation import deviations
@@ -62,7 +62,7 @@ def cloud_of(points):
 # ------------------------------------------------------------------------------------------------- the demands
 
 
-TOLERANCES = [long("statue", 50_000, 1e-3), ("torus", 30_000, 2e-4), ("sphere", 20_000, 1e-3)]
+TOLERANCES = [slow("statue", 50_000, 1e-3), ("torus", 30_000, 2e-4), ("sphere", 20_000, 1e-3)]
 
 
 @pytest.mark.parametrize(("name", "n", "share"), TOLERANCES)
@@ -77,7 +77,7 @@ def test_the_traced_subset_is_within_the_tolerance(name, n, share):
 
 HALF = [
     long("lattice", 50_000, 8000),
-    long("torus", 30_000, 3000),
+    slow("torus", 30_000, 3000),
     ("sphere", 20_000, 1500),
 ]
 
@@ -200,7 +200,7 @@ def test_colours_and_attributes_are_means_and_nan_is_left_out():
     assert subset.attributes["two"].shape == (500, 2)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_same_whatever_the_order_of_threads(statue, monkeypatch):
     results = []
     for threads in ("1", "2"):

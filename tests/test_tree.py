@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model
+from conftest import long, shared_model, slow
 from pointray.kernels.tree import NO_SURFACE
 from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
 from pointray.tree.check import check_tree
@@ -28,16 +28,16 @@ def torus():
     return splats("torus")
 
 
-@pytest.mark.parametrize("name", [long("sphere"), "torus", long("lattice"), long("statue"), "stanford_bunny"])
+@pytest.mark.parametrize("name", [slow("sphere"), "torus", slow("lattice"), long("statue"), "stanford_bunny"])
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), places=4000) == []
 
 
-@pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), long(LEAF_WIDTH / 2), LEAF_WIDTH])
+@pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), slow(LEAF_WIDTH / 2), LEAF_WIDTH])
 @pytest.mark.parametrize(
     "name",
-    ["stanford_bunny", long("nefertiti_50k"), long("stanford_dragon_stand_rangescans")],
+    ["stanford_bunny", slow("nefertiti_50k"), long("stanford_dragon_stand_rangescans")],
 )
 def test_trees_over_uneven_splats_are_whole(name, width):
     cloud = splats(name)
@@ -57,7 +57,7 @@ def test_columns_are_thinner_than_their_leaf(torus):
     assert ((high - low)[limited].sum(axis=1) / held[limited].sum(axis=1) / slab[limited]).mean() < 0.5
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_tree_does_not_depend_on_the_number_of_threads():
     cloud = splats("statue")
     one, three = (build_tree(cloud, TreeSettings("apss"), threads) for threads in (1, 3))
@@ -198,7 +198,7 @@ def seen(cloud, **changes):
     return scene.intersect(origins, b - a).t * np.linalg.norm(b - a, axis=1)
 
 
-@pytest.mark.parametrize("name", ["torus", long("statue"), "stanford_bunny", long("stanford_bunny_rangescans")])
+@pytest.mark.parametrize("name", ["torus", slow("statue"), "stanford_bunny", slow("stanford_bunny_rangescans")])
 def test_slabs_and_boxes_lose_nothing(name):
     cloud = splats(name)
     tight, loose = seen(cloud), seen(cloud, cut=False)
@@ -208,7 +208,7 @@ def test_slabs_and_boxes_lose_nothing(name):
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize("name", ["torus", long("statue"), "stanford_bunny"])
+@pytest.mark.parametrize("name", ["torus", slow("statue"), "stanford_bunny"])
 def test_the_size_of_voxels_changes_nothing(name, factor):
     cloud = splats(name)
     one, other = seen(cloud), seen(cloud, leaf_width=LEAF_WIDTH * factor)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model
+from conftest import shared_model, slow
 from naive import walk
 
 SURFACES = ["paper", "imls", "apss"]
@@ -42,7 +42,13 @@ def compare(name, surface, size):
     assert gap.max() <= 0.02, f"{(gap > 0.02).sum()} of {both.sum()} hits are off, by up to {gap.max():.3f} radii"
 
 
-@pytest.mark.parametrize(("name", "surface"), [("bunny", "imls"), ("bunny", "apss"), ("statue", "apss")])
+@pytest.mark.parametrize(
+    ("name", "surface"),
+    [
+        *(("bunny", "imls"), ("bunny", "apss"), ("statue", "apss")),
+        *(slow("bunny", "paper"), slow("statue", "paper"), slow("statue", "imls")),
+    ],
+)
 def test_rays_agree_with_the_twin(name, surface):
     compare(name, surface, 64)
 

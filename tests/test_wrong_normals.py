@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points
+from conftest import shared_model, slow, sphere_points
 from pointray.cli import execute
 from pointray.points import nearby
 from pointray.points.normals.given import WRONG
@@ -79,7 +79,7 @@ def test_noise_speaks_against_no_normals(amount):
 
 
 @pytest.mark.parametrize("name", ["sphere", "torus", "lattice", "statue"])
-@pytest.mark.parametrize("count", [1, long(2), long(11), 12, long(100), 500, long(2_000), 20_000])
+@pytest.mark.parametrize("count", [1, slow(2), slow(11), 12, slow(100), 500, slow(2_000), 20_000])
 def test_detail_finer_than_the_points_speaks_against_no_normals(name, count):
     """Planes through the statue's 2,000 points are 21 degrees off its normals, and those of the lattice 45."""
     assert not pr.check_normals(pr.procedural(name, count)).wrong

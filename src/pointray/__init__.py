@@ -18,21 +18,21 @@ __version__ = "0.1.0"
 _HOME = {
     "Attribute": "shade.attributes",
     "Camera": "rendering.camera",
-    "Dielectric": "shade.materials",
-    "Diffuse": "shade.materials",
+    "Dielectric": "shade.materials.specular",
+    "Diffuse": "shade.materials.diffuse",
     "DiskLight": "shade.lights",
     "EnvironmentLight": "shade.environment",
-    "Emissive": "shade.materials",
+    "Emissive": "shade.materials.diffuse",
     "Hits": "scene.rays",
-    "Mirror": "shade.materials",
+    "Mirror": "shade.materials.specular",
     "Model": "model",
-    "Phong": "shade.materials",
+    "Phong": "shade.materials.phong",
     "Plane": "scene.instances",
     "PointLight": "shade.lights",
     "RectLight": "shade.lights",
     "SphereLight": "shade.lights",
     "Points": "data",
-    "Principled": "shade.materials",
+    "Principled": "shade.materials.principled",
     "Scene": "scene.scene",
     "SceneFile": "scenefile",
     "Settings": "rendering.settings",
@@ -95,12 +95,12 @@ if TYPE_CHECKING:
     from .shade.lights import RectLight as RectLight
     from .shade.lights import SphereLight as SphereLight
     from .shade.lights import SunLight as SunLight
-    from .shade.materials import Dielectric as Dielectric
-    from .shade.materials import Diffuse as Diffuse
-    from .shade.materials import Emissive as Emissive
-    from .shade.materials import Mirror as Mirror
-    from .shade.materials import Phong as Phong
-    from .shade.materials import Principled as Principled
+    from .shade.materials.diffuse import Diffuse as Diffuse
+    from .shade.materials.diffuse import Emissive as Emissive
+    from .shade.materials.phong import Phong as Phong
+    from .shade.materials.principled import Principled as Principled
+    from .shade.materials.specular import Dielectric as Dielectric
+    from .shade.materials.specular import Mirror as Mirror
     from .splats.subsample import subsample as subsample
     from .staging.first_view import frame as frame
     from .staging.studio import studio as studio

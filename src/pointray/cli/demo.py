@@ -18,7 +18,7 @@ from ..rendering.settings import Settings
 from ..scene.instances import Plane
 from ..scene.scene import Scene
 from ..shade.lights import SunLight
-from ..shade.materials import Phong
+from ..shade.materials.phong import Phong
 
 GROUND = (0.42, 0.44, 0.47)
 SKY = (0.62, 0.72, 0.84)

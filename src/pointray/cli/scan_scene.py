@@ -201,7 +201,10 @@ class ScanMaterial:
         up : (3,) tuple; None if it is not known yet, in which case it will be an axis
         """
         from ..scene.paints import check_attribute
-        from ..shade.materials import Dielectric, Diffuse, Phong, Principled
+        from ..shade.materials.diffuse import Diffuse
+        from ..shade.materials.phong import Phong
+        from ..shade.materials.principled import Principled
+        from ..shade.materials.specular import Dielectric
         from ..staging.studio import ALBEDO, CLAY
 
         color: Any = self._color

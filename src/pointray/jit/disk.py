@@ -33,9 +33,9 @@ SHARED = (
     *("tree/blocks.py", "tree/cells.py", "tree/columns.py"),
     *("splats/borders.py", "splats/grow.py", "splats/heap.py", "splats/medians.py", "splats/radii.py"),
     *("splats/sheets.py", "splats/strays.py", "splats/voronoi.py"),
-    *("shade/ambient.py", "shade/bsdf.py", "shade/catcher.py", "shade/choice.py", "shade/direct.py"),
-    *("shade/emitters.py", "shade/lobes/", "shade/specular_rays.py", "shade/path.py"),
-    *("shade/sky.py", "shade/shading_points.py"),
+    *("shade/ambient.py", "shade/attributes.py", "shade/bsdf.py", "shade/catcher.py", "shade/choice.py"),
+    *("shade/colormaps.py", "shade/direct.py", "shade/emitters.py", "shade/materials/", "shade/path.py"),
+    *("shade/shading_points.py", "shade/sky.py", "shade/specular_rays.py"),
     *("image/tone.py", "rendering/film.py", "rendering/lens.py", "rendering/settings.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones are removed

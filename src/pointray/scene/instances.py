@@ -32,7 +32,8 @@ from ..kernels.records import (
     TO_MODEL,
 )
 from ..model import Model
-from ..shade.materials import Diffuse, Material
+from ..shade.materials.base import Material
+from ..shade.materials.diffuse import Diffuse
 from .paints import Coat, Paints, PaintTables, check_attribute
 
 

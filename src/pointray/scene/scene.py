@@ -15,7 +15,7 @@ from ..model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights
 from ..shade.lights import Light
-from ..shade.materials import Material
+from ..shade.materials.base import Material
 from ..trace.cast import blend_attribute, closest_hits, occlusions
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform

@@ -10,7 +10,8 @@ import numpy as np
 from ..points.files import check_regular
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light
-from ..shade.materials import Material
+from ..shade.materials import material_kinds
+from ..shade.materials.base import Material
 from .lines import Key
 from .source import Source
 from .words import TEXT, check_table, unknown, value_at, words_of
@@ -23,16 +24,13 @@ def _by_kind(classes: Iterable[Any]) -> dict[str, Any]:
 LIGHTS = _by_kind([*get_args(Light), EnvironmentLight])
 
 
-def material_kinds() -> dict[str, Any]:
-    """Material classes by kind, also those defined outside the package."""
-    return _by_kind(Material.__subclasses__())
-
-
 class CheckedLight(NamedTuple):
     """A light that has been checked, but not made: its picture has not been read.
 
     Attributes
     ----------
+    key : Key
+        Where it stands in the file.
     kind : class
     values : dict
         The arguments of the class.

@@ -8,7 +8,7 @@ from ..kernels.sampling import DIRECTION_OF, ON_PATH, sample_pair
 from ..kernels.scratch import KEY, SHADING_NORMAL, SHADING_POINT, SHADING_SIDE, SKY_SEEN, TILE, Scratch, load3
 from ..simd import Bits
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
-from .lobes.phong import sample_diffuse
+from .materials.diffuse import sample_diffuse
 from .shading_points import add_radiance, is_shaded, shading_point
 
 

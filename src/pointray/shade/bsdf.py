@@ -24,9 +24,10 @@ from ..kernels.records import (
     World,
 )
 from ..kernels.vec import BLACK, Vec3, dot, load3_flat, scale
-from .lobes.microfacet import eval_principled, sample_principled
-from .lobes.phong import eval_diffuse, eval_phong, sample_diffuse, sample_phong
-from .lobes.specular import sample_specular
+from .materials.diffuse import eval_diffuse, sample_diffuse
+from .materials.phong import eval_phong, sample_phong
+from .materials.principled import eval_principled, sample_principled
+from .materials.specular import sample_specular
 
 LEAST_PDF = 1e-200  # below it a quotient by the pdf may overflow
 

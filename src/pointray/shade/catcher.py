@@ -36,7 +36,7 @@ from ..simd import Bits, count_trailing_zeros
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .choice import meets_lamp
 from .emitters import from_middle, sample_light
-from .lobes.phong import sample_diffuse
+from .materials.diffuse import sample_diffuse
 from .shading_points import add_radiance
 from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
 

@@ -27,7 +27,7 @@ from ..kernels.scratch import (
 from ..kernels.vec import BLACK, Vec3, load3_flat, multiply, scale
 from ..trace.world import NO_RAY, set_ray, set_ray_from
 from .bsdf import is_specular, sample_bsdf
-from .lobes.specular import glass
+from .materials.specular import glass
 from .shading_points import is_shaded, shading_point
 
 FAINT = 1e-3  # a ray with a lower throughput is not traced

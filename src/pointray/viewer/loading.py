@@ -20,7 +20,7 @@ from ..points.trust import check_wish, judged, replaced
 from ..rendering.warmup import NORMALS, expect, is_warm, wait_until_warm
 from ..scene.scene import Scene
 from ..scenefile import Plan
-from ..shade.materials import Diffuse
+from ..shade.materials.diffuse import Diffuse
 from ..splats.radii import radii_in
 from ..staging.first_view import Scan, ViewChoice
 from ..staging.studio import ALBEDO

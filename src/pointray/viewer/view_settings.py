@@ -23,7 +23,11 @@ from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES, Attribute
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light
-from ..shade.materials import Dielectric, Diffuse, Material, Mirror, Phong, Principled
+from ..shade.materials.base import Material
+from ..shade.materials.diffuse import Diffuse
+from ..shade.materials.phong import Phong
+from ..shade.materials.principled import Principled
+from ..shade.materials.specular import Dielectric, Mirror
 from ..staging.direction import axes_of
 from ..staging.studio import ALBEDO
 from .light_control import Color, LightControl, light_controls_of, new_light_control

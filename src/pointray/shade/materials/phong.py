@@ -1,28 +1,53 @@
-"""Diffuse reflection, and Phong's highlight besides it: the light that they scatter, and how directions are sampled.
+"""Phong's highlight over diffuse reflection: `Phong`.
 
-cosine : between normal and light, positive. Pdfs are per solid angle. The formulas are in `materials.py`.
+cosine : between normal and light, positive. Pdfs are per solid angle.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import check_range
 from ...jit import inline
-from ...kernels.records import EXPONENT, SPECULAR, ShadingPoint, World
+from ...kernels.records import EXPONENT, PHONG, SPECULAR, ShadingPoint, World
 from ...kernels.vec import Vec3, add, around, dot, mirrored, scale
+from .base import Color, Material, record_of
+from .diffuse import eval_diffuse, sample_diffuse
+
+MOST_EXPONENT = 1e8  # half a hundredth of a degree wide: a narrower highlight is lost in rounding
 
 
-@inline
-def eval_diffuse(point: ShadingPoint, cosine: float) -> tuple[Vec3, float]:
-    """(BRDF times cosine, pdf)."""
-    pdf = cosine / math.pi
-    return scale(point.color, pdf), pdf
+@dataclass(frozen=True)
+class Phong(Material):
+    """Diffuse with a highlight, energy-conserving.
 
+    BRDF (1 - specular) color / pi + specular (exponent + 2) / (2 pi) cos^exponent, with the angle between the eye and
+    the mirrored direction to the light (Lafortune and Willems 1994). The highlight reflects `specular` of the light at
+    normal incidence and less at other angles; a narrow one reflects `specular` times the cosine.
 
-@inline
-def sample_diffuse(normal: Vec3, u: float, v: float) -> Vec3:
-    """A direction with pdf cosine / pi: uniform on the disc below the hemisphere (Malley's method)."""
-    return around(normal, math.sqrt(1.0 - u), v)
+    Parameters
+    ----------
+    color : float or (3,) float, 0 to 1, or Attribute, optional
+    specular : float
+        Share of the light that the highlight reflects, 0 to 1.
+    exponent : float
+        How narrow the highlight is, from 0; beyond 1e8 nothing changes.
+    """
+
+    color: Color = None
+    specular: float = 0.2
+    exponent: float = 20
+
+    def record(self) -> NDArray[np.float64]:
+        """The material as kernels read it, (10,) float64."""
+        out = record_of(PHONG, self.color)
+        out[SPECULAR] = check_range(self.specular, "specular", 0, 1)
+        out[EXPONENT] = min(check_range(self.exponent, "exponent", 0), MOST_EXPONENT)
+        return out
 
 
 @inline

@@ -1,12 +1,59 @@
-"""Smooth surfaces, which send light into one or two directions only: mirrors, and bodies that let light through."""
+"""Smooth surfaces, which send light into one or two directions only: `Mirror` and `Dielectric`."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import check_range
 from ...jit import inline
-from ...kernels.records import IOR, MATERIAL_KIND, MIRROR, ShadingPoint, World
+from ...kernels.records import DIELECTRIC, IOR, MATERIAL_KIND, MIRROR, ShadingPoint, World
 from ...kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub
+from .base import Color, Material, record_of
+
+
+@dataclass(frozen=True)
+class Mirror(Material):
+    """Reflects `color` of the light into the mirrored direction, at any angle.
+
+    Parameters
+    ----------
+    color : float or (3,) float, 0 to 1, or Attribute, optional
+    """
+
+    color: Color = 1.0
+
+    def record(self) -> NDArray[np.float64]:
+        """The material as kernels read it, (10,) float64."""
+        return record_of(MIRROR, self.color)
+
+
+@dataclass(frozen=True)
+class Dielectric(Material):
+    """A clear body with a smooth surface: glass, water. Outside is where normals point; the surface must be closed.
+
+    Snell's law, and Fresnel's equations for unpolarised light: with the cosines c and c' to the normal on this side and
+    beyond it, and the indices' ratio n, ((c - n c') / (c + n c'))^2 / 2 + ((n c - c') / (n c + c'))^2 / 2 is reflected,
+    all of it where c' does not exist. Refracted light is not coloured. `shade/bsdf.py` explains why it has no
+    factor n^2.
+
+    Parameters
+    ----------
+    ior : float
+        Index of refraction of the inside over that of the outside, 0.01 to 100: 1.33 for water in air, 0.75 for air in
+        water.
+    """
+
+    ior: float = 1.5
+
+    def record(self) -> NDArray[np.float64]:
+        """The material as kernels read it, (10,) float64."""
+        out = record_of(DIELECTRIC, 1.0)
+        out[IOR] = check_range(self.ior, "ior", 0.01, 100)
+        return out
 
 
 @inline

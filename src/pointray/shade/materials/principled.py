@@ -2,19 +2,74 @@
 
 Facets follow Walter et al. (2007), masking and shadowing follow Smith, correlated by height (Heitz 2014). Visible
 normals are sampled (Heitz 2018) with the spherical caps of Dupuy and Benyoub (2023). cosine : between normal and light,
-positive. Pdfs are per solid angle. The formulas are in `materials.py`.
+positive. Pdfs are per solid angle.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import check_range
 from ...jit import inline
-from ...kernels.records import ALPHA, COAT, METALLIC, ShadingPoint, World
+from ...kernels.records import ALPHA, COAT, METALLIC, PRINCIPLED, ShadingPoint, World
 from ...kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
-from .phong import sample_diffuse
+from .base import Color, Material, record_of
+from .diffuse import sample_diffuse
 
 F0 = 0.04  # reflectance of a dielectric of index 1.5 at normal incidence
+LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one there is Mirror
+
+
+def _coat(alpha: float) -> tuple[float, float, float]:
+    """(a, b, p): dielectric facets reflect a + b (1 - c)^p of the light that meets them with cosine c to the normal.
+
+    They are fitted to integrals of F D G2 / (4 c), nowhere below them, so that facets and base together reflect at most
+    all light; the fit is above them by at most 0.015 where c > 0.2, and by at most 0.05 where c > 0.1.
+    """
+    rough = alpha**0.5
+    least = 0.0404 - 0.0261 * rough**3.62
+    rise = 0.0556 + 0.904 / (1.0 + (rough / 0.305) ** 3.53)
+    return least, rise, 2.89 + 2.11 / (1.0 + (rough / 0.292) ** 3.53)
+
+
+@dataclass(frozen=True)
+class Principled(Material):
+    """A rough glossy surface over a diffuse base, or metal: base colour, roughness and metallic as in glTF 2.0.
+
+    BRDF F D G2 / (4 c c') + (1 - metallic) base_color / pi t(c) t(c') / t', with cosines c and c' of eye and light to
+    the normal. D : GGX (Walter et al. 2007) with alpha = roughness^2, at least 0.001; G2 : Smith's, correlated by
+    height (Heitz 2014); F : Schlick's, from (1 - metallic) 0.04 + metallic base_color at normal incidence to 1;
+    t : share of the light from one direction that dielectric facets let through, t' its mean (Kelemen and
+    Szirmay-Kalos 2001).
+
+    Light that meets several facets is lost (single scattering): white metal reflects 99.9% at roughness 0.1, 92% at
+    0.5, 31% at 1 and normal incidence. A white dielectric reflects at least 98% up to 78 degrees, 95% up to 84.
+
+    Parameters
+    ----------
+    base_color : float or (3,) float, 0 to 1, or Attribute, optional
+        The colour of the diffuse base, and of the metal's reflection at normal incidence.
+    roughness : float
+        0 (nearly a mirror: a lobe of a tenth of a degree) to 1.
+    metallic : float
+        0 (dielectric) to 1 (metal); between them the BRDFs are blended.
+    """
+
+    base_color: Color = None
+    roughness: float = 0.5
+    metallic: float = 0.0
+
+    def record(self) -> NDArray[np.float64]:
+        """The material as kernels read it, (10,) float64."""
+        out = record_of(PRINCIPLED, self.base_color, "base_color")
+        alpha = max(check_range(self.roughness, "roughness", 0, 1) ** 2, LEAST_ALPHA)
+        out[ALPHA], out[METALLIC] = alpha, check_range(self.metallic, "metallic", 0, 1)
+        out[COAT : COAT + 3] = _coat(alpha)
+        return out
 
 
 @inline

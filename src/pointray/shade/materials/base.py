@@ -1,0 +1,37 @@
+"""What all materials share: they are checked when they are made, and write a record for the kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import reflectance
+from ...kernels.records import BASE_COLOR, MATERIAL_KIND, MATERIAL_SIZE, OWN_COLOR
+from ..attributes import Attribute
+
+Color = ArrayLike | Attribute | None
+
+
+def record_of(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
+    """The record of a kind of material with a colour of 0 to 1."""
+    out = np.zeros(MATERIAL_SIZE)
+    out[MATERIAL_KIND], out[OWN_COLOR] = kind, color is None or isinstance(color, Attribute)
+    out[BASE_COLOR : BASE_COLOR + 3] = reflectance(1.0 if out[OWN_COLOR] else color, name)
+    return out
+
+
+class Material:
+    """How a surface scatters light; subclasses have its parameters."""
+
+    def __post_init__(self) -> None:
+        self.record()
+
+    def record(self) -> NDArray[np.float64]:
+        """The material as kernels read it, (10,) float64; ValueError if a value is out of range."""
+        raise NotImplementedError
+
+    @property
+    def attribute(self) -> Attribute | None:
+        """The attribute that colours the material, if there is one."""
+        color = getattr(self, "base_color", getattr(self, "color", None))
+        return color if isinstance(color, Attribute) else None

@@ -1,0 +1,69 @@
+"""Diffuse reflection: `Diffuse`, and `Emissive`, which emits light besides.
+
+cosine : between normal and light, positive. Pdfs are per solid angle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import rgb
+from ...jit import inline
+from ...kernels.records import DIFFUSE, EMISSIVE, EMITTED, ShadingPoint
+from ...kernels.vec import Vec3, around, scale
+from .base import Color, Material, record_of
+
+
+@dataclass(frozen=True)
+class Diffuse(Material):
+    """Reflects evenly (Lambert): BRDF color / pi.
+
+    Parameters
+    ----------
+    color : float or (3,) float, 0 to 1, or Attribute, optional
+    """
+
+    color: Color = None
+
+    def record(self) -> NDArray[np.float64]:
+        """The material as kernels read it, (10,) float64."""
+        return record_of(DIFFUSE, self.color)
+
+
+@dataclass(frozen=True)
+class Emissive(Material):
+    """Emits the same radiance into all directions from both sides, and reflects diffusely.
+
+    Parameters
+    ----------
+    radiance : float or (3,) float
+        W/(sr m2), RGB.
+    color : float or (3,) float, 0 to 1, or Attribute, optional
+        The colour of the reflection: BRDF color / pi.
+    """
+
+    radiance: ArrayLike
+    color: Color = 0.0
+
+    def record(self) -> NDArray[np.float64]:
+        """The material as kernels read it, (10,) float64."""
+        out = record_of(EMISSIVE, self.color)
+        out[EMITTED : EMITTED + 3] = rgb(self.radiance, "radiance")
+        return out
+
+
+@inline
+def eval_diffuse(point: ShadingPoint, cosine: float) -> tuple[Vec3, float]:
+    """(BRDF times cosine, pdf)."""
+    pdf = cosine / math.pi
+    return scale(point.color, pdf), pdf
+
+
+@inline
+def sample_diffuse(normal: Vec3, u: float, v: float) -> Vec3:
+    """A direction with pdf cosine / pi: uniform on the disc below the hemisphere (Malley's method)."""
+    return around(normal, math.sqrt(1.0 - u), v)
