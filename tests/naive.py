@@ -80,7 +80,7 @@ def bisect(splats, chosen, count, ray, ends, kind):  # type: ignore[no-untyped-d
 @kernel
 def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-untyped-def]
     """Step along each ray; out : t, radius, doubtful."""
-    kind, trim, overhang, border_share, sought = settings
+    kind, trim, overhang, border_share, sought_side = settings
     t_out, radius_out, doubtful = out
     chosen, near, far = np.empty(len(splats), np.int64), np.empty(len(splats)), np.empty(len(splats))
     i = next_tile(work)
@@ -91,7 +91,7 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
             x, y, z = splats[k, 0] - o[0], splats[k, 1] - o[1], splats[k, 2] - o[2]
             along = x * d[0] + y * d[1] + z * d[2]
             rest = splats[k, 6] ** 2 - (x * x + y * y + z * z - along * along)
-            seen = sought * (splats[k, 10] * d[0] + splats[k, 11] * d[1] + splats[k, 12] * d[2]) <= 0.0
+            seen = sought_side * (splats[k, 10] * d[0] + splats[k, 11] * d[1] + splats[k, 12] * d[2]) <= 0.0
             if seen and rest > 0.0 and along + splats[k, 6] > 0.0:
                 chosen[count] = k
                 near[count], far[count] = along - math.sqrt(rest), along + math.sqrt(rest)
@@ -139,7 +139,7 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
                     doubtful[i] = True
                 if share > border_share - 0.02 and out > (overhang - 0.02) * local:
                     doubtful[i] = doubtful[i] or share < border_share + 0.02 or out < (overhang + 0.02) * local
-                other = sought != 0.0 and (f < 0.0) != (sought > 0.0)  # of two sheets the one not sought
+                other = sought_side != 0.0 and (f < 0.0) != (sought_side > 0.0)  # of two sheets the one not sought
                 if offset <= trim * local and not over and not other and abs(value) <= 0.05 * local:
                     if at - last_cross < 0.5 * local:
                         doubtful[i] = True
@@ -175,16 +175,16 @@ def walk(model, origins, directions):  # type: ignore[no-untyped-def]
     splats = splats_of(model)
     if not model.tree.facing.size:
         return _walk_one(model, splats, origins, directions, 0.0)
-    toward, away = (_walk_one(model, splats, origins, directions, sought) for sought in (1.0, -1.0))
+    toward, away = (_walk_one(model, splats, origins, directions, sought_side) for sought_side in (1.0, -1.0))
     first = (toward.t <= away.t)[:, None]
     return Twin(*(np.where(first[:, 0], a, b) for a, b in zip(toward, away, strict=True)))
 
 
-def _walk_one(model, splats, origins, directions, sought):  # type: ignore[no-untyped-def]
-    """`walk` for the sheets that face the ray (sought 1) or face away (-1), or all (0)."""
+def _walk_one(model, splats, origins, directions, sought_side):  # type: ignore[no-untyped-def]
+    """`walk` for the sheets that face the ray (sought_side 1) or face away (-1), or all (0)."""
     n = len(origins)
     twin = Twin(np.empty(n), np.empty(n), np.zeros(n, np.bool_))
     trims = float(model.settings.trim), float(model.settings.overhang)
-    settings = (KINDS[model.surface], *trims, float(BORDER_SHARE), sought)
+    settings = (KINDS[model.surface], *trims, float(BORDER_SHARE), sought_side)
     run(_walk, n, splats, np.ascontiguousarray(origins - model.points.origin), directions, settings, tuple(twin))
     return twin

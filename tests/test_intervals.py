@@ -67,8 +67,8 @@ def on_surface(model, x, d):
     splats, x = splats_of(model), x - model.points.origin
     near = splats[np.linalg.norm(splats[:, :3] - x, axis=1) < splats[:, 6]]
     share = float(START if model.settings.refine else START_UNREFINED)
-    for sought in (-1, 1):  # of two sheets close together a ray sees one at a time
-        seen = near[sought * (near[:, 10:] @ d) <= 0]
+    for sought_side in (-1, 1):  # of two sheets close together a ray sees one at a time
+        seen = near[sought_side * (near[:, 10:] @ d) <= 0]
         f, _, radius, _, _ = field.py_func(seen, np.arange(len(seen)), len(seen), x, KINDS[model.surface])
         if abs(f) < 1.1 * share * radius:
             return True

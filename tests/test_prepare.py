@@ -131,7 +131,7 @@ def test_a_file_replaces_itself_by_force_only(scan, capsys, kind):
         (["--viewpoint", "1,2,3"], "--estimate-normals"),
     ],
 )
-def test_bad_wishes(scan, capsys, options, words):
+def test_bad_options(scan, capsys, options, words):
     out = scan.with_name("out.ply")
     status, text, err = run(capsys, "prepare", scan, "-o", out, *options)
     assert (status, text) == (2, "") and words in err and err.count("\n") == 1

@@ -239,7 +239,7 @@ SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
         ({"count": 2001}, "2,000 different places"),
     ],
 )
-def test_wishes_that_make_no_sense(options, words):
+def test_options_that_make_no_sense(options, words):
     with pytest.raises(ValueError, match=words):
         pr.subsample(SPHERE, **options)
 

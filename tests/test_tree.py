@@ -31,7 +31,7 @@ def torus():
 @pytest.mark.parametrize("name", [slow("sphere"), "torus", slow("lattice"), long("statue"), "stanford_bunny"])
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
-    assert check_tree(build_tree(splats(name), TreeSettings(surface)), places=4000) == []
+    assert check_tree(build_tree(splats(name), TreeSettings(surface)), positions=4000) == []
 
 
 @pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), slow(LEAF_WIDTH / 2), LEAF_WIDTH])
@@ -44,7 +44,7 @@ def test_trees_over_uneven_splats_are_whole(name, width):
     radii = cloud.radii.copy()
     radii[::500] *= 4
     tree = build_tree(cloud._replace(radii=radii), TreeSettings("apss", leaf_width=width))
-    assert check_tree(tree, places=4000) == []
+    assert check_tree(tree, positions=4000) == []
 
 
 def test_columns_are_thinner_than_their_leaf(torus):
@@ -174,7 +174,7 @@ CORRUPTIONS = {
 def test_the_validator_sees_a_corrupted_tree(torus, corrupt):
     tree = copied(build_tree(torus, TreeSettings("apss")))
     corrupt(tree)
-    assert any(CORRUPTIONS[corrupt] in problem for problem in check_tree(tree, places=4000))
+    assert any(CORRUPTIONS[corrupt] in problem for problem in check_tree(tree, positions=4000))
 
 
 def scene_of(cloud, **changes):
@@ -250,4 +250,4 @@ def test_coincident_and_huge_supports_are_no_trouble():
     rows = np.arange(500, dtype=np.int32)
     tree = build_tree(Splats(np.repeat(x[:1], 500, axis=0), n, radii, rows, None), TreeSettings("imls"))
     assert tree.blocks.size == 125 * 28
-    assert check_tree(build_tree(Splats(x, n, radii, rows, None), TreeSettings("imls")), places=500) == []
+    assert check_tree(build_tree(Splats(x, n, radii, rows, None), TreeSettings("imls")), positions=500) == []

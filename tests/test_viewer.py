@@ -277,7 +277,7 @@ def test_a_rebuilt_model_goes_on_following_its_scene(browser, scene, model):
     assert np.abs(levels_in(frame[1]) - expected(other, camera, 64)).mean() < CLOSE
 
 
-def test_of_many_wishes_for_a_surface_the_newest_counts(scene, monkeypatch):
+def test_of_many_choices_of_a_surface_the_newest_counts(scene, monkeypatch):
     built = []
     whole = pr.Model.__init__
     monkeypatch.setattr(pr.Model, "__init__", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])

@@ -484,7 +484,7 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
     browser.rest(0.5)
 
 
-def test_many_wishes_for_a_surface_need_two_threads(scene):
+def test_many_choices_of_a_surface_need_two_threads(scene):
     shared = SharedScene("x", scene)
     with shared._builds:  # pretends that one is being built
         threads = {shared.rebuild(radius_scale=1.0 + k / 1_000) for k in range(1, 500)}

@@ -173,7 +173,7 @@ def test_wrong_normals_are_replaced_and_keep_their_side():
         assert np.median(cosines) > 0.999 and (cosines > 0).mean() > 0.99
 
 
-def test_right_ones_are_kept_and_wrong_ones_where_that_is_wished_for():
+def test_right_ones_are_kept_and_wrong_ones_where_that_is_chosen():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right, wrong = ripple(), ripple(2.2)

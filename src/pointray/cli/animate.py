@@ -24,7 +24,7 @@ TRANSPARENT = "an MP4 cannot be transparent, numbered .png can"
 
 
 class CameraPath:
-    """A turntable, or a path through keys. A wrong option raises ValueError at once.
+    """A turntable, or a path through keys. A wrong option raises ValueError or OSError at once.
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ def check_saved(file: Path, is_plain: bool) -> None:
         raise ValueError(f"{file}: --surface, --samples, --radius-scale and --normals are part of a saved model")
 
 
-SURFACE = ("samples", "radius_scale")
+SURFACE = ("surface", "samples", "radius_scale")
 LENS = ("fov", "projection", "aperture", "focus")
 FRAMING = ("eye", "target", "view", "azimuth", "elevation", "zoom")
 EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels")
@@ -60,7 +60,6 @@ def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[V
     )
     view = View(plain["size"], plain["up"], lens, **framing)
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
-    surface = {"surface": plain["surface"], **surface}
     return view, settings, ScanScene(file, surface, appearance, view.choice, layers, plain["normals"])
 
 

@@ -27,7 +27,7 @@ def is_scene(file: Path) -> bool:
 
 
 class DescribedScene:
-    """A scene file with the options given beside it. A mistake in either raises ValueError at once.
+    """A scene file with the options given beside it. A mistake in either raises ValueError or OSError at once.
 
     Parameters
     ----------
@@ -91,9 +91,9 @@ def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     check_fits(output, SceneView(plan.camera).size, plan.settings)
     with Progress(plan.settings) as progress:
         made = in_background(lambda: plan.build(progress.show))
-        what = write_picture(output, made[:3], Shown(made.exposure, made.curve), progress)
+        ending = write_picture(output, made[:3], Shown(made.exposure, made.curve), progress)
     width, height = made.camera.size
-    return f"{output}: {width}x{height}{what}"
+    return f"{output}: {width}x{height}{ending}"
 
 
 def animate_scene(file: Path, output: FilmOutput, options: dict[str, Any], fps: float) -> str:

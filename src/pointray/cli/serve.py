@@ -38,8 +38,8 @@ def shared_scene_of(
     if any(is_scene(file) for file in files):
         if len(files) > 1:
             raise ValueError("a scene file is viewed alone")
-        given = {name: value for name, value in typed.items() if name != "files"}
-        plan = DescribedScene(files[0], given, SERVING).plan
+        scene_options = {name: value for name, value in typed.items() if name != "files"}
+        plan = DescribedScene(files[0], scene_options, SERVING).plan
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
         return SharedScene(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
     choice = View("1x1", options["up"]).choice

@@ -165,18 +165,18 @@ def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
 
 
 @inline
-def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought: float, rays: Bits) -> Bits:
+def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, rays: Bits) -> Bits:
     """Drop the listed splats of sheets that the first of the given rays (4 bits) does not see.
 
     Returns the rays that see the same sheets. Where two sheets are close together, a ray sees one at a time.
-    sought : 1 where splats that face a ray are seen, -1 where splats that face away are
+    sought_side : 1 where splats that face a ray are seen, -1 where splats that face away are
     """
     first, n = count_trailing_zeros(rays), 0
     for k in range(scratch.counts[COUNT_SPLATS]):
         offset = i64(scratch.listed[k])
         row = 3 * slot_of(scratch, offset)
         along = frame.dx * tree.facing[row] + frame.dy * tree.facing[row + 1] + frame.dz * tree.facing[row + 2]
-        seeing = bits(along * sought <= ZERO)
+        seeing = bits(along * sought_side <= ZERO)
         if (seeing >> first) & 1 != 0:
             rays &= seeing
             scratch.listed[n] = offset

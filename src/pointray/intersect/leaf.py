@@ -117,25 +117,25 @@ def search_alone(
         broadcast16(ray.side),
     )
     lifts = broadcast16(lift)
-    sought = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
+    sought_side = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
     list_blocks(tree, leaf, capsule, scratch)
     gather(tree, scratch)
     while True:
         list_splats(scratch, capsule)
-        if sought > ZERO and not lists_sheets(tree, scratch):
-            sought = ZERO  # the leaf has sheets, but not where this ray is
-        if sought != ZERO:
-            keep_sheet(tree, scratch, frame, sought, 1)
+        if sought_side > ZERO and not lists_sheets(tree, scratch):
+            sought_side = ZERO  # the leaf has sheets, but not where this ray is
+        if sought_side != ZERO:
+            keep_sheet(tree, scratch, frame, sought_side, 1)
         if scratch.counts[COUNT_SPLATS] > 0:
-            found = search_one(tree, leaf, frame, sampled, (sought, lifts), scratch)
+            found = search_one(tree, leaf, frame, sampled, (sought_side, lifts), scratch)
             lifted = max(lifted, found.lift)
             if found.t < hit.t:
                 hit = Hit(found.t, found.nx, found.ny, found.nz, leaf)
         else:
             lifted = max(lifted, lift)
-        if not sought > ZERO:
+        if not sought_side > ZERO:
             return hit, lifted
-        sought = -ONE
+        sought_side = -ONE
 
 
 @inline
@@ -270,17 +270,17 @@ def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> B
             left &= left - 1
         rays = (1 << count_bits(four)) - 1
         frame, sampled = _four(tree, leaf, part, first)
-        sought, waiting = (ONE if sheeted else ZERO), rays
+        sought_side, waiting = (ONE if sheeted else ZERO), rays
         while waiting != 0:
             list_splats_of(scratch, first, first + count_bits(four))
-            if sought > ZERO and not lists_sheets(tree, scratch):
-                sought = ZERO
-            now = keep_sheet(tree, scratch, frame, sought, waiting) if sought != ZERO else waiting
+            if sought_side > ZERO and not lists_sheets(tree, scratch):
+                sought_side = ZERO
+            now = keep_sheet(tree, scratch, frame, sought_side, waiting) if sought_side != ZERO else waiting
             waiting &= ~now
-            found = search(tree, leaf, frame, sampled, now, (sought, none), scratch)
+            found = search(tree, leaf, frame, sampled, now, (sought_side, none), scratch)
             if bits((found.t < INF) | (found.lift > ZERO)) != 0:
                 lifted |= _keep(leaf, found, now, four, first, scratch)
-            if waiting == 0 and sought > ZERO:
-                sought, waiting = -ONE, rays
+            if waiting == 0 and sought_side > ZERO:
+                sought_side, waiting = -ONE, rays
         first += 4
     return lifted

@@ -57,7 +57,7 @@ SKY_X, SKY_Y, SKY_Z = 1, 4, 7  # its axes in the world, 3 each, unit: to the rig
 SKY_ZENITH, SKY_HORIZON, SKY_GROUND = 10, 13, 16  # RGB radiance of a gradient
 SKY_WIDTH = 19  # of the picture, in pixels
 
-# A material: 10 float64; what its last five places hold depends on the kind.
+# A material: 10 float64; what its last five numbers hold depends on the kind.
 MATERIAL_SIZE = 10
 MATERIAL_KIND = 0
 DIFFUSE, PHONG, MIRROR, DIELECTRIC, PRINCIPLED, EMISSIVE = range(6)

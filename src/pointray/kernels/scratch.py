@@ -79,7 +79,7 @@ WAITING_COUNT = _rows()  # rays that wait at each shading point
 FOUND_ASIDE = _rows()  # FOUND of all the tile's rays, while a group of them is in the rows above
 NUMBERS_SIZE = _rows.size
 
-# model, float32: the rays in the current model, see `tree.Ray`, and what is computed of them at a leaf.
+# model, float32: the rays in the current model, see `kernels.tree.Ray`, and what is computed of them at a leaf.
 _rows = Rows(TILE)
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (_rows() for _ in range(9))
 # Where its nearest hit in this model is, at first a step behind where it ends: see `intersect/march.py`; below 0 where
@@ -104,7 +104,7 @@ _rows = Rows(PART)
 AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (_rows() for _ in range(6))  # the middle of what is searched; the direction
 AT_FIRST_X, AT_FIRST_Y, AT_FIRST_Z = (_rows() for _ in range(3))  # where the first sample is
 AT_HALF, AT_FIRST, AT_LAST = _rows(), _rows(), _rows()  # half the length; numbers of the first and the last sample
-AT_BEGIN, AT_LENGTH, AT_SIDE = _rows(), _rows(), _rows()  # see `SampleRange`; the nearest hit; the side
+AT_BEGIN, AT_LENGTH, AT_SIDE = _rows(), _rows(), _rows()  # see `lattice.SampleRange`; the nearest hit; the side
 PART_SIZE = _rows.size
 
 # shading_points, float64: where the tile's rays have hit a surface.

@@ -19,13 +19,13 @@ CLEAR = 0.5  # cosine from which a file's normal decides a sign
 AGREED = 0.5  # the signs are turned if the share of opposite ones exceeds the share of equal ones by more than this
 
 
-def trusted(points: Points, wish: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
+def trusted(points: Points, choice: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
     """The points with the requested normals; warns of wrong normals and of rounded coordinates.
 
     Parameters
     ----------
     points : Points
-    wish : {"auto", "file", "fit"}
+    choice : {"auto", "file", "fit"}
         "auto": the points' own normals, unless these are wrong; "file": their own normals; "fit": none, so that
         `Model` estimates them.
     keep : str
@@ -38,23 +38,23 @@ def trusted(points: Points, wish: str = "auto", keep: str = KEEP, progress: Prog
     ValueError
         If the file's normals are requested and there are none.
     """
-    points, wrong = judged(points, wish, keep)
+    points, wrong = judged(points, choice, keep)
     return replaced(points, progress) if wrong else points
 
 
-def judged(points: Points, wish: str = "auto", keep: str = KEEP, name: str = "") -> tuple[Points, bool]:
+def judged(points: Points, choice: str = "auto", keep: str = KEEP, name: str = "") -> tuple[Points, bool]:
     """The points, perhaps without normals, and whether `replaced` must estimate new ones; warns like `trusted`.
 
     name : the file's name, if there are several files.
     """
-    check_wish(points, wish, keep)
+    check_normals_choice(points, choice, keep)
     prefix = f"{name}: " if name else ""
     steps, rounded = find_rounding(points)
     if rounded:
         warnings.warn(prefix + rounded, stacklevel=3)
-    if wish == "fit":
+    if choice == "fit":
         return points.with_normals(None), False
-    if wish == "file":
+    if choice == "file":
         return points, False
     found = compare_normals(points, max(steps))
     if found.wrong:
@@ -62,10 +62,10 @@ def judged(points: Points, wish: str = "auto", keep: str = KEEP, name: str = "")
     return points, found.wrong
 
 
-def check_wish(points: Points, wish: str, keep: str = KEEP) -> None:
+def check_normals_choice(points: Points, choice: str, keep: str = KEEP) -> None:
     """ValueError if the file's normals are requested and there are none."""
-    check_choice(wish, "normals", NORMALS)
-    if wish == "file" and points.normals is None:
+    check_choice(choice, "normals", NORMALS)
+    if choice == "file" and points.normals is None:
         raise ValueError(f"{keep}: there are no normals in the file")
 
 

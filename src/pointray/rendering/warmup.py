@@ -55,7 +55,7 @@ USUAL = 30.0  # of another integrator
 
 
 def warm_up(settings: Settings, clicks: bool = False) -> None:
-    """Begin to compile what pictures of a scan need, and if wished what clicks need; nothing where all is compiled."""
+    """Begin to compile what pictures of a scan need, with `clicks` also what clicks need, if not yet compiled."""
     wanted = [name_of(kernel_for(settings)), *[_full(CLICK)] * clicks]
     compile_beside(__name__, {name: PICTURES.get(name.removeprefix(f"{PACKAGE}."), USUAL) for name in wanted})
     expect(BUILD)

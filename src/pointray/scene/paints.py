@@ -94,7 +94,6 @@ class Paints:
         self.shown: list[Attribute] = []
         self._ranges: dict[tuple[Any, ...], Range | None] = {}
         self._painted: list[tuple[Attribute, Model]] = []
-
         self._joined = np.zeros(0, np.float32)
 
     def finish(self, coats: list[Coat]) -> tuple[list[int], PaintTables]:

@@ -155,10 +155,10 @@ def permute16(array: Any, index: Any, indices: Any) -> Any:
 
 @inline
 def _check_indices(indices: Any) -> None:
-    """Raise if a place is not from 0 to 15."""
+    """Raise if an index is not from 0 to 15."""
     for k in range(16):
         if not 0 <= lane(indices, k) < 16:
-            raise IndexError("a place is none of the 16")
+            raise IndexError("an index is not from 0 to 15")
 
 
 @inline

@@ -117,7 +117,7 @@ def find_subsample(
     """What `subsample` does, without a warning."""
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
-    _check_wishes(tolerance, count)
+    _check_target(tolerance, count)
     say = progress or (lambda stage, share: None)
     say("normals", 0.0)
     finite = np.flatnonzero(points.finite)
@@ -144,7 +144,7 @@ def find_subsample(
     return Subsample(_averaged(mended, subset), subset.radii, within, message)
 
 
-def _check_wishes(tolerance: Any, count: Any) -> None:
+def _check_target(tolerance: Any, count: Any) -> None:
     if (tolerance is None) == (count is None):
         raise ValueError("give either tolerance or count" + ("" if count is None else ", not both"))
     if tolerance is not None:

@@ -187,7 +187,7 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
             entered &= entered - 1
             if numbers[FOUND + i] >= 0:
                 _keep_t(i, scratch)
-                _keep_local(of_size_one(matrix), i, scratch)
+                _keep_normal_and_position(of_size_one(matrix), i, scratch)
                 _keep_leaf(offset, i, scratch)
     else:
         _keep_nearest(matrix, offset, scratch)
@@ -204,7 +204,7 @@ def _keep_t(i: int, scratch: Scratch) -> None:
 
 
 @inline
-def _keep_local(matrix: ToModel, i: int, scratch: Scratch) -> None:
+def _keep_normal_and_position(matrix: ToModel, i: int, scratch: Scratch) -> None:
     """Keep normal and position of a nearer hit. matrix : see `of_size_one`."""
     wide, rows = scratch.world, scratch.model
     n = load3(rows, NX + i)
@@ -237,6 +237,6 @@ def _keep_nearest(matrix: ToModel, offset: int, scratch: Scratch) -> None:
         _keep_t(i, scratch)
     matrix = of_size_one(matrix)
     for i in range(TILE):
-        _keep_local(matrix, i, scratch)
+        _keep_normal_and_position(matrix, i, scratch)
     for i in range(TILE):
         _keep_leaf(offset, i, scratch)

@@ -38,12 +38,12 @@ from .indices import check_lengths
 Floats = NDArray[np.float32]
 
 
-def check_tree(tree: Tree, places: int = 20_000, seed: int = 0) -> list[str]:
+def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
     """What is wrong with a tree; an empty list if it is valid.
 
     Parameters
     ----------
-    places : int
+    positions : int
         Number of random positions near splats at which the leaves are checked.
     """
     problems = check_lengths(tree)
@@ -55,7 +55,7 @@ def check_tree(tree: Tree, places: int = 20_000, seed: int = 0) -> list[str]:
     boxes, parents, problems = _check_nodes(tree)
     if problems:
         return problems
-    return problems + _check_spheres(tree) + _check_places(tree, boxes, parents, places, seed)
+    return problems + _check_spheres(tree) + _check_positions(tree, boxes, parents, positions, seed)
 
 
 def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
@@ -119,23 +119,23 @@ def _check_spheres(tree: Tree) -> list[str]:
     return problems
 
 
-def _check_places(tree: Tree, boxes: Floats, reached: NDArray[np.int64], places: int, seed: int) -> list[str]:
+def _check_positions(tree: Tree, boxes: Floats, reached: NDArray[np.int64], positions: int, seed: int) -> list[str]:
     """Check that one voxel holds each random position under splats, and that its leaf lists every splat over it."""
     rows, block = _splats(tree)
     rng = np.random.default_rng(seed)
-    chosen = rows[rng.integers(len(rows), size=places)].astype(np.float64)
-    x = chosen[:, :3] + chosen[:, 6:] * rng.uniform(-0.5, 0.5, (places, 3))
-    row, splat = _over(x, rows[:, :3], rows[:, 6] * (1 - 1e-5))
+    chosen = rows[rng.integers(len(rows), size=positions)].astype(np.float64)
+    x = chosen[:, :3] + chosen[:, 6:] * rng.uniform(-0.5, 0.5, (positions, 3))
+    query, splat = _over(x, rows[:, :3], rows[:, 6] * (1 - 1e-5))
     leaf, crowded, lost = _voxel_of(tree, x)
     known = np.unique(_codes(tree))
-    codes = leaf[row] * (tree.blocks.size // BLOCK) + block[splat]
-    asked = (leaf[row] >= 0) & (tree.spans[2 * leaf[row] + 1] > 0)
-    missing = len(np.unique(leaf[row][asked & ~np.isin(codes, known)]))
+    codes = leaf[query] * (tree.blocks.size // BLOCK) + block[splat]
+    asked = (leaf[query] >= 0) & (tree.spans[2 * leaf[query] + 1] > 0)
+    missing = len(np.unique(leaf[query][asked & ~np.isin(codes, known)]))
     problems = []
-    if lost[row].any():
-        problems.append(f"{len(np.unique(row[lost[row]]))} of {places} places under splats lie in no voxel")
+    if lost[query].any():
+        problems.append(f"{len(np.unique(query[lost[query]]))} of {positions} places under splats lie in no voxel")
     if crowded.any():
-        problems.append(f"{crowded.sum()} of {places} places lie in more than one voxel")
+        problems.append(f"{crowded.sum()} of {positions} places lie in more than one voxel")
     if missing:
         problems.append(f"{missing} leaves do not know every splat over a place in them")
     if int(tree.head[SURFACE]) == DISC:
@@ -203,8 +203,8 @@ def _over(
     """All pairs (position, ball) in which the position lies in the ball."""
     found = cKDTree(x).query_ball_point(centers, radii)
     lengths = np.fromiter(map(len, found), np.int64, len(found))
-    rows = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
-    return rows, np.repeat(np.arange(len(found)), lengths)
+    queries = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
+    return queries, np.repeat(np.arange(len(found)), lengths)
 
 
 def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
@@ -212,14 +212,14 @@ def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], ND
     cells = tree.leaves.reshape(-1, LEAF)[:, CELL : CELL + 6].astype(np.float64)
     real = np.flatnonzero((cells[:, :3] <= cells[:, 3:]).all(axis=1))
     low, high = cells[real, :3], cells[real, 3:]
-    row, voxel = _over(x, (low + high) / 2, np.linalg.norm(high - low, axis=1) * 0.5001)
-    touched = ((low[voxel] <= x[row]) & (x[row] <= high[voxel])).all(axis=1)
+    query, voxel = _over(x, (low + high) / 2, np.linalg.norm(high - low, axis=1) * 0.5001)
+    touched = ((low[voxel] <= x[query]) & (x[query] <= high[voxel])).all(axis=1)
     rim = 1e-6 * np.abs(x).max(initial=0.0)
-    inside = ((low[voxel] + rim < x[row]) & (x[row] < high[voxel] - rim)).all(axis=1)
+    inside = ((low[voxel] + rim < x[query]) & (x[query] < high[voxel] - rim)).all(axis=1)
     leaf = np.full(len(x), -1)
-    leaf[row[inside]] = real[voxel[inside]]
-    crowded = np.bincount(row[inside], minlength=len(x)) > 1
-    return leaf, crowded, np.bincount(row[touched], minlength=len(x)) == 0
+    leaf[query[inside]] = real[voxel[inside]]
+    crowded = np.bincount(query[inside], minlength=len(x)) > 1
+    return leaf, crowded, np.bincount(query[touched], minlength=len(x)) == 0
 
 
 def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -236,16 +236,18 @@ def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[n
 
 def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
     """f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius at positions; NaN without support."""
-    row, splat = _over(x, rows[:, :3], rows[:, 6])
+    query, splat = _over(x, rows[:, :3], rows[:, 6])
     p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
-    q = p - x[row]
+    q = p - x[query]
     square = (q * q).sum(axis=1)
     weight = np.maximum(1 - square / r[:, 0] ** 2, 0) ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = weight / np.bincount(row, weight, len(x))[row]
+        share = weight / np.bincount(query, weight, len(x))[query]
 
         def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.where(np.bincount(row, minlength=len(x)) > 0, np.bincount(row, share * values, len(x)), np.nan)
+            return np.where(
+                np.bincount(query, minlength=len(x)) > 0, np.bincount(query, share * values, len(x)), np.nan
+            )
 
         middle = np.stack([mean(q[:, c]) for c in range(3)], axis=1)
         normal = np.stack([mean(n[:, c]) for c in range(3)], axis=1)

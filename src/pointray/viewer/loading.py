@@ -16,7 +16,7 @@ from ..data import Points
 from ..model import Model
 from ..model_file import SAVED
 from ..points.files import read
-from ..points.trust import check_wish, judged, replaced
+from ..points.trust import check_normals_choice, judged, replaced
 from ..rendering.warmup import NORMALS, expect, is_warm, wait_until_warm
 from ..scene.scene import Scene
 from ..scenefile import Plan
@@ -96,7 +96,7 @@ class Files:
             return Model.load(path)
         points = read(path, partial(shared.say, stage))
         with _named(path):
-            check_wish(points, self.normals)
+            check_normals_choice(points, self.normals)
         return points
 
     def _some(self, cloud: Points | Model, number: int) -> Points:

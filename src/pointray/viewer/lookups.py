@@ -29,7 +29,7 @@ class Click(NamedTuple):
     ----------
     request : FrameRequest
         What is shown.
-    place : (2,) tuple of float
+    position : (2,) tuple of float
         0 to 1 from the left and from the top.
     purpose : str
         "target": the camera turns to the point; else the page is told what is there.
@@ -38,13 +38,13 @@ class Click(NamedTuple):
     """
 
     request: FrameRequest
-    place: tuple[float, float]
+    position: tuple[float, float]
     purpose: str
     extend: bool
 
 
 class Newest(Generic[T]):
-    """A place for one question: a newer question replaces the one that still waits.
+    """Holds one question: a newer question replaces the one that still waits.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class Lookups:
 
     def _find(self, click: Click) -> None:
         try:
-            found = pick(self._apply(click.request), click.request.camera, *click.place)
+            found = pick(self._apply(click.request), click.request.camera, *click.position)
         except ValueError:  # the painter reports it
             return
         if found is None:

@@ -78,8 +78,8 @@ class Sketch:
         """Coordinates to the right, upwards and along the view, from the eye."""
         eye = np.asarray(camera.eye) - self.points.origin
         forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
-        places = self.points.positions.astype(np.float64) - eye
-        return places @ right, places @ top, places @ forward
+        from_eye = self.points.positions.astype(np.float64) - eye
+        return from_eye @ right, from_eye @ top, from_eye @ forward
 
     def _radius(self, camera: Camera, depth: float) -> float:
         """The radius of a dot in pixels at a depth."""

@@ -24,8 +24,13 @@ app = typer.Typer(
     help="Ray traces point clouds: smooth, lit, shadowed surfaces straight from points.",
 )
 
-for command in (render, animate, view, prepare, info, demo, bench):
-    app.command()(command)
+app.command()(render)
+app.command()(animate)
+app.command()(view)
+app.command()(prepare)
+app.command()(info)
+app.command()(demo)
+app.command()(bench)
 
 
 @app.callback(invoke_without_command=True)

@@ -39,7 +39,7 @@ def prepare(
     if viewpoint is not None and not estimate_normals:
         raise ValueError("--viewpoint is for --estimate-normals or --normals fit, which is not given")
     use_threads(threads)
-    wishes = {
+    options = {
         "tolerance": tolerance,
         "count": count,
         "drop_duplicates": drop_duplicates,
@@ -50,7 +50,7 @@ def prepare(
         "levels": levels,
         "force": force,
     }
-    print(work(file, output, wishes))
+    print(work(file, output, options))
 
 
 def info(

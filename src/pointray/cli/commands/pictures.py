@@ -113,15 +113,15 @@ def render(
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
-    seen, settings, scan_scene = staged(file, context.params, is_layered(output))
-    check_fits(output, seen.size, settings, legend)
+    scan_view, settings, scan_scene = staged(file, context.params, is_layered(output))
+    check_fits(output, scan_view.size, settings, legend)
     with Progress(settings) as progress:
         scene, model, scan = scan_scene.build(progress)
-        camera = seen.camera(scan)
-        look = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop)
-        what = write_picture(output, (scene, camera, settings), look, progress)
-    print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{what}")
-    if seen.framed and scan.found:
+        camera = scan_view.camera(scan)
+        shown = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop)
+        ending = write_picture(output, (scene, camera, settings), shown, progress)
+    print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{ending}")
+    if scan_view.framed and scan.found:
         print(scan.found)
 
 
@@ -179,13 +179,14 @@ def animate(
     from ..scan_scene import staged
     from ..scene_file import animate_scene, is_scene
 
-    goal = film_output(output, background)
+    checked_output = film_output(output, background)
     if is_scene(file):
-        print(animate_scene(file, goal, given(context), fps))
+        print(animate_scene(file, checked_output, given(context), fps))
         return
-    seen, settings, scan_scene = staged(file, context.params)
-    film = CameraPath(seen, fps, context.params)
-    print(work(goal, film, scan_source(scan_scene, seen, settings, exposure_of(exposure, integrator.value))))
+    scan_view, settings, scan_scene = staged(file, context.params)
+    camera_path = CameraPath(scan_view, fps, context.params)
+    source = scan_source(scan_scene, scan_view, settings, exposure_of(exposure, integrator.value))
+    print(work(checked_output, camera_path, source))
 
 
 def view(
@@ -219,9 +220,9 @@ def view(
 
     use_threads(threads)
     settings = with_contact(Settings(integrator=integrator.value, levels=levels))
-    place = {"settings": settings, "up": up, "light": light, "fill": fill, "background": background, "ground": ground}
-    look = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
+    options = {"settings": settings, "up": up, "light": light, "fill": fill, "background": background, "ground": ground}
+    surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     check_positive(radius_scale, "--radius-scale")
-    place["normals"] = normals.value
-    shared, loader = shared_scene_of(files, given(context), place, look)
+    options["normals"] = normals.value
+    shared, loader = shared_scene_of(files, given(context), options, surface_options)
     serve(shared, loader, host, port, open_browser)
