@@ -45,7 +45,7 @@ PROJECTIONS = {
 
 CURVES = {"srgb": "sRGB", "filmic": "filmic", "soft": "soft"}
 
-MATERIALS = {  # of the command line; Python and scene files have the classes of `shade.materials`
+MATERIALS = {  # of the command line; Python and scene files have the classes of shade/materials/
     "own": "matt, in its own colours",
     "clay": "matt, in one colour",
     "phong": "with a highlight",

@@ -1,6 +1,6 @@
 """Which splats belong to sheets so close together that the supports of one reach the other, as at a thin wall.
 
-Normals of both sides cancel there, so rays see one side at a time (`intersect/march.py`).
+Normals of both sides cancel there, so rays see one side at a time (`intersect/leaf.py`).
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ Pairs that do the same for one ray and for the rays of a tile:
 |---|---|
 | `traverse.closest` | `tile.closest_of_tile` |
 | `traverse.walk_begin` | `tile._walk_begin` |
+| `traverse._voxel_interval`, `traverse._slab_interval` | `tile._leaf_intervals` |
 | `traverse.prefetch_columns` | `tile._prefetch_search` |
 
 Begin with traverse, then tile, then world.

@@ -1,10 +1,11 @@
 """The interactive viewer: a page in the browser, and the ray traced pictures that it shows.
 
 server: the transport; link: the connection to one browser; share: limits for one page; viewer: all of it together.
-A browser has a session (its messages), an outbox (messages to it), a display (its camera and panel: panel, controls,
-light_control), view settings (the panel's values), a painter (its pictures, at a pace), lookups (answers to its clicks
-with pick, and legends) and exports (files that it saves). page is what the browser itself runs.
-All browsers show one shared scene, which loading brings; sketch shows dots while kernels are compiled.
+A browser has a session (what its messages do; messages checks them), an outbox (messages to it), a display (its camera
+and panel: panel, controls, light_control), view settings (the panel's values), a painter (its pictures, at a pace),
+lookups (answers to its clicks with pick, and legends) and exports (files that it saves). page is what the browser
+itself runs. All browsers show one shared scene, which loading brings (time_left: how long that takes); sketch shows
+dots while kernels are compiled.
 
 The path of a slider's value: `server` hands the page's message to `session`, the panel's control checks the value,
 `display` holds it in its `view_settings` and asks for a picture, `painter` draws it, `outbox` packs it and `link` sends

@@ -77,9 +77,10 @@ class Display:
             self.camera = replace(self.camera, size=size)
         self.refresh()
 
-    def look(self, camera: Camera) -> None:
-        """Take the camera to which the user has moved."""
-        self.camera, self._at_home = camera, False
+    def look(self, camera: Camera, time: float) -> None:
+        """Take the camera to which the user has moved, and the page's time of it."""
+        self.camera, self._at_home, self.time = camera, False, time
+        self.refresh()
 
     def go(self, name: str, animate: bool) -> None:
         """Move the page to one of the standard views."""
@@ -103,10 +104,24 @@ class Display:
         self.refresh()
         self._send_legend()
 
+    def move_sun(self, lamp: int, azimuth: float, elevation: float) -> None:
+        """Take a new direction of a light that the user drags, and send it to the panel."""
+        assert self.view is not None
+        values = {f"lamps.{lamp}.azimuth": azimuth, f"lamps.{lamp}.elevation": elevation}
+        for name, value in values.items():
+            self.view = self.view.with_value(name, value)
+        self._outbox.say(type="values", values=values)
+        self.refresh()
+
+    def change_output(self, name: str, value: Any) -> None:
+        """Take a new option of saved pictures and films."""
+        self.output = self.output._replace(**{name: value})
+
     def follow(self) -> None:
         """Take what has changed in the shared scene."""
         self._report_problem()
-        scene, version, sketch = self._shared.scene, self._shared.version, self._shared.sketch
+        version = self._shared.version  # first: a scene that is newer than its version is taken again
+        scene, sketch = self._shared.scene, self._shared.sketch
         if version != self._version and ((scene is not None and scene.models) or sketch is not None):
             self._version = version
             begins = self.camera is None or (self._sketched and self._at_home)
@@ -144,9 +159,10 @@ class Display:
 
     def request(self) -> FrameRequest:
         """The description of the picture to show: there are a camera, view settings and a scene."""
-        shared, scene = self._shared, self._shared.scene
-        assert self.camera is not None and self.view is not None and scene is not None
-        return FrameRequest(self.camera, self.view, scene, shared.version, shared.up, not shared.is_building, self.time)
+        shared, version = self._shared, self._shared.version  # first: a newer scene is asked for again
+        assert self.camera is not None and self.view is not None and shared.scene is not None
+        built = not shared.is_building
+        return FrameRequest(self.camera, self.view, shared.scene, version, shared.up, built, self.time)
 
     def control(self, name: str) -> Control:
         """The panel's control of this name; ValueError if there is none."""

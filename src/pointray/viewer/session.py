@@ -93,9 +93,7 @@ class Session:
         self._display.resize(size_of(message), free_of(message))
 
     def _on_camera(self, message: dict[str, Any]) -> None:
-        self._display.look(camera_of(message, self._display.size or (1, 1)))
-        self._display.time = number(message, "time")
-        self._display.refresh()
+        self._display.look(camera_of(message, self._display.size or (1, 1)), number(message, "time"))
 
     def _on_seen(self, message: dict[str, Any]) -> None:
         self._painter.seen(int(number(message, "number", 0)))
@@ -108,7 +106,7 @@ class Session:
             self._shared.rebuild(**{name.removeprefix("build."): value})
             return
         if name.startswith("output."):
-            display.output = display.output._replace(**{name.removeprefix("output."): value})
+            display.change_output(name.removeprefix("output."), value)
             return
         view = display.view
         assert view is not None
@@ -146,10 +144,7 @@ class Session:
         lamp = view.lamps[suns[0]]
         azimuth = (lamp.azimuth + TURN * dx + 180.0) % 360.0 - 180.0
         elevation = max(-90.0, min(90.0, lamp.elevation - TURN * dy))
-        at = f"lamps.{suns[0]}."
-        self._display.view = view.with_value(f"{at}azimuth", azimuth).with_value(f"{at}elevation", elevation)
-        self._outbox.say(type="values", values={f"{at}azimuth": azimuth, f"{at}elevation": elevation})
-        self._display.refresh()
+        self._display.move_sun(suns[0], azimuth, elevation)
 
     def _add_lamp(self, kind: str, scene: Scene) -> None:
         view = self._display.view
