@@ -6,7 +6,12 @@ import pytest
 import pointray as pr
 from conftest import MODELS, shared_model, slow, sphere_points
 
-SCANS = ["tls_pumpA_rgb", "rgbd_kinect_chair_rgb", slow("autzen_stadium_crop_rgb"), slow("potree_lion_takanawa_rgb")]
+SCANS = [
+    "tls_pumpA_rgb",
+    slow("rgbd_kinect_chair_rgb"),
+    slow("autzen_stadium_crop_rgb"),
+    slow("potree_lion_takanawa_rgb"),
+]
 BALL = sphere_points(5000)
 
 

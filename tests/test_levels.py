@@ -168,6 +168,7 @@ def test_colours_by_an_attribute(statue, name, allowed):
     assert np.abs(picture - pr.render(scene, far, pr.Settings("color", levels=False))).max() > 0
 
 
+@pytest.mark.slow
 def test_each_instance_has_the_paint_of_its_level(statue):
     """Several levels, colourings and models at once each look as if they were alone."""
     cameras = [pr.Camera.look_at((0, -d, 1), (0, 0, 1), size=(48, 48), fov=240 / d) for d in (5, 20, 60)]
@@ -189,6 +190,7 @@ def test_each_instance_has_the_paint_of_its_level(statue):
             np.testing.assert_array_equal(*(pr.render(s, view, pr.Settings("color")) for s in (alone, together)))
 
 
+@pytest.mark.slow
 def test_classes_stay_whole(statue):
     """Levels are shown neither for classes, which have no mean, nor if they are newer than the colouring."""
     kinds = {"kind": (statue.points.world[:, 2] > 1).astype(float), "smooth": statue.points.world[:, 2]}

@@ -345,6 +345,7 @@ def test_passes_make_the_same_picture(sphere):
     assert np.array_equal(whole, pieces)
 
 
+@pytest.mark.slow
 def test_noise_and_time_end_the_work(sphere):
     scene = pr.Scene()
     scene.add(sphere)

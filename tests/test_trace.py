@@ -297,7 +297,8 @@ def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap):
             assert (hits.normal[:, 2] * side > 0.9).mean() > 0.999
 
 
-@pytest.mark.parametrize("surface", ["paper", slow("imls")])
+@pytest.mark.slow
+@pytest.mark.parametrize("surface", ["paper", "imls"])
 def test_normals_are_the_mean_ones_also_at_the_rims_of_supports(surface):
     """Two close samples are joined by a line, unless one is at the rim of the only splats near it."""
     n, rng = 4000, np.random.default_rng(1)

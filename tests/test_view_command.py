@@ -135,6 +135,7 @@ def is_rather(frame, wanted, other):
     return nearer > 0.5 * np.abs(wanted - other).mean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("leveled", [True, False])
 def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
     path = tmp_path / "statue.ply"
@@ -151,6 +152,7 @@ def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
         assert len(scenes) == 3 and scenes[1].models == scenes[2].models
 
 
+@pytest.mark.slow
 def test_levels_in_the_panel(tmp_path, start, monkeypatch):
     """The picture is that of `render` with levels, or with all points when levels are switched off."""
     model = pr.Model(pr.procedural("statue", 40_000))
