@@ -17,13 +17,9 @@ def test_a_whole_attack_has_200_000_inputs():
     assert sum(part.count for part in PARTS.values()) == 200_000
 
 
-# Compiling checked kernels takes minutes; the others named here take some seconds.
-MARKED = {
-    "commands": slow,
-    "threads": slow,
-    "toml": slow,
-    **{name: long for name, part in PARTS.items() if part.checked},
-}
+# Compiling checked kernels takes minutes; others take some seconds.
+SECONDS = ["commands", "disks", "interrupts", "threads", "toml"]
+MARKED = {name: long for name, part in PARTS.items() if part.checked} | dict.fromkeys(SECONDS, slow)
 NAMES = [MARKED[name](name) if name in MARKED else name for name in PARTS]
 
 

@@ -24,7 +24,7 @@ def pair(request):
     return Pair(body(request.param, MODELS / "meshes"), size=96, spp=49)
 
 
-@pytest.mark.parametrize("light", ["sun", "constant", "disk"])
+@pytest.mark.parametrize("light", ["sun", slow("constant"), "disk"])
 def test_direct_light(pair, light):
     row = compare(pair, Case(light, "diffuse"))
     assert row.met, row
