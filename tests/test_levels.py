@@ -75,7 +75,7 @@ def test_supports_of_levels_reach_no_farther_than_those_they_stand_for():
 
 
 def level_of(scene, camera, spp=1):
-    world = at_distance(scene.snapshot(), camera, spp)
+    world, _ = at_distance(scene.snapshot(), camera, spp)
     return world.instances.reshape(-1, INSTANCE)[:, SHAPE_ROW].astype(int).tolist()
 
 

@@ -26,8 +26,9 @@ INTEGRATORS = {
     "depth": "Depth",
     "color": "Colours, unlit",
     "cost": "Cost: nodes and leaves",
+    "baked": "Baked: all light, from what is kept in the points",
 }
-EXPOSED = ["phong", "ao", "path"]  # their pictures are light; others are shown as they are
+EXPOSED = ["phong", "ao", "path", "baked"]  # their pictures are light; others are shown as they are
 NOISY = ["ao", "path"]  # they leave something to chance
 
 FILTERS = {

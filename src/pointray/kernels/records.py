@@ -79,6 +79,20 @@ PAINT_POSITIONS = 3  # where the splats of its model begin in World.map_position
 PAINT_ALONG, PAINT_START = 3, 6  # BY_COORDINATE: a point x in the world has the map position along (3).x + start
 PAINT_COARSER = 7  # BLENDED: how many paints follow that are the same for the levels of detail of its model
 
+# What is baked of an instance's light: 5 int64 in `World.baked`, addresses of records and how many there are.
+BAKED = 5
+BAKED_FRONT, BAKED_BACK = 0, 1  # the records of the side to which normals point, and of the other; 0: it is dark
+BAKED_COUNT = 2  # records of a side: one of each splat, in the tree's order, or one of each cell of a plane's grid
+BAKED_MAP, BAKED_MAP_COUNT = 3, 4  # int32, which record each splat has; 0: there is one for each
+# And 5 float64 in `World.baked_frames`.
+BAKED_FRAME = 5
+GRID_MIDDLE, GRID_HALF, GRID_EDGE = 0, 2, 3  # of a plane, see `shade/grid.py`: u and v, half width, cells a side
+BAKED_UNIT = 4  # W/m2 of the records' 1.0
+# A record: 4 int32.
+RECORD = 4
+INDIRECT, DIRECT = 0, 1  # RGB9E5, irradiance of the sky and of light from other surfaces; of lights
+BANDS = 2  # 2 words, 8 bytes: see `shade/baked.py`
+
 # A camera: 16 float64.
 CAMERA = 16
 EYE = 0  # 0..2: world
@@ -125,6 +139,7 @@ class World(NamedTuple):
     map_colors : (m * 3,) float32, linear: the colours of maps, behind each map's that of what has no value
     tone : (256,) float32, linear value of each sRGB level; longest : blocks of the longest leaf
     catchers : number of shadow catchers; clips : float64, see above
+    baked : (instances * BAKED,) int64, baked_frames : (instances * BAKED_FRAME,) float64; or length 0: nothing is baked
     """
 
     table: Array
@@ -150,6 +165,8 @@ class World(NamedTuple):
     longest: int
     catchers: int
     clips: Array
+    baked: Array
+    baked_frames: Array
 
     def __reduce__(self) -> str:
         """A copy or a pickle would hold addresses without what lies there."""

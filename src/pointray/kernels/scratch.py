@@ -24,6 +24,7 @@ below, part by part: each name is where its rows begin in the part's array.
 | KEY | `film` | `film`, `shade/` | one tile of the picture |
 | RADIANCE, THROUGHPUT, PDF, SHADING_DEPTH | `shade/` | `shade/`, `film` | one sample of the tile |
 | GAIN, SKY_SEEN, NEXT* | `shade/` | `shade/` | one light, look at the sky, or scattering |
+| ARRIVING* | `baked` | `baked` | one look-up of the tile |
 | CAUGHT, UNLIT, LIT | `catcher` | `catcher`, `film` | one sample of the tile |
 | waiting, WAITING_COUNT | `specular_rays` | `specular_rays` | one sample of the tile |
 | sums | `film` | `film` | one tile of the picture |
@@ -118,6 +119,7 @@ PDF = _rows()  # with which a path's ray was chosen; 0: no other way finds its d
 NEXT, NEXT_SIDE, NEXT_THROUGHPUT, NEXT_PDF = _rows(3), _rows(), _rows(3), _rows()  # a path's next ray
 UNLIT, LIT = _rows(), _rows()  # of a shadow catcher: light that would arrive, that does
 SKY_SEEN = _rows()  # share of the sky that a surface point sees, by the cosine
+ARRIVING, ARRIVING_DIRECT, ARRIVING_BANDS = _rows(3), _rows(3), _rows(8)  # baked light, see `shade/baked.py`
 SHADING_SIZE = _rows.size
 COST_ORIGIN, COST_DIRECTION = SHADING_POINT, SHADING_WO  # of rays whose cost is counted one by one
 

@@ -31,8 +31,10 @@ FINENESS = 1.9
 FINEST = 0.25  # share of FINENESS: the limit, however many samples a pixel has
 
 
-def at_distance(scene: Snapshot, camera: Camera, spp: int) -> World:
+def at_distance(scene: Snapshot, camera: Camera, spp: int) -> tuple[World, NDArray[np.int64]]:
     """The scene's world with the fitting level for each instance; the world itself where no model has levels.
+
+    Also returns which level each instance has, (instances,): 0 is the model itself.
 
     Instances coloured by classes of an attribute keep their finest model.
 
@@ -43,8 +45,9 @@ def at_distance(scene: Snapshot, camera: Camera, spp: int) -> World:
     """
     world = scene.world
     families = [(model, *model.levels) for model in scene.models]
+    shown = np.zeros(world.instances.size // INSTANCE, np.int64)
     if all(len(family) == 1 for family in families):
-        return world
+        return world, shown
     first = np.cumsum([0, *(len(family) for family in families)])
     levels = [level for family in families for level in family]
     instances = world.instances.reshape(-1, INSTANCE).copy()
@@ -56,9 +59,10 @@ def at_distance(scene: Snapshot, camera: Camera, spp: int) -> World:
         spacing = [level.spacing for level in family[1:]]
         mine = shapes == k
         level = np.searchsorted(spacing, finest * pixel[mine], side="right")
-        instances[rows[mine], SHAPE_ROW] = first[k] + _repaint(world, instances, rows[mine], level, len(spacing))
+        shown[rows[mine]] = _repaint(world, instances, rows[mine], level, len(spacing))
+        instances[rows[mine], SHAPE_ROW] = first[k] + shown[rows[mine]]
     table, longest = model_table([level.tree for level in levels]), max(level.longest for level in levels)
-    return world._replace(table=table, instances=instances.reshape(-1), longest=longest)
+    return world._replace(table=table, instances=instances.reshape(-1), longest=longest), shown
 
 
 def is_far(model: Model, camera: Camera, spp: int) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -11,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind
+from ..bake.baked import bake
+from ..bake.settings import BakeSettings
 from ..choices import EXPOSED, FILTERS, INTEGRATORS, NOISY, number_of
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run
 from ..kernels.records import (
     DISK_LIGHT,
     EMISSIVE,
+    INSTANCE,
     LIGHT,
     LIGHT_KIND,
     MATERIAL_KIND,
@@ -32,11 +36,12 @@ from ..memory import check_memory
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from ..shade.environment import EnvironmentLight
+from .baked import baked_frame
 from .camera import Camera
 from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS, Window
 from .integrate import BLOCK_EDGE, Pass, quick_frame, sampled_frame
 from .lod import at_distance
-from .settings import AO, COST, PATH, PHONG, Settings
+from .settings import AO, BAKED, COST, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
 
 AO_SHARE = 0.2  # share of the scene's diagonal: how far ambient occlusion looks
@@ -69,7 +74,7 @@ def render(
     Notes
     -----
     A scene without lights is lit by a headlight at the camera; for "path", if nothing in it emits light, by an even
-    white sky of radiance 1.
+    white sky of radiance 1. "baked" shows `Scene.baked`; without it, light is baked first, and a warning says so.
     """
     settings = check_view(scene, camera, settings, progress)
     return render_snapshot(scene.snapshot(), camera, settings, progress)
@@ -125,7 +130,11 @@ def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Setting
     check_kind(scene, "scene", Scene, "a Scene")
     check_kind(camera, "camera", Camera, "a Camera")
     check_callback(progress)
-    return Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
+    settings = Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
+    if settings.integrator == "baked" and scene.baked is None:
+        warnings.warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=3)
+        scene.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
+    return settings
 
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:
@@ -241,6 +250,7 @@ class Picture:
 KERNELS: dict[str, Any] = {
     **dict.fromkeys(("phong", "normal", "depth", "color", "cost"), quick_frame),
     **dict.fromkeys(("ao", "path"), sampled_frame),
+    "baked": baked_frame,
 }
 
 
@@ -251,16 +261,23 @@ def kernel_for(settings: Settings) -> Any:
 
 def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, Pass]:
     """The world as the integrator needs it, and what the kernel needs to know of all samples."""
-    world = at_distance(scene, camera, settings.most) if settings.levels else scene.world
+    world, levels = scene.world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
+    if settings.levels:
+        world, levels = at_distance(scene, camera, settings.most)
     color = scene.background
     integrator = number_of(INTEGRATORS, settings.integrator)
     lit = integrator == PATH or (integrator == AO and scene.shows_sky)
     world = _lit(world) if lit else world
+    if integrator == BAKED:
+        if scene.baked is None:
+            raise ValueError("no light is baked: set scene.baked = pr.bake(scene)")
+        baked, frames = scene.baked.tables(scene, levels)
+        world = world._replace(baked=baked, baked_frames=frames)
     looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
     job = Pass(
         integrator=integrator,
         shadows=settings.shadows,
-        max_depth=min(settings.depth, MOST_SPECULAR) if integrator == PHONG else settings.depth,
+        max_depth=min(settings.depth, MOST_SPECULAR) if integrator in (PHONG, BAKED) else settings.depth,
         sky_shows=scene.shows_sky and settings.integrator in EXPOSED,
         sky_rays=settings.sky_rays if looks_up else 0,
         ao_distance=_ao_distance(scene, settings) if looks_up or integrator == AO else 0.0,

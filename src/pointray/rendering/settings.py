@@ -8,8 +8,8 @@ from typing import Any
 from ..arguments import check_choice, check_flag, check_positive, check_whole
 from ..choices import FILTERS, INTEGRATORS, NOISY, number_of
 
-PHONG, AO, PATH, NORMAL, DEPTH, COLOR, COST = (
-    number_of(INTEGRATORS, name) for name in ("phong", "ao", "path", "normal", "depth", "color", "cost")
+PHONG, AO, PATH, NORMAL, DEPTH, COLOR, COST, BAKED = (
+    number_of(INTEGRATORS, name) for name in ("phong", "ao", "path", "normal", "depth", "color", "cost", "baked")
 )
 MOST_SAMPLES = 65536
 MOST_SKY_RAYS = 64
@@ -24,7 +24,9 @@ class Settings:
     ----------
     integrator : str
         "phong": direct light, hard shadows, mirrors and glass. "ao": ambient occlusion, no light needed. "path": all
-        light there is, with noise that falls as samples grow. Or what is at the first hit: "normal" (world, -1 to 1
+        light there is, with noise that falls as samples grow. "baked": all light at once, direct light with sharp
+        shadows, the rest as `Scene.baked` keeps it; more samples make shadows of large lights soft. Or what
+        is at the first hit: "normal" (world, -1 to 1
         shown as 0 to 1), "depth" (distance along the view, in a panorama from the eye), "color" (unlit), "cost" (red:
         nodes, green: leaves visited, blue: both / 64).
     spp : int

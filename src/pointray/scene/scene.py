@@ -21,7 +21,7 @@ from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
 from .paints import categories_in
 from .rays import Hits, Rays, check_rays
-from .world import Snapshot, bounds_of, take_snapshot
+from .world import BakedLight, Snapshot, bounds_of, take_snapshot
 
 
 class Scene:
@@ -45,6 +45,7 @@ class Scene:
         self._clips = check_clips(())
         self._version = 0  # increases with every change
         self.shows_sky = False
+        self._baked: BakedLight | None = None
         self._built: Snapshot | None = None
         self._lock = threading.RLock()  # held for every change, and while several fields are read
 
@@ -166,6 +167,21 @@ class Scene:
                 self._built = self._built._replace(world=self._built.world._replace(clips=clip_records(checked)))
 
     @property
+    def baked(self) -> BakedLight | None:
+        """The light that the integrator "baked" shows, what `bake` returned; None: that integrator bakes it first."""
+        return self._baked
+
+    @baked.setter
+    def baked(self, baked: BakedLight | None) -> None:
+        if baked is not None and not callable(getattr(baked, "tables", None)):
+            raise wrong("baked", "what `bake` returned, or None", baked)
+        with self._lock:
+            self._baked = baked
+            self._version += 1
+            if self._built is not None:
+                self._built = self._built._replace(baked=baked)
+
+    @property
     def shapes(self) -> dict[int, Model | Plane]:
         """The shapes that `add` has put into the scene, by the numbers that it returned."""
         with self._lock:
@@ -202,8 +218,9 @@ class Scene:
     __copy__ = copy
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for `pickle` and `copy.deepcopy`: without the tables of addresses, which are made anew."""
+        """State for `pickle` and `copy.deepcopy`: without baked light, and the tables of addresses, made anew."""
         twin = self.copy()
+        twin._baked = None
         return {name: value for name, value in twin.__dict__.items() if name not in ("_built", "_lock")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -278,7 +295,7 @@ class Scene:
         with self._lock:
             if self._built is None:
                 self._built = take_snapshot(
-                    self._instances, self._lights, self._clips, self._background, self.shows_sky
+                    self._instances, self._lights, self._clips, self._background, self.shows_sky, self._baked
                 )
             return self._built
 

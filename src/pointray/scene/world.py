@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,13 @@ class LightTables(NamedTuple):
     suns: LightTree
 
 
+class BakedLight(Protocol):
+    """The light that is kept for a scene: `bake.baked.Baked`."""
+
+    def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """What kernels read of it: `World.baked` and `World.baked_frames`, for instances in these levels of detail."""
+
+
 class Snapshot(NamedTuple):
     """A scene as it was at one moment: all that a picture or a batch of rays needs of it. Nothing in it changes.
 
@@ -64,6 +71,7 @@ class Snapshot(NamedTuple):
         Linear RGB; None: transparent.
     shows_sky : bool
         Whether the environment light is the background.
+    baked : BakedLight or None
     """
 
     world: World
@@ -74,6 +82,7 @@ class Snapshot(NamedTuple):
     shown: tuple[Attribute, ...]
     background: NDArray[np.float64] | None
     shows_sky: bool
+    baked: BakedLight | None
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -86,7 +95,16 @@ class Snapshot(NamedTuple):
             return self
         right, up, ahead = (record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (ACROSS, UPWARD, FORWARD))
         axes = np.stack([right, up, -ahead])
-        lamps = tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps)
+        return self._lit_by(tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps))
+
+    def without_camera_lights(self) -> Snapshot:
+        """The scene without the lights that follow the camera."""
+        if not any(goes_along(light) for light in self.lamps):
+            return self
+        return self._lit_by(tuple(light for light in self.lamps if not goes_along(light)))
+
+    def _lit_by(self, lamps: tuple[Light, ...]) -> Snapshot:
+        """The scene with other lamps."""
         world = self.world
         bounds = _around(world.instances.reshape(-1, INSTANCE), self.boxes)
         lights = _light_tables(lamps, world.sky, world.sky_mean, bounds)
@@ -113,6 +131,7 @@ def take_snapshot(
     clips: NDArray[np.float64],
     background: NDArray[np.float64] | None,
     shows_sky: bool,
+    baked: BakedLight | None,
 ) -> Snapshot:
     """The current scene of instances and lights. `instances` detaches from it before it changes."""
     models, planes, materials, paints = instances.finish()
@@ -140,10 +159,12 @@ def take_snapshot(
         max([model.longest for model in models], default=16),
         int((instances.records[:, KIND] == CATCHER).sum()),
         clip_records(clips),
+        np.zeros(0, np.int64),
+        np.zeros(0),
     )
     numbers = np.append(instances.numbers, -1).astype(np.int32)
     shown = tuple(instances.paints.shown)
-    return Snapshot(world, tuple(models), tuple(lamps), numbers, instances.boxes, shown, background, shows_sky)
+    return Snapshot(world, tuple(models), tuple(lamps), numbers, instances.boxes, shown, background, shows_sky, baked)
 
 
 def _light_tables(

@@ -25,8 +25,8 @@ from ..kernels.records import (
 )
 from ..kernels.vec import BLACK, Vec3, dot, load3_flat, scale
 from .materials.diffuse import eval_diffuse, sample_diffuse
-from .materials.phong import eval_phong, sample_phong
-from .materials.principled import eval_principled, sample_principled
+from .materials.phong import eval_phong, lobes_of_phong, sample_phong
+from .materials.principled import eval_principled, lobes_of_principled, sample_principled
 from .materials.specular import sample_specular
 
 LEAST_PDF = 1e-200  # below it a quotient by the pdf may overflow
@@ -62,6 +62,22 @@ def ambient(world: World, material: int, point: ShadingPoint) -> Vec3:
         return BLACK
     share = 1.0 - world.materials[material + SPECULAR] if world.materials[material + MATERIAL_KIND] == PHONG else 1.0
     return scale(point.color, share)
+
+
+@inline
+def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
+    """A material as an even lobe and a lobe about the mirrored direction: (weight, weight, exponent of the latter).
+
+    Each weight is the share of even light that the lobe reflects; black for specular materials.
+    """
+    if is_specular(world, material):
+        return BLACK, BLACK, 0.0
+    kind = world.materials[material + MATERIAL_KIND]
+    if kind == PHONG:
+        return lobes_of_phong(world, material, point)
+    if kind == PRINCIPLED:
+        return lobes_of_principled(world, material, point)
+    return point.color, BLACK, 0.0
 
 
 @inline

@@ -42,7 +42,7 @@ def begin_specular(scratch: Scratch) -> None:
 
 
 @inline
-def _wait(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
+def send_later(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
     """Put a ray from surface point i on the stack: unit direction, throughput, the side of the surface it leaves on."""
     count = scratch.numbers[WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == MOST_WAITING:
@@ -69,11 +69,11 @@ def spawn_specular(world: World, max_depth: int, scratch: Scratch) -> None:
         weight, side = load3(scratch.shading_points, THROUGHPUT + i), scratch.shading_points[SHADING_SIDE + i]
         if world.materials[material + MATERIAL_KIND] == DIELECTRIC:
             reflected, refracted, share = glass(world, material, point)
-            _wait(scratch, i, reflected, scale(weight, share), side)
-            _wait(scratch, i, refracted, scale(weight, 1.0 - share), -side)
+            send_later(scratch, i, reflected, scale(weight, share), side)
+            send_later(scratch, i, refracted, scale(weight, 1.0 - share), -side)
         else:
             d, tint, _, side = sample_bsdf(world, material, point, 0.0, 0.0, 0.0)
-            _wait(scratch, i, d, multiply(weight, tint), side)
+            send_later(scratch, i, d, multiply(weight, tint), side)
 
 
 @inline

@@ -56,7 +56,7 @@ def tile_hit(scratch: Scratch, i: int) -> WorldHit:
 
 
 @inline
-def _next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
+def next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
     """The first of the remaining rays (bits) if it has hit the same leaf as ray i, else i."""
     k = count_trailing_zeros(left) if left != 0 else i
     same = numbers[INSTANCE_OF + k] == numbers[INSTANCE_OF + i] and numbers[LEAF_OF + k] == numbers[LEAF_OF + i]
@@ -64,7 +64,7 @@ def _next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
 
 
 @inline
-def _list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
+def list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
     """List the blocks near the points where four rays have hit a leaf; returns these points, a quarter each."""
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
@@ -122,7 +122,7 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
     v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
     if sheeted:
         v = transform(matrix_at(world, offset), load3(wide, NORMAL + four[0]))
-    points = _list_around(tree, four, scratch)
+    points = list_around(tree, four, scratch)
     sums = _weigh(tree, points, (sheeted, v), world.tone, scratch)
     for k in range(6):
         store(part, k * LANES, sums[k])
@@ -188,10 +188,10 @@ def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
         b = c = d = a
         # Where two sheets are close together, each ray sees its own, so it goes alone.
         if tree.leaves[numbers[LEAF_OF + a] * LEAF + SHEETED] == ZERO:
-            b = _next_of_leaf(numbers, left, a)
+            b = next_of_leaf(numbers, left, a)
             left &= ~(i64(1) << b)
-            c = _next_of_leaf(numbers, left, a)
+            c = next_of_leaf(numbers, left, a)
             left &= ~(i64(1) << c)
-            d = _next_of_leaf(numbers, left, a)
+            d = next_of_leaf(numbers, left, a)
             left &= ~(i64(1) << d)
         _describe(world, (a, b, c, d), scratch)

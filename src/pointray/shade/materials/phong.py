@@ -82,3 +82,11 @@ def sample_phong(world: World, material: int, point: ShadingPoint, which: float,
         return sample_diffuse(point.normal, u, v)
     cosine = (1.0 - u) ** (1.0 / (world.materials[material + EXPONENT] + 1.0))
     return around(mirrored(point.wo, point.normal), cosine, v)
+
+
+@inline
+def lobes_of_phong(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
+    """(what is reflected evenly, what the highlight reflects, its exponent), see `bsdf.lobes_of`."""
+    specular = world.materials[material + SPECULAR]
+    gloss = specular, specular, specular
+    return scale(point.color, 1.0 - specular), gloss, world.materials[material + EXPONENT]

@@ -158,3 +158,19 @@ def sample_principled(world: World, material: int, point: ShadingPoint, which: f
     facet = add(around(normal, (1.0 - u) * (1.0 + height) - height, v), eye)
     facet = unit(add(scale(facet, alpha), scale(normal, (1.0 - alpha) * dot(normal, facet))))
     return mirrored(point.wo, facet)
+
+
+@inline
+def lobes_of_principled(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
+    """(what is reflected evenly, what the facets reflect of even light, their exponent), see `bsdf.lobes_of`.
+
+    The exponent is that of a lobe about the mirrored direction as wide as the facets' at normal incidence: a quarter of
+    the exponent 2 / alpha^2 - 2 of their normals (Walter et al. 2007).
+    """
+    metallic, cos_o = world.materials[material + METALLIC], max(dot(point.normal, point.wo), 0.0)
+    through = _let_in(load3_flat(world.materials, material + COAT), cos_o)
+    plain = (1.0 - metallic) * (1.0 - through)
+    gloss = add((plain, plain, plain), scale(_schlick(point.color, cos_o), metallic))
+    alpha = world.materials[material + ALPHA]
+    exponent = 0.25 * max(2.0 / (alpha * alpha) - 2.0, 0.0)
+    return scale(point.color, (1.0 - metallic) * through), gloss, exponent

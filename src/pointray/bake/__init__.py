@@ -1,0 +1,10 @@
+"""A scene -> the light that arrives at its splats and planes, after all bounces: global illumination that is kept.
+
+surfaces : sides of instances, cut into patches (patches: of models, planes: of planes)
+transport, gather : links, what each patch receives light from; directions: of their rays
+solve, bounces : lights -> light at the patches; sky: texels that links lead to; smooth: noise
+store : light at the patches -> the records that pictures read, see `shade/baked.py`
+baked : `bake`, `Baked`; settings : `BakeSettings`
+
+Begin with baked.
+"""

@@ -1,0 +1,316 @@
+"""Baked light: what `bake` returns, and the stages in which it is made."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import check_callback, check_kind
+from ..jit import Array
+from ..kernels.records import (
+    BAKED,
+    BAKED_BACK,
+    BAKED_COUNT,
+    BAKED_FRAME,
+    BAKED_FRONT,
+    BAKED_UNIT,
+    DIELECTRIC,
+    GRID_EDGE,
+    GRID_HALF,
+    GRID_MIDDLE,
+    INSTANCE,
+    KIND,
+    MATERIAL,
+    MATERIAL_KIND,
+    MATERIAL_SIZE,
+    MIRROR,
+    MODEL,
+    PLANE_COLOR,
+    PLANE_SIZE,
+)
+from ..kernels.vec import LUMINANCE
+from ..model import Model
+from ..progress import Progress, part_of, tell
+from ..scene.scene import Scene
+from ..scene.world import Snapshot
+from .bounces import SEES_SKY, VARIANCE
+from .planes import Grid
+from .settings import BakeSettings
+from .solve import Arrived, smoothed, solve
+from .store import at_splats, make_records, unit_of
+from .surfaces import Sheet, coarser, find_sheets
+from .transport import ALL_SIDES, Side, Transport
+
+LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
+PROBES, PROBE_LINKS = 1 << 15, 16  # patches and links of the rough light that tells which sides are dark
+DARK = 0.02  # a back side with less than this share of the light of the brightest side is kept as black
+MOST_ROUNDS = 3  # of further links where there is noise
+DIM = 0.1  # share of the mean light: noise counts as a share of no less than this
+
+Floats = NDArray[np.float32]
+
+
+class StaleLightWarning(UserWarning):
+    """Baked light no longer fits its scene, see `Baked.stale`."""
+
+
+class _Addresses(bytearray):
+    """The memory of a table of addresses, with what they point to: as long as the one is there, so is the other."""
+
+    kept: list[NDArray[np.int32]]
+
+
+class Baked:
+    """The light that arrives at every splat and plane of a scene; `bake` makes it.
+
+    Examples
+    --------
+    >>> scene.baked = pr.bake(scene)
+    >>> picture = pr.render(scene, camera, pr.Settings("baked", spp=16))
+    >>> shade = scene.baked.ambient_occlusion(statue)
+    """
+
+    def __init__(self, scene: Scene, settings: BakeSettings, progress: Progress | None) -> None:
+        self._scene, self._settings = scene, settings
+        snapshot = scene.snapshot().without_camera_lights()
+        self._sheets = find_sheets(snapshot, _chosen(snapshot, settings), settings.albedo_scale)
+        tell(progress, 0.1)
+        self._gather(snapshot, part_of(progress, 0.1, 0.9))
+        self._light(snapshot)
+        tell(progress, 1.0)
+
+    def _gather(self, snapshot: Snapshot, progress: Progress | None) -> None:
+        """Find which sides are lit, and their links; more of these where there is noise."""
+        settings = self._settings
+        self._lit = _lit_sides(snapshot, self._sheets, settings)
+        transport = Transport(snapshot, self._sheets, self._lit, settings.seed, settings.threads)
+        rows = np.arange(len(transport), dtype=np.int32)
+        transport.send(rows, settings.links, part_of(progress, 0.0, 0.8))
+        direct = transport.find_direct(snapshot.world)
+        for k in range(MOST_ROUNDS):
+            arrived = solve(snapshot.world, transport, direct, settings)
+            noisy = _noisy(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
+            rows = np.flatnonzero(noisy > 1.0 + k).astype(np.int32)
+            if not len(rows):
+                break
+            transport.send(rows, settings.links, part_of(progress, 0.8 + 0.05 * k, 0.85 + 0.05 * k))
+        self._transport = transport
+        self._shape = _shape_of(snapshot)
+
+    def _light(self, snapshot: Snapshot) -> None:
+        """Solve for the lights of the scene, and write the records."""
+        settings, transport = self._settings, self._transport
+        direct = transport.find_direct(snapshot.world)
+        arrived = solve(snapshot.world, transport, direct, settings)
+        self._arrived, _ = smoothed(transport, arrived, settings.threads)
+        if not self._arrived.direct.any() and not self._arrived.indirect.any():
+            warnings.warn("the scene has no light: what is baked is black", stacklevel=4)
+        self._unit = unit_of(self._arrived)
+        numbers = snapshot.numbers
+        self._records = {
+            (int(numbers[side.sheet.instance]), side.sign, level): make_records(
+                side, level, self._arrived, self._unit, settings.threads
+            )
+            for side in transport.sides
+            for level in _levels_of(side)
+        }
+        self._sides = {(int(numbers[side.sheet.instance]), side.sign): side for side in transport.sides}
+        self._lights = _lights_of(snapshot)
+        self._checked: Snapshot | None = None
+        self._reason: str | None = None
+        self._warned: str | None = None
+
+    @property
+    def stale(self) -> str | None:
+        """Why the light no longer fits the scene; None: it does."""
+        return self._stale(self._scene.snapshot())
+
+    def _stale(self, snapshot: Snapshot) -> str | None:
+        if snapshot is self._checked:
+            return self._reason
+        fixed, reason = snapshot.without_camera_lights(), None
+        if _shape_of(fixed) != self._shape:
+            reason = "models, planes or clip planes have changed: bake again"
+        elif _lights_of(fixed) != self._lights:
+            reason = "lights, materials or colours have changed: call update()"
+        self._checked, self._reason = snapshot, reason
+        return reason
+
+    def update(self, progress: Progress | None = None) -> None:
+        """Bake anew for other lights, another sky, other materials and colours, without new links.
+
+        Raises
+        ------
+        ValueError
+            If models, planes or clip planes have changed: links no longer fit.
+        """
+        check_callback(progress)
+        snapshot = self._scene.snapshot().without_camera_lights()
+        if _shape_of(snapshot) != self._shape:
+            raise ValueError("the light does not fit: models, planes or clip planes have changed: bake again")
+        if _lit_sides(snapshot, self._sheets, self._settings) != self._lit:
+            self._gather(snapshot, progress)
+        self._light(snapshot)
+        tell(progress, 1.0)
+
+    def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
+        """What kernels read, see `records.BAKED`. levels : (instances,), which level of its model each shows
+
+        A warning tells once if the light is stale.
+        """
+        reason = self._stale(scene)
+        if reason is not None and reason != self._warned:
+            warnings.warn(f"the baked light no longer fits the scene: {reason}", StaleLightWarning, stacklevel=6)
+        self._warned = reason
+        rows, frames = np.zeros((len(levels), BAKED), np.int64), np.zeros((len(levels), BAKED_FRAME))
+        kept = []
+        for k, level in enumerate(levels.tolist()):
+            for sign, column in ((1, BAKED_FRONT), (-1, BAKED_BACK)):
+                records = self._records.get((int(scene.numbers[k]), sign, level))
+                if records is None:
+                    continue
+                kept.append(records)
+                rows[k, column], rows[k, BAKED_COUNT] = records.ctypes.data, len(records)
+                frames[k, BAKED_UNIT] = self._unit
+                patches = self._sides[int(scene.numbers[k]), sign].sheet.patches
+                if isinstance(patches, Grid):
+                    frames[k, GRID_MIDDLE : GRID_MIDDLE + 2] = patches.middle
+                    frames[k, GRID_HALF], frames[k, GRID_EDGE] = patches.half, patches.edge
+        memory = _Addresses(rows.tobytes())
+        memory.kept = kept
+        return np.frombuffer(memory, np.int64), frames.reshape(-1)
+
+    def irradiance(self, id: int) -> Floats:
+        """All light that arrives at each point of an instance on its front side, (n, 3), in W/m2 of the lights' units.
+
+        NaN at points that have no splat. ValueError if `id` is no instance of a model.
+        """
+        return self._at_points(id, self._arrived.direct + self._arrived.indirect)
+
+    def indirect(self, id: int) -> Floats:
+        """The same without the direct light of lights: from the sky and from other surfaces."""
+        return self._at_points(id, self._arrived.indirect)
+
+    def ambient_occlusion(self, id: int) -> Floats:
+        """The share of the sky that each point sees, weighted by the cosine, (n,): 1 where nothing is in the way."""
+        return self._at_points(id, self._arrived.facts[:, SEES_SKY : SEES_SKY + 1])[:, 0]
+
+    def _at_points(self, id: int, values: Floats) -> Floats:
+        """Values of all patches at the points of an instance's model, in the model's order."""
+        side = self._sides.get((id, 1)) if isinstance(id, int | np.integer) else None
+        model = self._scene.shapes.get(id)
+        if side is None or not isinstance(model, Model):
+            raise ValueError(f"no light is baked for a model {id!r}: id is what `Scene.add` returned for one")
+        order = model.tree.order
+        used = order >= 0
+        out = np.full((len(model.points), values.shape[1]), np.nan, np.float32)
+        out[order[used]] = at_splats(side, values[side.span])[used]
+        return out
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the light that pictures read."""
+        return sum(records.nbytes for records in self._records.values())
+
+    def __repr__(self) -> str:
+        return f"<Baked: {len(self._transport):,} patches, {self.nbytes / 2**20:.0f} MiB>"
+
+
+def bake(scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None) -> Baked:
+    """Bake the light of a scene: for every instance and plane the light that arrives, after all bounces.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with the share done.
+
+    Notes
+    -----
+    Patches, some of the splats, send rays into the hemisphere; what these hit are links, over which light bounces until
+    nothing changes (Goral et al. 1984, with links as in Hanrahan, Salzman and Aupperle 1991, found by rays). Mirrors
+    and glass are followed; other surfaces pass light on as if they were matt, of the same albedo. Light that follows
+    the camera is not baked. A back side that is nearly dark counts as black.
+
+    Raises
+    ------
+    ValueError
+        If the scene is empty.
+    """
+    check_kind(scene, "scene", Scene, "a Scene")
+    settings = BakeSettings() if settings is None else check_kind(settings, "settings", BakeSettings, "BakeSettings")
+    check_callback(progress)
+    if not scene.shapes:
+        raise ValueError("the scene is empty: there is nothing to bake")
+    return Baked(scene, settings, progress)
+
+
+def _chosen(scene: Snapshot, settings: BakeSettings) -> int:
+    """About how many patches there are."""
+    if settings.patches is not None:
+        return settings.patches
+    records = scene.world.instances.reshape(-1, INSTANCE)
+    shapes = records[records[:, KIND] == MODEL, 1].astype(int)
+    splats = sum(len(scene.models[k].points) for k in shapes)
+    return int(np.clip(splats // 4, LEAST_CHOSEN, MOST_CHOSEN))
+
+
+def _levels_of(side: Side) -> range:
+    patches = side.sheet.patches
+    return range(1) if isinstance(patches, Grid) else range(len(patches.blends))
+
+
+def _lit_sides(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> list[tuple[int, int]]:
+    """The fronts of all sheets, and the backs that are lit, as a rough bake with few patches and links tells."""
+    few = coarser(sheets, max(PROBES // len(sheets), 16))
+    sides = [(k, sign) for k in range(len(sheets)) for sign in ALL_SIDES]
+    transport = Transport(scene, few, sides, settings.seed, settings.threads)
+    transport.send(np.arange(len(transport), dtype=np.int32), PROBE_LINKS)
+    arrived = solve(scene.world, transport, transport.find_direct(scene.world), settings)
+    light = (arrived.direct + arrived.indirect) @ np.array(LUMINANCE, np.float32)
+    means = [float(light[side.span].mean()) for side in transport.sides]
+    limit = DARK * max(means)
+    return [pair for pair, mean in zip(sides, means, strict=True) if pair[1] > 0 or (mean > limit and limit > 0.0)]
+
+
+def _noisy(transport: Transport, arrived: Arrived, count: Floats, noise: float) -> Floats:
+    """By how much the variance of each patch's light is above what is aimed at."""
+    weights = np.array(LUMINANCE, np.float32)
+    light = (arrived.direct + arrived.indirect) @ weights
+    least = DIM * float(light.mean())
+    aim = noise * np.maximum(light, max(least, 1e-15))
+    return np.asarray(arrived.facts[:, VARIANCE] / np.maximum(count, 1.0) / (aim * aim), np.float32)
+
+
+def _digest(*arrays: Any) -> bytes:
+    """A hash of arrays and bytes."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.digest()
+
+
+def _shape_of(scene: Snapshot) -> tuple[Any, ...]:
+    """What links depend on: the geometry, and which surfaces are mirrors or glass."""
+    world = scene.world
+    records = world.instances.reshape(-1, INSTANCE).copy()
+    kinds = world.materials[MATERIAL_KIND::MATERIAL_SIZE][records[:, MATERIAL].astype(int)]
+    specular = np.where(np.isin(kinds, (MIRROR, DIELECTRIC)), kinds, -1.0)
+    records[:, MATERIAL : MATERIAL + 2] = 0.0
+    planes = world.planes.reshape(-1, PLANE_SIZE)
+    models = tuple(id(model) for model in scene.models)
+    return models, _digest(
+        scene.numbers, records, specular, np.delete(planes, slice(PLANE_COLOR, 10), axis=1), world.clips
+    )
+
+
+def _lights_of(scene: Snapshot) -> bytes:
+    """What the light depends on besides."""
+    world = scene.world
+    colors = world.planes.reshape(-1, PLANE_SIZE)[:, PLANE_COLOR:10]
+    used = world.instances.reshape(-1, INSTANCE)[:, MATERIAL : MATERIAL + 2]
+    paints = world.paints, world.map_positions, world.map_colors
+    return _digest(world.lights, world.sky, world.sky_colors, world.materials, used, colors, *paints)

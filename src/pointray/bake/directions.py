@@ -1,0 +1,68 @@
+"""The directions in which patches look for light, and the texels of the sky that links lead to.
+
+A patch's directions are stratified: its hemisphere is cut into parts of equal flux, and each link takes one of them.
+Within a part the patches in order take the points of Sobol's sequence: the links of neighbours, which smoothing
+averages, complement each other. No direction is kept: it follows from the numbers of patch and link.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import inline
+from ..kernels.sampling import hash32, on_disc, sample_pair
+from ..kernels.vec import Vec3, add, scale, tangents, unit
+
+SKY_EDGE = 64  # texels a side of the octahedral map of the sky
+SKY_TEXELS = SKY_EDGE * SKY_EDGE
+
+
+def strata(links: int) -> tuple[int, int]:
+    """(rows, columns) of the parts of a hemisphere: as nearly square as their number allows."""
+    rows = math.isqrt(links)
+    while links % rows:
+        rows -= 1
+    return rows, links // rows
+
+
+@inline
+def link_direction(normal: Vec3, patch: int, link: int, parts: tuple[int, int], seed: int) -> Vec3:
+    """The unit direction of a patch's link: cosine-distributed over all links.
+
+    parts : see `strata`; link : below rows times columns
+    """
+    rows, columns = parts
+    u, v = sample_pair(hash32((seed * 0x9E3779B9 + link * 0x85EBCA6B) & 0xFFFFFFFF), patch, 0)
+    x, y = on_disc((link // columns + u) / rows, (link % columns + v) / columns)
+    first, second = tangents(normal)
+    z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
+    return add(scale(normal, z), add(scale(first, x), scale(second, y)))
+
+
+@inline
+def _fold(a: float, b: float) -> float:
+    """A coordinate of the lower half of an octahedron, turned outwards."""
+    return (1.0 - abs(b)) * (1.0 if a >= 0.0 else -1.0)
+
+
+@inline
+def texel_of(d: Vec3) -> int:
+    """The texel of a direction (Cigolle et al. 2014: the octahedral map)."""
+    size = 1.0 / max(abs(d[0]) + abs(d[1]) + abs(d[2]), 1e-300)
+    x, y = d[0] * size, d[1] * size
+    if d[2] < 0.0:
+        x, y = _fold(x, y), _fold(y, x)
+    column = min(max(int((x * 0.5 + 0.5) * SKY_EDGE), 0), SKY_EDGE - 1)
+    row = min(max(int((y * 0.5 + 0.5) * SKY_EDGE), 0), SKY_EDGE - 1)
+    return row * SKY_EDGE + column
+
+
+@inline
+def in_texel(texel: int, u: float, v: float) -> Vec3:
+    """The unit direction of a point of a texel, two numbers in 0..1."""
+    x = 2.0 * (texel % SKY_EDGE + u) / SKY_EDGE - 1.0
+    y = 2.0 * (texel // SKY_EDGE + v) / SKY_EDGE - 1.0
+    z = 1.0 - abs(x) - abs(y)
+    if z < 0.0:
+        x, y = _fold(x, y), _fold(y, x)
+    return unit((x, y, z))

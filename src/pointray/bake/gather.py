@@ -1,0 +1,306 @@
+"""The rays of a bake: links, which find what each patch receives light from, and shadow rays to the lights.
+
+A link is a number: BLACK; INSIDE, the side of a surface that is dark; a texel of the sky; from PATCHES on a patch; or
+below zero ~(number of a light), which is met in a mirror or through glass only: the light of lamps that patches see
+themselves is found by shadow rays.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..jit import Array, borrow, f32, f64, i32, i64, inline, keep_alive, kernel, next_tile
+from ..kernels.records import (
+    INSTANCE,
+    KIND,
+    LIGHT,
+    LIGHT_AREA,
+    LIGHT_RADIUS,
+    MODEL,
+    PLANE_SIZE,
+    SHAPE_ROW,
+    World,
+    WorldHit,
+)
+from ..kernels.sampling import ON_LIGHT, WHICH, hash32, sample_pair
+from ..kernels.scratch import (
+    DIRECTION,
+    GAIN,
+    NEAREST,
+    ORIGIN,
+    RADIANCE,
+    SHADING_POINT,
+    THROUGHPUT,
+    TILE,
+    Scratch,
+    load3,
+    new_scratch,
+    store3,
+)
+from ..kernels.vec import BLACK as NO_LIGHT
+from ..kernels.vec import WHITE, Vec3, add, dot, load3_flat, multiply, scale
+from ..shade.bsdf import is_specular, sample_bsdf
+from ..shade.choice import choose_light, meets_lamp, nearest_lamp
+from ..shade.direct import shade_gains
+from ..shade.emitters import sample_light
+from ..shade.grid import grid_cell, grid_frame
+from ..shade.rgbe import pack_rgbe, signed
+from ..shade.shading_points import shading_point, store_shading_points
+from ..trace.hits import describe_tile, material_at, tile_hit
+from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from, trace_tile
+from .directions import SKY_TEXELS, link_direction, texel_of
+
+BLACK, INSIDE, SKY = 0, 1, 2
+PATCHES = SKY + SKY_TEXELS
+
+FIND_LINKS, FIND_DIRECT = range(2)
+MOST_MIRRORS = 16  # mirrors and panes one behind the other
+FEW_LIGHTS = 16  # up to this number each light gets its own shadow rays
+MANY = 64  # shadow rays of a patch to more lights than that
+SOFT = 4  # shadow rays to a sun that is a disk
+
+TARGET = 3  # int64 of an instance: its first patch on the front and on the back, or -1; where its patch_of begins
+ONE_TILE = 3  # int64 of a tile: its first row, the number of its rows, its side: 1 or -1
+
+
+class Patches(NamedTuple):
+    """The patches of all surfaces, by their numbers; and rows, those that are asked for.
+
+    positions : (n * 3,) float64, world; normals : (n * 3,) float32, world, unit, to the patch's own side
+    rows : (m,) int32; tiles : (tiles * ONE_TILE,) int64
+    """
+
+    positions: Array
+    normals: Array
+    rows: Array
+    tiles: Array
+
+
+class Targets(NamedTuple):
+    """What finds the patch at a hit.
+
+    rows : (instances * TARGET,) int64; patch_of : int32, of each slot of each model, see `patches.Blend`
+    frames : (instances * BAKED_FRAME,) float64, the grids of planes
+    """
+
+    rows: Array
+    patch_of: Array
+    frames: Array
+
+
+class Rays(NamedTuple):
+    """Which rays are asked for.
+
+    stage : FIND_LINKS or FIND_DIRECT; parts : strata of the links; seed : of all that is left to chance
+    samples : shadow rays to each light with a size; tinted : whether links have colours
+    """
+
+    stage: int
+    parts: tuple[int, int]
+    seed: int
+    samples: int
+    tinted: bool
+
+
+class Found(NamedTuple):
+    """What the rays find; arrays of the other stage are empty.
+
+    links : (m * links,) int32; tints : the same, RGB9E5, of links through mirrors and glass, if these have colours
+    nearness : (m,) float32, sum over the links of the inverse distance of what they hit
+    direct : (m * 3,) float32, irradiance from lights that are neither sky nor surface
+    """
+
+    links: Array
+    tints: Array
+    nearness: Array
+    direct: Array
+
+
+@inline
+def _patch_at(world: World, targets: Targets, hit: WorldHit, ray: tuple[Vec3, Vec3]) -> int:
+    """The link to what a ray (o, d) has hit: the patch on the side that it came from."""
+    row = hit.instance * TARGET
+    first = targets.rows[row] if dot(hit.normal, ray[1]) < 0.0 else targets.rows[row + 1]
+    if first < 0:
+        return INSIDE
+    record = hit.instance * INSTANCE
+    if world.instances[record + KIND] == MODEL:
+        return i64(PATCHES + first + targets.patch_of[targets.rows[row + 2] + hit.slot])
+    plane, frame = int(world.instances[record + SHAPE_ROW]) * PLANE_SIZE, grid_frame(targets.frames, hit.instance)
+    return i64(PATCHES + first + grid_cell(world, plane, frame, add(ray[0], scale(ray[1], hit.t))))
+
+
+@inline
+def _go_on(world: World, i: int, key: int, depth: int, scratch: Scratch) -> bool:
+    """Send ray i on from the mirror or the glass that it has hit; returns whether anything is left of it."""
+    points = scratch.shading_points
+    material, point = shading_point(world, scratch, i)
+    which, _ = sample_pair(key, depth, WHICH)
+    d, weight, _, side = sample_bsdf(world, material, point, which, 0.0, 0.0)
+    throughput = multiply(load3(points, THROUGHPUT + i), weight)
+    store3(points, THROUGHPUT + i, throughput)
+    set_ray_from(scratch, i, (load3(points, SHADING_POINT + i), d, 0.0, np.inf), side)
+    return max(throughput[0], throughput[1], throughput[2]) > 0.0
+
+
+@inline
+def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scratch: Scratch) -> tuple[int, bool]:
+    """(the link to what ray i has met, whether it goes on instead)."""
+    ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
+    if depth > 0:
+        light = nearest_lamp(world, ray, hit.t)[1]
+        if light >= 0:
+            return i64(~(light // LIGHT)), False
+    if hit.instance < 0:
+        return i64(SKY + texel_of(ray[1])), False
+    if is_specular(world, material_at(world, hit.instance)):
+        return i64(BLACK), depth < MOST_MIRRORS and _go_on(world, i, key, depth, scratch)
+    return _patch_at(world, targets, hit, ray), False
+
+
+@inline
+def _follow(
+    world: World, targets: Targets, tile: tuple[int, int, int], rays: Rays, k: int, found: Found, scratch: Scratch
+) -> None:
+    """Trace the tile's rays, link k of each patch, through mirrors and glass to what they link to."""
+    count = rays.parts[0] * rays.parts[1]
+    for i in range(TILE):
+        store3(scratch.shading_points, THROUGHPUT + i, WHITE)
+    left, depth = i64(-1), 0
+    while left != 0:
+        trace_tile(world, scratch)
+        describe_tile(world, False, scratch)
+        if rays.tinted:
+            store_shading_points(scratch)
+        onward = i64(0)
+        for i in range(tile[1]):
+            if (left >> i) & 1 == 0:
+                continue
+            at = (tile[0] + i) * count + k
+            if depth == 0 and scratch.world[NEAREST + i] > 0.0:
+                found.nearness[tile[0] + i] += f32(1.0 / scratch.world[NEAREST + i])
+            link, goes = _resolve(world, targets, i, depth, hash32((rays.seed + at) & 0xFFFFFFFF), scratch)
+            found.links[at] = i32(link)
+            if goes:
+                onward |= i64(1) << i
+                continue
+            if rays.tinted:
+                found.tints[at] = i32(signed(pack_rgbe(load3(scratch.shading_points, THROUGHPUT + i))))
+            set_ray(scratch, i, NO_RAY)
+        left, depth = onward, depth + 1
+
+
+@inline
+def _find_links(
+    world: World,
+    patches: Patches,
+    targets: Targets,
+    tile: tuple[int, int, int],
+    rays: Rays,
+    found: Found,
+    scratch: Scratch,
+) -> None:
+    """The links of the tile's patches."""
+    for k in range(rays.parts[0] * rays.parts[1]):
+        for i in range(TILE):
+            set_ray(scratch, i, NO_RAY)
+        for i in range(tile[1]):
+            patch = patches.rows[tile[0] + i]
+            d = link_direction(normal_of(patches, patch), patch, k, rays.parts, rays.seed)
+            ray = load3_flat(patches.positions, 3 * patch), d, 0.0, np.inf
+            set_ray_from(scratch, i, ray, f64(tile[2]))
+        _follow(world, targets, tile, rays, k, found, scratch)
+
+
+@inline
+def normal_of(patches: Patches, patch: int) -> Vec3:
+    """The normal of a patch, float64."""
+    n = load3_flat(patches.normals, 3 * patch)
+    return f64(n[0]), f64(n[1]), f64(n[2])
+
+
+@inline
+def _samples_to(world: World, light: int, rays: Rays) -> int:
+    """How many shadow rays a patch sends to a light."""
+    if world.lights[light + LIGHT_AREA] > 0.0:
+        return rays.samples
+    return SOFT if world.lights[light + LIGHT_RADIUS] > 0.0 else 1
+
+
+@inline
+def _add_light(
+    world: World, patches: Patches, tile: tuple[int, int, int], which: tuple[int, int, int], seed: int, scratch: Scratch
+) -> None:
+    """Add one sample of a light to the tile's patches.
+
+    which : the light, or -1: one is chosen; number of the sample; number of all samples
+    """
+    points, lit = scratch.shading_points, False
+    for i in range(TILE):
+        store3(points, GAIN + i, NO_LIGHT)
+        set_ray(scratch, i, NO_RAY)
+    for i in range(tile[1]):
+        patch = patches.rows[tile[0] + i]
+        x, n = load3_flat(patches.positions, 3 * patch), normal_of(patches, patch)
+        key, light, chance = hash32((seed + patch) & 0xFFFFFFFF), which[0], 1.0
+        if light < 0:
+            light, chance = choose_light(world, sample_pair(key, which[1], WHICH)[0])
+            if chance == 0.0 or light * LIGHT >= world.lights.size:  # the sky is found by links
+                continue
+        u, v = sample_pair((key + light) & 0xFFFFFFFF, which[1], ON_LIGHT)
+        arriving = sample_light(world, light * LIGHT, x, u, v)
+        gain = scale(arriving.light, max(dot(n, arriving.wi), 0.0) / (chance * which[2]))
+        end = arriving.distance * (1.0 - 1e-6)
+        if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, (x, arriving.wi), end):
+            store3(points, GAIN + i, gain)
+            set_ray_from(scratch, i, (x, arriving.wi, 0.0, arriving.distance), f64(tile[2]))
+            lit = True
+    if lit:
+        occlude_tile(world, scratch)
+        shade_gains(scratch)
+        for i in range(TILE):
+            store3(points, RADIANCE + i, add(load3(points, RADIANCE + i), load3(points, GAIN + i)))
+
+
+@inline
+def _find_direct(
+    world: World, patches: Patches, tile: tuple[int, int, int], rays: Rays, found: Found, scratch: Scratch
+) -> None:
+    """Irradiance of the tile's patches from lights that are neither sky nor surface."""
+    points = scratch.shading_points
+    for i in range(TILE):
+        store3(points, RADIANCE + i, NO_LIGHT)
+    lights = world.lights.size // LIGHT
+    if lights > FEW_LIGHTS:
+        for sample in range(MANY):
+            _add_light(world, patches, tile, (-1, sample, MANY), rays.seed, scratch)
+    else:
+        for light in range(lights):
+            samples = _samples_to(world, light * LIGHT, rays)
+            for sample in range(samples):
+                _add_light(world, patches, tile, (light, sample, samples), rays.seed, scratch)
+    for i in range(tile[1]):
+        light_at = load3(points, RADIANCE + i)
+        for c in range(3):
+            found.direct[3 * (tile[0] + i) + c] = f32(light_at[c])
+
+
+@kernel
+def send_rays(work: Array, world: World, patches: Patches, targets: Targets, rays: Rays, found: Found) -> int:
+    """Links or direct light of the patches that are asked for, tile by tile."""
+    patches, targets, found = borrow(patches), borrow(targets), borrow(found)
+    memory = new_scratch(world.longest)
+    scratch, world = borrow(memory), borrow(world)
+    at = next_tile(work)
+    while at >= 0:
+        k = at * ONE_TILE
+        tile = patches.tiles[k], patches.tiles[k + 1], patches.tiles[k + 2]
+        if rays.stage == FIND_LINKS:
+            _find_links(world, patches, targets, tile, rays, found, scratch)
+        else:
+            _find_direct(world, patches, tile, rays, found, scratch)
+        at = next_tile(work)
+    keep_alive(memory)
+    return 0

@@ -1,0 +1,145 @@
+"""Patches: the splats of a model that exchange light, and how the light of all splats follows from theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
+from ..kernels.tree import BLOCK, FAR, INV_R2, NX, PX, Tree
+from ..neighbors import NeighborTree
+
+NEAR = 16  # neighbours of a patch, which its light is smoothed with
+AROUND = 8  # patches whose light a splat's is blended from
+CHUNK = 4096
+# Of a blend: how fast a patch's weight falls with its distance from the splat's plane, in distances of the patches.
+OFF_PLANE = f32(4.0)
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int32]
+
+
+class Blend(NamedTuple):
+    """How the light of a tree's splats, in its order, follows from that of patches.
+
+    patch_of : (slots,) int32, the patch that stands for each splat, -1 in an empty slot
+    around, weights : (slots, AROUND) int32 and float32, the patches that a splat's light is blended from; the weights
+        sum to 1
+    """
+
+    patch_of: Rows
+    around: Rows
+    weights: Floats
+
+
+class PatchSet(NamedTuple):
+    """The patches of one model, in its own space about the points' origin.
+
+    positions, normals : (m, 3) float32; radii : (m,) float32, support radii: of the splats that are patches
+    near : (m, NEAR) int32, neighbours of each patch; -1: fewer
+    blends : of the model, then of its levels of detail
+    """
+
+    positions: Floats
+    normals: Floats
+    radii: Floats
+    near: Rows
+    blends: list[Blend]
+
+
+def splats_of(tree: Tree) -> tuple[Floats, Floats, Floats]:
+    """Positions (n, 3), normals (n, 3) and radii (n,) of a tree's slots; empty slots lie beyond FAR."""
+    rows = tree.blocks.reshape(-1, BLOCK // 4, 4)
+    first = {PX: 0, NX: 3}
+    x, n = (rows[:, first[k] : first[k] + 3].transpose(0, 2, 1).reshape(-1, 3) for k in (PX, NX))
+    return np.ascontiguousarray(x), np.ascontiguousarray(n), rows[:, INV_R2 // 4].reshape(-1) ** np.float32(-0.5)
+
+
+def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
+    """At most `most` patches of a model, evenly in the order of its tree, in which neighbours stand together.
+
+    So there are as many patches as splats where the scan is dense, in proportion. trees : its own, and its levels'
+    """
+    x, n, radii = splats_of(trees[0])
+    used = np.flatnonzero(x[:, 0] < FAR)
+    count = min(most, len(used))
+    slots = used[((np.arange(count) + 0.5) * (len(used) / count)).astype(np.int64)]
+    positions, normals = x[slots], n[slots]
+    finder = NeighborTree(positions)
+    _, near = finder.query(min(NEAR + 1, count))
+    blends = [_blend_for(tree, finder, positions, normals) for tree in trees]
+    return PatchSet(positions, normals, radii[slots], _without_self(near, count), blends)
+
+
+def _blend_for(tree: Tree, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
+    """How the light of a tree's splats follows from that of patches at positions."""
+    x, n, _ = splats_of(tree)
+    used, count = np.flatnonzero(x[:, 0] < FAR), min(AROUND, len(positions))
+    around = np.zeros((len(x), AROUND), np.int32)
+    _, around[used, :count] = finder.query(AROUND, x[used])
+    weights, patch_of = np.zeros((len(x), AROUND), np.float32), np.full(len(x), -1, np.int32)
+    tables = x.reshape(-1), n.reshape(-1), positions.reshape(-1), normals.reshape(-1)
+    run(_blend, -(-len(x) // CHUNK), tables, around.reshape(-1), count, weights.reshape(-1), patch_of)
+    patch_of[x[:, 0] >= FAR] = -1
+    return Blend(patch_of, around, weights)
+
+
+def _without_self(near: Rows, count: int) -> Rows:
+    """(m, NEAR) neighbours without the patch itself; -1 where there are fewer."""
+    out = np.full((count, NEAR), -1, np.int32)
+    others = near != np.arange(count)[:, None]
+    others[others.all(axis=1), -1] = False  # a patch that has many duplicates is not among its nearest
+    out[:, : near.shape[1] - 1] = near[others].reshape(count, -1)
+    return out
+
+
+@inline
+def likeness(x: Array, n: Array, i: int, y: Array, m: Array, j: int, width: float) -> float:
+    """The weight of patch j for a place i: less where it lies off its plane, none where it faces elsewhere.
+
+    width : the length beyond which a patch counts little
+    """
+    cosine = square = off = f32(0.0)
+    for c in range(3):
+        d = y[3 * j + c] - x[3 * i + c]
+        cosine += n[3 * i + c] * m[3 * j + c]
+        off += d * (n[3 * i + c] + m[3 * j + c])
+        square += d * d
+    if cosine <= f32(0.0):
+        return f32(0.0)
+    off = off * f32(0.5) / width * OFF_PLANE
+    turned = cosine * cosine
+    return turned * turned / ((f32(1.0) + off * off) * (f32(1.0) + f32(4.0) * square / (width * width)))
+
+
+@kernel
+def _blend(
+    work: Array, tables: tuple[Array, Array, Array, Array], around: Array, count: int, weights: Array, patch_of: Array
+) -> int:
+    """Weigh the patches around each splat. tables : positions and normals of splats, then of patches; flat."""
+    x, n, y, m = borrow(tables)
+    around, weights, patch_of = borrow(around), borrow(weights), borrow(patch_of)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, patch_of.size)):
+            at = i * AROUND
+            last = around[at + count - 1]
+            width = f32(1e-30)
+            for c in range(3):
+                width += (y[3 * last + c] - x[3 * i + c]) ** 2
+            width = f32(np.sqrt(width))
+            total, most, best = f32(0.0), f32(-1.0), 0
+            for k in range(count):
+                w = likeness(x, n, i, y, m, around[at + k], width)
+                weights[at + k] = w
+                total += w
+                if w > most:
+                    most, best = w, k
+            patch_of[i] = i32(around[at + best])
+            for k in range(count):
+                weights[at + k] = weights[at + k] / total if total > f32(0.0) else f32(k == best)
+        tile = next_tile(work)
+    return 0

@@ -1,0 +1,73 @@
+"""The patches of a plane: the cells of its grid, see `shade/grid.py`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.records import PLANE_CHECKER, PLANE_COLOR, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
+
+FINE = 4  # samples a side of the colour of a cell
+
+
+class Grid(NamedTuple):
+    """A plane's grid: edge cells a side, the middle (u, v) in the plane's axes, the half width of its even part."""
+
+    edge: int
+    middle: tuple[float, float]
+    half: float
+
+
+def from_grid(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The inverse of `shade.grid.to_grid`."""
+    return np.asarray(u / (1.0 - np.abs(u)))
+
+
+def fit_grid(record: NDArray[np.float64], bounds: NDArray[np.float64], edge: int) -> Grid:
+    """The grid of a plane whose even part is around what is in the scene. record : see `records.PLANE_SIZE`"""
+    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3) - record[PLANE_POINT : PLANE_POINT + 3]
+    axes = np.stack([record[PLANE_U : PLANE_U + 3], record[PLANE_V : PLANE_V + 3]])
+    places = corners @ axes.T
+    low, high = places.min(axis=0), places.max(axis=0)
+    u, v = ((low + high) / 2.0).tolist()
+    return Grid(edge, (u, v), float(max((high - low).max() / 2.0, 1e-9)))
+
+
+def grid_positions(record: NDArray[np.float64], grid: Grid, fine: int = 1) -> NDArray[np.float64]:
+    """World positions of the middles of the cells, (edge * edge, 3), or of fine x fine points of each, one by one."""
+    steps = from_grid((np.arange(grid.edge * fine) + 0.5) / (grid.edge * fine) * 2.0 - 1.0) * grid.half
+    u, v = record[PLANE_U : PLANE_U + 3], record[PLANE_V : PLANE_V + 3]
+    along = (steps + grid.middle[0])[None, :, None] * u + (steps + grid.middle[1])[:, None, None] * v
+    return np.asarray((along + record[PLANE_POINT : PLANE_POINT + 3]).reshape(-1, 3))
+
+
+def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+    """Mean colour of each cell, (edge * edge, 3)."""
+    color = record[PLANE_COLOR : PLANE_COLOR + 3]
+    if record[PLANE_CHECKER] <= 0.0:
+        return np.broadcast_to(color, (grid.edge**2, 3)).copy()
+    v = grid_positions(record, grid, FINE) - record[PLANE_POINT : PLANE_POINT + 3]
+    a, b = (np.floor(v @ record[k : k + 3] / record[PLANE_CHECKER]) for k in (PLANE_U, PLANE_V))
+    shade = np.where((a + b) % 2 != 0, 0.5, 1.0)
+    cells = shade.reshape(grid.edge, FINE, grid.edge, FINE).mean(axis=(1, 3))
+    return np.asarray(cells.reshape(-1, 1) * color)
+
+
+def grid_neighbors(edge: int, count: int) -> NDArray[np.int32]:
+    """(edge * edge, count): the nearest cells of each, only whole rings of equal distance; -1 where there is none."""
+    reach = range(-3, 4)
+    offsets = sorted(((a, b) for a in reach for b in reach if (a, b) != (0, 0)), key=lambda p: p[0] ** 2 + p[1] ** 2)
+    rings = [o for o in offsets if sum(p[0] ** 2 + p[1] ** 2 <= o[0] ** 2 + o[1] ** 2 for p in offsets) <= count]
+    row, column = np.divmod(np.arange(edge * edge), edge)
+    out = np.full((edge * edge, count), -1, np.int32)
+    for k, (a, b) in enumerate(rings):
+        inside = (row + a >= 0) & (row + a < edge) & (column + b >= 0) & (column + b < edge)
+        out[inside, k] = ((row + a) * edge + column + b)[inside]
+    return out
+
+
+def grid_normal(record: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The unit normal of a plane."""
+    return record[PLANE_NORMAL : PLANE_NORMAL + 3]

@@ -1,0 +1,40 @@
+"""What materials reflect of even light: light on its way from patch to patch meets surfaces as if they were matt."""
+
+from __future__ import annotations
+
+from ..jit import Array, borrow, inline, kernel, next_tile
+from ..kernels.records import MATERIAL_SIZE, ShadingPoint, World
+from ..kernels.sampling import WHICH, sample_pair
+from ..kernels.vec import Vec3, add
+from ..shade.bsdf import is_specular, sample_bsdf
+from ..shade.materials.diffuse import sample_diffuse
+
+ALBEDO_SAMPLES = 4096
+
+
+@inline
+def _reflected(world: World, material: int, color: Vec3) -> Vec3:
+    """The share of even light that a material reflects, from a sum over directions."""
+    total, normal = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    if is_specular(world, material):
+        return total
+    for k in range(ALBEDO_SAMPLES):
+        u, v = sample_pair(1, k, 0)
+        wo = sample_diffuse(normal, u, v)
+        u, v = sample_pair(2, k, 0)
+        point = ShadingPoint(normal, wo, color, 1.0)
+        total = add(total, sample_bsdf(world, material, point, sample_pair(3, k, WHICH)[0], u, v)[1])
+    return total[0] / ALBEDO_SAMPLES, total[1] / ALBEDO_SAMPLES, total[2] / ALBEDO_SAMPLES
+
+
+@kernel
+def find_reflectances(work: Array, world: World, out: Array) -> int:
+    """(materials * 2,) float64: what each material reflects where its colour is black, and how much more at white."""
+    world = borrow(world)
+    material = next_tile(work)
+    while material >= 0:
+        black = _reflected(world, material * MATERIAL_SIZE, (0.0, 0.0, 0.0))[0]
+        white = _reflected(world, material * MATERIAL_SIZE, (1.0, 1.0, 1.0))[0]
+        out[2 * material], out[2 * material + 1] = black, white - black
+        material = next_tile(work)
+    return 0

@@ -1,0 +1,85 @@
+"""Smoothing: the light of a patch is averaged with that of neighbours which see nearly the same.
+
+How different the light of two places may be follows from how far the surfaces around are (Ward, Rubinstein and Clear
+1988): it changes with their distance over the harmonic mean of the distances of what they see, and with the angle
+between their normals. Neighbours across an edge or behind a thin wall are off the plane and do not count.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import Array, borrow, f32, inline, kernel, next_tile
+
+ALLOWED = f32(0.35)  # the difference at which a neighbour counts nothing
+OFF_PLANE = f32(0.25)  # distance from the plane, in distances of the neighbours, at which it counts nothing
+CHUNK = 1024
+
+
+@inline
+def _weight(positions: Array, normals: Array, i: int, j: int, bounds: tuple[float, float]) -> float:
+    """What patch j counts for patch i. bounds : mean inverse distance of what i sees; distance of its neighbours"""
+    square = off = cosine = 0.0
+    for c in range(3):
+        d = positions[3 * j + c] - positions[3 * i + c]
+        square += d * d
+        off += d * (normals[3 * i + c] + normals[3 * j + c])
+        cosine += normals[3 * i + c] * normals[3 * j + c]
+    if cosine <= 0.0:
+        return f32(0.0)
+    change = math.sqrt(square) * bounds[0] + math.sqrt(max(1.0 - cosine, 0.0))
+    apart = abs(off) * 0.5 / (bounds[1] * OFF_PLANE)
+    return f32(max(1.0 - change / ALLOWED, 0.0) * max(1.0 - apart, 0.0))
+
+
+@kernel
+def smooth(
+    work: Array,
+    places: tuple[Array, Array, Array, Array],
+    near: Array,
+    span: tuple[int, int, int, int],
+    values: Array,
+    out: Array,
+    count_of: Array,
+) -> int:
+    """Average the values of the patches of one side with their neighbours'.
+
+    places : positions, normals, mean inverse distances, and trust (patches,) float32: 0 where a patch has no values
+    near : (count * each,) int32, neighbours within the side, -1 for none
+    span : first patch of the side, their count, neighbours of each, numbers a patch has in values and out
+    count_of : (patches,) float32, how many patches with equal weights would have as little noise
+    """
+    positions, normals, nearness, trust = borrow(places)
+    near, values, out, count_of = borrow(near), borrow(values), borrow(out), borrow(count_of)
+    first, count, each, size = span
+    chunk = next_tile(work)
+    while chunk >= 0:
+        for k in range(chunk * CHUNK, min((chunk + 1) * CHUNK, count)):
+            i, total = first + k, trust[first + k]
+            squares = total * total
+            for c in range(size):
+                out[i * size + c] = total * values[i * size + c]
+            width = 0.0
+            for m in range(each):
+                if near[k * each + m] >= 0:
+                    j = first + near[k * each + m]
+                    square = 0.0
+                    for c in range(3):
+                        square += (positions[3 * j + c] - positions[3 * i + c]) ** 2
+                    width = max(width, square)
+            bounds = nearness[i] * 1.0, max(math.sqrt(width), 1e-300)
+            for m in range(each):
+                if near[k * each + m] < 0:
+                    continue
+                j = first + near[k * each + m]
+                w = trust[j] * _weight(positions, normals, i, j, bounds)
+                if w > f32(0.0):
+                    total += w
+                    squares += w * w
+                    for c in range(size):
+                        out[i * size + c] += w * values[j * size + c]
+            count_of[i] = total * total / squares if total > f32(0.0) else f32(0.0)
+            for c in range(size):
+                out[i * size + c] = out[i * size + c] / total if total > f32(0.0) else values[i * size + c]
+        chunk = next_tile(work)
+    return 0

@@ -1,0 +1,107 @@
+"""From links and lights to the light that arrives at every patch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import run
+from ..kernels.records import (
+    DISK_LIGHT,
+    LIGHT,
+    LIGHT_KIND,
+    LIGHT_POWER,
+    RECT_LIGHT,
+    SPHERE_LIGHT,
+    World,
+)
+from .bounces import CHUNK, FACTS, PER_SOURCE, add_facts, add_irradiance, reflect
+from .gather import PATCHES, SKY
+from .patches import NEAR
+from .planes import Grid, grid_neighbors
+from .settings import BakeSettings
+from .sky import sky_texels
+from .smooth import CHUNK as SMOOTHED
+from .smooth import smooth
+from .transport import Side, Transport
+
+EXACT = 1e-3  # share of the light that bounces which are left out may have
+
+Floats = NDArray[np.float32]
+
+
+class Arrived(NamedTuple):
+    """The light that arrives at the patches.
+
+    direct, indirect : (n, 3) float32, irradiance from lights; from surfaces and the sky
+    facts : (n, FACTS) float32, see `bounces.FACTS`
+    """
+
+    direct: Floats
+    indirect: Floats
+    facts: Floats
+
+
+def lamp_radiances(world: World) -> NDArray[np.float64]:
+    """Radiance of each light that rays can meet, (lights, 3); black for others."""
+    records = world.lights.reshape(-1, LIGHT)
+    seen = np.isin(records[:, LIGHT_KIND], (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT))
+    return np.where(seen[:, None], records[:, LIGHT_POWER : LIGHT_POWER + 3], 0.0)
+
+
+def solve(world: World, transport: Transport, direct: Floats, settings: BakeSettings) -> Arrived:
+    """The light after all bounces, from the lights of this world."""
+    n, threads = len(transport), settings.threads
+    lamps = lamp_radiances(world).reshape(-1)
+    sources = np.zeros((PATCHES + n, PER_SOURCE), np.float32)
+    sources[SKY:PATCHES, :3] = sky_texels(world)
+    sources[PATCHES:, :3] = transport.emitted
+    light = sources.reshape(-1)
+    indirect, changes = np.zeros((n, 3), np.float32), np.zeros((-(-n // CHUNK), 2))
+    surface = transport.albedo.reshape(-1), transport.emitted.reshape(-1)
+    before = 0.0
+    for depth in range(settings.depth):
+        if depth > 0 or settings.max_depth is None:  # without a limit the first pass brings direct light already
+            arriving = direct.reshape(-1), indirect.reshape(-1)
+            run(reflect, len(changes), arriving, surface, light, changes.reshape(-1), threads=threads)
+            change, total = changes.sum(axis=0).tolist()
+            if depth > 0 and _is_settled(change, before, total):
+                break
+            before = change
+        indirect[:] = 0.0
+        for part in transport.links:
+            run(add_irradiance, -(-len(part.rows) // CHUNK), part, light, lamps, indirect.reshape(-1), threads=threads)
+    facts, patches = np.zeros((n, FACTS), np.float32), transport.patches()
+    for part in transport.links:
+        run(add_facts, -(-len(part.rows) // CHUNK), part, patches, light, lamps, facts.reshape(-1), threads=threads)
+    return Arrived(direct, indirect, facts)
+
+
+def _is_settled(change: float, before: float, total: float) -> bool:
+    """Whether all bounces that are left out, a geometric series, hold less than a share EXACT of the light."""
+    if change == 0.0:
+        return True
+    ratio = change / before if before > 0.0 else 1.0
+    return ratio < 1.0 and change * ratio / (1.0 - ratio) < EXACT * total
+
+
+def smoothed(transport: Transport, arrived: Arrived, threads: int | None) -> tuple[Arrived, Floats]:
+    """The light with less noise; and for each patch how many that are averaged evenly would have as little."""
+    values = np.concatenate([arrived.indirect, arrived.facts], axis=1)
+    trust = (~transport.lost).astype(np.float32)
+    places = transport.positions.reshape(-1), transport.normals.reshape(-1), transport.nearness, trust
+    out, count = np.empty_like(values), np.zeros(len(transport), np.float32)
+    flat = values.reshape(-1), out.reshape(-1), count
+    for side in transport.sides:
+        near = near_of(side)
+        span = side.first, side.size, near.shape[1], values.shape[1]
+        run(smooth, -(-side.size // SMOOTHED), places, near.reshape(-1), span, *flat, threads=threads)
+    return Arrived(arrived.direct, out[:, :3].copy(), out[:, 3:].copy()), count
+
+
+def near_of(side: Side) -> NDArray[np.int32]:
+    """Neighbours of a side's patches, (count, NEAR)."""
+    patches = side.sheet.patches
+    return grid_neighbors(patches.edge, NEAR) if isinstance(patches, Grid) else patches.near

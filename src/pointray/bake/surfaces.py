@@ -1,0 +1,189 @@
+"""The surfaces of a scene as a bake sees them: each side of an instance that may be lit, cut into patches."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import run
+from ..kernels.records import (
+    BAKED_FRAME,
+    BASE_COLOR,
+    EMISSIVE,
+    EMITTED,
+    INSTANCE,
+    KIND,
+    LIGHT,
+    LIGHT_KIND,
+    LIGHT_POSITION,
+    MATERIAL,
+    MATERIAL_KIND,
+    MATERIAL_SIZE,
+    MODEL,
+    OWN_COLOR,
+    PLANE_SIZE,
+    SHAPE_ROW,
+    SUN_LIGHT,
+    TO_MODEL,
+    World,
+)
+from ..progress import Progress, tell
+from ..scene.world import Snapshot
+from ..trace.cast import closest_hits
+from .gather import TARGET, Targets
+from .patches import PatchSet, choose_patches
+from .planes import Grid, fit_grid, grid_colors, grid_positions
+from .reflectance import find_reflectances
+
+PLANES_SHARE = 0.5  # share of the patches of models that planes get besides
+LEAST_EDGE, MOST_EDGE = 32, 256  # cells a side of a plane's grid
+LEAST_PATCHES = 256  # of an instance
+BRIGHTEST = 0.9  # of points' own colours: photographs hold light already, and white walls would never grow dark
+LIFT = 0.75  # radii: how far from a splat the ray begins that finds the surface
+TURNED = 0.3  # cosine: a surface that is turned farther from its splat is another one
+
+Floats = NDArray[np.float64]
+
+
+class Sheet(NamedTuple):
+    """The patches of an instance, whatever their side.
+
+    instance : row of the instance; patches : `PatchSet` or `Grid`
+    positions : (m, 3) float64, on the surface; normals : (m, 3) float32, of its front, unit; world
+    albedo, emitted : (m, 3) float32; lost : (m,) bool, where no surface was found
+    """
+
+    instance: int
+    patches: PatchSet | Grid
+    positions: Floats
+    normals: NDArray[np.float32]
+    albedo: NDArray[np.float32]
+    emitted: NDArray[np.float32]
+    lost: NDArray[np.bool_]
+
+
+def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progress | None = None) -> list[Sheet]:
+    """The sheets of all instances, which have about `most` patches together."""
+    world = scene.world
+    records = world.instances.reshape(-1, INSTANCE)
+    counts, edge = _shares(scene, most)
+    sets = []
+    for k, (model, count) in enumerate(zip(scene.models, counts, strict=True)):
+        sets.append(choose_patches([model.tree, *(level.tree for level in model.levels)], count))
+        tell(progress, (k + 1) / len(counts))
+    reflectances = np.zeros(world.materials.size // MATERIAL_SIZE * 2)
+    run(find_reflectances, len(reflectances) // 2, world, reflectances)
+    bounds = around(scene)
+    sheets = []
+    for k, record in enumerate(records):
+        material = world.materials.reshape(-1, MATERIAL_SIZE)[int(record[MATERIAL])]
+        if record[KIND] == MODEL:
+            found = sets[int(record[SHAPE_ROW])]
+            patches: PatchSet | Grid = found
+            positions, normals, colors, lost = _on_surface(world, k, found)
+            own = np.minimum(colors, BRIGHTEST) * albedo_scale
+        else:
+            plane = world.planes[int(record[SHAPE_ROW]) * PLANE_SIZE :][:PLANE_SIZE]
+            patches = fit_grid(plane, bounds, edge)
+            positions, own = grid_positions(plane, patches), grid_colors(plane, patches)
+            normals = np.broadcast_to(plane[3:6], positions.shape).astype(np.float32)
+            lost = np.zeros(len(positions), np.bool_)
+        color = own if material[OWN_COLOR] else np.broadcast_to(material[BASE_COLOR : BASE_COLOR + 3], own.shape)
+        black, more = reflectances[2 * int(record[MATERIAL]) :][:2]
+        emitted = np.zeros(own.shape, np.float32)
+        if material[MATERIAL_KIND] == EMISSIVE:
+            emitted[:] = material[EMITTED : EMITTED + 3]
+        albedo = (black + more * color).astype(np.float32)
+        sheets.append(Sheet(k, patches, positions, normals, albedo, emitted, lost))
+    return sheets
+
+
+def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
+    """How many patches each model gets, and the cells a side of each plane's grid."""
+    records = scene.world.instances.reshape(-1, INSTANCE)
+    planes = int((records[:, KIND] != MODEL).sum())
+    edge = int(np.clip(np.sqrt(most * PLANES_SHARE / max(planes, 1)), LEAST_EDGE, MOST_EDGE))
+    copies = np.bincount(records[records[:, KIND] == MODEL, SHAPE_ROW].astype(int), minlength=len(scene.models))
+    splats = np.array([len(model.points) for model in scene.models])
+    share = min(1.0, most / max(int((copies * splats).sum()), 1))
+    return [max(int(n * share), min(int(n), LEAST_PATCHES)) for n in splats], edge
+
+
+def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:
+    """The same sheets with at most so many patches each: every k-th of them."""
+    out = []
+    for sheet in sheets:
+        if isinstance(sheet.patches, Grid):
+            step = max(-(-sheet.patches.edge // math.isqrt(most)), 1)
+            edge = sheet.patches.edge
+            rows = np.arange(edge * edge).reshape(edge, edge)[step // 2 :: step, step // 2 :: step]
+            out.append(_selected(sheet, rows.reshape(-1), sheet.patches._replace(edge=len(rows))))
+            continue
+        step = max(-(-len(sheet.positions) // most), 1)
+        rows = np.arange(len(sheet.positions))[step // 2 :: step]
+        blend = sheet.patches.blends[0]
+        patch_of = np.minimum(blend.patch_of // step, len(rows) - 1)
+        patches = sheet.patches._replace(blends=[blend._replace(patch_of=patch_of)])
+        out.append(_selected(sheet, rows, patches))
+    return out
+
+
+def _selected(sheet: Sheet, rows: NDArray[np.int64], patches: PatchSet | Grid) -> Sheet:
+    """Some patches of a sheet."""
+    arrays = [getattr(sheet, name)[rows] for name in ("positions", "normals", "albedo", "emitted", "lost")]
+    return Sheet(sheet.instance, patches, *arrays)
+
+
+def around(scene: Snapshot) -> Floats:
+    """Bounds of what is in the scene, (2, 3): models, and lights that have a position; of planes alone 1 about zero."""
+    world = scene.world
+    boxes = scene.boxes[world.instances.reshape(-1, INSTANCE)[:, KIND] == MODEL].reshape(-1, 2, 3)
+    lights = world.lights.reshape(-1, LIGHT)
+    lights = lights[lights[:, LIGHT_KIND] != SUN_LIGHT]
+    middles = lights[:, LIGHT_POSITION : LIGHT_POSITION + 3]
+    low, high = np.concatenate([boxes[:, 0], middles]), np.concatenate([boxes[:, 1], middles])
+    return np.stack([low.min(axis=0), high.max(axis=0)]) if len(low) else np.array([[-1.0] * 3, [1.0] * 3])
+
+
+def _on_surface(
+    world: World, row: int, patches: PatchSet
+) -> tuple[Floats, NDArray[np.float32], Floats, NDArray[np.bool_]]:
+    """Where patches of an instance lie: positions on the surface, its normals there, its colours; where none is."""
+    to_model = world.instances[row * INSTANCE + TO_MODEL :][:12].reshape(3, 4)
+    to_world = np.linalg.inv(to_model[:, :3])
+    splats = (patches.positions - to_model[:, 3]) @ to_world.T
+    lift = (patches.normals * (LIFT * patches.radii[:, None])) @ to_world.T
+    normals = patches.normals @ to_model[:, :3]
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    limits = np.tile([0.0, 2.0], (len(splats), 1))
+    hits = closest_hits(world, (len(splats),), np.ascontiguousarray(splats + lift), np.ascontiguousarray(-lift), limits)
+    turned = np.einsum("ij,ij->i", normals, hits["normal"])
+    lost = (hits["instance"] != row) | (turned < TURNED)
+    positions = np.where(lost[:, None], splats, hits["position"])
+    normals = np.where(lost[:, None], normals, hits["normal"]).astype(np.float32)
+    return positions, normals, np.where(lost[:, None], 0.5, hits["color"]), lost
+
+
+def find_targets(scene: Snapshot, sheets: list[Sheet], firsts: dict[tuple[int, int], int]) -> Targets:
+    """What finds the patch at a hit. firsts : the first patch of (row of an instance, side); others are dark"""
+    rows = np.zeros((len(sheets), TARGET), np.int64)
+    frames = np.zeros((len(sheets), BAKED_FRAME))
+    tables: list[NDArray[np.int32]] = []
+    begins: dict[int, int] = {}
+    end = 0
+    for sheet in sheets:
+        k = sheet.instance
+        rows[k, :2] = firsts.get((k, 1), -1), firsts.get((k, -1), -1)
+        if isinstance(sheet.patches, Grid):
+            frames[k, :4] = *sheet.patches.middle, sheet.patches.half, sheet.patches.edge
+            continue
+        patch_of = sheet.patches.blends[0].patch_of
+        if id(sheet.patches.near) not in begins:
+            begins[id(sheet.patches.near)] = end
+            tables.append(patch_of)
+            end += len(patch_of)
+        rows[k, 2] = begins[id(sheet.patches.near)]
+    return Targets(rows.reshape(-1), np.concatenate([*tables, np.zeros(0, np.int32)]), frames.reshape(-1))

@@ -1,0 +1,133 @@
+"""How light passes from patch to patch, whatever the lights are: the patches of a scene, and their links."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import run
+from ..kernels.records import DIELECTRIC, MATERIAL_KIND, MATERIAL_SIZE, MIRROR, World
+from ..kernels.scratch import TILE
+from ..progress import Progress
+from ..scene.world import Snapshot
+from .bounces import Links
+from .directions import strata
+from .gather import FIND_DIRECT, FIND_LINKS, ONE_TILE, Found, Patches, Rays, send_rays
+from .surfaces import Sheet, find_targets
+
+NO_FLOATS, NO_INTS = np.zeros(0, np.float32), np.zeros(0, np.int32)
+AREA_SAMPLES = 16  # shadow rays of a patch to a light with a size
+ALL_SIDES = (1, -1)
+
+Floats = NDArray[np.float32]
+
+
+class Side(NamedTuple):
+    """One side of a sheet, the patches first to first + size. sign : 1 where normals point, or -1"""
+
+    sheet: Sheet
+    sign: int
+    first: int
+    size: int
+
+    @property
+    def span(self) -> slice:
+        """Its patches."""
+        return slice(self.first, self.first + self.size)
+
+
+class Transport:
+    """All patches of the sides that may be lit, one side after the other, and what they receive light from.
+
+    Parameters
+    ----------
+    lit : list of (int, int)
+        The number of a sheet and a sign, for each side.
+    seed, threads : see `BakeSettings`
+
+    Attributes
+    ----------
+    sides : list of Side
+    positions : (n, 3) float64; normals : (n, 3) float32, to the patch's own side; world
+    albedo, emitted : (n, 3) float32
+    lost : (n,) bool
+        Where no surface was found: what such a patch receives follows from its neighbours.
+    links : list of Links
+    nearness : (n,) float32
+        The mean inverse distance of what the links hit.
+    """
+
+    def __init__(
+        self, scene: Snapshot, sheets: list[Sheet], lit: list[tuple[int, int]], seed: int, threads: int | None
+    ) -> None:
+        self.sides: list[Side] = []
+        first = 0
+        for k, sign in lit:
+            self.sides.append(Side(sheets[k], sign, first, len(sheets[k].positions)))
+            first += self.sides[-1].size
+        self.positions: NDArray[np.float64] = self._joined("positions", np.float64)
+        self.albedo: Floats = self._joined("albedo", np.float32)
+        self.emitted: Floats = self._joined("emitted", np.float32)
+        self.lost: NDArray[np.bool_] = self._joined("lost", np.bool_)
+        signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
+        self.normals: Floats = self._joined("normals", np.float32) * signs[:, None].astype(np.float32)
+        self._targets = find_targets(scene, sheets, {(s.sheet.instance, s.sign): s.first for s in self.sides})
+        self._world, self._seed, self._threads = scene.world, seed, threads
+        self.links: list[Links] = []
+        self.nearness = np.zeros(len(self.positions), np.float32)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def _joined(self, name: str, dtype: type) -> NDArray[Any]:
+        """A column of all sheets, one after the other."""
+        parts = [getattr(side.sheet, name) for side in self.sides]
+        return np.concatenate(parts).astype(dtype, copy=False)
+
+    def patches(self, rows: NDArray[np.int32] = NO_INTS) -> Patches:
+        """What kernels read of the patches, and increasing rows that are asked for: no tile has those of two sides."""
+        of = np.searchsorted([side.first for side in self.sides], rows, side="right") - 1
+        begins = np.flatnonzero(np.diff(of, prepend=-1))
+        ends = np.append(begins[1:], len(rows))[: len(begins)]
+        tiles = [
+            (at, min(TILE, end - at), self.sides[int(of[begin])].sign)
+            for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
+            for at in range(begin, end, TILE)
+        ]
+        table = np.array(tiles, np.int64).reshape(-1)
+        return Patches(self.positions.reshape(-1), self.normals.reshape(-1), rows, table)
+
+    def send(self, rows: NDArray[np.int32], links: int, progress: Progress | None = None) -> None:
+        """Find so many more links of some patches; the light of all links of a patch counts equally."""
+        kinds = self._world.materials[MATERIAL_KIND::MATERIAL_SIZE]
+        tinted = bool(np.isin(kinds, (MIRROR, DIELECTRIC)).any())
+        found = Found(
+            np.zeros(len(rows) * links, np.int32),
+            np.zeros(len(rows) * links if tinted else 0, np.int32),
+            np.zeros(len(rows), np.float32),
+            NO_FLOATS,
+        )
+        seed = self._seed + len(self.links)
+        self._run(rows, self._world, Rays(FIND_LINKS, strata(links), seed, AREA_SAMPLES, tinted), found, progress)
+        self.links.append(Links(found.links, found.tints, rows, np.zeros(len(rows), np.float32), strata(links), seed))
+        sent = np.zeros(len(self), np.float32)
+        for part in self.links:
+            sent[part.rows] += part.parts[0] * part.parts[1]
+        self.nearness[rows] = (self.nearness[rows] * (sent[rows] - links) + found.nearness) / sent[rows]
+        for part in self.links:
+            part.share[:] = part.parts[0] * part.parts[1] / sent[part.rows]
+
+    def find_direct(self, world: World, progress: Progress | None = None) -> Floats:
+        """Irradiance of all patches from lights of this world that are neither sky nor surface, (n, 3)."""
+        rows, direct = np.arange(len(self), dtype=np.int32), np.zeros((len(self), 3), np.float32)
+        rays = Rays(FIND_DIRECT, (1, 1), self._seed, AREA_SAMPLES, False)
+        self._run(rows, world, rays, Found(NO_INTS, NO_INTS, NO_FLOATS, direct.reshape(-1)), progress)
+        return direct
+
+    def _run(self, rows: NDArray[np.int32], world: World, rays: Rays, found: Found, progress: Progress | None) -> None:
+        patches = self.patches(rows)
+        tiles = len(patches.tiles) // ONE_TILE
+        args = world, patches, self._targets, rays, found
+        run(send_rays, tiles, *args, threads=self._threads, progress=progress)

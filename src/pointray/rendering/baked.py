@@ -1,0 +1,62 @@
+"""The integrator "baked": direct light with sharp shadows, all other light as it is baked; mirrors and glass.
+
+See `shade/baked_light.py`.
+"""
+
+from __future__ import annotations
+
+from ..jit import Array, i64, inline, kernel
+from ..kernels.records import World
+from ..kernels.scratch import DIRECTION, TILE, Scratch, load3
+from ..shade.baked_light import add_baked, add_live, meet_lamps
+from ..shade.shading_points import add_radiance, begin_radiance, is_shaded, store_shading_points
+from ..shade.sky import sky_radiance
+from ..shade.specular_rays import begin_specular, set_specular_rays, spawn_specular
+from ..simd import Bits
+from ..trace.hits import describe_tile
+from ..trace.world import trace_tile
+from .film import add_sample
+from .integrate import Pass, render_tiles
+
+
+@inline
+def _receive(world: World, job: Pass, first: bool, scratch: Scratch) -> Bits:
+    """Add the light of lamps and sky that the tile's rays meet; returns the rays that have met anything."""
+    met = meet_lamps(world, scratch)
+    for i in range(TILE):
+        if is_shaded(scratch, i):
+            met |= i64(1) << i
+        elif (met >> i) & 1 == 0 and (job.sky_shows or not first):
+            add_radiance(scratch, i, sky_radiance(world, load3(scratch.world, DIRECTION + i)))
+            met |= i64(1) << i
+    return met
+
+
+@inline
+def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
+    """Direct light, and what is baked."""
+    draw = sample if job.draws else -1
+    begin_radiance(scratch)
+    begin_specular(scratch)
+    met, first = i64(0), True
+    while True:
+        trace_tile(world, scratch)
+        describe_tile(world, True, scratch)
+        store_shading_points(scratch)
+        found = _receive(world, job, first, scratch)
+        spawn_specular(world, job.max_depth, scratch)
+        add_baked(world, draw, scratch)
+        if first:
+            met = found
+            add_live(world, job.shadows, draw, scratch)
+        if not set_specular_rays(scratch):
+            break
+        first = False
+    add_sample(met, scratch)
+
+
+@kernel
+def baked_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
+    """Baked light."""
+    render_tiles(_integrate_baked, work, world, camera, job, film, image)
+    return 0

@@ -1,0 +1,149 @@
+"""Shading by baked light: direct light is live, with sharp shadows; that of the sky and of surfaces is looked up.
+
+A lobe up to the exponent WIDE is evaluated from what is baked; a narrower one sends one more ray, which reads what is
+baked where it lands. There, as behind mirrors and glass, direct light is looked up too.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import i64, inline
+from ..kernels.records import LIGHT, LIGHT_KIND, MATERIAL_KIND, PHONG, ShadingPoint, World
+from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, sample_pair
+from ..kernels.scratch import (
+    ARRIVING,
+    ARRIVING_DIRECT,
+    DIRECTION,
+    GAIN,
+    KEY,
+    ORIGIN,
+    SHADING_DEPTH,
+    SHADING_INSTANCE,
+    SHADING_POINT,
+    SHADING_SIDE,
+    THROUGHPUT,
+    TILE,
+    Scratch,
+    load3,
+    store3,
+)
+from ..kernels.vec import BLACK, Vec3, add, around, dot, mirrored, multiply, scale
+from ..simd import Bits
+from ..trace.hits import tile_hit
+from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from
+from .baked import even_lobe, find_baked, lobe_of_baked
+from .bsdf import emitted, eval_bsdf, lobes_of
+from .choice import nearest_lamp
+from .direct import shade_gains
+from .emitters import from_middle, light_radiance, sample_light
+from .shading_points import add_radiance, is_shaded, shading_point
+from .specular_rays import send_later
+
+WIDE = 8.0  # exponent up to which a lobe is as wide as what is baked can tell (docs/decisions/baked-light.md)
+
+
+@inline
+def meet_lamps(world: World, scratch: Scratch) -> Bits:
+    """Add the light of lamps that the tile's rays meet; what lies behind them is no surface point. Returns the rays."""
+    met = i64(0)
+    for i in range(TILE):
+        ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
+        light = nearest_lamp(world, ray, hit.t)[1]
+        if light >= 0:
+            add_radiance(scratch, i, light_radiance(world, light))
+            scratch.shading_points[SHADING_INSTANCE + i] = -1.0
+            met |= i64(1) << i
+    return met
+
+
+@inline
+def _gloss(scratch: Scratch, i: int, kind: float, point: ShadingPoint, lobe: tuple[Vec3, float]) -> Vec3:
+    """The radiance that a wide lobe about the mirrored direction reflects of baked light."""
+    r = mirrored(point.wo, point.normal)
+    seen = lobe_of_baked(scratch, i, r, lobe[1])
+    if kind != PHONG:  # its weight is the share of even light that is reflected
+        seen = scale(seen, 1.0 / even_lobe(dot(r, point.normal), lobe[1]))
+    return multiply(lobe[0], seen)
+
+
+@inline
+def _reflect_narrow(
+    scratch: Scratch, i: int, kind: float, point: ShadingPoint, lobe: tuple[Vec3, float], sample: int
+) -> None:
+    """Send a ray into a narrow lobe about the mirrored direction. sample : its number; -1: the lobe's middle"""
+    points, e = scratch.shading_points, lobe[1]
+    d = mirrored(point.wo, point.normal)
+    if sample >= 0:
+        u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
+        d = around(d, (1.0 - u) ** (1.0 / (e + 1.0)), v)
+    cosine = dot(d, point.normal)
+    if cosine <= 0.0:
+        return
+    share = cosine * (e + 2.0) / (e + 1.0) if kind == PHONG else 1.0
+    weight = multiply(load3(points, THROUGHPUT + i), scale(lobe[0], share))
+    send_later(scratch, i, d, weight, points[SHADING_SIDE + i])
+
+
+@inline
+def add_baked(world: World, sample: int, scratch: Scratch) -> None:
+    """Add emitted light and baked light at the tile's surface points; send rays into the narrow lobes of the first.
+
+    sample : the number of the sample; -1: lobes are seen in their middle
+    """
+    find_baked(world, scratch)
+    points = scratch.shading_points
+    for i in range(TILE):
+        if not is_shaded(scratch, i):
+            continue
+        material, point = shading_point(world, scratch, i)
+        even, gloss, exponent = lobes_of(world, material, point)
+        light, kind = load3(points, ARRIVING + i), world.materials[material + MATERIAL_KIND]
+        if points[SHADING_DEPTH + i] > 0.0:  # as if all were reflected evenly
+            even, gloss = add(even, gloss), BLACK
+            light = add(light, load3(points, ARRIVING_DIRECT + i))
+        add_radiance(scratch, i, add(emitted(world, material), scale(multiply(even, light), 1.0 / math.pi)))
+        if gloss[0] + gloss[1] + gloss[2] > 0.0:
+            if exponent <= WIDE:
+                add_radiance(scratch, i, _gloss(scratch, i, kind, point, (gloss, exponent)))
+            else:
+                _reflect_narrow(scratch, i, kind, point, (gloss, exponent), sample)
+
+
+@inline
+def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
+    """Set what one light adds at the camera's first hits, and the rays that test it; whether it adds any light."""
+    points, lit = scratch.shading_points, False
+    for i in range(TILE):
+        store3(points, GAIN + i, BLACK)
+        set_ray(scratch, i, NO_RAY)
+        if not is_shaded(scratch, i):
+            continue
+        material, point = shading_point(world, scratch, i)
+        x = load3(points, SHADING_POINT + i)
+        incoming = from_middle(world, light, world.lights[light + LIGHT_KIND], x)
+        if sample >= 0:
+            u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + ON_LIGHT + PER_SCATTERING * (light // LIGHT))
+            incoming = sample_light(world, light, x, u, v)
+        gain = multiply(eval_bsdf(world, material, point, incoming.wi)[0], incoming.light)
+        if gain[0] + gain[1] + gain[2] > 0.0:
+            store3(points, GAIN + i, gain)
+            set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), point.side)
+            lit = True
+    return lit
+
+
+@inline
+def add_live(world: World, shadows: bool, sample: int, scratch: Scratch) -> None:
+    """Add the direct light of all lights at the tile's surface points. Uses the tile's rays as shadow rays.
+
+    sample : the number of the sample, which chooses a point on each light; -1: its middle
+    """
+    for light in range(0, world.lights.size, LIGHT):
+        if not _set_light(world, light, sample, scratch):
+            continue
+        if shadows:
+            occlude_tile(world, scratch)
+            shade_gains(scratch)
+        for i in range(TILE):
+            add_radiance(scratch, i, load3(scratch.shading_points, GAIN + i))

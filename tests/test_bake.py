@@ -1,0 +1,134 @@
+"""Baked light against exact shapes: what arrives, from where, and how much of the sky is seen."""
+
+import numpy as np
+import pytest
+
+import pointray as pr
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return pr.Model(pr.procedural("sphere", 20_000))
+
+
+def test_inside_a_sphere_all_bounces_add_up(ball):
+    """In a closed sphere every point sees all others alike: with the albedo 0.8 the light is 5 times the direct."""
+    scene = pr.Scene()
+    scene.add(ball, material=pr.Diffuse(0.8))
+    scene.add_light(pr.PointLight((0, 0, 0), 1.0))
+    baked = pr.bake(scene)
+    side = baked._sides[0, -1]
+    total = (baked._arrived.direct + baked._arrived.indirect)[side.span, 0]
+    assert abs(total.mean() / 5.0 - 1.0) < 0.01
+    assert total.std() / total.mean() < 0.01
+
+
+def test_the_outside_of_a_closed_body_is_lit_alone(ball):
+    scene = pr.Scene()
+    scene.add(ball, material=pr.Diffuse(0.5))
+    scene.add_light(pr.EnvironmentLight())
+    baked = pr.bake(scene)
+    assert [sign for _, sign in baked._lit] == [1]
+    assert baked.irradiance(0) == pytest.approx(np.pi, rel=0.01)  # of an even sky of radiance 1
+    assert baked.ambient_occlusion(0) == pytest.approx(1.0, abs=0.01)
+    assert baked.nbytes == 16 * len(ball.tree.order)
+
+
+def test_the_shade_below_a_ball(ball):
+    """A unit sphere on a plane hides so much of the sky from a point at the distance d: 1 - (1 + d^2)^-1.5."""
+    ground = pr.Points(*_sheet(300, 4.0))
+    scene = pr.Scene()
+    scene.add(ball, pr.transform(translate=(0, 0, 1)), material=pr.Diffuse(0.0))
+    floor = scene.add(pr.Model(ground), material=pr.Diffuse(0.0))
+    scene.add_light(pr.EnvironmentLight())
+    seen = pr.bake(scene).ambient_occlusion(floor)
+    d = np.linalg.norm(ground.positions[:, :2], axis=1)
+    exact = 1.0 - (1.0 + d**2) ** -1.5
+    inside = np.abs(ground.positions[:, :2]).max(axis=1) < 3.5
+    far = inside & (d > 2 * 8.0 / 300)
+    assert np.sqrt(np.mean((seen - exact)[inside] ** 2)) < 0.015
+    assert np.abs(seen - exact)[far].max() < 0.05
+
+
+def _sheet(edge, half):
+    """Positions and normals of a square sheet."""
+    u = (np.arange(edge) + 0.5) / edge * 2 * half - half
+    x, y = np.meshgrid(u, u)
+    positions = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    return positions, np.broadcast_to([0.0, 0.0, 1.0], positions.shape)
+
+
+@pytest.mark.slow
+def test_pictures_are_those_of_path_tracing():
+    model = pr.Model(pr.procedural("statue", 30_000))
+    scene = pr.Scene()
+    scene.add(model, material=pr.Diffuse((0.7, 0.5, 0.4)))
+    scene.add(pr.Plane((0, 0, model.bounds[0, 2]), (0, 0, 1), color=0.5))
+    scene.add(pr.Plane((model.bounds[0, 0] - 0.3, 0, 0), (1, 0, 0), color=(0.8, 0.1, 0.1)))
+    scene.add_light(pr.EnvironmentLight(1.0, ground=0.3))
+    scene.add_light(pr.SunLight((-1, 1, -1), 2.0))
+    camera = pr.frame(scene, size=(96, 96))
+    scene.baked = pr.bake(scene)
+    baked = pr.render(scene, camera, pr.Settings("baked", spp=64))[..., :3]
+    path = pr.render(scene, camera, pr.Settings("path", spp=1024, max_depth=None))[..., :3]
+    assert abs(baked.mean() / path.mean() - 1.0) < 0.01
+    assert np.sqrt(np.mean((baked - path) ** 2)) / path.mean() < 0.03
+
+
+def test_light_follows_lights_without_new_links(ball):
+    scene = pr.Scene()
+    scene.add(ball, material=pr.Diffuse(0.5))
+    floor = scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=0.5))
+    scene.add_light(pr.SunLight((0, 0, -1), 1.0))
+    baked = pr.bake(scene)
+    assert baked.stale is None
+    before = baked.indirect(0)
+    scene.lights = [pr.SunLight((0, 0, -1), 2.0)]
+    assert "update" in baked.stale
+    baked.update()
+    assert baked.stale is None
+    assert baked.indirect(0) == pytest.approx(2.0 * before, rel=1e-4, abs=1e-6)
+    scene.update(floor, transform=pr.transform(translate=(0, 0, -1)))
+    assert "bake again" in baked.stale
+    with pytest.raises(ValueError, match="bake again"):
+        baked.update()
+
+
+def test_stale_light_is_never_shown_silently(ball):
+    scene = pr.Scene()
+    scene.add(ball)
+    scene.add_light(pr.EnvironmentLight())
+    scene.baked = pr.bake(scene)
+    camera = pr.frame(scene, size=(8, 8))
+    pr.render(scene, camera, pr.Settings("baked"))
+    scene.add(ball, pr.transform(translate=(3, 0, 0)))
+    with pytest.warns(pr.StaleLightWarning, match="bake again"):
+        pr.render(scene, camera, pr.Settings("baked"))
+    pr.render(scene, camera, pr.Settings("baked"))  # once
+
+
+def test_the_light_does_not_depend_on_threads(ball):
+    scene = pr.Scene()
+    scene.add(ball, material=pr.Diffuse(0.5))
+    scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=0.5))
+    scene.add_light(pr.EnvironmentLight(1.0, ground=0.2))
+    one, three = (pr.bake(scene, pr.BakeSettings(threads=threads)) for threads in (1, 3))
+    assert (one.irradiance(0) == three.irradiance(0)).all()
+
+
+def test_what_is_asked_for_must_exist(ball):
+    with pytest.raises(ValueError, match="empty"):
+        pr.bake(pr.Scene())
+    with pytest.raises(ValueError, match="Scene"):
+        pr.bake(ball)
+    for bad in ({"links": 0}, {"noise": -0.1}, {"patches": 1}, {"memory": 0}, {"albedo_scale": 2.0}, {"seed": -1}):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            pr.BakeSettings(**bad)
+    scene = pr.Scene()
+    floor = scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
+    with pytest.warns(UserWarning, match="no light"):
+        baked = pr.bake(scene)
+    with pytest.raises(ValueError, match="id"):
+        baked.irradiance(floor)
+    with pytest.raises(ValueError, match="baked"):
+        scene.baked = 3
