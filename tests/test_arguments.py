@@ -16,7 +16,7 @@ from pointray.jit import compilations
 from pointray.viewer import Viewer
 
 # Results, which callers do not create.
-RESULTS = {"Hits", "SceneFile"}
+RESULTS = {"Baked", "Hits", "SceneFile", "StaleLightWarning"}
 
 WRONG: dict[str, Any] = {
     "None": None,
@@ -76,7 +76,9 @@ SENSE: dict[str, set[str]] = {
     "Callable": {"lambda"},
     "Progress": {"lambda"},
     "os.PathLike": TEXTS,
-    **dict.fromkeys(("Attribute", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()),
+    **dict.fromkeys(
+        ("Attribute", "BakeSettings", "BakedLight", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()
+    ),
     **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "slice"), set()),
 }
 PATHS = {"path", "image", "host"}  # parameters whose wrong values may raise an OSError
@@ -93,6 +95,8 @@ class Things:
         self.model = pr.Model(self.points)
         self.scene = pr.Scene()
         self.scene.add(self.model)
+        self.lit = self.scene.copy()
+        self.lit.add_light(pr.EnvironmentLight())
         self.camera = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(8, 8))
         self.folder = folder
         pr.write(folder / "a.ply", self.points)
@@ -141,6 +145,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Scene.add": (scene.add, {"shape": t.model}),
         "Scene.add_light": (lambda light: t.changed().add_light(light), {"light": pr.SunLight((0, 0, -1))}),
         "Scene.background": (lambda background: setattr(scene, "background", background), {"background": 1}),
+        "Scene.baked": (lambda baked: setattr(scene, "baked", baked), {"baked": None}),
         "Scene.clips": (lambda clips: setattr(scene, "clips", clips), {"clips": []}),
         "Scene.exchange": (t.scene.exchange, {"models": {}}),
         "Scene.intersect": (t.scene.intersect, rays),
@@ -151,6 +156,8 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Settings": (pr.Settings, {}),
         "SphereLight": (pr.SphereLight, {"center": (0, 0, 3), "radius": 1, "radiance": 1}),
         "SunLight": (pr.SunLight, {"direction": (0, 0, -1)}),
+        "BakeSettings": (pr.BakeSettings, {}),
+        "bake": (pr.bake, {"scene": t.lit, "settings": pr.BakeSettings(links=1, patches=64)}),
         "clean": (pr.clean, {"points": t.points}),
         "draw_legend": (
             pr.draw_legend,

@@ -17,7 +17,7 @@ PACKAGE = Path(pointray.__file__).parent
 TOWER = [
     *("jit", "simd", "arguments", "choices", "extras", "progress", "memory", "kernels", "data"),
     *("neighbors", "points", "tree", "splats", "intersect", "trace", "model_file", "model", "shade"),
-    *("image", "scene", "bake", "rendering", "staging"),
+    *("image", "scene", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]
 

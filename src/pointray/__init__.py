@@ -17,8 +17,8 @@ __version__ = "0.1.0"
 # Where each public name lives; loaded when first asked for, so that `import pointray` costs nothing.
 _HOME = {
     "Attribute": "shade.attributes",
-    "BakeSettings": "bake.settings",
-    "Baked": "bake.baked",
+    "BakeSettings": "baking.settings",
+    "Baked": "baking.baked",
     "Camera": "rendering.camera",
     "Dielectric": "shade.materials.specular",
     "Diffuse": "shade.materials.diffuse",
@@ -38,9 +38,9 @@ _HOME = {
     "Scene": "scene.scene",
     "SceneFile": "scenefile",
     "Settings": "rendering.settings",
-    "StaleLightWarning": "bake.baked",
+    "StaleLightWarning": "baking.baked",
     "SunLight": "shade.lights",
-    "bake": "bake.baked",
+    "bake": "baking.baked",
     "check_normals": "points",
     "clean": "points.cleaning",
     "draw_legend": "image",
@@ -67,10 +67,10 @@ _HOME = {
 __all__ = sorted([*_HOME, "__version__"])
 
 if TYPE_CHECKING:
-    from .bake.baked import Baked as Baked
-    from .bake.baked import StaleLightWarning as StaleLightWarning
-    from .bake.baked import bake as bake
-    from .bake.settings import BakeSettings as BakeSettings
+    from .baking.baked import Baked as Baked
+    from .baking.baked import StaleLightWarning as StaleLightWarning
+    from .baking.baked import bake as bake
+    from .baking.settings import BakeSettings as BakeSettings
     from .data import Points as Points
     from .image import draw_legend as draw_legend
     from .image import write_image as write_image

@@ -37,7 +37,7 @@ SHARED = (
     *("shade/colormaps.py", "shade/direct.py", "shade/emitters.py", "shade/materials/", "shade/path.py"),
     *("shade/shading_points.py", "shade/sky.py", "shade/specular_rays.py"),
     *("shade/baked.py", "shade/baked_light.py", "shade/grid.py", "shade/harmonics.py", "shade/rgbe.py"),
-    *("bake/directions.py", "bake/gather.py", "bake/patches.py", "rendering/integrate.py"),
+    *("baking/directions.py", "baking/gather.py", "baking/patches.py", "rendering/integrate.py"),
     *("image/tone.py", "rendering/film.py", "rendering/lens.py", "rendering/settings.py"),
 )
 KEEP_CACHES = 4  # folders of other versions that are kept; older ones are removed

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind
-from ..bake.baked import bake
-from ..bake.settings import BakeSettings
+from ..baking.baked import bake
+from ..baking.settings import BakeSettings
 from ..choices import EXPOSED, FILTERS, INTEGRATORS, NOISY, number_of
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run

@@ -44,7 +44,7 @@ class LightTables(NamedTuple):
 
 
 class BakedLight(Protocol):
-    """The light that is kept for a scene: `bake.baked.Baked`."""
+    """The light that is kept for a scene: `baking.baked.Baked`."""
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """What kernels read of it: `World.baked` and `World.baked_frames`, for instances in these levels of detail."""
