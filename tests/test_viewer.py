@@ -3,8 +3,8 @@
 import json
 import threading
 import time
-from dataclasses import replace
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
