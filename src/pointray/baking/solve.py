@@ -54,6 +54,7 @@ def lamp_radiances(world: World) -> NDArray[np.float64]:
 def solve(world: World, transport: Transport, direct: Floats, settings: BakeSettings) -> Arrived:
     """The light after all bounces, from the lights of this world."""
     n, threads = len(transport), settings.threads
+    transport.meet(world)
     lamps = lamp_radiances(world).reshape(-1)
     sources = np.zeros((PATCHES + n, PER_SOURCE), np.float32)
     sources[SKY:PATCHES, :3] = sky_texels(world)

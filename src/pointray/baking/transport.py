@@ -7,17 +7,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import run
+from ..jit import run, uncompiled
 from ..kernels.records import DIELECTRIC, MATERIAL_KIND, MATERIAL_SIZE, MIRROR, World
 from ..kernels.scratch import TILE
 from ..progress import Progress
 from ..scene.world import Snapshot
-from .bounces import Links
+from .bounces import CHUNK, Links, bytes_of, hide_links
 from .directions import strata
 from .gather import FIND_DIRECT, FIND_LINKS, ONE_TILE, Found, Patches, Rays, send_rays
 from .surfaces import Sheet, find_targets
 
-NO_FLOATS, NO_INTS = np.zeros(0, np.float32), np.zeros(0, np.int32)
+NO_FLOATS, NO_INTS, NO_BITS = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.uint8)
 AREA_SAMPLES = 16  # shadow rays of a patch to a light with a size
 ALL_SIDES = (1, -1)
 
@@ -111,13 +111,25 @@ class Transport:
         )
         seed = self._seed + len(self.links)
         self._run(rows, self._world, Rays(FIND_LINKS, strata(links), seed, AREA_SAMPLES, tinted), found, progress)
-        self.links.append(Links(found.links, found.tints, rows, np.zeros(len(rows), np.float32), strata(links), seed))
+        self.links.append(
+            Links(found.links, found.tints, rows, np.zeros(len(rows), np.float32), NO_BITS, strata(links), seed)
+        )
         sent = np.zeros(len(self), np.float32)
         for part in self.links:
             sent[part.rows] += part.parts[0] * part.parts[1]
         self.nearness[rows] = (self.nearness[rows] * (sent[rows] - links) + found.nearness) / sent[rows]
         for part in self.links:
             part.share[:] = part.parts[0] * part.parts[1] / sent[part.rows]
+
+    def meet(self, world: World) -> None:
+        """Find the links that lamps of this world stand in the way of, whose light they hide."""
+        patches, lamps = self.patches(), world.lamps.lights.size > 0
+        for k, part in enumerate(self.links):
+            count = uncompiled(bytes_of)(part.parts[0] * part.parts[1])
+            part = part._replace(hidden=np.zeros(len(part.rows) * count, np.uint8) if lamps else NO_BITS)
+            if lamps:
+                run(hide_links, -(-len(part.rows) // CHUNK), world, part, patches, threads=self._threads)
+            self.links[k] = part
 
     def find_direct(self, world: World, progress: Progress | None = None) -> Floats:
         """Irradiance of all patches from lights of this world that are neither sky nor surface, (n, 3)."""
