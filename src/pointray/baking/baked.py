@@ -86,18 +86,17 @@ class Baked:
     def _gather(self, snapshot: Snapshot, progress: Progress | None) -> None:
         """Find which sides are lit, and their links; more of these where there is noise."""
         settings = self._settings
-        self._lit = _lit_sides(snapshot, self._sheets, settings)
+        self._probe = _probe(snapshot, self._sheets, settings)
+        self._lit = _lit_sides(snapshot, self._probe, settings)
         transport = Transport(snapshot, self._sheets, self._lit, settings.seed, settings.threads)
         rows = np.arange(len(transport), dtype=np.int32)
-        transport.send(rows, settings.links, part_of(progress, 0.0, 0.8))
-        direct = transport.find_direct(snapshot.world)
+        transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))
+        arrived = solve(snapshot.world, transport, transport.find_direct(snapshot.world), settings)
+        noisy = _noisy(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
         for k in range(MOST_ROUNDS):
-            arrived = solve(snapshot.world, transport, direct, settings)
-            noisy = _noisy(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
             rows = np.flatnonzero(noisy > 1.0 + k).astype(np.int32)
-            if not len(rows):
-                break
-            transport.send(rows, settings.links, part_of(progress, 0.8 + 0.05 * k, 0.85 + 0.05 * k))
+            if len(rows):
+                transport.send(rows, settings.links, part_of(progress, 0.7 + 0.1 * k, 0.8 + 0.1 * k))
         self._transport = transport
         self._shape = _shape_of(snapshot)
 
@@ -152,7 +151,7 @@ class Baked:
         snapshot = self._scene.snapshot().without_camera_lights()
         if _shape_of(snapshot) != self._shape:
             raise ValueError("the light does not fit: models, planes or clip planes have changed: bake again")
-        if _lit_sides(snapshot, self._sheets, self._settings) != self._lit:
+        if _lit_sides(snapshot, self._probe, self._settings) != self._lit:
             self._gather(snapshot, progress)
         self._light(snapshot)
         tell(progress, 1.0)
@@ -263,17 +262,23 @@ def _levels_of(side: Side) -> range:
     return range(1) if isinstance(patches, Grid) else range(len(patches.blends))
 
 
-def _lit_sides(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> list[tuple[int, int]]:
-    """The fronts of all sheets, and the backs that are lit, as a rough bake with few patches and links tells."""
+def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> Transport:
+    """Few patches on both sides of all sheets, with few links."""
     few = coarser(sheets, max(PROBES // len(sheets), 16))
     sides = [(k, sign) for k in range(len(sheets)) for sign in ALL_SIDES]
-    transport = Transport(scene, few, sides, settings.seed, settings.threads)
-    transport.send(np.arange(len(transport), dtype=np.int32), PROBE_LINKS)
-    arrived = solve(scene.world, transport, transport.find_direct(scene.world), settings)
+    probe = Transport(scene, few, sides, settings.seed, settings.threads)
+    probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)
+    return probe
+
+
+def _lit_sides(scene: Snapshot, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:
+    """The fronts of all sheets, and the backs that are lit, as the light at few patches tells: (sheet, sign)."""
+    arrived = solve(scene.world, probe, probe.find_direct(scene.world), settings)
     light = (arrived.direct + arrived.indirect) @ np.array(LUMINANCE, np.float32)
-    means = [float(light[side.span].mean()) for side in transport.sides]
+    means = [float(light[side.span].mean()) for side in probe.sides]
     limit = DARK * max(means)
-    return [pair for pair, mean in zip(sides, means, strict=True) if pair[1] > 0 or (mean > limit and limit > 0.0)]
+    lit = [side.sign > 0 or (mean > limit and limit > 0.0) for side, mean in zip(probe.sides, means, strict=True)]
+    return [(k // 2, side.sign) for k, side in enumerate(probe.sides) if lit[k]]
 
 
 def _noisy(transport: Transport, arrived: Arrived, count: Floats, noise: float) -> Floats:

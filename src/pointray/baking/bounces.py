@@ -76,18 +76,24 @@ def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
 
 
 @kernel
-def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, out: Array) -> int:
-    """Add to the patches' irradiance, (patches * 3,) float32, what comes along these links."""
+def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, every: int, out: Array) -> int:
+    """Add to the patches' irradiance, (patches * 3,) float32, what comes along these links, or along some of them.
+
+    every : only so few of the links, one in `every`, are followed; neighbouring patches follow others
+    """
     links, sources, lamps, out = borrow(links), borrow(sources), borrow(lamps), borrow(out)
-    count = links.parts[0] * links.parts[1]
+    rows, columns = links.parts
+    count = rows * columns
     chunk = next_tile(work)
     while chunk >= 0:
         for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
-            total = NO_LIGHT
-            for k in range(count):
-                if not _is_hidden(links, m, k):
-                    total = add(total, _radiance(links, m * count + k, sources, lamps))
-            total = scale(total, math.pi / count * links.share[m])
+            total, used = NO_LIGHT, 0
+            for row in range(rows):
+                for k in range(row * columns + (links.rows[m] + 2 * row) % every, (row + 1) * columns, every):
+                    used += 1
+                    if not _is_hidden(links, m, k):
+                        total = add(total, _radiance(links, m * count + k, sources, lamps))
+            total = scale(total, math.pi / max(used, 1) * links.share[m])
             patch = 3 * i64(links.rows[m])
             for c in range(3):
                 out[patch + c] += f32(total[c])

@@ -27,6 +27,8 @@ from .smooth import CHUNK as SMOOTHED
 from .smooth import smooth
 from .transport import Side, Transport
 
+# Bounces but the last go along one link in so many: their noise is averaged by the last, which goes along all.
+FEW = 4
 EXACT = 1e-3  # share of the light that bounces which are left out may have
 
 Floats = NDArray[np.float32]
@@ -71,13 +73,24 @@ def solve(world: World, transport: Transport, direct: Floats, settings: BakeSett
             if depth > 0 and _is_settled(change, before, total):
                 break
             before = change
-        indirect[:] = 0.0
-        for part in transport.links:
-            run(add_irradiance, -(-len(part.rows) // CHUNK), part, light, lamps, indirect.reshape(-1), threads=threads)
+        _gather_light(transport, light, lamps, FEW, indirect, threads)
+    if settings.depth > 0:
+        _gather_light(transport, light, lamps, 1, indirect, threads)
     facts, patches = np.zeros((n, FACTS), np.float32), transport.patches()
     for part in transport.links:
         run(add_facts, -(-len(part.rows) // CHUNK), part, patches, light, lamps, facts.reshape(-1), threads=threads)
     return Arrived(direct, indirect, facts)
+
+
+def _gather_light(
+    transport: Transport, light: Floats, lamps: NDArray[np.float64], every: int, indirect: Floats, threads: int | None
+) -> None:
+    """Irradiance along the links of all patches, or along one in `every` of them."""
+    indirect[:] = 0.0
+    for part in transport.links:
+        few = every if part.parts[1] % every == 0 else 1
+        args = part, light, lamps, few, indirect.reshape(-1)
+        run(add_irradiance, -(-len(part.rows) // CHUNK), *args, threads=threads)
 
 
 def _is_settled(change: float, before: float, total: float) -> bool:

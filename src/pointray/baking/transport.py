@@ -90,14 +90,15 @@ class Transport:
         """What kernels read of the patches, and increasing rows that are asked for: no tile has those of two sides."""
         of = np.searchsorted([side.first for side in self.sides], rows, side="right") - 1
         begins = np.flatnonzero(np.diff(of, prepend=-1))
-        ends = np.append(begins[1:], len(rows))[: len(begins)]
-        tiles = [
-            (at, min(TILE, end - at), self.sides[int(of[begin])].sign)
-            for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
-            for at in range(begin, end, TILE)
-        ]
-        table = np.array(tiles, np.int64).reshape(-1)
-        return Patches(self.positions.reshape(-1), self.normals.reshape(-1), rows, table)
+        counts = np.diff(np.append(begins, len(rows)))
+        tiles = -(-counts // TILE)
+        at = (np.arange(tiles.sum()) - np.repeat(np.cumsum(tiles) - tiles, tiles)) * TILE
+        signs = np.array([side.sign for side in self.sides])[of[begins]]
+        table = np.empty((len(at), ONE_TILE), np.int64)
+        table[:, 0] = at + np.repeat(begins, tiles)
+        table[:, 1] = np.minimum(TILE, np.repeat(counts, tiles) - at)
+        table[:, 2] = np.repeat(signs, tiles)
+        return Patches(self.positions.reshape(-1), self.normals.reshape(-1), rows, table.reshape(-1))
 
     def send(self, rows: NDArray[np.int32], links: int, progress: Progress | None = None) -> None:
         """Find so many more links of some patches; the light of all links of a patch counts equally."""
