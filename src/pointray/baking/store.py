@@ -9,7 +9,7 @@ from ..jit import run
 from ..kernels.records import RECORD
 from .bounces import BANDS as BAND_FACTS
 from .pack import CHUNK, pack
-from .patches import AROUND
+from .patches import AROUND, BLOCK_SPLATS
 from .planes import Grid
 from .solve import Arrived
 from .transport import Side
@@ -19,13 +19,13 @@ BRIGHTEST = 32768.0  # in the records' unit: the light that is brightest
 EVERY = np.zeros(0, np.int32)
 
 
-def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.float32], int]:
+def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint8], int]:
     """What the light of a side's records is blended from, for a level of detail (0: the model), and their number."""
     patches = side.sheet.patches
     if isinstance(patches, Grid):
-        return EVERY, EVERY.view(np.float32), side.size
+        return EVERY, EVERY.view(np.uint8), side.size
     blend = patches.blends[level]
-    return blend.around.reshape(-1), blend.weights.reshape(-1), len(blend.around)
+    return blend.around.reshape(-1), blend.weights.reshape(-1), len(blend.weights)
 
 
 def make_records(side: Side, level: int, arrived: Arrived, unit: float, threads: int | None) -> NDArray[np.int32]:
@@ -41,10 +41,10 @@ def make_records(side: Side, level: int, arrived: Arrived, unit: float, threads:
 def at_splats(side: Side, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Values of a side's patches, (count, k), at the slots of its model, (n, k)."""
     around, weights, n = blend_of(side, 0)
-    around, weights = around.reshape(n, AROUND), weights.reshape(n, AROUND)
-    return sum(
-        (weights[:, k, None] * values[around[:, k]] for k in range(AROUND)), np.zeros((n, values.shape[1]), np.float32)
-    )
+    around = np.repeat(around.reshape(-1, AROUND), BLOCK_SPLATS, axis=0)
+    shares = weights.reshape(n, AROUND).astype(np.float32)
+    total = sum(shares[:, k, None] * values[around[:, k]] for k in range(AROUND))
+    return np.asarray(total / np.maximum(shares.sum(axis=1, keepdims=True), 1.0), np.float32)
 
 
 def unit_of(arrived: Arrived) -> float:
