@@ -91,7 +91,7 @@ class Baked:
         transport = Transport(snapshot, self._sheets, self._lit, settings.seed, settings.threads)
         rows = np.arange(len(transport), dtype=np.int32)
         transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))
-        arrived = solve(snapshot.world, transport, transport.find_direct(snapshot.world), settings)
+        arrived = solve(snapshot.world, transport, settings)
         noisy = _noisy(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
         for k in range(MOST_ROUNDS):
             rows = np.flatnonzero(noisy > 1.0 + k).astype(np.int32)
@@ -103,8 +103,7 @@ class Baked:
     def _light(self, snapshot: Snapshot) -> None:
         """Solve for the lights of the scene, and write the records."""
         settings, transport = self._settings, self._transport
-        direct = transport.find_direct(snapshot.world)
-        arrived = solve(snapshot.world, transport, direct, settings)
+        arrived = solve(snapshot.world, transport, settings)
         self._arrived, _ = smoothed(transport, arrived, settings.threads)
         if not self._arrived.direct.any() and not self._arrived.indirect.any():
             warnings.warn("the scene has no light: what is baked is black", stacklevel=4)
@@ -273,7 +272,7 @@ def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> Tran
 
 def _lit_sides(scene: Snapshot, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:
     """The fronts of all sheets, and the backs that are lit, as the light at few patches tells: (sheet, sign)."""
-    arrived = solve(scene.world, probe, probe.find_direct(scene.world), settings)
+    arrived = solve(scene.world, probe, settings)
     light = (arrived.direct + arrived.indirect) @ np.array(LUMINANCE, np.float32)
     means = [float(light[side.span].mean()) for side in probe.sides]
     limit = DARK * max(means)

@@ -42,7 +42,9 @@ PLANES_SHARE = 0.5  # share of the patches of models that planes get besides
 LEAST_EDGE, MOST_EDGE = 32, 256  # cells a side of a plane's grid
 LEAST_PATCHES = 256  # of an instance
 BRIGHTEST = 0.9  # of points' own colours: photographs hold light already, and white walls would never grow dark
-LIFT = 0.75  # radii: how far from a splat the ray begins that finds the surface
+# Radii: how far from a splat the ray begins that finds the surface. The later ones are for splats with something else
+# close by, as where a ball touches the ground.
+LIFTS = (0.75, 0.2, 0.05)
 TURNED = 0.3  # cosine: a surface that is turned farther from its splat is another one
 
 Floats = NDArray[np.float64]
@@ -155,16 +157,20 @@ def _on_surface(
     to_model = world.instances[row * INSTANCE + TO_MODEL :][:12].reshape(3, 4)
     to_world = np.linalg.inv(to_model[:, :3])
     splats = (patches.positions - to_model[:, 3]) @ to_world.T
-    lift = (patches.normals * (LIFT * patches.radii[:, None])) @ to_world.T
     normals = patches.normals @ to_model[:, :3]
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    limits = np.tile([0.0, 2.0], (len(splats), 1))
-    hits = closest_hits(world, (len(splats),), np.ascontiguousarray(splats + lift), np.ascontiguousarray(-lift), limits)
-    turned = np.einsum("ij,ij->i", normals, hits["normal"])
-    lost = (hits["instance"] != row) | (turned < TURNED)
-    positions = np.where(lost[:, None], splats, hits["position"])
-    normals = np.where(lost[:, None], normals, hits["normal"]).astype(np.float32)
-    return positions, normals, np.where(lost[:, None], 0.5, hits["color"]), lost
+    normals = (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)).astype(np.float32)
+    positions, colors, lost = splats.copy(), np.full(splats.shape, 0.5), np.ones(len(splats), np.bool_)
+    for share in LIFTS:
+        rows = np.flatnonzero(lost)
+        lift = (patches.normals[rows] * (share * patches.radii[rows, None])) @ to_world.T
+        limits = np.tile([0.0, 2.0], (len(rows), 1))
+        rays = np.ascontiguousarray(splats[rows] + lift), np.ascontiguousarray(-lift), limits
+        hits = closest_hits(world, (len(rows),), *rays)
+        good = (hits["instance"] == row) & (np.einsum("ij,ij->i", normals[rows], hits["normal"]) >= TURNED)
+        found = rows[good]
+        positions[found], normals[found] = hits["position"][good], hits["normal"][good]
+        colors[found], lost[found] = hits["color"][good], False
+    return positions, normals, colors, lost
 
 
 def find_targets(scene: Snapshot, sheets: list[Sheet], firsts: dict[tuple[int, int], int]) -> Targets:

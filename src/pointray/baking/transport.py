@@ -14,10 +14,11 @@ from ..progress import Progress
 from ..scene.world import Snapshot
 from .bounces import CHUNK, Links, bytes_of, hide_links
 from .directions import strata
-from .gather import FIND_DIRECT, FIND_LINKS, ONE_TILE, Found, Patches, Rays, send_rays
+from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, ONE_TILE, Found, Patches, Rays, send_rays
 from .surfaces import Sheet, find_targets
 
 NO_FLOATS, NO_INTS, NO_BITS = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.uint8)
+NO_SUNS = np.zeros(0)
 AREA_SAMPLES = 16  # shadow rays of a patch to a light with a size
 ALL_SIDES = (1, -1)
 
@@ -111,7 +112,9 @@ class Transport:
             NO_FLOATS,
         )
         seed = self._seed + len(self.links)
-        self._run(rows, self._world, Rays(FIND_LINKS, strata(links), seed, AREA_SAMPLES, tinted), found, progress)
+        self._run(
+            rows, self._world, Rays(FIND_LINKS, strata(links), seed, AREA_SAMPLES, tinted, NO_SUNS), found, progress
+        )
         self.links.append(
             Links(found.links, found.tints, rows, np.zeros(len(rows), np.float32), NO_BITS, strata(links), seed)
         )
@@ -135,9 +138,17 @@ class Transport:
     def find_direct(self, world: World, progress: Progress | None = None) -> Floats:
         """Irradiance of all patches from lights of this world that are neither sky nor surface, (n, 3)."""
         rows, direct = np.arange(len(self), dtype=np.int32), np.zeros((len(self), 3), np.float32)
-        rays = Rays(FIND_DIRECT, (1, 1), self._seed, AREA_SAMPLES, False)
+        rays = Rays(FIND_DIRECT, (1, 1), self._seed, AREA_SAMPLES, False, NO_SUNS)
         self._run(rows, world, rays, Found(NO_INTS, NO_INTS, NO_FLOATS, direct.reshape(-1)), progress)
         return direct
+
+    def find_suns(self, world: World, suns: NDArray[np.float64]) -> Floats:
+        """The cosine of all patches to bright spots of the sky, (n, suns); 0 where something is in the way."""
+        rows, seen = np.arange(len(self), dtype=np.int32), np.zeros((len(self), len(suns)), np.float32)
+        if len(suns):
+            rays = Rays(FIND_SUNS, (1, 1), self._seed, AREA_SAMPLES, False, suns.reshape(-1))
+            self._run(rows, world, rays, Found(NO_INTS, NO_INTS, NO_FLOATS, seen.reshape(-1)), None)
+        return seen
 
     def _run(self, rows: NDArray[np.int32], world: World, rays: Rays, found: Found, progress: Progress | None) -> None:
         patches = self.patches(rows)
