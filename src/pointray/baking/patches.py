@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
 from ..kernels.tree import BLOCK, FAR, INV_R2, NX, PX, Tree
+from ..kernels.vec import Vec3
 from ..neighbors import NeighborTree
 
 NEAR = 16  # neighbours of a patch, which its light is smoothed with
@@ -18,6 +19,8 @@ BLOCK_SPLATS = 4  # splats side by side in a tree
 CHUNK = 4096
 # Of a blend: how fast a patch's weight falls with its distance from the splat's plane, in distances of the patches.
 OFF_PLANE = f32(4.0)
+NEAREST = f32(0.05)  # of a squared distance, in squared distances of the patches: below it a patch counts no more
+RIDGE = 0.01  # share of the trace of a matrix that keeps it from being singular
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int32]
@@ -118,7 +121,49 @@ def likeness(x: Array, n: Array, i: int, y: Array, m: Array, j: int, width: floa
         return f32(0.0)
     off = off * f32(0.5) / width * OFF_PLANE
     turned = cosine * cosine
-    return turned * turned / ((f32(1.0) + off * off) * (f32(1.0) + f32(4.0) * square / (width * width)))
+    near = NEAREST + square / (width * width)
+    return turned * turned / ((f32(1.0) + off * off) * near * near)
+
+
+@inline
+def _solve3(m: Array, b: Vec3) -> Vec3:
+    """x with M x = b for a symmetric matrix, given as xx xy xz yy yz zz, which is not singular."""
+    xx, xy, xz, yy, yz, zz = m[0], m[1], m[2], m[3], m[4], m[5]
+    first = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    second = xx * zz - xz * xz, xy * xz - xx * yz
+    third = xx * yy - xy * xy
+    size = 1.0 / (xx * first[0] + xy * first[1] + xz * first[2])
+    return (
+        size * (first[0] * b[0] + first[1] * b[1] + first[2] * b[2]),
+        size * (first[1] * b[0] + second[0] * b[1] + second[1] * b[2]),
+        size * (first[2] * b[0] + second[1] * b[1] + third * b[2]),
+    )
+
+
+@inline
+def _balance(x: Array, i: int, y: Array, around: Array, span: tuple[int, int], found: Array, m: Array) -> None:
+    """Change the weights in `found` so that the weighted mean of the patches' positions is the splat's.
+
+    Light that changes evenly across the surface is then blended without error (moving least squares, Lancaster and
+    Salkauskas 1981). span : where the patches stand in `around`, and their number; m : 6 numbers of working memory
+    """
+    bx = by = bz = total = 0.0
+    m[:] = 0.0
+    for k in range(span[1]):
+        j, w = 3 * around[span[0] + k], found[k] * 1.0
+        dx, dy, dz = y[j] - x[3 * i] * 1.0, y[j + 1] - x[3 * i + 1] * 1.0, y[j + 2] - x[3 * i + 2] * 1.0
+        bx, by, bz, total = bx + w * dx, by + w * dy, bz + w * dz, total + w
+        m[0], m[1], m[2] = m[0] + w * dx * dx, m[1] + w * dx * dy, m[2] + w * dx * dz
+        m[3], m[4], m[5] = m[3] + w * dy * dy, m[4] + w * dy * dz, m[5] + w * dz * dz
+    ridge = RIDGE * (m[0] + m[3] + m[5])
+    if not ridge > 1e-30 * total:
+        return
+    m[0], m[3], m[5] = m[0] + ridge, m[3] + ridge, m[5] + ridge
+    a = _solve3(m, (-bx, -by, -bz))
+    for k in range(span[1]):
+        j = 3 * around[span[0] + k]
+        lean = a[0] * (y[j] - x[3 * i]) + a[1] * (y[j + 1] - x[3 * i + 1]) + a[2] * (y[j + 2] - x[3 * i + 2])
+        found[k] = found[k] * f32(max(1.0 + lean, 0.0))
 
 
 @kernel
@@ -128,7 +173,7 @@ def _blend(
     """Weigh the patches around each splat. tables : positions and normals of splats, then of patches; flat."""
     x, n, y, m = borrow(tables)
     around, weights, patch_of = borrow(around), borrow(weights), borrow(patch_of)
-    found = np.zeros(AROUND, np.float32)
+    found, memory = np.zeros(AROUND, np.float32), np.zeros(6)
     tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * CHUNK, min((tile + 1) * CHUNK, patch_of.size)):
@@ -138,11 +183,15 @@ def _blend(
             for c in range(3):
                 square += (y[3 * last + c] - x[3 * i + c]) ** 2
             width = f32(np.sqrt(square))
-            most, best = f32(-1.0), 0
+            best = 0
             for k in range(count):
                 found[k] = likeness(x, n, i, y, m, around[at + k], width)
-                if found[k] > most:
-                    most, best = found[k], k
+                if found[k] > found[best]:
+                    best = k
+            _balance(x, i, y, around, (at, count), found, memory)
+            most = f32(0.0)
+            for k in range(count):
+                most = max(most, found[k])
             patch_of[i] = i32(around[at + best])
             for k in range(count):
                 share = found[k] / most if most > f32(0.0) else f32(k == best)
