@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import warnings
 from typing import Any
@@ -154,6 +155,18 @@ class Baked:
             self._gather(snapshot, progress)
         self._light(snapshot)
         tell(progress, 1.0)
+
+    def relit(self, scene: Scene) -> Baked | None:
+        """The light of another scene with the same models, planes and clip planes; None if these differ.
+
+        This one stays as it is. Both share their links.
+        """
+        if _shape_of(scene.snapshot().without_camera_lights()) != self._shape:
+            return None
+        twin = copy.copy(self)
+        twin._scene = scene
+        twin.update()
+        return twin
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
         """What kernels read, see `records.BAKED`. levels : (instances,), which level of its model each shows
