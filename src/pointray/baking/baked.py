@@ -3,46 +3,29 @@
 from __future__ import annotations
 
 import copy
-import hashlib
+import os
 import warnings
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_callback, check_kind
+from ..arguments import check_callback, check_kind, check_path
 from ..jit import Array
-from ..kernels.records import (
-    BAKED,
-    BAKED_BACK,
-    BAKED_COUNT,
-    BAKED_FRAME,
-    BAKED_FRONT,
-    BAKED_UNIT,
-    DIELECTRIC,
-    GRID_EDGE,
-    GRID_HALF,
-    GRID_MIDDLE,
-    INSTANCE,
-    KIND,
-    MATERIAL,
-    MATERIAL_KIND,
-    MATERIAL_SIZE,
-    MIRROR,
-    MODEL,
-    PLANE_COLOR,
-    PLANE_SIZE,
-)
+from ..kernels.records import INSTANCE, KIND, MODEL
 from ..kernels.vec import LUMINANCE
 from ..model import Model
 from ..progress import Progress, part_of, tell
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
-from .bounces import SEES_SKY, VARIANCE
+from .bounces import VARIANCE
+from .file import Stored, read_light, write_light
+from .kept import Kept
+from .keys import keys_of, lights_of, shape_of
 from .planes import Grid
 from .settings import BakeSettings
 from .solve import Arrived, smoothed, solve
-from .store import at_splats, make_records, unit_of
+from .store import AtSplats, at_points, from_patches, from_records, make_records, seen_skies, unit_of
 from .surfaces import Sheet, coarser, find_sheets
 from .transport import ALL_SIDES, Side, Transport
 
@@ -59,12 +42,6 @@ class StaleLightWarning(UserWarning):
     """Baked light no longer fits its scene, see `Baked.stale`."""
 
 
-class _Addresses(bytearray):
-    """The memory of a table of addresses, with what they point to: as long as the one is there, so is the other."""
-
-    kept: list[NDArray[np.int32]]
-
-
 class Baked:
     """The light that arrives at every splat and plane of a scene; `bake` makes it.
 
@@ -77,8 +54,10 @@ class Baked:
 
     def __init__(self, scene: Scene, settings: BakeSettings, progress: Progress | None) -> None:
         self._scene, self._settings = scene, settings
-        snapshot = scene.snapshot().without_camera_lights()
-        self._sheets = find_sheets(snapshot, _chosen(snapshot, settings), settings.albedo_scale)
+        self._bake(scene.snapshot().without_camera_lights(), progress)
+
+    def _bake(self, snapshot: Snapshot, progress: Progress | None) -> None:
+        self._sheets = find_sheets(snapshot, _chosen(snapshot, self._settings), self._settings.albedo_scale)
         tell(progress, 0.1)
         self._gather(snapshot, part_of(progress, 0.1, 0.9))
         self._light(snapshot)
@@ -99,7 +78,7 @@ class Baked:
             if len(rows):
                 transport.send(rows, settings.links, part_of(progress, 0.7 + 0.1 * k, 0.8 + 0.1 * k))
         self._transport = transport
-        self._shape = _shape_of(snapshot)
+        self._shape = shape_of(snapshot)
 
     def _light(self, snapshot: Snapshot) -> None:
         """Solve for the lights of the scene, and write the records."""
@@ -107,18 +86,24 @@ class Baked:
         arrived = solve(snapshot.world, transport, settings)
         self._arrived, _ = smoothed(transport, arrived, settings.threads)
         if not self._arrived.direct.any() and not self._arrived.indirect.any():
-            warnings.warn("the scene has no light: what is baked is black", stacklevel=4)
-        self._unit = unit_of(self._arrived)
-        numbers = snapshot.numbers
-        self._records = {
+            warnings.warn("the scene has no light: what is baked is black", stacklevel=5)
+        unit, numbers = unit_of(self._arrived), snapshot.numbers
+        records = {
             (int(numbers[side.sheet.instance]), side.sign, level): make_records(
-                side, level, self._arrived, self._unit, settings.threads
+                side, level, self._arrived, unit, settings.threads
             )
             for side in transport.sides
             for level in _levels_of(side)
         }
         self._sides = {(int(numbers[side.sheet.instance]), side.sign): side for side in transport.sides}
-        self._lights = _lights_of(snapshot)
+        patches = {number: side.sheet.patches for (number, _), side in self._sides.items()}
+        grids = {number: grid for number, grid in patches.items() if isinstance(grid, Grid)}
+        self._begin(snapshot, lights_of(snapshot), Kept(unit, records, grids))
+
+    def _begin(self, snapshot: Snapshot, lights: bytes, kept: Kept, stored: Stored | None = None) -> None:
+        """Keep light, the scene that it is of, and the file's contents if it is from one."""
+        self._baked_of, self._lights = snapshot._replace(baked=None), lights
+        self._kept, self._stored = kept, stored
         self._checked: Snapshot | None = None
         self._reason: str | None = None
         self._warned: str | None = None
@@ -132,15 +117,17 @@ class Baked:
         if snapshot is self._checked:
             return self._reason
         fixed, reason = snapshot.without_camera_lights(), None
-        if _shape_of(fixed) != self._shape:
+        if shape_of(fixed) != self._shape:
             reason = "models, planes or clip planes have changed: bake again"
-        elif _lights_of(fixed) != self._lights:
+        elif lights_of(fixed) != self._lights:
             reason = "lights, materials or colours have changed: call update()"
         self._checked, self._reason = snapshot, reason
         return reason
 
     def update(self, progress: Progress | None = None) -> None:
         """Bake anew for other lights, another sky, other materials and colours, without new links.
+
+        Light from a file has no links: they are found anew, as in `bake`, which takes as long.
 
         Raises
         ------
@@ -149,8 +136,11 @@ class Baked:
         """
         check_callback(progress)
         snapshot = self._scene.snapshot().without_camera_lights()
-        if _shape_of(snapshot) != self._shape:
+        if shape_of(snapshot) != self._shape:
             raise ValueError("the light does not fit: models, planes or clip planes have changed: bake again")
+        if self._stored is not None:
+            self._bake(snapshot, progress)
+            return
         if _lit_sides(snapshot, self._probe, self._settings) != self._lit:
             self._gather(snapshot, progress)
         self._light(snapshot)
@@ -161,7 +151,7 @@ class Baked:
 
         This one stays as it is. Both share their links.
         """
-        if _shape_of(scene.snapshot().without_camera_lights()) != self._shape:
+        if shape_of(scene.snapshot().without_camera_lights()) != self._shape:
             return None
         twin = copy.copy(self)
         twin._scene = scene
@@ -177,58 +167,98 @@ class Baked:
         if reason is not None and reason != self._warned:
             warnings.warn(f"the baked light no longer fits the scene: {reason}", StaleLightWarning, stacklevel=6)
         self._warned = reason
-        rows, frames = np.zeros((len(levels), BAKED), np.int64), np.zeros((len(levels), BAKED_FRAME))
-        kept = []
-        for k, level in enumerate(levels.tolist()):
-            for sign, column in ((1, BAKED_FRONT), (-1, BAKED_BACK)):
-                records = self._records.get((int(scene.numbers[k]), sign, level))
-                if records is None:
-                    continue
-                kept.append(records)
-                rows[k, column], rows[k, BAKED_COUNT] = records.ctypes.data, len(records)
-                frames[k, BAKED_UNIT] = self._unit
-                patches = self._sides[int(scene.numbers[k]), sign].sheet.patches
-                if isinstance(patches, Grid):
-                    frames[k, GRID_MIDDLE : GRID_MIDDLE + 2] = patches.middle
-                    frames[k, GRID_HALF], frames[k, GRID_EDGE] = patches.half, patches.edge
-        memory = _Addresses(rows.tobytes())
-        memory.kept = kept
-        return np.frombuffer(memory, np.int64), frames.reshape(-1)
+        return self._kept.tables(scene, levels)
 
     def irradiance(self, id: int) -> Floats:
         """All light that arrives at each point of an instance on its front side, (n, 3), in W/m2 of the lights' units.
 
         NaN at points that have no splat. ValueError if `id` is no instance of a model.
         """
-        return self._at_points(id, self._arrived.direct + self._arrived.indirect)
+        return self._at_points(id, lambda at: at.direct + at.indirect)
 
     def indirect(self, id: int) -> Floats:
         """The same without the direct light of lights: from the sky and from other surfaces."""
-        return self._at_points(id, self._arrived.indirect)
+        return self._at_points(id, lambda at: at.indirect)
 
     def ambient_occlusion(self, id: int) -> Floats:
         """The share of the sky that each point sees, weighted by the cosine, (n,): 1 where nothing is in the way."""
-        return self._at_points(id, self._arrived.facts[:, SEES_SKY : SEES_SKY + 1])[:, 0]
+        return self._at_points(id, lambda at: at.sky)
 
-    def _at_points(self, id: int, values: Floats) -> Floats:
-        """Values of all patches at the points of an instance's model, in the model's order."""
-        side = self._sides.get((id, 1)) if isinstance(id, int | np.integer) else None
+    def _at_points(self, id: int, values_of: Callable[[AtSplats], Floats]) -> Floats:
+        """What arrives at the points of an instance's model, in the model's order."""
+        records = self._kept.records.get((id, 1, 0)) if isinstance(id, int | np.integer) else None
         model = self._scene.shapes.get(id)
-        if side is None or not isinstance(model, Model):
+        if records is None or not isinstance(model, Model) or len(records) != len(model.tree.order):
             raise ValueError(f"no light is baked for a model {id!r}: id is what `Scene.add` returned for one")
-        order = model.tree.order
-        used = order >= 0
-        out = np.full((len(model.points), values.shape[1]), np.nan, np.float32)
-        out[order[used]] = at_splats(side, values[side.span])[used]
-        return out
+        if self._stored is None:
+            values = values_of(from_patches(self._sides[id, 1], self._arrived))
+        else:
+            values = values_of(from_records(records, self._kept.unit, self._stored.skies[id]))
+        return at_points(model, values)
+
+    def save(self, path: str | os.PathLike[str], progress: Progress | None = None) -> None:
+        """Write the light to a file that `load` maps: what pictures and exports need, and not the links.
+
+        Parameters
+        ----------
+        path : str or path
+            Usually ends in .bake; the file is replaced when all is written.
+        progress : callable, optional
+            Called with the share done.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        check_path(path)
+        check_callback(progress)
+        write_light(path, self._stored or self._store(), progress or (lambda share: None))
+
+    def _store(self) -> Stored:
+        """What a file holds."""
+        if shape_of(self._baked_of) != self._shape:
+            raise ValueError("the light cannot be saved: levels of detail were made after the bake: bake again")
+        return Stored(self._settings, keys_of(self._baked_of), self._kept, seen_skies(self._sides, self._arrived))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], scene: Scene) -> Baked:
+        """The light that `save` has written, mapped into memory: it is ready at once, whatever its size.
+
+        Pictures are those of the light that was saved, to the last bit; `irradiance` and `indirect` are as exact as
+        pictures: to a 256th of the brightest channel. If lights, sky, materials or colours are no longer those of the
+        bake, `stale` says so. The file must not change while the light is used.
+
+        Parameters
+        ----------
+        scene : Scene
+            Of the same models, planes and clip planes as when it was baked, instances in the same order.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be opened.
+        ValueError
+            If it is no baked light, has another version, is damaged, or is of another scene.
+        """
+        check_path(path)
+        check_kind(scene, "scene", Scene, "a Scene")
+        snapshot = scene.snapshot().without_camera_lights()
+        stored = read_light(path, snapshot)
+        baked = cls.__new__(cls)
+        baked._scene, baked._settings, baked._shape = scene, stored.settings, shape_of(snapshot)
+        lights = lights_of(snapshot) if stored.keys.light == keys_of(snapshot).light else b""
+        baked._begin(snapshot, lights, stored.kept, stored)
+        return baked
 
     @property
     def nbytes(self) -> int:
         """Bytes of the light that pictures read."""
-        return sum(records.nbytes for records in self._records.values())
+        return self._kept.nbytes
 
     def __repr__(self) -> str:
-        return f"<Baked: {len(self._transport):,} patches, {self.nbytes / 2**20:.0f} MiB>"
+        whence = "from a file" if self._stored is not None else f"{len(self._transport):,} patches"
+        return f"<Baked: {whence}, {self.nbytes / 2**20:.0f} MiB>"
 
 
 def bake(scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None) -> Baked:
@@ -300,34 +330,3 @@ def _noisy(transport: Transport, arrived: Arrived, count: Floats, noise: float) 
     least = DIM * float(light.mean())
     aim = noise * np.maximum(light, max(least, 1e-15))
     return np.asarray(arrived.facts[:, VARIANCE] / np.maximum(count, 1.0) / (aim * aim), np.float32)
-
-
-def _digest(*arrays: Any) -> bytes:
-    """A hash of arrays and bytes."""
-    digest = hashlib.blake2b(digest_size=16)
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.digest()
-
-
-def _shape_of(scene: Snapshot) -> tuple[Any, ...]:
-    """What links depend on: the geometry, and which surfaces are mirrors or glass."""
-    world = scene.world
-    records = world.instances.reshape(-1, INSTANCE).copy()
-    kinds = world.materials[MATERIAL_KIND::MATERIAL_SIZE][records[:, MATERIAL].astype(int)]
-    specular = np.where(np.isin(kinds, (MIRROR, DIELECTRIC)), kinds, -1.0)
-    records[:, MATERIAL : MATERIAL + 2] = 0.0
-    planes = world.planes.reshape(-1, PLANE_SIZE)
-    models = tuple(id(model) for model in scene.models)
-    return models, _digest(
-        scene.numbers, records, specular, np.delete(planes, slice(PLANE_COLOR, 10), axis=1), world.clips
-    )
-
-
-def _lights_of(scene: Snapshot) -> bytes:
-    """What the light depends on besides."""
-    world = scene.world
-    colors = world.planes.reshape(-1, PLANE_SIZE)[:, PLANE_COLOR:10]
-    used = world.instances.reshape(-1, INSTANCE)[:, MATERIAL : MATERIAL + 2]
-    paints = world.paints, world.map_positions, world.map_colors
-    return _digest(world.lights, world.sky, world.sky_colors, world.materials, used, colors, *paints)
