@@ -132,3 +132,19 @@ def test_what_is_asked_for_must_exist(ball):
         baked.irradiance(floor)
     with pytest.raises(ValueError, match="baked"):
         scene.baked = 3
+
+
+@pytest.mark.filterwarnings("ignore::pointray.StaleLightWarning")
+def test_light_is_never_that_of_another_tree(ball):
+    """Records of a model that was exchanged for a larger one would be read beyond their end: it is dark instead."""
+    scene = pr.Scene()
+    scene.add(ball)
+    scene.add(pr.Plane((0, 0, -1), (0, 0, 1)))
+    scene.add_light(pr.EnvironmentLight())
+    scene.baked = pr.bake(scene, pr.BakeSettings(links=4, patches=600))
+    other = scene.exchange({ball: pr.Model(pr.procedural("sphere", 30_000))})
+    rows, _ = scene.baked.tables(other.snapshot(), np.zeros(2, np.int64))
+    rows = rows.reshape(2, -1)
+    assert (rows[0, :3] == 0).all() and rows[1, 0] != 0
+    camera = pr.frame(other, size=(16, 16))
+    assert np.isfinite(pr.render(other, camera, pr.Settings("baked"))).all()
