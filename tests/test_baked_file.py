@@ -465,8 +465,8 @@ def test_if_writing_ends_early_the_old_file_stays(tmp_path, saved):
         saved[0].save(tmp_path / "none" / "a")
 
 
-# Bakes and saves two versions in turn, in processes that are killed at random moments: every other one of them while it
-# writes. Prints how many kills left an unfinished file, and what was wrong.
+# Bakes and saves two versions in turn, in processes that are killed: at any moment, about when they begin to save, or
+# once the new file has been begun. Prints how many kills left an unfinished file, and what was wrong.
 KILLS = """
 import json, os, random, signal, sys, time
 from pathlib import Path
@@ -507,10 +507,13 @@ for k in range(30):
     here, there = os.pipe()
     child = in_child(lambda: work(there))
     os.close(there)
-    if k % 2:
+    if k % 3:
         for _ in range(rng.randrange(1, 3)):
             os.read(here, 1)
-    time.sleep(rng.random() * (saves if k % 2 else 2 * bakes))
+    end = time.perf_counter() + 9.0
+    while k % 3 == 2 and len(list(path.parent.iterdir())) == 1 and time.perf_counter() < end:
+        pass
+    time.sleep(rng.random() * (2 * bakes, saves, 0.2 * saves)[k % 3])
     os.kill(child, signal.SIGKILL)
     status = os.waitpid(child, 0)[1]
     os.close(here)
