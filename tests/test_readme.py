@@ -76,7 +76,7 @@ def test_commands(block: str, folder: Path) -> None:
         assert execute(arguments) == 0
         if "-o" in arguments:
             made = folder / arguments[arguments.index("-o") + 1]
-            readers = {".ply": pr.read, ".pointray": pr.Model.load, ".mp4": load_film}
+            readers = {".ply": pr.read, ".pointray": pr.Model.load, ".mp4": load_film, ".bake": Path.stat}
             readers.get(made.suffix, lambda path: Image.open(path).load())(made)
 
 

@@ -330,6 +330,25 @@ def test_the_studio_leaves_nothing_black_and_burns_nothing():
     assert np.quantile(shown, 0.02) > 0.01 and np.quantile(shown, 0.99) < 0.96
 
 
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, -1, 0), (1, 1, 0)])
+@pytest.mark.parametrize("azimuth", [0.0, 25.0, -170.0])
+def test_the_studio_that_stands_still_is_that_of_a_viewer_there(up, azimuth):
+    """Its light is the one that follows a camera, as a level camera on that side of the scan carries it."""
+    scene = pr.Scene()
+    scene.add(pr.Model(statue(3000)), material=pr.Diffuse(0.65))
+    camera = pr.frame(scene, up=up, azimuth=azimuth, elevation=0, size=(48, 36))
+    pictures = []
+    for lights in (pr.studio(up), pr.studio(up, azimuth)):
+        scene.lights = lights
+        pictures.append(pr.render(scene, camera))
+    np.testing.assert_allclose(*pictures, atol=1e-5)
+    assert scene.snapshot() is scene.snapshot().without_camera_lights()
+    turned = pr.frame(scene, up=up, azimuth=azimuth + 90, elevation=0, size=(48, 36))
+    still = pr.render(scene, turned)
+    scene.lights = pr.studio(up)
+    assert np.abs(pr.render(scene, turned) - still).max() > 0.3
+
+
 # ---------------------------------------------------------------------------------------------------- exposure
 
 

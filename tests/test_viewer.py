@@ -4,6 +4,7 @@ import json
 import threading
 import time
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -487,11 +488,14 @@ def test_lamps_give_back_the_lights_they_are_made_of(up):
     scene = pr.Scene()
     scene.lights = [pr.SunLight([1, 2, -3], (3, 2, 1), 0.7), pr.PointLight([1, 2, 3], 4), pr.EnvironmentLight(2.0)]
     sun, point, sky = light_controls_of(scene, up)
+    assert [lamp.make(up) for lamp in (sun, point, sky)] == list(scene.lights)  # nothing has changed: to the last bit
+    changed = replace(sun, azimuth=sun.azimuth + 1)
+    assert changed.make(up) is not scene.lights[0] and replace(changed, azimuth=sun.azimuth).make(up) is scene.lights[0]
+    sun, point = (replace(lamp, first=None) for lamp in (sun, point))
     made = sun.make(up)
     assert np.allclose(made.direction, np.array([1, 2, -3]) / np.sqrt(14))
     assert np.allclose(made.irradiance, (3, 2, 1), rtol=1e-4) and made.angle == 0.7
     assert np.allclose(point.make(up).intensity, 4) and point.make(up).position == (1, 2, 3)
-    assert sky.make(up) is scene.lights[2]
     assert LightControl(SUN, azimuth=0, elevation=90).make(up).direction == pytest.approx(-axes[2])
 
 

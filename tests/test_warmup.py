@@ -93,7 +93,7 @@ if __name__ == "__main__":
     seen = []
     settings = pr.Settings(%r)
     cold = not warmup.is_warm(settings)
-    warmup.warm_up(settings, clicks=True)
+    warmup.warm_up(settings, clicks=True, bakes=settings.integrator == "baked")
     warmup.expect(warmup.NORMALS)
     threading.Thread(target=watch, daemon=True).start()
     u, v = np.random.default_rng(0).random((2, 2000)) * 2 * np.pi
@@ -101,9 +101,13 @@ if __name__ == "__main__":
     model = pr.Model(np.stack([ring * np.cos(u), ring * np.sin(u), 0.4 * np.sin(v)], axis=1))
     scene = pr.Scene()
     scene.add(model)
+    if settings.integrator == "baked":
+        scene.add_light(pr.EnvironmentLight())
+        scene.baked = pr.bake(scene, pr.BakeSettings(links=1, patches=64))
     image = pr.render(scene, pr.frame(scene, size=(32, 24)), settings)
     scene.intersect([0, 0, 5], [0, 0, -1])
-    known = {*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES}
+    known = {*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES, *warmup.RAYS, *warmup.BAKE}
+    known.add("rendering.baked.baked_frame")
     done = {name.removeprefix("pointray.") for name, kernel in KERNELS.items() if is_compiled(kernel)}
     states = [state for state in seen if state]
     print(cold, compilations(), int(image[..., 3].sum()))
@@ -125,11 +129,12 @@ def run(program, cache, *words):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("integrator", ["phong", "path"])
+@pytest.mark.parametrize("integrator", ["phong", "path", "baked"])
 def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path, integrator):
     """On the next start nothing is compiled, and nothing is told."""
     first = run(COLD % integrator, tmp_path)
     count = len(warmup.BUILD) + len(warmup.NORMALS) + 2
+    count += len(warmup.BAKE) + len(warmup.RAYS) - 1 if integrator == "baked" else 0  # clicks and bakes share a kernel
     cold, compiled, covered = first[0].split()
     assert cold == "True" and int(covered) > 100
     assert first[1] == "[] []"
@@ -204,6 +209,7 @@ def is_alive(pid):
 
 def test_names_of_kernels_are_right():
     """The expected kernels' names, and those that the other process can compile, are right."""
-    for name in (*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES):
+    for name in (*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES, *warmup.RAYS, *warmup.BAKE):
         assert f"pointray.{name}" in jit.KERNELS
-    assert np.all([cost > 0 for cost in (*warmup.BUILD.values(), *warmup.NORMALS.values())])
+    costs = *warmup.BUILD.values(), *warmup.NORMALS.values(), *warmup.BAKE.values()
+    assert np.all([cost > 0 for cost in costs])

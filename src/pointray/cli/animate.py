@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from ..arguments import check_positive
 from ..choices import AUTO
+from .baked_light import ONCE
 from .keys import read_keys
 from .scan_scene import ScanScene
 from .views import SceneView, View
@@ -132,6 +133,10 @@ class FilmSource(NamedTuple):
     leveled : bool
         Whether models get levels of detail if a frame would show them.
     backdrop : two sRGB colours, or None
+    light : callable, optional
+        Takes a Progress; gives the scene baked light that `build` has not given it.
+    bakes : bool
+        Whether light is baked.
     """
 
     build: Callable[[Progress], tuple[Any, Any]]
@@ -141,6 +146,8 @@ class FilmSource(NamedTuple):
     inputs: dict[str, Any]
     leveled: bool = False
     backdrop: Any = None
+    light: Callable[[Progress], None] | None = None
+    bakes: bool = False
 
 
 def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: float | str) -> FilmSource:
@@ -150,8 +157,11 @@ def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: floa
         scene, _, scan = scan_scene.build(progress)
         return scene, view.turning(scan)
 
-    leveled = settings.levels and scan_scene.is_plain
-    return FilmSource(build, settings, exposure, AUTO, scan_scene.inputs, leveled, scan_scene.backdrop)
+    def light(progress: Progress) -> None:
+        scan_scene.light(progress, ONCE)
+
+    inputs, leveled = scan_scene.inputs, settings.levels and scan_scene.may_level
+    return FilmSource(build, settings, exposure, AUTO, inputs, leveled, scan_scene.backdrop, light, scan_scene.bakes)
 
 
 def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource) -> str:
@@ -168,7 +178,7 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource) -> 
     if other:
         differ = ", ".join(name.replace("_", " ") for name in other)
         warnings.warn(f"{frames.pattern}: all frames are rendered anew: not as before: {differ}", stacklevel=2)
-    with Progress(source.settings if missing else None) as progress:
+    with Progress(source.settings if missing else None, source.bakes and len(missing) > 0) as progress:
         try:
             if missing:
                 _render(frames, missing, camera_path, source, progress)
@@ -203,6 +213,8 @@ def _render(frames: Any, missing: list[int], camera_path: CameraPath, source: Fi
     for model in scene.models if source.leveled else ():
         if not model.levels and any(is_far(model, camera, source.settings.most) for camera in cameras):
             in_background(partial(model.make_levels, progress.show))
+    if source.light is not None:
+        source.light(progress)
 
     def frame(camera: Any, done: int) -> Any:
         def show(share: float) -> None:

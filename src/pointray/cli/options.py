@@ -88,7 +88,7 @@ LightOption = Annotated[
         help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength, with ,camera at the end it goes with "
         "the camera (x to the right, y up, z to the eye); sky:r,g,b or sky:FILE (.hdr, .exr: all around); repeatable. "
         "A fill light from the sky comes with suns and points, see --fill. Default: a studio, a key light beside the "
-        "camera and a sky."
+        "camera and a sky; for baked light the key light stands still, at the upper left of the view that auto finds."
     ),
 ]
 FillOption = Annotated[
@@ -104,6 +104,30 @@ ColorByOption = Annotated[
     typer.Option(
         help="height, x, y, z or an attribute of the scan (info lists them), then :colormap and :low,high; default: "
         "the points' own colours."
+    ),
+]
+BakeOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="A file of baked light for --integrator baked, which it implies: pointray bake has written it for this "
+        "scan or scene, with the same options. Without, baked light is baked first."
+    ),
+]
+BakeNoiseOption = Annotated[float, typer.Option(help="The noise that is aimed at, as a share of the light.")]
+LinksOption = Annotated[
+    int, typer.Option(help="Rays of each patch that find where its light comes from; more where there is noise.")
+]
+PatchesOption = Annotated[
+    int | None,
+    typer.Option(
+        help="At most so many points exchange light, the others get theirs from these; default: a quarter of them, at "
+        "least 32768, at most 1048576."
+    ),
+]
+AlbedoScaleOption = Annotated[
+    float,
+    typer.Option(
+        help="Factor for the points' colours where light bounces, 0 to 1: colours of photographs hold light already."
     ),
 ]
 LegendOption = Annotated[bool, typer.Option("--legend/--no-legend", help="Draw what the colors of --color-by mean.")]
@@ -230,6 +254,16 @@ def settings_of(integrator: Integrator, filter: Filter, *, threads: int | None, 
     if settings.denoised:
         check_denoise()
     return settings
+
+
+def use_bake(context: typer.Context) -> Integrator:
+    """The integrator: --bake implies that it is "baked", in the context's parameters too."""
+    integrator: Integrator = context.params["integrator"]
+    if context.params["bake"] is not None and integrator != "baked":
+        if "integrator" in given(context):
+            raise ValueError(f"--bake is for --integrator baked, not {integrator.value}")
+        integrator = context.params["integrator"] = Integrator["baked"]
+    return integrator
 
 
 def given(context: typer.Context) -> dict[str, Any]:

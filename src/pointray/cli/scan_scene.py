@@ -12,10 +12,12 @@ import numpy as np
 
 from ..arguments import check_positive
 from ..choices import AUTO
+from ..data import Points
 from ..model_file import SAVED
 from ..points.trust import trusted
 from ..splats.radii import radii_in
 from ..staging.first_view import ViewChoice
+from .baked_light import FIRST, LightSource, light_source
 from .options import FILL, background_of, color_of, light_of, numbers, settings_of
 from .views import View
 from .waiting import Progress, in_background
@@ -60,7 +62,8 @@ def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[V
     )
     view = View(plain["size"], plain["up"], lens, **framing)
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
-    return view, settings, ScanScene(file, surface, appearance, view.choice, layers, plain["normals"])
+    baked = light_source(settings, plain["bake"])
+    return view, settings, ScanScene(file, surface, appearance, view.choice, layers, plain["normals"], baked)
 
 
 class ScanScene:
@@ -79,6 +82,13 @@ class ScanScene:
         Whether the background is part of the scene, as layers need it. A picture gets it as a backdrop.
     normals : {"auto", "file", "fit"}
         The normals to use, as for `trusted`.
+    baked : LightSource, optional
+        Where baked light comes from; None: none is wanted.
+
+    Attributes
+    ----------
+    read : Points or None
+        What a scan held, once it has been built: its model may have other normals.
     """
 
     def __init__(
@@ -89,13 +99,15 @@ class ScanScene:
         choice: ViewChoice,
         layers: bool = False,
         normals: str = AUTO,
+        baked: LightSource | None = None,
     ) -> None:
         import pointray as pr
 
         check_positive(surface["radius_scale"], "--radius-scale")
         self.file, self._surface, self._appearance, self._choice = file, surface, appearance, choice
-        self._normals = normals
+        self._normals, self._baked = normals, baked
         check_saved(file, surface == PLAIN and normals == AUTO)
+        self.read: Points | None = None
         self._lights = [light_of(text) for text in appearance["light"] or []]
         self._fill = fill_of(appearance["fill"], appearance["light"])
         self._material = ScanMaterial(appearance["material"], appearance.get("color"), appearance.get("color_by"))
@@ -111,12 +123,8 @@ class ScanScene:
         """What the scene depends on, as values of JSON."""
         facts = self.file.stat()
         scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
-        return {**scan, **self._surface, "normals": self._normals, **self._appearance, **asdict(self._choice)}
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether the options leave the surface at its default."""
-        return self._surface == PLAIN
+        baked = {} if self._baked is None else self._baked.inputs
+        return {**scan, **self._surface, "normals": self._normals, **self._appearance, **asdict(self._choice), **baked}
 
     @property
     def backdrop(self) -> Any:
@@ -145,8 +153,32 @@ class ScanScene:
         self._scene.add(model, material=self._material.build(model.points, scan.up))
         if self._appearance["ground"]:
             self._scene.add(ground_under(model.bounds, scan.up))
-        self._scene.lights = lights_for(self._lights, self._fill, model.bounds.mean(axis=0), scan.up)
+        front = None if self._baked is None else front_of(model, scan.up)
+        self._scene.lights = lights_for(self._lights, self._fill, model.bounds.mean(axis=0), scan.up, front)
         return self._scene, model, scan
+
+    @property
+    def one_color(self) -> tuple[float, float, float] | None:
+        """The linear colour that options give to all points, if they do."""
+        return self._material.one_color
+
+    @property
+    def bakes(self) -> bool:
+        """Whether light is baked."""
+        return self._baked is not None and self._baked.file is None
+
+    @property
+    def may_level(self) -> bool:
+        """Whether the model may get levels of detail: its surface is the usual one, and no file has light for it."""
+        return self._surface == PLAIN and (self._baked is None or self._baked.file is None)
+
+    def light(self, progress: Progress, told: str = FIRST) -> None:
+        """Give the scene its baked light, if that is wanted: after `build`, and after levels of detail are made.
+
+        told : what is said if it is baked
+        """
+        if self._baked is not None:
+            self._baked.light(self._scene, progress, told)
 
     def _load(self, progress: Progress) -> Any:
         """The model of the file, which is a scan or a saved model."""
@@ -158,7 +190,7 @@ class ScanScene:
         progress.show("reading", 0.0)
         if file.suffix.lower() == SAVED:
             return in_background(lambda: pr.Model.load(file))
-        points = in_background(lambda: pr.read(file, partial(progress.show, "reading")))
+        points = self.read = in_background(lambda: pr.read(file, partial(progress.show, "reading")))
         if points.normals is None or self._normals == "fit":
             expect(NORMALS)
         self._material.build(points, self._choice.up)  # raises ValueError if an option is wrong
@@ -193,6 +225,14 @@ class ScanMaterial:
         self._color = None if color is None else numbers(color, "--color")
         if self._color is not None and not all(0 <= part <= 1 for part in self._color):
             raise ValueError(f"--color must be linear r,g,b from 0 to 1, not {color}")
+
+    @property
+    def one_color(self) -> tuple[float, float, float] | None:
+        """The linear colour that it gives to all points; None: they may have their own."""
+        from ..staging.studio import CLAY
+
+        clay = self._kind == "clay" and self._color is None and self.attribute is None
+        return CLAY if clay else self._color
 
     def build(self, points: Any, up: Any) -> Any:
         """The material for points, grey if nothing gives them a colour.
@@ -237,13 +277,24 @@ def fill_of(fill: float | None, lights: list[str] | None) -> float:
     return FILL if fill is None else fill
 
 
-def lights_for(lights: Sequence[Any], fill: float, middle: Any, up: Any) -> list[Any]:
-    """The lights of the options (see `light_of`) for a scan's middle; a studio if there are none."""
+def lights_for(lights: Sequence[Any], fill: float, middle: Any, up: Any, front: float | None = None) -> list[Any]:
+    """The lights of the options (see `light_of`) for a scan's middle; a studio if there are none.
+
+    front : where a viewer stands, azimuth in degrees, before whom the studio's key light stands still; None: it follows
+        the camera
+    """
     from ..staging import studio
 
     if not lights:
-        return studio.studio(up)
+        return studio.studio(up, front)
     return [*(make(middle) for make in lights), *([studio.fill(fill, up)] if fill > 0 else [])]
+
+
+def front_of(model: Any, up: Any) -> float:
+    """The azimuth of the view that is found for a scan, in whole degrees; options of views do not change it."""
+    from ..staging.first_view import Scan
+
+    return float(round(Scan(model, ViewChoice(up)).outlook.azimuth))
 
 
 def _axis_of(up: tuple[float, float, float]) -> str:

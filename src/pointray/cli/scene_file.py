@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .baked_light import FIRST, ONCE
 from .options import background_of, exposure_of, numbers, size_of, up_axis, use_threads
 from .outputs import Shown, check_fits, write_picture
 from .views import SceneView
@@ -18,6 +20,7 @@ VECTORS = ("eye", "target")
 CAMERA = (*VECTORS, "up", "fov", "size", "projection", "aperture", "focus")
 SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads", "levels")
 ROOT = ("background", "exposure")
+LIGHT = ("bake",)
 FILM = ("seconds", "fps", "turns", "keys")  # options about the film, not about what it shows
 
 
@@ -35,10 +38,13 @@ class DescribedScene:
         The options that the user has typed.
     others : sequence of str
         Names of options about neither the scene nor the picture, which are allowed too.
+    pictures : bool
+        Whether pictures are wanted: options about them are allowed.
     """
 
-    def __init__(self, file: Path, options: dict[str, Any], others: Sequence[str] = ()) -> None:
-        unfit = [name for name in options if name not in ("file", "output", *CAMERA, *SETTINGS, *ROOT, *others)]
+    def __init__(self, file: Path, options: dict[str, Any], others: Sequence[str] = (), pictures: bool = True) -> None:
+        of_pictures = (*CAMERA, *SETTINGS, *ROOT, *LIGHT) if pictures else ()
+        unfit = [name for name in options if name not in ("file", "output", *of_pictures, *others)]
         if unfit:
             raise ValueError(f"--{unfit[0].replace('_', '-')} is not for a scene file, which says it itself: {file}")
         parsed: dict[str, Any] = {name: numbers(options[name], f"--{name}") for name in VECTORS if name in options}
@@ -52,11 +58,17 @@ class DescribedScene:
             parsed["exposure"] = exposure_of(options["exposure"])
             if isinstance(parsed["exposure"], str):
                 raise ValueError("--exposure auto is for a scan: a scene file says how bright its light is")
+        light: Path | None = options.get("bake")
+        parsed |= {"integrator": "baked"} if light is not None else {}
         plain = {name: getattr(value, "value", value) for name, value in options.items()} | parsed
         from ..image.denoise import check_denoise
+        from ..points.files import check_regular
         from ..scenefile import Plan
+        from ..scenefile.light import BakePlan
 
         self.plan = plan = Plan(file)
+        if light is not None:
+            plan.bake = BakePlan(plan.bake.settings, check_regular(light))
         plan.change(
             {name: plain[name] for name in CAMERA if name in plain},
             {name: plain[name] for name in SETTINGS if name in plain},
@@ -67,30 +79,42 @@ class DescribedScene:
         use_threads(plan.settings.threads)
 
     @property
+    def bakes(self) -> bool:
+        """Whether light is baked before there are pictures: they show it, and no file has it."""
+        return self.plan.is_baked and self.plan.bake.found is None
+
+    @property
     def inputs(self) -> dict[str, Any]:
         """What the scene depends on, as values of JSON."""
         facts = [(path, path.stat()) for path in self.plan.files]
         files = [(str(path.resolve()), fact.st_size, fact.st_mtime_ns) for path, fact in facts]
         return {"scene": files, "background": self.plan.background}
 
+    def build(self, progress: Progress, told: str = FIRST) -> Any:
+        """The `SceneFile`, with its baked light if pictures show that. told : what is said if it is baked"""
+        if self.bakes:
+            warnings.warn(told, stacklevel=2)
+        return in_background(lambda: self.plan.build(progress.show))
+
     def source(self) -> FilmSource:
         """The source of a film of the scene."""
         from .animate import FilmSource
 
         def build(progress: Progress) -> tuple[Any, Any]:
-            made = in_background(lambda: plan.build(progress.show))
+            made = self.build(progress, ONCE)
             return made.scene, made.camera
 
         plan = self.plan
-        return FilmSource(build, plan.settings, plan.exposure, plan.curve, self.inputs)
+        return FilmSource(build, plan.settings, plan.exposure, plan.curve, self.inputs, bakes=self.bakes)
 
 
 def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
     """Render what a scene file describes; returns a line for the user."""
-    plan = DescribedScene(file, options).plan
+    described = DescribedScene(file, options)
+    plan = described.plan
     check_fits(output, SceneView(plan.camera).size, plan.settings)
-    with Progress(plan.settings) as progress:
-        made = in_background(lambda: plan.build(progress.show))
+    with Progress(plan.settings, described.bakes) as progress:
+        made = described.build(progress)
         ending = write_picture(output, made[:3], Shown(made.exposure, made.curve), progress)
     width, height = made.camera.size
     return f"{output}: {width}x{height}{ending}"

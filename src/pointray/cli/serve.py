@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ..choices import AUTO
+from .baked_light import FIRST, light_source
 from .options import background_of, light_of
-from .scan_scene import PLAIN, check_saved, check_scan, fill_of, ground_under, lights_for
+from .scan_scene import PLAIN, check_saved, check_scan, fill_of, front_of, ground_under, lights_for
 from .scene_file import DescribedScene, is_scene
 from .views import View
 
@@ -28,7 +29,7 @@ def shared_scene_of(
     """The shared scene to view, and its loader. A wrong file or option raises an error at once.
 
     typed : the options that the user has typed
-    options : settings, up, light, fill, background, ground and normals
+    options : settings, up, light, fill, background, ground, normals and bake
     surface : as `Model` takes it; only the default surface gets levels of detail
     """
     from ..staging.first_view import Scan
@@ -39,7 +40,10 @@ def shared_scene_of(
         if len(files) > 1:
             raise ValueError("a scene file is viewed alone")
         scene_options = {name: value for name, value in typed.items() if name != "files"}
-        plan = DescribedScene(files[0], scene_options, SERVING).plan
+        described = DescribedScene(files[0], scene_options, SERVING)
+        plan = described.plan
+        if described.bakes:
+            _begin_bake(plan.settings)
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
         return SharedScene(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
     choice = View("1x1", options["up"]).choice
@@ -48,12 +52,15 @@ def shared_scene_of(
     known: list[Any] = []  # up direction and lights: found once, for the coarse version and for all points
 
     def furnish(scene: Any) -> Any:
-        bounds = scene.bounds
+        # One model's own bounds, as `render` takes them: light that was baked there is for exactly these lights.
+        subject = scene.models[0] if len(files) == 1 else scene
+        bounds = subject.bounds
         if not known:
-            scan = Scan(scene, choice)
+            scan = Scan(subject, choice)
             if scan.found:
                 _tell(scan.found)
-            known.extend((scan.up, lights_for(lights, fill, bounds.mean(axis=0), scan.up)))
+            front = None if baked is None else front_of(subject, scan.up)
+            known.extend((scan.up, lights_for(lights, fill, bounds.mean(axis=0), scan.up, front)))
         up, scene.lights = known
         if options["ground"]:
             scene.add(ground_under(bounds, up))
@@ -67,11 +74,24 @@ def shared_scene_of(
     if len(files) > 1:
         title, source = f"{title} and {len(files) - 1} more", ""
     settings = options["settings"]
-    large = settings.levels and surface == PLAIN
-    loader = Files(files, surface, furnish, large, options["normals"], choice)
+    baked = light_source(settings, options["bake"])
+    from_file = baked is not None and baked.file is not None
+    if baked is not None and not from_file:
+        _begin_bake(settings)
+    leveled = settings.levels and surface == PLAIN and not from_file  # the file's light is for all points only
+    light = None if baked is None else baked.make
+    loader = Files(files, surface, furnish, leveled, options["normals"], choice, light)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes = True
     return shared, loader
+
+
+def _begin_bake(settings: Any) -> None:
+    """Say that light is baked before there is something to see, and begin to compile what that needs."""
+    from ..rendering.warmup import warm_up
+
+    _tell(FIRST)
+    warm_up(settings, clicks=True, bakes=True)
 
 
 def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:

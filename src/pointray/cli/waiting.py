@@ -19,10 +19,12 @@ class Progress:
     ----------
     settings : Settings, optional
         Of pictures that will be rendered; their kernels are compiled in the meantime.
+    bakes : bool
+        Whether light will be baked; so are the kernels for that.
     """
 
-    def __init__(self, settings: Any = None) -> None:
-        self._settings = settings
+    def __init__(self, settings: Any = None, bakes: bool = False) -> None:
+        self._settings, self._bakes = settings, bakes
 
     def __enter__(self) -> Progress:
         from rich.console import Console
@@ -35,10 +37,10 @@ class Progress:
         self._task, self._stage = self._bars.add_task("", total=1.0), ""
         self._bars.start()
         self._watch = CompilationWatch(self._bars)
-        if self._settings is not None:
+        if self._settings is not None or self._bakes:
             from ..rendering.warmup import warm_up
 
-            warm_up(self._settings)
+            warm_up(self._settings, bakes=self._bakes)
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -1,7 +1,8 @@
 """Compile kernels before they are needed, in a second process: `python -m pointray.rendering.warmup NAME...`.
 
 The kernel of pictures takes three times as long to compile as all kernels together that build a model, so both are
-compiled at once; the kernels that a click in the viewer needs come after that.
+compiled at once; the kernels that a click in the viewer needs come after that. Kernels that send the rays of a bake
+come before that of pictures: they share most of what is to be compiled.
 """
 
 from __future__ import annotations
@@ -10,10 +11,18 @@ import os
 import sys
 import threading
 from collections.abc import Sequence
+from typing import Any
 
+import numpy as np
+
+from ..baking.baked import bake
+from ..baking.settings import BakeSettings
 from ..jit import BACKLOG, KERNELS, compile_beside, is_compiled, name_of, wait_for
+from ..kernels.records import BAKED, BAKED_FRAME
 from ..scene.instances import Plane
 from ..scene.scene import Scene
+from ..scene.world import Snapshot
+from ..shade.environment import EnvironmentLight
 from .camera import Camera
 from .picture import KERNELS as INTEGRATOR_KERNELS
 from .picture import kernel_for, render
@@ -52,13 +61,34 @@ PICTURES = {
     CLICK: 5.0,
 }
 USUAL = 30.0  # of another integrator
+SHARED = 20.0  # of these: what all kernels that trace rays share, and the first one in a process compiles for all
+RAYS = {CLICK: 24.0, "baking.gather.send_rays": 11.0}  # of a bake, compiled before those of pictures
+BAKE = {
+    "baking.patches._blend": 0.7,
+    "baking.reflectance.find_reflectances": 2.6,
+    "baking.sky._average": 1.3,
+    "baking.bounces.reflect": 0.2,
+    "baking.bounces.add_irradiance": 0.4,
+    "baking.bounces.add_facts": 0.6,
+    "baking.smooth.smooth": 0.5,
+    "baking.pack.pack": 0.6,
+}
 
 
-def warm_up(settings: Settings, clicks: bool = False) -> None:
-    """Begin to compile what pictures of a scan need, with `clicks` also what clicks need, if not yet compiled."""
-    wanted = [name_of(kernel_for(settings)), *[_full(CLICK)] * clicks]
-    compile_beside(__name__, {name: PICTURES.get(name.removeprefix(f"{PACKAGE}."), USUAL) for name in wanted})
-    expect(BUILD)
+def warm_up(settings: Settings | None, clicks: bool = False, bakes: bool = False) -> None:
+    """Begin to compile what pictures of a scan need, if not yet compiled.
+
+    settings : None: no pictures are wanted
+    clicks, bakes : whether what clicks need, and what baking light needs, is wanted too
+    """
+    wanted = {_full(name): cost for name, cost in RAYS.items()} if bakes else {}
+    if settings is not None:
+        name = name_of(kernel_for(settings))
+        wanted[name] = PICTURES.get(name.removeprefix(f"{PACKAGE}."), USUAL) - SHARED * bakes
+    if clicks:
+        wanted.setdefault(_full(CLICK), PICTURES[CLICK])
+    compile_beside(__name__, wanted)
+    expect(BUILD | BAKE if bakes else BUILD)
 
 
 def expect(kernels: dict[str, float]) -> None:
@@ -76,6 +106,13 @@ def wait_until_warm(settings: Settings) -> None:
     wait_for(kernel_for(settings), lambda: False)
 
 
+class _NoLight:
+    """Baked light that is black everywhere: pictures compile their kernel with it, and nothing is baked."""
+
+    def tables(self, scene: Snapshot, levels: Any) -> tuple[Any, Any]:
+        return np.zeros(BAKED * len(levels), np.int64), np.zeros(BAKED_FRAME * len(levels))
+
+
 def _full(name: str) -> str:
     return f"{PACKAGE}.{name}"
 
@@ -84,11 +121,15 @@ def _compile(names: Sequence[str]) -> None:
     """Compile kernels by using them; print the name of each when it is done."""
     scene = Scene()
     scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures are the same for any scene
+    scene.add_light(EnvironmentLight())
+    scene.baked = _NoLight()
     camera = Camera.look_at((1, 1, 1), (0, 0, 0), size=(8, 8))
     integrators = {name_of(kernel): integrator for integrator, kernel in INTEGRATOR_KERNELS.items()}
     for name in names:
         if name == _full(CLICK):
             scene.intersect((0, 0, 1), (0, 0, -1))
+        elif name in map(_full, RAYS):
+            bake(scene, BakeSettings(links=1, patches=64, threads=1))
         else:
             render(scene, camera, Settings(integrators[name], threads=1))
         print(name, flush=True)

@@ -2,7 +2,7 @@
 
 source, lines : the text, and the line on which each key stands
 words : the keys that a table may have, from the signatures of Python classes and functions
-shading, models, instances : the parts of a scene, first checked and then made
+shading, models, instances, light : the parts of a scene, first checked and then made
 plan : the whole file
 
 Begin with plan.
@@ -34,7 +34,7 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
     Returns
     -------
     SceneFile
-        scene, camera, settings, exposure and curve.
+        scene, camera, settings, exposure and curve. The scene has its baked light if the integrator shows that.
 
     Raises
     ------
@@ -80,6 +80,9 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
 
         [settings]                             # `Settings`
         spp = 16
+
+        [bake]                                 # `BakeSettings`, for the integrator "baked"
+        file = "bust.bake"                     # its light, if the file is there: `pointray bake` writes it
 
     Examples
     --------

@@ -92,6 +92,11 @@ def _placement(source: Source, key: Key, shape: str | Plane, values: dict[str, A
     return Placement(key, shape, matrix, None, material)
 
 
+def count_matrices(placement: Placement) -> int:
+    """How many instances a placement makes; a file of matrices is not read."""
+    return 1 if placement.matrices is None else len(_open_matrices(placement.matrices))
+
+
 def load_matrices(source: Source, placement: Placement) -> list[NDArray[np.float64]]:
     """The matrices of all instances of a placement; their file, if any, is read."""
     if placement.matrices is None:

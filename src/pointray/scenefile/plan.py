@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..baking.baked import Baked, bake
 from ..image import write_image
 from ..image.tone import check_tone
 from ..rendering.camera import Camera
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
-from .instances import check_clip_plane, check_instance, check_plane, load_matrices
+from .instances import check_clip_plane, check_instance, check_plane, count_matrices, load_matrices
+from .light import check_bake, load_light
 from .lines import Key
 from .models import check_model, load_model
 from .shading import check_lights, check_material, make_light
@@ -30,7 +34,7 @@ FRAME = {**words_of(Camera.frame, "bounds"), **{name: LOOK_AT[name] for name in 
 ROOT = {
     **words_of(write_image, "path", "image"),
     "background": Word(("str", "ArrayLike", "None"), False),
-    **dict.fromkeys(("camera", "settings", "models", "materials"), Word(("dict",), False)),
+    **dict.fromkeys(("camera", "settings", "bake", "models", "materials"), Word(("dict",), False)),
     **dict.fromkeys(("instances", "planes", "lights", "clips"), Word(("list",), False)),
 }
 
@@ -69,6 +73,8 @@ class Plan:
     background : array_like, "environment" or None
     exposure : float
     curve : str
+    bake : BakePlan
+        For the integrator "baked".
 
     Raises
     ------
@@ -90,6 +96,7 @@ class Plan:
         self._lights = check_lights(source, _rows(root, "lights"))
         self._clips = [check_clip_plane(source, key) for key in _rows(root, "clips")]
         self.settings = self._check_settings()
+        self.bake = check_bake(source, self.settings.seed)
         self.camera = self._check_camera()
         self.background: Any = root.get("background")
         self.exposure: float = root.get("exposure", 0.0)
@@ -103,7 +110,18 @@ class Plan:
         named = [recipe.file for recipe in self._models.values()]
         named += [placement.matrices for placement in self._placements]
         named += [light.values.get("image") for light in self._lights]
+        named += [self.bake.found] if self.is_baked else []
         return [self._source.file, *(path for path in named if isinstance(path, Path))]
+
+    @property
+    def is_baked(self) -> bool:
+        """Whether pictures show baked light."""
+        return self.settings.integrator == "baked"
+
+    @property
+    def model_instances(self) -> int:
+        """How many instances of models there are."""
+        return sum(count_matrices(placement) for placement in self._placements if isinstance(placement.shape, str))
 
     def error(self, name: str, message: str) -> ValueError:
         """An error about a key at the top level of the file, present or missing."""
@@ -143,8 +161,11 @@ class Plan:
         self.exposure = root.get("exposure", self.exposure)
         self._check_root()
 
-    def build(self, progress: Say | None = None) -> SceneFile:
-        """Read the files and make the scene: instances in the order of the file, then planes."""
+    def build(self, progress: Say | None = None, lit: bool = True) -> SceneFile:
+        """Read the files and make the scene: instances in the order of the file, then planes.
+
+        lit : whether it gets baked light, if its pictures show that
+        """
         source, say = self._source, progress or (lambda stage, share: None)
         scene = Scene()
         scene.background = self.background
@@ -159,8 +180,21 @@ class Plan:
             material = None if placement.material is None else self._materials[placement.material]
             for matrix in matrices:
                 scene.add(shape, matrix, material)
+        if lit and self.is_baked:
+            scene.baked = self._light(scene, say)
         camera = camera_of(self.camera, scene.bounds if models else BOX)
         return SceneFile(scene, camera, self.settings, self.exposure, self.curve)
+
+    def _light(self, scene: Scene, say: Say) -> Baked:
+        """The light from its file, or baked now if there is none."""
+        plan, file = self.bake, self.bake.found
+        if file is None:
+            say("baking light", 0.0)
+            with self._source.errors_at(()):
+                return bake(scene, plan.settings, partial(say, "baking light"))
+        say("reading light", 0.0)
+        with nullcontext() if plan.key is None else self._source.errors_at(plan.key):
+            return load_light(file, scene)
 
 
 def camera_of(values: Mapping[str, Any], bounds: ArrayLike) -> Camera:

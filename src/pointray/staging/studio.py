@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import check_direction
+from ..arguments import check_direction, check_number
 from ..rendering.settings import Settings
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, SunLight
+from .direction import axes_of, direction_of
 
 # The direction in which the key light travels, in the camera's axes: from above its left shoulder.
 KEY_DIRECTION = (0.55, -0.65, -0.6)
@@ -22,7 +23,7 @@ CLAY = (0.58, 0.37, 0.27)  # linear
 SKY_RAYS = 4  # rays for each sample, for contact shadows
 
 
-def studio(up: ArrayLike = (0, 0, 1)) -> list[Light | EnvironmentLight]:
+def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Light | EnvironmentLight]:
     """Lights that show a scan well from every side.
 
     A sun follows the camera, above its left shoulder; the sky is a gradient, bright above and darker below.
@@ -32,13 +33,21 @@ def studio(up: ArrayLike = (0, 0, 1)) -> list[Light | EnvironmentLight]:
     ----------
     up : (3,) array_like
         The direction of the sky.
+    azimuth : float, optional
+        Degrees, as for `frame`: the sun stands still, above the left shoulder of a viewer on this side. Light that
+        follows the camera is not baked, see `bake`. None: it follows the camera.
 
     Examples
     --------
     >>> scene.lights = pr.studio()
     """
-    key = SunLight(KEY_DIRECTION, KEY, KEY_ANGLE, camera=True)
-    return [key, EnvironmentLight(ZENITH, horizon=HORIZON, ground=GROUND, up=check_direction(up, "up"))]
+    top = check_direction(up, "up")
+    sky = EnvironmentLight(ZENITH, horizon=HORIZON, ground=GROUND, up=top)
+    if azimuth is None:
+        return [SunLight(KEY_DIRECTION, KEY, KEY_ANGLE, camera=True), sky]
+    back, upward = direction_of(check_number(azimuth, "azimuth", "degrees"), 0.0, top), axes_of(top)[2]
+    axes = np.stack([np.cross(upward, back), upward, back])  # of the viewer's camera
+    return [SunLight((KEY_DIRECTION @ axes).tolist(), KEY, KEY_ANGLE), sky]
 
 
 def fill(strength: float, up: ArrayLike = (0, 0, 1)) -> EnvironmentLight:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,9 @@ class LightControl:
     camera : bool
         Whether it follows the camera: angles are about the camera's axes, the position is relative to the camera.
     light : for kind "own": a light of the scene, unchanged
+    first : the light whose values these were at first
+        While they are, that light is taken: values that were converted differ in their last bits, and baked light would
+        no longer fit.
     """
 
     kind: str
@@ -55,11 +58,14 @@ class LightControl:
     light: Light | EnvironmentLight | None = None
     on: bool = True
     camera: bool = False
+    first: Light | EnvironmentLight | None = field(default=None, compare=False)
 
     def make(self, up: Vector) -> Light | EnvironmentLight:
         """The light with these values."""
         if self.light is not None:
             return self.light
+        if self.first is not None and self == _lamp_of(self.first, up):
+            return self.first
         power = srgb_to_linear(np.array(self.color, np.float64)) * self.strength
         if self.kind == SUN:
             return SunLight(-direction_of(self.azimuth, self.elevation, self._up(up)), power, self.angle, self.camera)
@@ -92,11 +98,13 @@ def _lamp_of(light: Light | EnvironmentLight, up: Vector) -> LightControl:
         color, strength = _split(light.irradiance)
         about = (0.0, 1.0, 0.0) if light.camera else up
         azimuth, elevation = angles_of(-np.asarray(light.direction, np.float64), about)
-        return LightControl(SUN, color, strength, azimuth, elevation, float(light.angle), camera=light.camera)
+        return LightControl(
+            SUN, color, strength, azimuth, elevation, float(light.angle), camera=light.camera, first=light
+        )
     if isinstance(light, PointLight):
         color, strength = _split(light.intensity)
         x, y, z = np.asarray(light.position, np.float64).tolist()
-        return LightControl(POINT, color, strength, position=(x, y, z), camera=light.camera)
+        return LightControl(POINT, color, strength, position=(x, y, z), camera=light.camera, first=light)
     return LightControl(OWN, light=light)
 
 

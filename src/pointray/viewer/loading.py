@@ -47,6 +47,8 @@ class Files:
         Whether large scans get levels of detail.
     normals : {"auto", "file", "fit"}
         Whether normals are the file's or fitted.
+    light : callable, optional
+        Makes the baked light of a scene, which is shown only with it; its second argument is `SharedScene.say`.
     """
 
     paths: Sequence[Path]
@@ -55,31 +57,36 @@ class Files:
     leveled: bool = True
     normals: str = "auto"
     choice: ViewChoice = ViewChoice()
+    light: Callable[[Scene, Callable[[str, float | None], None]], Any] | None = None
 
     def __call__(self, shared: SharedScene) -> None:
         clouds = [self._read(path, shared) for path in self.paths]
         few = [self._some(cloud, k) for k, cloud in enumerate(clouds)]
         self._prepare(clouds, few, shared)
         large = [_is_large(cloud) for cloud in clouds]
-        if any(large):
+        if any(large) and self.light is None:
             shared.say("building a coarse version", None)
             # From here on small scans are models, which are not built again.
             clouds = [c if _is_large(c) else self._whole(c, k, shared) for k, c in enumerate(clouds)]
             pairs = enumerate(zip(clouds, few, strict=True))
             self._show([c if isinstance(c, Model) else self._coarse(some, k) for k, (c, some) in pairs], shared)
         models = [self._whole(cloud, k, shared) for k, cloud in enumerate(clouds)]
-        self._show(models, shared)
-        if self.leveled and any(large):
-            for model in (model for model, is_large in zip(models, large, strict=True) if is_large):
-                model.make_levels(lambda stage, share: shared.say(f"building: {stage}", share))
-            self._show(models, shared)  # again: an attribute's colours take the levels into account too
+        without_levels = [model for model, is_large in zip(models, large, strict=True) if is_large and self.leveled]
+        if without_levels and self.light is None:
+            self._show(models, shared)
+        for model in without_levels:
+            model.make_levels(lambda stage, share: shared.say(f"building: {stage}", share))
+        self._show(models, shared)  # again: an attribute's colours take the levels into account too
 
     def _show(self, models: Sequence[Model], shared: SharedScene) -> None:
         """Replace what is shown by models, as soon as their pictures can be drawn."""
+        scene = self._scene(models, shared)
+        if self.light is not None:
+            scene.baked = self.light(scene, shared.say)
         if not is_warm(shared.settings):
             shared.say("", None)
             wait_until_warm(shared.settings)
-        shared.show(self._scene(models, shared))
+        shared.show(scene)
 
     def _prepare(self, clouds: Sequence[Points | Model], few: Sequence[Points], shared: SharedScene) -> None:
         """Announce the kernels that will be needed; show a sketch while pictures cannot be drawn yet."""

@@ -1,7 +1,7 @@
 """The commands, in the order in which `pointray --help` lists them.
 
 pictures : `render`, `animate`, `view`
-files : `prepare`, `info`
+files : `bake`, `prepare`, `info`
 trials : `demo`, `bench`
 
 Nothing heavy is imported before it is needed, so that --help answers at once.
@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from .files import info, prepare
+from .files import bake, info, prepare
 from .pictures import animate, render, view
 from .trials import bench, demo
 
@@ -27,6 +27,7 @@ app = typer.Typer(
 app.command()(render)
 app.command()(animate)
 app.command()(view)
+app.command()(bake)
 app.command()(prepare)
 app.command()(info)
 app.command()(demo)

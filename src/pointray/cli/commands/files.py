@@ -1,4 +1,4 @@
-"""The commands about the files of scans: `prepare` makes better ones, `info` tells what they hold."""
+"""The commands about the files of scans: `bake` keeps light in them, `prepare` makes better ones, `info` describes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,87 @@ from typing import Annotated
 
 import typer
 
-from ..options import SCANS, Normals, NormalsOption, ThreadsOption, numbers, use_threads
+from ...choices import AUTO
+from ..options import (
+    SCANS,
+    AlbedoScaleOption,
+    BakeNoiseOption,
+    ColorByOption,
+    ColorOption,
+    FillOption,
+    GroundOption,
+    LightOption,
+    LinksOption,
+    Look,
+    MaterialOption,
+    Normals,
+    NormalsOption,
+    PatchesOption,
+    RadiusScaleOption,
+    SamplesOption,
+    SeedOption,
+    SubjectArgument,
+    SurfaceOption,
+    ThreadsOption,
+    UpOption,
+    given,
+    numbers,
+    use_threads,
+)
 from ..waiting import Progress, in_background
+
+
+def bake(
+    context: typer.Context,
+    file: SubjectArgument,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            help="The result: .ply, the points with the attributes ao (the share of the sky that each sees) and "
+            "irradiance_r, _g, _b (the light that arrives, where normals point); or .bake, the light for --bake.",
+        ),
+    ],
+    colors: Annotated[
+        bool,
+        typer.Option("--colors", help="Of a .ply: its colours, or white, times the light, exposed like a picture."),
+    ] = False,
+    noise: BakeNoiseOption = 0.03,
+    links: LinksOption = 64,
+    patches: PatchesOption = None,
+    albedo_scale: AlbedoScaleOption = 1.0,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    up: UpOption = AUTO,
+    surface: SurfaceOption = None,
+    samples: SamplesOption = 4,
+    radius_scale: RadiusScaleOption = 1.0,
+    normals: NormalsOption = Normals["auto"],
+    light: LightOption = None,
+    fill: FillOption = None,
+    material: MaterialOption = Look["own"],
+    color: ColorOption = None,
+    ground: GroundOption = False,
+    color_by: ColorByOption = None,
+    force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
+) -> None:
+    """Bake light into a scan or a scene: all that arrives at each point, after all bounces.
+
+    Without --light: a sun that stands still, at the upper left of the view that render finds, and the studio's sky.
+    """
+    from ..bake import BAKING, BakeOutput, bake_scan, bake_scene, check_output, scan_to_bake
+    from ..scene_file import DescribedScene, is_scene
+
+    wanted = BakeOutput(output, colors)
+    check_output(file, wanted, force)
+    use_threads(threads)
+    if not is_scene(file):
+        print(bake_scan(*scan_to_bake(file, context.params), wanted))
+        return
+    typed = given(context)
+    settings = {name: typed.pop(name) for name in BAKING if name in typed}
+    print(bake_scene(DescribedScene(file, typed, ("colors", "force"), pictures=False), settings, wanted))
 
 
 def prepare(

@@ -13,6 +13,7 @@ from ..options import (
     ApertureOption,
     AzimuthOption,
     BackgroundOption,
+    BakeOption,
     ColorByOption,
     ColorOption,
     DenoiseOption,
@@ -54,6 +55,7 @@ from ..options import (
     ZoomOption,
     exposure_of,
     given,
+    use_bake,
     use_threads,
 )
 from ..waiting import Progress
@@ -78,6 +80,7 @@ def render(
     aperture: ApertureOption = 0.0,
     focus: FocusOption = None,
     integrator: IntegratorOption = Integrator["phong"],
+    bake: BakeOption = None,
     spp: SppOption = 4,
     max_depth: MaxDepthOption = 4,
     time_limit: TimeLimitOption = None,
@@ -106,6 +109,7 @@ def render(
     from ..scan_scene import staged
     from ..scene_file import is_scene, render_scene
 
+    integrator = use_bake(context)
     stops = exposure_of(exposure, integrator.value)
     check_output(output, exposure != AUTO and stops != 0, legend)
     if is_scene(file):
@@ -115,8 +119,9 @@ def render(
         raise ValueError("--legend is for --color-by, which is not given")
     scan_view, settings, scan_scene = staged(file, context.params, is_layered(output))
     check_fits(output, scan_view.size, settings, legend)
-    with Progress(settings) as progress:
+    with Progress(settings, scan_scene.bakes) as progress:
         scene, model, scan = scan_scene.build(progress)
+        scan_scene.light(progress)
         camera = scan_view.camera(scan)
         shown = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop)
         ending = write_picture(output, (scene, camera, settings), shown, progress)
@@ -151,6 +156,7 @@ def animate(
     aperture: ApertureOption = 0.0,
     focus: FocusOption = None,
     integrator: IntegratorOption = Integrator["phong"],
+    bake: BakeOption = None,
     spp: SppOption = 4,
     max_depth: MaxDepthOption = 4,
     time_limit: TimeLimitOption = None,
@@ -173,12 +179,16 @@ def animate(
     ground: GroundOption = False,
     color_by: ColorByOption = None,
 ) -> None:
-    """A film of a scan or a scene file, on a turntable or along keys; an interrupted one goes on when started again."""
+    """A film of a scan or a scene file, on a turntable or along keys; an interrupted one goes on when started again.
+
+    Only the camera moves: baked light is baked, or read, once for all frames.
+    """
     from ..animate import CameraPath, film_output, scan_source
     from ..animate import animate as work
     from ..scan_scene import staged
     from ..scene_file import animate_scene, is_scene
 
+    integrator = use_bake(context)
     checked_output = film_output(output, background)
     if is_scene(file):
         print(animate_scene(file, checked_output, given(context), fps))
@@ -201,6 +211,7 @@ def view(
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True,
     up: UpOption = AUTO,
     integrator: IntegratorOption = Integrator["phong"],
+    bake: BakeOption = None,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
@@ -219,10 +230,11 @@ def view(
     from ..serve import serve, shared_scene_of
 
     use_threads(threads)
+    integrator = use_bake(context)
     settings = with_contact(Settings(integrator=integrator.value, levels=levels))
     options = {"settings": settings, "up": up, "light": light, "fill": fill, "background": background, "ground": ground}
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     check_positive(radius_scale, "--radius-scale")
-    options["normals"] = normals.value
+    options |= {"normals": normals.value, "bake": bake}
     shared, loader = shared_scene_of(files, given(context), options, surface_options)
     serve(shared, loader, host, port, open_browser)

@@ -1,0 +1,67 @@
+"""Where the pictures of `render`, `animate` and `view` get baked light from: a file, or they have it baked first."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from .waiting import Progress, in_background
+
+# What is said when there is no file.
+KEEP = "pointray bake keeps it in a file, for --bake"
+FIRST = f"light is baked first ({KEEP})"
+ONCE = f"light is baked first, once for all frames: only the camera moves ({KEEP})"
+
+
+@dataclass(frozen=True)
+class LightSource:
+    """Baked light of a scan.
+
+    Attributes
+    ----------
+    settings : BakeSettings
+        How it is baked, without a file.
+    file : Path or None
+    """
+
+    settings: Any
+    file: Path | None = None
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """What the light depends on besides the scene, as values of JSON; the number of threads is not part of it."""
+        if self.file is not None:
+            facts = self.file.stat()
+            return {"light": [str(self.file.resolve()), facts.st_size, facts.st_mtime_ns]}
+        return {"bake": {name: value for name, value in asdict(self.settings).items() if name != "threads"}}
+
+    def make(self, scene: Any, show: Any) -> Any:
+        """The light of a scene; ValueError if that of the file does not fit. show : takes a stage and the share done"""
+        import pointray as pr
+
+        from ..scenefile.light import load_light
+
+        if self.file is not None:
+            show("reading light", 0.0)
+            return load_light(self.file, scene)
+        show("baking light", 0.0)
+        return pr.bake(scene, self.settings, partial(show, "baking light"))
+
+    def light(self, scene: Any, progress: Progress, told: str = FIRST) -> None:
+        """Give a scene its light. told : what is said if it is baked"""
+        if self.file is None:
+            warnings.warn(told, stacklevel=2)
+        scene.baked = in_background(lambda: self.make(scene, progress.show))
+
+
+def light_source(settings: Any, file: Path | None) -> LightSource | None:
+    """Where pictures with these settings get baked light from; None if they show none. The file must be there."""
+    from ..baking.settings import BakeSettings
+    from ..points.files import check_regular
+
+    if settings.integrator != "baked":
+        return None
+    return LightSource(BakeSettings(seed=settings.seed, threads=settings.threads), file and check_regular(file))

@@ -1,0 +1,63 @@
+"""The baked light of a scene file: how it is baked, or the file that holds it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from ..baking.baked import Baked
+from ..baking.settings import BakeSettings
+from ..points.files import check_regular
+from ..scene.scene import Scene
+from .lines import Key
+from .source import Source
+from .words import TEXT, check_table, optional, words_of
+
+KEY = ("bake",)
+WORDS = {**words_of(BakeSettings), "file": optional(TEXT)}
+
+
+class BakePlan(NamedTuple):
+    """Where a scene gets its baked light from.
+
+    Attributes
+    ----------
+    settings : BakeSettings
+        How it is baked, unless the file is there.
+    file : Path or None
+    key : Key or None
+        Where the file stands in the scene file; None: it was given beside it.
+    """
+
+    settings: BakeSettings
+    file: Path | None = None
+    key: Key | None = None
+
+    @property
+    def found(self) -> Path | None:
+        """The file, if it is there."""
+        return self.file if self.file is not None and self.file.exists() else None
+
+
+def check_bake(source: Source, seed: int) -> BakePlan:
+    """What the table `bake` describes. A file that exists is not read. seed : that of pictures, for want of another"""
+    values = check_table(source, KEY, WORDS) if KEY[0] in source.data else {}
+    name = values.pop("file", None)
+    with source.errors_at(KEY, values):
+        settings = BakeSettings(**{"seed": seed, **values})
+    if name is None:
+        return BakePlan(settings)
+    plan = BakePlan(settings, source.path(name), (*KEY, "file"))
+    if plan.found is not None:
+        with source.errors_at((*KEY, "file")):
+            check_regular(plan.found)
+    return plan
+
+
+def load_light(path: Path, scene: Scene) -> Baked:
+    """Light that was baked for this scene; ValueError if it does not fit."""
+    baked = Baked.load(path, scene)
+    reason = baked.stale
+    if reason is not None:
+        raise ValueError(f"{path}: the light does not fit: {reason.partition(':')[0]} since it was baked")
+    return baked
