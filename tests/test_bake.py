@@ -94,6 +94,22 @@ def test_light_follows_lights_without_new_links(ball):
         baked.update()
 
 
+def test_light_follows_materials_without_new_links(ball):
+    scene = pr.Scene()
+    body = scene.add(ball, material=pr.Diffuse(0.5))
+    floor = scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=0.5))
+    scene.add_light(pr.SunLight((0, 0, -1), 1.0))
+    baked = pr.bake(scene, pr.BakeSettings(noise=1.0))
+    scene.update(floor, material=pr.Diffuse((0.9, 0.1, 0.0)))
+    scene.update(body, material=pr.Diffuse(0.2))
+    assert "update" in baked.stale
+    baked.update()
+    assert baked.stale is None
+    fresh = pr.bake(scene, pr.BakeSettings(noise=1.0))
+    assert baked.indirect(body) == pytest.approx(fresh.indirect(body), rel=1e-4, abs=1e-6)
+    assert baked.indirect(body)[:, 2].max() < 1e-3 * baked.indirect(body)[:, 0].max()
+
+
 def test_stale_light_is_never_shown_silently(ball):
     scene = pr.Scene()
     scene.add(ball)

@@ -21,12 +21,12 @@ from ..scene.world import Snapshot
 from .bounces import VARIANCE
 from .file import Stored, read_light, write_light
 from .kept import Kept
-from .keys import keys_of, lights_of, shape_of
+from .keys import keys_of, lights_of, materials_of, shape_of
 from .planes import Grid
 from .settings import BakeSettings
 from .solve import Arrived, smoothed, solve
 from .store import AtSplats, at_points, from_patches, from_records, make_records, seen_skies, unit_of
-from .surfaces import Sheet, coarser, find_sheets
+from .surfaces import Sheet, coarser, find_sheets, recolored
 from .transport import ALL_SIDES, Side, Transport
 
 LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
@@ -58,6 +58,7 @@ class Baked:
 
     def _bake(self, snapshot: Snapshot, progress: Progress | None) -> None:
         self._sheets = find_sheets(snapshot, _chosen(snapshot, self._settings), self._settings.albedo_scale)
+        self._materials = materials_of(snapshot)
         tell(progress, 0.1)
         self._gather(snapshot, part_of(progress, 0.1, 0.9))
         self._light(snapshot)
@@ -124,6 +125,10 @@ class Baked:
         self._checked, self._reason = snapshot, reason
         return reason
 
+    def fits(self, scene: Scene) -> bool:
+        """Whether the light is that of a scene, which may be a copy of its own."""
+        return self._stale(scene.snapshot()) is None
+
     def update(self, progress: Progress | None = None) -> None:
         """Bake anew for other lights, another sky, other materials and colours, without new links.
 
@@ -141,6 +146,12 @@ class Baked:
         if self._stored is not None:
             self._bake(snapshot, progress)
             return
+        if materials_of(snapshot) != self._materials:
+            self._materials = materials_of(snapshot)
+            self._sheets = recolored(snapshot, self._sheets, self._settings.albedo_scale)
+        # Links are shared with light for other materials, see `relit`.
+        self._probe.recolor(_few(self._sheets))
+        self._transport.recolor(self._sheets)
         if _lit_sides(snapshot, self._probe, self._settings) != self._lit:
             self._gather(snapshot, progress)
         self._light(snapshot)
@@ -306,11 +317,14 @@ def _levels_of(side: Side) -> range:
 
 def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> Transport:
     """Few patches on both sides of all sheets, with few links."""
-    few = coarser(sheets, max(PROBES // len(sheets), 16))
     sides = [(k, sign) for k in range(len(sheets)) for sign in ALL_SIDES]
-    probe = Transport(scene, few, sides, settings.seed, settings.threads)
+    probe = Transport(scene, _few(sheets), sides, settings.seed, settings.threads)
     probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)
     return probe
+
+
+def _few(sheets: list[Sheet]) -> list[Sheet]:
+    return coarser(sheets, max(PROBES // len(sheets), 16))
 
 
 def _lit_sides(scene: Snapshot, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:

@@ -106,10 +106,15 @@ def shape_of(scene: Snapshot) -> tuple[Any, ...]:
 def lights_of(scene: Snapshot) -> bytes:
     """What the light depends on besides."""
     world = scene.world
+    return _digest(world.lights, world.sky, world.sky_colors, materials_of(scene))
+
+
+def materials_of(scene: Snapshot) -> bytes:
+    """What the surfaces reflect and emit."""
+    world = scene.world
     colors = world.planes.reshape(-1, PLANE_SIZE)[:, COLORED]
     used = world.instances.reshape(-1, INSTANCE)[:, MATERIAL : MATERIAL + 2]
-    paints = world.paints, world.map_positions, world.map_colors
-    return _digest(world.lights, world.sky, world.sky_colors, world.materials, used, colors, *paints)
+    return _digest(world.materials, used, colors, world.paints, world.map_positions, world.map_colors)
 
 
 def _text(*parts: NDArray[Any] | bytes) -> str:

@@ -76,31 +76,59 @@ def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progr
     for k, (model, count) in enumerate(zip(scene.models, counts, strict=True)):
         sets.append(choose_patches([model.tree, *(level.tree for level in model.levels)], count))
         tell(progress, (k + 1) / len(counts))
-    reflectances = np.zeros(world.materials.size // MATERIAL_SIZE * 2)
-    run(find_reflectances, len(reflectances) // 2, world, reflectances)
-    bounds = around(scene)
-    sheets = []
+    bounds, sheets = around(scene), []
     for k, record in enumerate(records):
-        material = world.materials.reshape(-1, MATERIAL_SIZE)[int(record[MATERIAL])]
         if record[KIND] == MODEL:
             found = sets[int(record[SHAPE_ROW])]
             patches: PatchSet | Grid = found
-            positions, normals, colors, lost = _on_surface(world, k, found)
-            own = np.minimum(colors, BRIGHTEST) * albedo_scale
+            positions, normals, own, lost = _on_surface(world, k, found)
         else:
-            plane = world.planes[int(record[SHAPE_ROW]) * PLANE_SIZE :][:PLANE_SIZE]
+            plane = _plane_of(world, record)
             patches = fit_grid(plane, bounds, edge)
             positions, own = grid_positions(plane, patches), grid_colors(plane, patches)
             normals = np.broadcast_to(plane[3:6], positions.shape).astype(np.float32)
             lost = np.zeros(len(positions), np.bool_)
+        dark = np.zeros(own.shape, np.float32)
+        sheets.append(Sheet(k, patches, positions, normals, own.astype(np.float32), dark, lost))
+    return _shaded(scene, sheets, albedo_scale)
+
+
+def recolored(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
+    """The same sheets with the materials and colours that the scene has now."""
+    records = scene.world.instances.reshape(-1, INSTANCE)
+    out = []
+    for sheet in sheets:
+        if isinstance(sheet.patches, Grid):
+            own = grid_colors(_plane_of(scene.world, records[sheet.instance]), sheet.patches)
+        else:
+            own = _on_surface(scene.world, sheet.instance, sheet.patches)[2]
+        out.append(sheet._replace(albedo=own.astype(np.float32)))
+    return _shaded(scene, out, albedo_scale)
+
+
+def _plane_of(world: World, record: Floats) -> Floats:
+    return world.planes[int(record[SHAPE_ROW]) * PLANE_SIZE :][:PLANE_SIZE]
+
+
+def _shaded(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
+    """Sheets with albedo and emission, given sheets whose `albedo` holds the surface's own colours."""
+    world = scene.world
+    records = world.instances.reshape(-1, INSTANCE)
+    reflectances = np.zeros(world.materials.size // MATERIAL_SIZE * 2)
+    run(find_reflectances, len(reflectances) // 2, world, reflectances)
+    out = []
+    for sheet in sheets:
+        which = int(records[sheet.instance, MATERIAL])
+        material, own = world.materials.reshape(-1, MATERIAL_SIZE)[which], sheet.albedo
+        if not isinstance(sheet.patches, Grid):
+            own = np.minimum(own, np.float32(BRIGHTEST)) * np.float32(albedo_scale)
         color = own if material[OWN_COLOR] else np.broadcast_to(material[BASE_COLOR : BASE_COLOR + 3], own.shape)
-        black, more = reflectances[2 * int(record[MATERIAL]) :][:2]
+        black, more = reflectances[2 * which :][:2]
         emitted = np.zeros(own.shape, np.float32)
         if material[MATERIAL_KIND] == EMISSIVE:
             emitted[:] = material[EMITTED : EMITTED + 3]
-        albedo = (black + more * color).astype(np.float32)
-        sheets.append(Sheet(k, patches, positions, normals, albedo, emitted, lost))
-    return sheets
+        out.append(sheet._replace(albedo=(black + more * color).astype(np.float32), emitted=emitted))
+    return out
 
 
 def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:

@@ -87,6 +87,12 @@ class Transport:
         parts = [getattr(side.sheet, name) for side in self.sides]
         return np.concatenate(parts).astype(dtype, copy=False)
 
+    def recolor(self, sheets: list[Sheet]) -> None:
+        """Take albedo and emission from the same sheets with other materials."""
+        of = {sheet.instance: sheet for sheet in sheets}
+        self.sides = [side._replace(sheet=of[side.sheet.instance]) for side in self.sides]
+        self.albedo, self.emitted = self._joined("albedo", np.float32), self._joined("emitted", np.float32)
+
     def patches(self, rows: NDArray[np.int32] = NO_INTS) -> Patches:
         """What kernels read of the patches, and increasing rows that are asked for: no tile has those of two sides."""
         of = np.searchsorted([side.first for side in self.sides], rows, side="right") - 1

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..baking.baked import Baked
 from ..image.screen import to_8bit
 from ..image.tone import backdrop_rows
 from ..jit import Cancel
@@ -199,7 +200,7 @@ class Painter:
     def _show(self, request: FrameRequest, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
         """Draw and send a picture with one sample for each pixel."""
         begun = time.perf_counter()
-        settings = self._light(scene, request.view.settings(1))
+        settings = self._light(request, scene, request.view.settings(1))
         if stage is MOVING:  # contact shadows with one sample would be noise
             settings = replace(settings, sky_rays=0)
         picture = Picture(scene.snapshot(), camera, settings)
@@ -212,7 +213,7 @@ class Painter:
         most = request.view.samples
         if most == 1 or not request.refine or self._cancel.wanted:
             return
-        settings = self._light(scene, request.view.settings(most))
+        settings = self._light(request, scene, request.view.settings(most))
         picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True)
         done, last, seconds = 0, 1, 0.0
         while done < most:
@@ -226,9 +227,14 @@ class Painter:
                 return
             self._send(request, picture.image, REFINED, (done, count), seconds)
 
-    def _light(self, scene: Scene, settings: Settings) -> Settings:
+    def _light(self, request: FrameRequest, scene: Scene, settings: Settings) -> Settings:
         """Give a scene its baked light, if pictures need it; until there is any they have direct light."""
         if settings.integrator != BAKED:
+            return settings
+        own = request.scene.baked  # from a file, say
+        if isinstance(own, Baked) and own.fits(scene):
+            if scene.baked is not own:
+                scene.baked = own
             return settings
         light = self._baker.light_for(scene)
         if light is None:
