@@ -16,9 +16,7 @@ def test_inside_a_sphere_all_bounces_add_up(ball):
     scene = pr.Scene()
     scene.add(ball, material=pr.Diffuse(0.8))
     scene.add_light(pr.PointLight((0, 0, 0), 1.0))
-    baked = pr.bake(scene)
-    side = baked._sides[0, -1]
-    total = (baked._arrived.direct + baked._arrived.indirect)[side.span, 0]
+    total = pr.bake(scene).irradiance(0, side=-1)
     assert abs(total.mean() / 5.0 - 1.0) < 0.01
     assert total.std() / total.mean() < 0.01
 
@@ -29,6 +27,7 @@ def test_the_outside_of_a_closed_body_is_lit_alone(ball):
     scene.add_light(pr.EnvironmentLight())
     baked = pr.bake(scene)
     assert [sign for _, sign in baked._lit] == [1]
+    assert (baked.irradiance(0, side=-1) == 0.0).all() and (baked.indirect(0, side=-1) == 0.0).all()
     assert baked.irradiance(0) == pytest.approx(np.pi, rel=0.01)  # of an even sky of radiance 1
     assert baked.ambient_occlusion(0) == pytest.approx(1.0, abs=0.01)
     assert baked.nbytes == 16 * len(ball.tree.order)
@@ -146,6 +145,11 @@ def test_what_is_asked_for_must_exist(ball):
         baked = pr.bake(scene)
     with pytest.raises(ValueError, match="id"):
         baked.irradiance(floor)
+    ball_alone = pr.Scene()
+    number = ball_alone.add(ball)
+    ball_alone.add_light(pr.EnvironmentLight())
+    with pytest.raises(ValueError, match="side"):
+        pr.bake(ball_alone).irradiance(number, side=0)
     with pytest.raises(ValueError, match="baked"):
         scene.baked = 3
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_callback, check_kind, check_path
+from ..arguments import check_callback, check_kind, check_path, wrong
 from ..jit import Array
 from ..kernels.records import INSTANCE, KIND, MODEL
 from ..kernels.vec import LUMINANCE
@@ -25,7 +25,7 @@ from .keys import keys_of, lights_of, materials_of, shape_of
 from .planes import Grid
 from .settings import BakeSettings
 from .solve import Arrived, smoothed, solve
-from .store import AtSplats, at_points, from_patches, from_records, make_records, seen_skies, unit_of
+from .store import AtSplats, at_points, dark, from_patches, from_records, make_records, seen_skies, unit_of
 from .surfaces import Sheet, coarser, find_sheets, recolored
 from .transport import ALL_SIDES, Side, Transport
 
@@ -180,32 +180,38 @@ class Baked:
         self._warned = reason
         return self._kept.tables(scene, levels)
 
-    def irradiance(self, id: int) -> Floats:
-        """All light that arrives at each point of an instance on its front side, (n, 3), in W/m2 of the lights' units.
+    def irradiance(self, id: int, side: int = 1) -> Floats:
+        """All light that arrives at each point of an instance on one side, (n, 3), in W/m2 of the lights' units.
 
+        side : 1, the front, where normals point; -1, the back
         NaN at points that have no splat. ValueError if `id` is no instance of a model.
         """
-        return self._at_points(id, lambda at: at.direct + at.indirect)
+        return self._at_points(id, side, lambda at: at.direct + at.indirect)
 
-    def indirect(self, id: int) -> Floats:
+    def indirect(self, id: int, side: int = 1) -> Floats:
         """The same without the direct light of lights: from the sky and from other surfaces."""
-        return self._at_points(id, lambda at: at.indirect)
+        return self._at_points(id, side, lambda at: at.indirect)
 
     def ambient_occlusion(self, id: int) -> Floats:
         """The share of the sky that each point sees, weighted by the cosine, (n,): 1 where nothing is in the way."""
-        return self._at_points(id, lambda at: at.sky)
+        return self._at_points(id, 1, lambda at: at.sky)
 
-    def _at_points(self, id: int, values_of: Callable[[AtSplats], Floats]) -> Floats:
-        """What arrives at the points of an instance's model, in the model's order."""
-        records = self._kept.records.get((id, 1, 0)) if isinstance(id, int | np.integer) else None
+    def _at_points(self, id: int, sign: int, values_of: Callable[[AtSplats], Floats]) -> Floats:
+        """What arrives at the points of an instance's model, in the model's order; 0 on a dark back."""
+        if sign not in ALL_SIDES:
+            raise wrong("side", "1, the front, or -1, the back", sign)
+        front = self._kept.records.get((id, 1, 0)) if isinstance(id, int | np.integer) else None
         model = self._scene.shapes.get(id)
-        if records is None or not isinstance(model, Model) or len(records) != len(model.tree.order):
+        if front is None or not isinstance(model, Model) or len(front) != len(model.tree.order):
             raise ValueError(f"no light is baked for a model {id!r}: id is what `Scene.add` returned for one")
-        if self._stored is None:
-            values = values_of(from_patches(self._sides[id, 1], self._arrived))
+        records = self._kept.records.get((id, sign, 0))
+        if records is None:
+            at = dark(len(front))
+        elif self._stored is None:
+            at = from_patches(self._sides[id, sign], self._arrived)
         else:
-            values = values_of(from_records(records, self._kept.unit, self._stored.skies[id]))
-        return at_points(model, values)
+            at = from_records(records, self._kept.unit, self._stored.skies[id])
+        return at_points(model, values_of(at))
 
     def save(self, path: str | os.PathLike[str], progress: Progress | None = None) -> None:
         """Write the light to a file that `load` maps: what pictures and exports need, and not the links.

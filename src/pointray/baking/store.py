@@ -31,9 +31,9 @@ Floats = NDArray[np.float32]
 
 
 class AtSplats(NamedTuple):
-    """What arrives at the front side of a model's splats, in the order of its tree.
+    """What arrives at one side of a model's splats, in the order of its tree.
 
-    direct, indirect : (n, 3) float32, W/m2; sky : (n,) float32, the share of the sky that is seen
+    direct, indirect : (n, 3) float32, W/m2; sky : (n,) float32, the share of the sky that the front sees
     """
 
     direct: Floats
@@ -67,6 +67,11 @@ def at_splats(side: Side, values: Floats) -> Floats:
     shares = weights.reshape(n, AROUND).astype(np.float32)
     total = sum(shares[:, k, None] * values[around[:, k]] for k in range(AROUND))
     return np.asarray(total / np.maximum(shares.sum(axis=1, keepdims=True), 1.0), np.float32)
+
+
+def dark(n: int) -> AtSplats:
+    """What arrives at a back that is kept as black."""
+    return AtSplats(np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.float32))
 
 
 def from_patches(side: Side, arrived: Arrived) -> AtSplats:
