@@ -168,3 +168,38 @@ def test_light_is_never_that_of_another_tree(ball):
     assert (rows[0, :3] == 0).all() and rows[1, 0] != 0
     camera = pr.frame(other, size=(16, 16))
     assert np.isfinite(pr.render(other, camera, pr.Settings("baked"))).all()
+
+
+def test_a_small_sun_in_a_picture_of_the_sky_leaves_no_speckles():
+    """Links would meet it by chance: four pixels have two thirds of the light."""
+    image = np.full((128, 256, 3), 0.3)
+    image[40:42, 100:102] = 2_000.0
+    theta = (np.arange(128) + 0.5) / 128 * np.pi
+    weights = np.maximum(np.cos(theta), 0.0) * np.sin(theta) * (np.pi / 128) * (2 * np.pi / 256)
+    exact = float((image[..., 0].sum(axis=1) * weights).sum())
+    scene = pr.Scene()
+    ground = scene.add(pr.Model(pr.Points(*_sheet(60, 1.0))), material=pr.Diffuse(0.0))
+    scene.add_light(pr.EnvironmentLight(image=image))
+    light = pr.bake(scene).irradiance(ground)[:, 0]
+    assert light.std() / light.mean() < 0.02
+    assert light.mean() == pytest.approx(exact, rel=0.02)
+
+
+def test_lamps_hide_what_is_behind_them():
+    """A ceiling glows; a black-backed lamp of the same size as the floor's view of it is as good as night."""
+    scene = pr.Scene()
+    ground = scene.add(pr.Model(pr.Points(*_sheet(40, 0.2))), material=pr.Diffuse(0.0))
+    scene.add(pr.Plane((0, 0, 2), (0, 0, -1)), material=pr.Emissive(1.0))
+    open_light = pr.bake(scene).indirect(ground)[:, 0]
+    assert open_light == pytest.approx(np.pi, rel=0.02)
+    scene.add_light(pr.DiskLight((0, 0, 1.0), (0, 0, -1), 20.0, 0.0))
+    hidden = pr.bake(scene).indirect(ground)[:, 0]
+    assert hidden.max() < 0.05
+
+
+def test_light_that_does_not_fit_is_refused(ball):
+    scene = pr.Scene()
+    scene.add(ball)
+    scene.add_light(pr.EnvironmentLight())
+    with pytest.raises(ValueError, match="memory"):
+        pr.bake(scene, pr.BakeSettings(memory=1_000, patches=64, links=1, noise=1.0))

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind, check_path, wrong
 from ..jit import Array
-from ..kernels.records import INSTANCE, KIND, MODEL
+from ..kernels.records import INSTANCE, KIND, MODEL, RECORD
 from ..kernels.vec import LUMINANCE
+from ..memory import check_memory
 from ..model import Model
 from ..progress import Progress, part_of, tell
 from ..scene.scene import Scene
@@ -25,7 +26,7 @@ from .keys import keys_of, lights_of, materials_of, shape_of
 from .planes import Grid
 from .settings import BakeSettings
 from .solve import Arrived, smoothed, solve
-from .store import AtSplats, at_points, dark, from_patches, from_records, make_records, seen_skies, unit_of
+from .store import AtSplats, at_points, blend_of, dark, from_patches, from_records, make_records, seen_skies, unit_of
 from .surfaces import Sheet, coarser, find_sheets, recolored
 from .transport import ALL_SIDES, Side, Transport
 
@@ -88,6 +89,7 @@ class Baked:
         self._arrived, _ = smoothed(transport, arrived, settings.threads)
         if not self._arrived.direct.any() and not self._arrived.indirect.any():
             warnings.warn("the scene has no light: what is baked is black", stacklevel=5)
+        _check_room(transport, settings)
         unit, numbers = unit_of(self._arrived), snapshot.numbers
         records = {
             (int(numbers[side.sheet.instance]), side.sign, level): make_records(
@@ -314,6 +316,15 @@ def _chosen(scene: Snapshot, settings: BakeSettings) -> int:
     shapes = records[records[:, KIND] == MODEL, 1].astype(int)
     splats = sum(len(scene.models[k].points) for k in shapes)
     return int(np.clip(splats // 4, LEAST_CHOSEN, MOST_CHOSEN))
+
+
+def _check_room(transport: Transport, settings: BakeSettings) -> None:
+    """ValueError if there is no room for the light."""
+    need = 4 * RECORD * sum(blend_of(side, level)[2] for side in transport.sides for level in _levels_of(side))
+    if settings.memory is None:
+        check_memory(need, "to keep the light")
+    elif need > settings.memory:
+        raise ValueError(f"the light takes {need:,} bytes, more than memory={settings.memory:,}")
 
 
 def _levels_of(side: Side) -> range:
