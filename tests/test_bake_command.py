@@ -389,9 +389,11 @@ def test_a_film_with_a_file_of_light(scan, bakes, capsys, monkeypatch):
     light, frames = scan.with_name("lit.bake"), scan.with_name("frames")
     assert run(capsys, "bake", scan, "-o", light)[0] == 0
     del bakes[:]
+    made = []
+    monkeypatch.setattr(pr.Model, "make_levels", lambda self, show: made.append(self))
     monkeypatch.setattr("pointray.rendering.lod.is_far", lambda *_: True)
     film = [*SMALL, "--seconds", "1", "--fps", "2", "--bake", light]
-    assert run(capsys, "animate", scan, "-o", frames, *film)[2] == "" and bakes == []
+    assert run(capsys, "animate", scan, "-o", frames, *film)[2] == "" and bakes == made == []
     assert len(list(frames.iterdir())) == 2
 
 
