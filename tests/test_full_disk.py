@@ -43,7 +43,12 @@ file, more = Path(sys.argv[1]), sys.argv[2:]
 rng = np.random.default_rng(1)
 image = rng.random((40, 36, 4), dtype=np.float32)
 points = pr.Points(rng.random((300, 3)))
-model = pr.Model(pr.procedural("sphere", 300)) if file.suffix == ".pointray" else None
+model = pr.Model(pr.procedural("sphere", 300)) if file.suffix in (".pointray", ".bake") else None
+if file.suffix == ".bake":
+    scene = pr.Scene()
+    scene.add(model)
+    scene.add_light(pr.EnvironmentLight())
+    light = pr.bake(scene, pr.BakeSettings(links=4))
 frames = Frames(file.parent / "%04d.png", {"seed": [0] * 900}, 9, (36, 40))
 write = {
     "picture.png": lambda: pr.write_image(file, image),
@@ -52,6 +57,7 @@ write = {
     "layers.npz": lambda: pr.write_layers(file, {"radiance": image, "depth": image[..., 0]}),
     "points.ply": lambda: pr.write(file, points),
     "model.pointray": lambda: model.save(file),
+    "light.bake": lambda: light.save(file),
     "film.mp4": lambda: write_mp4(file, Path(more[0]), 3, 24, (36, 40)),
     "%04d.png.json": frames.begin,
     "plot.svg": lambda: show.plot(file, [Row(1000, "far", "8x8", "none", *[1.0] * (len(Row.__annotations__) - 4))]),
@@ -74,7 +80,7 @@ for limit in sorted(limits):
         wrong.append([limit, sorted(p.name for p in file.parent.iterdir())])
 print(json.dumps([len(limits), wrong]))
 """
-NAMES = ("picture.png", "picture.jpg", "layers.npz", "points.ply", "model.pointray", "%04d.png.json")
+NAMES = ("picture.png", "picture.jpg", "layers.npz", "points.ply", "model.pointray", "light.bake", "%04d.png.json")
 
 
 def sweep(folder, name, *more, **variables):

@@ -16,8 +16,8 @@ PACKAGE = Path(pointray.__file__).parent
 # top.
 TOWER = [
     *("jit", "simd", "arguments", "choices", "extras", "progress", "memory", "kernels", "data"),
-    *("neighbors", "points", "tree", "splats", "intersect", "trace", "model_file", "model", "shade"),
-    *("image", "scene", "baking", "rendering", "staging"),
+    *("neighbors", "points", "tree", "splats", "intersect", "trace", "array_file", "model_file", "model"),
+    *("shade", "image", "scene", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]
 

@@ -624,7 +624,7 @@ def test_a_browser_that_leaves_while_it_is_told_of_a_change(scene, caplog):
 
 def test_the_exposure_does_not_flicker_while_the_camera_moves():
     """It is chosen anew if settings change, or if a still picture needs much more or less."""
-    painter = Painter(lambda frame: None, lambda text: None)
+    painter = Painter(lambda frame: None, lambda text: None, lambda stage, share, seconds: None)
     camera = pr.Camera.look_at((0, -3, 0), (0, 0, 0), size=(8, 8))
 
     def shown(level, stage, settings):

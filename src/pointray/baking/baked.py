@@ -2,47 +2,32 @@
 
 from __future__ import annotations
 
-import hashlib
+import copy
+import os
 import warnings
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_callback, check_kind
+from ..arguments import check_callback, check_kind, check_path, wrong
 from ..jit import Array
-from ..kernels.records import (
-    BAKED,
-    BAKED_BACK,
-    BAKED_COUNT,
-    BAKED_FRAME,
-    BAKED_FRONT,
-    BAKED_UNIT,
-    DIELECTRIC,
-    GRID_EDGE,
-    GRID_HALF,
-    GRID_MIDDLE,
-    INSTANCE,
-    KIND,
-    MATERIAL,
-    MATERIAL_KIND,
-    MATERIAL_SIZE,
-    MIRROR,
-    MODEL,
-    PLANE_COLOR,
-    PLANE_SIZE,
-)
+from ..kernels.records import INSTANCE, KIND, MODEL, RECORD
 from ..kernels.vec import LUMINANCE
+from ..memory import check_memory
 from ..model import Model
 from ..progress import Progress, part_of, tell
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
-from .bounces import SEES_SKY, VARIANCE
+from .bounces import VARIANCE
+from .file import Stored, read_light, write_light
+from .kept import Kept
+from .keys import keys_of, lights_of, materials_of, shape_of
 from .planes import Grid
 from .settings import BakeSettings
 from .solve import Arrived, smoothed, solve
-from .store import at_splats, make_records, unit_of
-from .surfaces import Sheet, coarser, find_sheets
+from .store import AtSplats, at_points, blend_of, dark, from_patches, from_records, make_records, seen_skies, unit_of
+from .surfaces import Sheet, coarser, find_sheets, recolored
 from .transport import ALL_SIDES, Side, Transport
 
 LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
@@ -58,12 +43,6 @@ class StaleLightWarning(UserWarning):
     """Baked light no longer fits its scene, see `Baked.stale`."""
 
 
-class _Addresses(bytearray):
-    """The memory of a table of addresses, with what they point to: as long as the one is there, so is the other."""
-
-    kept: list[NDArray[np.int32]]
-
-
 class Baked:
     """The light that arrives at every splat and plane of a scene; `bake` makes it.
 
@@ -76,8 +55,11 @@ class Baked:
 
     def __init__(self, scene: Scene, settings: BakeSettings, progress: Progress | None) -> None:
         self._scene, self._settings = scene, settings
-        snapshot = scene.snapshot().without_camera_lights()
-        self._sheets = find_sheets(snapshot, _chosen(snapshot, settings), settings.albedo_scale)
+        self._bake(scene.snapshot().without_camera_lights(), progress)
+
+    def _bake(self, snapshot: Snapshot, progress: Progress | None) -> None:
+        self._sheets = find_sheets(snapshot, _chosen(snapshot, self._settings), self._settings.albedo_scale)
+        self._materials = materials_of(snapshot)
         tell(progress, 0.1)
         self._gather(snapshot, part_of(progress, 0.1, 0.9))
         self._light(snapshot)
@@ -86,40 +68,45 @@ class Baked:
     def _gather(self, snapshot: Snapshot, progress: Progress | None) -> None:
         """Find which sides are lit, and their links; more of these where there is noise."""
         settings = self._settings
-        self._lit = _lit_sides(snapshot, self._sheets, settings)
+        self._probe = _probe(snapshot, self._sheets, settings)
+        self._lit = _lit_sides(snapshot, self._probe, settings)
         transport = Transport(snapshot, self._sheets, self._lit, settings.seed, settings.threads)
         rows = np.arange(len(transport), dtype=np.int32)
-        transport.send(rows, settings.links, part_of(progress, 0.0, 0.8))
-        direct = transport.find_direct(snapshot.world)
+        transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))
+        arrived = solve(snapshot.world, transport, settings)
+        noisy = _noisy(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
         for k in range(MOST_ROUNDS):
-            arrived = solve(snapshot.world, transport, direct, settings)
-            noisy = _noisy(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
             rows = np.flatnonzero(noisy > 1.0 + k).astype(np.int32)
-            if not len(rows):
-                break
-            transport.send(rows, settings.links, part_of(progress, 0.8 + 0.05 * k, 0.85 + 0.05 * k))
+            if len(rows):
+                transport.send(rows, settings.links, part_of(progress, 0.7 + 0.1 * k, 0.8 + 0.1 * k))
         self._transport = transport
-        self._shape = _shape_of(snapshot)
+        self._shape = shape_of(snapshot)
 
     def _light(self, snapshot: Snapshot) -> None:
         """Solve for the lights of the scene, and write the records."""
         settings, transport = self._settings, self._transport
-        direct = transport.find_direct(snapshot.world)
-        arrived = solve(snapshot.world, transport, direct, settings)
+        arrived = solve(snapshot.world, transport, settings)
         self._arrived, _ = smoothed(transport, arrived, settings.threads)
         if not self._arrived.direct.any() and not self._arrived.indirect.any():
-            warnings.warn("the scene has no light: what is baked is black", stacklevel=4)
-        self._unit = unit_of(self._arrived)
-        numbers = snapshot.numbers
-        self._records = {
+            warnings.warn("the scene has no light: what is baked is black", stacklevel=5)
+        _check_room(transport, settings)
+        unit, numbers = unit_of(self._arrived), snapshot.numbers
+        records = {
             (int(numbers[side.sheet.instance]), side.sign, level): make_records(
-                side, level, self._arrived, self._unit, settings.threads
+                side, level, self._arrived, unit, settings.threads
             )
             for side in transport.sides
             for level in _levels_of(side)
         }
         self._sides = {(int(numbers[side.sheet.instance]), side.sign): side for side in transport.sides}
-        self._lights = _lights_of(snapshot)
+        patches = {number: side.sheet.patches for (number, _), side in self._sides.items()}
+        grids = {number: grid for number, grid in patches.items() if isinstance(grid, Grid)}
+        self._begin(snapshot, lights_of(snapshot), Kept(unit, records, grids))
+
+    def _begin(self, snapshot: Snapshot, lights: bytes, kept: Kept, stored: Stored | None = None) -> None:
+        """Keep light, the scene that it is of, and the file's contents if it is from one."""
+        self._baked_of, self._lights = snapshot._replace(baked=None), lights
+        self._kept, self._stored = kept, stored
         self._checked: Snapshot | None = None
         self._reason: str | None = None
         self._warned: str | None = None
@@ -133,15 +120,21 @@ class Baked:
         if snapshot is self._checked:
             return self._reason
         fixed, reason = snapshot.without_camera_lights(), None
-        if _shape_of(fixed) != self._shape:
+        if shape_of(fixed) != self._shape:
             reason = "models, planes or clip planes have changed: bake again"
-        elif _lights_of(fixed) != self._lights:
+        elif lights_of(fixed) != self._lights:
             reason = "lights, materials or colours have changed: call update()"
         self._checked, self._reason = snapshot, reason
         return reason
 
+    def fits(self, scene: Scene) -> bool:
+        """Whether the light is that of a scene, which may be a copy of its own."""
+        return self._stale(scene.snapshot()) is None
+
     def update(self, progress: Progress | None = None) -> None:
         """Bake anew for other lights, another sky, other materials and colours, without new links.
+
+        Light from a file has no links: they are found anew, as in `bake`, which takes as long.
 
         Raises
         ------
@@ -150,12 +143,33 @@ class Baked:
         """
         check_callback(progress)
         snapshot = self._scene.snapshot().without_camera_lights()
-        if _shape_of(snapshot) != self._shape:
+        if shape_of(snapshot) != self._shape:
             raise ValueError("the light does not fit: models, planes or clip planes have changed: bake again")
-        if _lit_sides(snapshot, self._sheets, self._settings) != self._lit:
+        if self._stored is not None:
+            self._bake(snapshot, progress)
+            return
+        if materials_of(snapshot) != self._materials:
+            self._materials = materials_of(snapshot)
+            self._sheets = recolored(snapshot, self._sheets, self._settings.albedo_scale)
+        # Links are shared with light for other materials, see `relit`.
+        self._probe.recolor(_few(self._sheets))
+        self._transport.recolor(self._sheets)
+        if _lit_sides(snapshot, self._probe, self._settings) != self._lit:
             self._gather(snapshot, progress)
         self._light(snapshot)
         tell(progress, 1.0)
+
+    def relit(self, scene: Scene) -> Baked | None:
+        """The light of another scene with the same models, planes and clip planes; None if these differ.
+
+        This one stays as it is. Both share their links.
+        """
+        if shape_of(scene.snapshot().without_camera_lights()) != self._shape:
+            return None
+        twin = copy.copy(self)
+        twin._scene = scene
+        twin.update()
+        return twin
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
         """What kernels read, see `records.BAKED`. levels : (instances,), which level of its model each shows
@@ -166,58 +180,104 @@ class Baked:
         if reason is not None and reason != self._warned:
             warnings.warn(f"the baked light no longer fits the scene: {reason}", StaleLightWarning, stacklevel=6)
         self._warned = reason
-        rows, frames = np.zeros((len(levels), BAKED), np.int64), np.zeros((len(levels), BAKED_FRAME))
-        kept = []
-        for k, level in enumerate(levels.tolist()):
-            for sign, column in ((1, BAKED_FRONT), (-1, BAKED_BACK)):
-                records = self._records.get((int(scene.numbers[k]), sign, level))
-                if records is None:
-                    continue
-                kept.append(records)
-                rows[k, column], rows[k, BAKED_COUNT] = records.ctypes.data, len(records)
-                frames[k, BAKED_UNIT] = self._unit
-                patches = self._sides[int(scene.numbers[k]), sign].sheet.patches
-                if isinstance(patches, Grid):
-                    frames[k, GRID_MIDDLE : GRID_MIDDLE + 2] = patches.middle
-                    frames[k, GRID_HALF], frames[k, GRID_EDGE] = patches.half, patches.edge
-        memory = _Addresses(rows.tobytes())
-        memory.kept = kept
-        return np.frombuffer(memory, np.int64), frames.reshape(-1)
+        return self._kept.tables(scene, levels)
 
-    def irradiance(self, id: int) -> Floats:
-        """All light that arrives at each point of an instance on its front side, (n, 3), in W/m2 of the lights' units.
+    def irradiance(self, id: int, side: int = 1) -> Floats:
+        """All light that arrives at each point of an instance on one side, (n, 3), in W/m2 of the lights' units.
 
+        side : 1, the front, where normals point; -1, the back
         NaN at points that have no splat. ValueError if `id` is no instance of a model.
         """
-        return self._at_points(id, self._arrived.direct + self._arrived.indirect)
+        return self._at_points(id, side, lambda at: at.direct + at.indirect)
 
-    def indirect(self, id: int) -> Floats:
+    def indirect(self, id: int, side: int = 1) -> Floats:
         """The same without the direct light of lights: from the sky and from other surfaces."""
-        return self._at_points(id, self._arrived.indirect)
+        return self._at_points(id, side, lambda at: at.indirect)
 
     def ambient_occlusion(self, id: int) -> Floats:
         """The share of the sky that each point sees, weighted by the cosine, (n,): 1 where nothing is in the way."""
-        return self._at_points(id, self._arrived.facts[:, SEES_SKY : SEES_SKY + 1])[:, 0]
+        return self._at_points(id, 1, lambda at: at.sky)
 
-    def _at_points(self, id: int, values: Floats) -> Floats:
-        """Values of all patches at the points of an instance's model, in the model's order."""
-        side = self._sides.get((id, 1)) if isinstance(id, int | np.integer) else None
+    def _at_points(self, id: int, sign: int, values_of: Callable[[AtSplats], Floats]) -> Floats:
+        """What arrives at the points of an instance's model, in the model's order; 0 on a dark back."""
+        if sign not in ALL_SIDES:
+            raise wrong("side", "1, the front, or -1, the back", sign)
+        front = self._kept.records.get((id, 1, 0)) if isinstance(id, int | np.integer) else None
         model = self._scene.shapes.get(id)
-        if side is None or not isinstance(model, Model):
+        if front is None or not isinstance(model, Model) or len(front) != len(model.tree.order):
             raise ValueError(f"no light is baked for a model {id!r}: id is what `Scene.add` returned for one")
-        order = model.tree.order
-        used = order >= 0
-        out = np.full((len(model.points), values.shape[1]), np.nan, np.float32)
-        out[order[used]] = at_splats(side, values[side.span])[used]
-        return out
+        records = self._kept.records.get((id, sign, 0))
+        if records is None:
+            at = dark(len(front))
+        elif self._stored is None:
+            at = from_patches(self._sides[id, sign], self._arrived)
+        else:
+            at = from_records(records, self._kept.unit, self._stored.skies[id])
+        return at_points(model, values_of(at))
+
+    def save(self, path: str | os.PathLike[str], progress: Progress | None = None) -> None:
+        """Write the light to a file that `load` maps: what pictures and exports need, and not the links.
+
+        Parameters
+        ----------
+        path : str or path
+            Usually ends in .bake; the file is replaced when all is written.
+        progress : callable, optional
+            Called with the share done.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        check_path(path)
+        check_callback(progress)
+        write_light(path, self._stored or self._store(), progress or (lambda share: None))
+
+    def _store(self) -> Stored:
+        """What a file holds."""
+        if shape_of(self._baked_of) != self._shape:
+            raise ValueError("the light cannot be saved: levels of detail were made after the bake: bake again")
+        return Stored(self._settings, keys_of(self._baked_of), self._kept, seen_skies(self._sides, self._arrived))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], scene: Scene) -> Baked:
+        """The light that `save` has written, mapped into memory: it is ready at once, whatever its size.
+
+        Pictures are those of the light that was saved, to the last bit; `irradiance` and `indirect` are as exact as
+        pictures: to a 256th of the brightest channel. If lights, sky, materials or colours are no longer those of the
+        bake, `stale` says so. The file must not change while the light is used.
+
+        Parameters
+        ----------
+        scene : Scene
+            Of the same models, planes and clip planes as when it was baked, instances in the same order.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be opened.
+        ValueError
+            If it is no baked light, has another version, is damaged, or is of another scene.
+        """
+        check_path(path)
+        check_kind(scene, "scene", Scene, "a Scene")
+        snapshot = scene.snapshot().without_camera_lights()
+        stored = read_light(path, snapshot)
+        baked = cls.__new__(cls)
+        baked._scene, baked._settings, baked._shape = scene, stored.settings, shape_of(snapshot)
+        lights = lights_of(snapshot) if stored.keys.light == keys_of(snapshot).light else b""
+        baked._begin(snapshot, lights, stored.kept, stored)
+        return baked
 
     @property
     def nbytes(self) -> int:
         """Bytes of the light that pictures read."""
-        return sum(records.nbytes for records in self._records.values())
+        return self._kept.nbytes
 
     def __repr__(self) -> str:
-        return f"<Baked: {len(self._transport):,} patches, {self.nbytes / 2**20:.0f} MiB>"
+        whence = "from a file" if self._stored is not None else f"{len(self._transport):,} patches"
+        return f"<Baked: {whence}, {self.nbytes / 2**20:.0f} MiB>"
 
 
 def bake(scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None) -> Baked:
@@ -258,22 +318,40 @@ def _chosen(scene: Snapshot, settings: BakeSettings) -> int:
     return int(np.clip(splats // 4, LEAST_CHOSEN, MOST_CHOSEN))
 
 
+def _check_room(transport: Transport, settings: BakeSettings) -> None:
+    """ValueError if there is no room for the light."""
+    need = 4 * RECORD * sum(blend_of(side, level)[2] for side in transport.sides for level in _levels_of(side))
+    if settings.memory is None:
+        check_memory(need, "to keep the light")
+    elif need > settings.memory:
+        raise ValueError(f"the light takes {need:,} bytes, more than memory={settings.memory:,}")
+
+
 def _levels_of(side: Side) -> range:
     patches = side.sheet.patches
     return range(1) if isinstance(patches, Grid) else range(len(patches.blends))
 
 
-def _lit_sides(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> list[tuple[int, int]]:
-    """The fronts of all sheets, and the backs that are lit, as a rough bake with few patches and links tells."""
-    few = coarser(sheets, max(PROBES // len(sheets), 16))
+def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> Transport:
+    """Few patches on both sides of all sheets, with few links."""
     sides = [(k, sign) for k in range(len(sheets)) for sign in ALL_SIDES]
-    transport = Transport(scene, few, sides, settings.seed, settings.threads)
-    transport.send(np.arange(len(transport), dtype=np.int32), PROBE_LINKS)
-    arrived = solve(scene.world, transport, transport.find_direct(scene.world), settings)
+    probe = Transport(scene, _few(sheets), sides, settings.seed, settings.threads)
+    probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)
+    return probe
+
+
+def _few(sheets: list[Sheet]) -> list[Sheet]:
+    return coarser(sheets, max(PROBES // len(sheets), 16))
+
+
+def _lit_sides(scene: Snapshot, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:
+    """The fronts of all sheets, and the backs that are lit, as the light at few patches tells: (sheet, sign)."""
+    arrived = solve(scene.world, probe, settings)
     light = (arrived.direct + arrived.indirect) @ np.array(LUMINANCE, np.float32)
-    means = [float(light[side.span].mean()) for side in transport.sides]
+    means = [float(light[side.span].mean()) for side in probe.sides]
     limit = DARK * max(means)
-    return [pair for pair, mean in zip(sides, means, strict=True) if pair[1] > 0 or (mean > limit and limit > 0.0)]
+    lit = [side.sign > 0 or (mean > limit and limit > 0.0) for side, mean in zip(probe.sides, means, strict=True)]
+    return [(k // 2, side.sign) for k, side in enumerate(probe.sides) if lit[k]]
 
 
 def _noisy(transport: Transport, arrived: Arrived, count: Floats, noise: float) -> Floats:
@@ -283,34 +361,3 @@ def _noisy(transport: Transport, arrived: Arrived, count: Floats, noise: float) 
     least = DIM * float(light.mean())
     aim = noise * np.maximum(light, max(least, 1e-15))
     return np.asarray(arrived.facts[:, VARIANCE] / np.maximum(count, 1.0) / (aim * aim), np.float32)
-
-
-def _digest(*arrays: Any) -> bytes:
-    """A hash of arrays and bytes."""
-    digest = hashlib.blake2b(digest_size=16)
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.digest()
-
-
-def _shape_of(scene: Snapshot) -> tuple[Any, ...]:
-    """What links depend on: the geometry, and which surfaces are mirrors or glass."""
-    world = scene.world
-    records = world.instances.reshape(-1, INSTANCE).copy()
-    kinds = world.materials[MATERIAL_KIND::MATERIAL_SIZE][records[:, MATERIAL].astype(int)]
-    specular = np.where(np.isin(kinds, (MIRROR, DIELECTRIC)), kinds, -1.0)
-    records[:, MATERIAL : MATERIAL + 2] = 0.0
-    planes = world.planes.reshape(-1, PLANE_SIZE)
-    models = tuple(id(model) for model in scene.models)
-    return models, _digest(
-        scene.numbers, records, specular, np.delete(planes, slice(PLANE_COLOR, 10), axis=1), world.clips
-    )
-
-
-def _lights_of(scene: Snapshot) -> bytes:
-    """What the light depends on besides."""
-    world = scene.world
-    colors = world.planes.reshape(-1, PLANE_SIZE)[:, PLANE_COLOR:10]
-    used = world.instances.reshape(-1, INSTANCE)[:, MATERIAL : MATERIAL + 2]
-    paints = world.paints, world.map_positions, world.map_colors
-    return _digest(world.lights, world.sky, world.sky_colors, world.materials, used, colors, *paints)

@@ -9,9 +9,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from ..jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile
+from ..kernels.records import World
 from ..kernels.vec import BLACK as NO_LIGHT
-from ..kernels.vec import Vec3, add, luminance, multiply, scale
+from ..kernels.vec import Vec3, add, dot, length, load3_flat, luminance, multiply, scale, sub
+from ..shade.choice import meets_lamp
 from ..shade.harmonics import harmonics
 from ..shade.rgbe import unpack_rgbe
 from .directions import link_direction
@@ -19,6 +23,7 @@ from .gather import INSIDE, PATCHES, SKY, Patches, normal_of
 
 PER_SOURCE = 4  # float32 of a source: RGB radiance, and one unused, so that it lies in one cache line
 CHUNK = 1024
+FLAT = 1e-3  # cosine: the plane of a patch is not met at a smaller one
 # What is known of a patch besides irradiance: luminance of the harmonics of bands 1 and 2, the share of its links that
 # lead to the sky, the share that lead to the inside of a body, and the variance of its irradiance's luminance.
 BANDS, SEES_SKY, SEES_INSIDE, VARIANCE, FACTS = 0, 8, 9, 10, 11
@@ -29,14 +34,31 @@ class Links(NamedTuple):
 
     links, tints : see `gather.Found`; parts, seed : that their directions follow from
     rows : (m,) int32, the patches; share : (m,) float32, share of these links among all that a patch has
+    hidden : (m * bytes_of(links),) uint8, a bit for each link that a lamp stands in the way of; or length 0: none does
     """
 
     links: Array
     tints: Array
     rows: Array
     share: Array
+    hidden: Array
     parts: tuple[int, int]
     seed: int
+
+
+@inline
+def bytes_of(links: int) -> int:
+    """Bytes for a bit of each link."""
+    return (links + 7) // 8
+
+
+@inline
+def _is_hidden(links: Links, m: int, k: int) -> bool:
+    """Whether a lamp hides what link k of row m leads to."""
+    if links.hidden.size == 0:
+        return False
+    at = m * bytes_of(links.parts[0] * links.parts[1]) + k // 8
+    return (links.hidden[at] >> (k % 8)) & 1 != 0
 
 
 @inline
@@ -54,17 +76,24 @@ def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
 
 
 @kernel
-def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, out: Array) -> int:
-    """Add to the patches' irradiance, (patches * 3,) float32, what comes along these links."""
+def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, every: int, out: Array) -> int:
+    """Add to the patches' irradiance, (patches * 3,) float32, what comes along these links, or along some of them.
+
+    every : only so few of the links, one in `every`, are followed; neighbouring patches follow others
+    """
     links, sources, lamps, out = borrow(links), borrow(sources), borrow(lamps), borrow(out)
-    count = links.parts[0] * links.parts[1]
+    rows, columns = links.parts
+    count = rows * columns
     chunk = next_tile(work)
     while chunk >= 0:
         for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
-            total = NO_LIGHT
-            for at in range(m * count, (m + 1) * count):
-                total = add(total, _radiance(links, at, sources, lamps))
-            total = scale(total, math.pi / count * links.share[m])
+            total, used = NO_LIGHT, 0
+            for row in range(rows):
+                for k in range(row * columns + (links.rows[m] + 2 * row) % every, (row + 1) * columns, every):
+                    used += 1
+                    if not _is_hidden(links, m, k):
+                        total = add(total, _radiance(links, m * count + k, sources, lamps))
+            total = scale(total, math.pi / max(used, 1) * links.share[m])
             patch = 3 * i64(links.rows[m])
             for c in range(3):
                 out[patch + c] += f32(total[c])
@@ -114,7 +143,8 @@ def add_facts(work: Array, links: Links, patches: Patches, sources: Array, lamps
             square = before = 0.0
             for k in range(count):
                 link = i64(links.links[m * count + k])
-                light = luminance(_radiance(links, m * count + k, sources, lamps))
+                hidden = _is_hidden(links, m, k)
+                light = 0.0 if hidden else luminance(_radiance(links, m * count + k, sources, lamps))
                 first, second = harmonics(link_direction(normal, patch, k, links.parts, links.seed))
                 part = light * math.pi / count * links.share[m]
                 for b in range(3):
@@ -132,5 +162,36 @@ def add_facts(work: Array, links: Links, patches: Patches, sources: Array, lamps
             if pairs > 0:
                 variance = 0.5 * square / pairs * math.pi**2 / count
                 out[at + VARIANCE] += f32(variance * links.share[m] ** 2)
+        chunk = next_tile(work)
+    return 0
+
+
+@inline
+def _is_in_the_way(world: World, patches: Patches, patch: int, d: Vec3, link: int) -> bool:
+    """Whether a lamp stands between a patch and what its link in direction d leads to."""
+    x, end = load3_flat(patches.positions, 3 * patch), np.inf
+    if link >= PATCHES:  # the ray has met the plane of that patch, not its middle
+        normal = normal_of(patches, link - PATCHES)
+        to_middle = sub(load3_flat(patches.positions, 3 * (link - PATCHES)), x)
+        end = dot(to_middle, normal) / dot(d, normal) if dot(d, normal) < -FLAT else length(to_middle)
+    return meets_lamp(world, (x, d), end * (1.0 - 1e-6))
+
+
+@kernel
+def hide_links(work: Array, world: World, links: Links, patches: Patches) -> int:
+    """Write the bits of `Links.hidden`: links that a lamp stands in the way of."""
+    world, links, patches = borrow(world), borrow(links), borrow(patches)
+    count = links.parts[0] * links.parts[1]
+    chunk = next_tile(work)
+    while chunk >= 0:
+        for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
+            patch = i64(links.rows[m])
+            normal, at = normal_of(patches, patch), m * bytes_of(count)
+            for k in range(bytes_of(count)):
+                links.hidden[at + k] = 0
+            for k in range(count):
+                d = link_direction(normal, patch, k, links.parts, links.seed)
+                if _is_in_the_way(world, patches, patch, d, i64(links.links[m * count + k])):
+                    links.hidden[at + k // 8] |= 1 << (k % 8)
         chunk = next_tile(work)
     return 0

@@ -8,6 +8,10 @@ averages, complement each other. No direction is kept: it follows from the numbe
 from __future__ import annotations
 
 import math
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..jit import inline
 from ..kernels.sampling import hash32, on_disc, sample_pair
@@ -66,3 +70,17 @@ def in_texel(texel: int, u: float, v: float) -> Vec3:
     if z < 0.0:
         x, y = _fold(x, y), _fold(y, x)
     return unit((x, y, z))
+
+
+@cache
+def texel_size() -> NDArray[np.float64]:
+    """The solid angle of each texel, (SKY_TEXELS,): its area on the octahedron, seen from the middle."""
+    fine = 8  # points a side
+    u = (np.arange(SKY_EDGE * fine) + 0.5) / (SKY_EDGE * fine) * 2.0 - 1.0
+    x, y = np.meshgrid(u, u)
+    z = 1.0 - np.abs(x) - np.abs(y)
+    folded = np.maximum(-z, 0.0)  # the lower half is that of the mirrored point
+    square = (np.abs(x) - folded) ** 2 + (np.abs(y) - folded) ** 2 + z * z
+    size = square**-1.5 * (2.0 / (SKY_EDGE * fine)) ** 2
+    cells = size.reshape(SKY_EDGE, fine, SKY_EDGE, fine).sum(axis=(1, 3)).reshape(-1)
+    return np.asarray(cells * (4.0 * np.pi / cells.sum()))

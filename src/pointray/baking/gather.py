@@ -49,13 +49,13 @@ from ..shade.grid import grid_cell, grid_frame
 from ..shade.rgbe import pack_rgbe, signed
 from ..shade.shading_points import shading_point, store_shading_points
 from ..trace.hits import describe_tile, material_at, tile_hit
-from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from, trace_tile
+from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
 from .directions import SKY_TEXELS, link_direction, texel_of
 
 BLACK, INSIDE, SKY = 0, 1, 2
 PATCHES = SKY + SKY_TEXELS
 
-FIND_LINKS, FIND_DIRECT = range(2)
+FIND_LINKS, FIND_DIRECT, FIND_SUNS = range(3)
 MOST_MIRRORS = 16  # mirrors and panes one behind the other
 FEW_LIGHTS = 16  # up to this number each light gets its own shadow rays
 MANY = 64  # shadow rays of a patch to more lights than that
@@ -93,8 +93,9 @@ class Targets(NamedTuple):
 class Rays(NamedTuple):
     """Which rays are asked for.
 
-    stage : FIND_LINKS or FIND_DIRECT; parts : strata of the links; seed : of all that is left to chance
+    stage : FIND_LINKS, FIND_DIRECT or FIND_SUNS; parts : strata of the links; seed : of all that is left to chance
     samples : shadow rays to each light with a size; tinted : whether links have colours
+    suns : (n * 3,) float64, directions to bright spots of the sky
     """
 
     stage: int
@@ -102,6 +103,7 @@ class Rays(NamedTuple):
     seed: int
     samples: int
     tinted: bool
+    suns: Array
 
 
 class Found(NamedTuple):
@@ -109,7 +111,8 @@ class Found(NamedTuple):
 
     links : (m * links,) int32; tints : the same, RGB9E5, of links through mirrors and glass, if these have colours
     nearness : (m,) float32, sum over the links of the inverse distance of what they hit
-    direct : (m * 3,) float32, irradiance from lights that are neither sky nor surface
+    direct : (m * 3,) float32, irradiance from lights that are neither sky nor surface; or (m * suns,), the cosine to
+        each bright spot of the sky, 0 where something is in the way
     """
 
     links: Array
@@ -287,6 +290,30 @@ def _find_direct(
             found.direct[3 * (tile[0] + i) + c] = f32(light_at[c])
 
 
+@inline
+def _find_suns(
+    world: World, patches: Patches, tile: tuple[int, int, int], rays: Rays, found: Found, scratch: Scratch
+) -> None:
+    """Which bright spots of the sky the tile's patches see."""
+    count = rays.suns.size // 3
+    for sun in range(count):
+        d, lit = load3_flat(rays.suns, 3 * sun), False
+        for i in range(TILE):
+            set_ray(scratch, i, NO_RAY)
+        for i in range(tile[1]):
+            patch = patches.rows[tile[0] + i]
+            x, cosine = load3_flat(patches.positions, 3 * patch), dot(normal_of(patches, patch), d)
+            found.direct[(tile[0] + i) * count + sun] = f32(max(cosine, 0.0))
+            if cosine > 0.0 and not meets_lamp(world, (x, d), np.inf):
+                set_ray_from(scratch, i, (x, d, 0.0, np.inf), f64(tile[2]))
+                lit = True
+        if lit:
+            occlude_tile(world, scratch)
+            for i in range(tile[1]):
+                if is_blocked(scratch, i):
+                    found.direct[(tile[0] + i) * count + sun] = f32(0.0)
+
+
 @kernel
 def send_rays(work: Array, world: World, patches: Patches, targets: Targets, rays: Rays, found: Found) -> int:
     """Links or direct light of the patches that are asked for, tile by tile."""
@@ -299,8 +326,10 @@ def send_rays(work: Array, world: World, patches: Patches, targets: Targets, ray
         tile = patches.tiles[k], patches.tiles[k + 1], patches.tiles[k + 2]
         if rays.stage == FIND_LINKS:
             _find_links(world, patches, targets, tile, rays, found, scratch)
-        else:
+        elif rays.stage == FIND_DIRECT:
             _find_direct(world, patches, tile, rays, found, scratch)
+        else:
+            _find_suns(world, patches, tile, rays, found, scratch)
         at = next_tile(work)
     keep_alive(memory)
     return 0

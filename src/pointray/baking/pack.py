@@ -10,7 +10,7 @@ from ..kernels.vec import luminance
 from ..shade.baked import BAND_UNITS
 from ..shade.harmonics import BAND_0
 from ..shade.rgbe import pack_rgbe, signed
-from .patches import AROUND
+from .patches import AROUND, BLOCK_SPLATS
 
 PER_PATCH = 14  # numbers that are blended: irradiance (3), that of lights (3), and bands 1 and 2 of the light (8)
 CHUNK = 4096
@@ -28,11 +28,28 @@ def _word(bands: Array, first: int, base: float) -> int:
     return signed(word)
 
 
+@inline
+def blend(around: Array, weights: Array, values: Array, size: int, i: int, out: Array) -> None:
+    """Blend the values, `size` numbers each, of the patches around splat i."""
+    total = f32(0.0)
+    for c in range(size):
+        out[c] = f32(0.0)
+    for k in range(AROUND):
+        w = f32(weights[i * AROUND + k])
+        if w > f32(0.0):
+            total += w
+            patch = around[i // BLOCK_SPLATS * AROUND + k]
+            for c in range(size):
+                out[c] += w * values[patch * size + c]
+    for c in range(size):
+        out[c] /= total
+
+
 @kernel
 def pack(work: Array, around: Array, weights: Array, values: Array, scale: float, out: Array) -> int:
     """Blend the values of patches and write records.
 
-    around, weights : (n * AROUND,) int32 and float32, or length 0: each record is that of its own patch
+    around, weights : see `patches.Blend`; or length 0: each record is that of its own patch
     values : (patches * PER_PATCH,) float32; scale : what light is multiplied by; out : (n * RECORD,) int32
     """
     around, weights, values, out = borrow(around), borrow(weights), borrow(values), borrow(out)
@@ -40,14 +57,11 @@ def pack(work: Array, around: Array, weights: Array, values: Array, scale: float
     chunk = next_tile(work)
     while chunk >= 0:
         for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, out.size // RECORD)):
-            for c in range(PER_PATCH):
-                blended[c] = f32(0.0) if around.size > 0 else values[i * PER_PATCH + c]
             if around.size > 0:
-                for k in range(AROUND):
-                    w = weights[i * AROUND + k]
-                    if w > f32(0.0):
-                        for c in range(PER_PATCH):
-                            blended[c] += w * values[around[i * AROUND + k] * PER_PATCH + c]
+                blend(around, weights, values, PER_PATCH, i, blended)
+            else:
+                for c in range(PER_PATCH):
+                    blended[c] = values[i * PER_PATCH + c]
             light = blended[0] * scale, blended[1] * scale, blended[2] * scale
             direct = blended[3] * scale, blended[4] * scale, blended[5] * scale
             base = luminance((blended[0], blended[1], blended[2])) * BAND_0

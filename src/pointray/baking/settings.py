@@ -27,8 +27,8 @@ class BakeSettings:
         At most so many surface elements exchange light; the light of splats between them is interpolated. None: a
         quarter of the splats, at least 32,768 and at most 1,048,576.
     memory : int, optional
-        Bytes that the light may take. Instances that do not fit are kept more coarsely. None: a quarter of the memory
-        that is available.
+        Bytes that the light may take, 16 for each splat and lit side, levels of detail included. None: what is
+        available.
     albedo_scale : float
         Factor for the colours of points, 0 to 1, as light meets them on its way: colours of photographs hold light
         already. Pictures show colours as they are.

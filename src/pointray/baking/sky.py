@@ -1,41 +1,70 @@
-"""The sky as links see it: texels of an octahedral map, each with the mean radiance of its part of the sky."""
+"""The sky as a bake sees it: texels that links lead to, and its brightest spots, which shadow rays are sent to.
+
+Links meet a small sun in a picture of the sky by chance only, and it would leave speckles. So what is far brighter than
+the rest is taken out of the texels: it shines from one direction for each texel.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import Array, borrow, f32, kernel, next_tile, run
 from ..kernels.records import NO_SKY, SKY_KIND, SKY_WIDTH, World
-from ..kernels.vec import add, scale
+from ..kernels.vec import LUMINANCE, add, luminance, scale
 from ..shade.sky import sky_radiance
-from .directions import SKY_EDGE, SKY_TEXELS, in_texel
+from .directions import SKY_EDGE, SKY_TEXELS, in_texel, texel_size
 
-LEAST_SAMPLES, MOST_SAMPLES = 4, 32  # a side of a texel
+LEAST_SAMPLES, MOST_SAMPLES = 4, 64  # a side of a texel
+BRIGHT = 16.0  # times the sky's mean: what a texel has beyond it shines from one direction
+MOST_SUNS = 32
+PER_TEXEL = 6  # float32: mean radiance (RGB), and mean of direction times luminance
+
+
+class Sky(NamedTuple):
+    """texels : (SKY_TEXELS, 3) float32, radiance; suns : (n, 3) float64, unit directions to bright spots, and
+    irradiances : (n, 3) float32, of a surface that faces each of them
+    """
+
+    texels: NDArray[np.float32]
+    suns: NDArray[np.float64]
+    irradiances: NDArray[np.float32]
 
 
 @kernel
 def _average(work: Array, world: World, samples: int, out: Array) -> int:
-    """The mean radiance of each texel, (texels * 3,) float32, from samples x samples points of it."""
+    """The numbers of each texel, (texels * PER_TEXEL,) float32, from samples x samples points of it."""
     world = borrow(world)
     texel = next_tile(work)
     while texel >= 0:
-        total = (0.0, 0.0, 0.0)
+        total = middle = (0.0, 0.0, 0.0)
         for k in range(samples * samples):
             d = in_texel(texel, (k // samples + 0.5) / samples, (k % samples + 0.5) / samples)
-            total = add(total, sky_radiance(world, d))
-        total = scale(total, 1.0 / (samples * samples))
+            light = sky_radiance(world, d)
+            total, middle = add(total, light), add(middle, scale(d, luminance(light)))
+        size = 1.0 / (samples * samples)
         for c in range(3):
-            out[3 * texel + c] = f32(total[c])
+            out[PER_TEXEL * texel + c] = f32(total[c] * size)
+            out[PER_TEXEL * texel + 3 + c] = f32(middle[c] * size)
         texel = next_tile(work)
     return 0
 
 
-def sky_texels(world: World) -> NDArray[np.float32]:
-    """The radiance of all texels, (texels, 3)."""
-    out = np.zeros((SKY_TEXELS, 3), np.float32)
+def look_at_sky(world: World) -> Sky:
+    """The sky of a world; black where there is none."""
+    numbers = np.zeros((SKY_TEXELS, PER_TEXEL), np.float32)
     if world.sky[SKY_KIND] != NO_SKY:
-        fine = int(np.ceil(world.sky[SKY_WIDTH] / SKY_EDGE))  # a texel is as wide as so many pixels of a picture
-        samples = min(max(fine, LEAST_SAMPLES), MOST_SAMPLES)
-        run(_average, SKY_TEXELS, world, samples, out.reshape(-1))
-    return out
+        fine = int(np.ceil(2.0 * world.sky[SKY_WIDTH] / SKY_EDGE))  # two for each pixel of a picture
+        run(_average, SKY_TEXELS, world, min(max(fine, LEAST_SAMPLES), MOST_SAMPLES), numbers.reshape(-1))
+    texels, middles = numbers[:, :3].copy(), numbers[:, 3:].astype(np.float64)
+    light, size = texels @ np.array(LUMINANCE, np.float32), texel_size()
+    limit = BRIGHT * float(light @ size) / (4.0 * np.pi)
+    bright = np.flatnonzero((light > limit) & (limit > 0.0))
+    bright = bright[np.argsort(-light[bright] * size[bright], kind="stable")][:MOST_SUNS]
+    share = 1.0 - limit / light[bright]
+    irradiances = (texels[bright] * (share * size[bright])[:, None]).astype(np.float32)
+    texels[bright] *= (1.0 - share)[:, None].astype(np.float32)
+    suns = middles[bright] / np.linalg.norm(middles[bright], axis=1, keepdims=True)
+    return Sky(texels, suns, irradiances)

@@ -13,6 +13,9 @@ from ..jit import Array, borrow, f32, inline, kernel, next_tile
 
 ALLOWED = f32(0.35)  # the difference at which a neighbour counts nothing
 OFF_PLANE = f32(0.25)  # distance from the plane, in distances of the neighbours, at which it counts nothing
+# Close to a contact all neighbours would differ too much; the nearest then still count, at the distance of the farthest
+# of them with this difference.
+CLOSEST = 0.4
 CHUNK = 1024
 
 
@@ -67,7 +70,8 @@ def smooth(
                     for c in range(3):
                         square += (positions[3 * j + c] - positions[3 * i + c]) ** 2
                     width = max(width, square)
-            bounds = nearness[i] * 1.0, max(math.sqrt(width), 1e-300)
+            reach = max(math.sqrt(width), 1e-300)
+            bounds = min(nearness[i] * 1.0, CLOSEST / reach), reach
             for m in range(each):
                 if near[k * each + m] < 0:
                     continue

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import run
+from ..jit import run, uncompiled
 from ..kernels.records import (
     DISK_LIGHT,
     LIGHT,
@@ -17,16 +17,20 @@ from ..kernels.records import (
     SPHERE_LIGHT,
     World,
 )
-from .bounces import CHUNK, FACTS, PER_SOURCE, add_facts, add_irradiance, reflect
+from ..kernels.vec import LUMINANCE
+from ..shade.harmonics import harmonics
+from .bounces import BANDS, CHUNK, FACTS, PER_SOURCE, add_facts, add_irradiance, reflect
 from .gather import PATCHES, SKY
 from .patches import NEAR
 from .planes import Grid, grid_neighbors
 from .settings import BakeSettings
-from .sky import sky_texels
+from .sky import look_at_sky
 from .smooth import CHUNK as SMOOTHED
 from .smooth import smooth
 from .transport import Side, Transport
 
+# Bounces but the last go along one link in so many: their noise is averaged by the last, which goes along all.
+FEW = 4
 EXACT = 1e-3  # share of the light that bounces which are left out may have
 
 Floats = NDArray[np.float32]
@@ -51,12 +55,16 @@ def lamp_radiances(world: World) -> NDArray[np.float64]:
     return np.where(seen[:, None], records[:, LIGHT_POWER : LIGHT_POWER + 3], 0.0)
 
 
-def solve(world: World, transport: Transport, direct: Floats, settings: BakeSettings) -> Arrived:
+def solve(world: World, transport: Transport, settings: BakeSettings) -> Arrived:
     """The light after all bounces, from the lights of this world."""
-    n, threads = len(transport), settings.threads
+    n, threads, sky = len(transport), settings.threads, look_at_sky(world)
+    lights, cosines = transport.find_direct(world), transport.find_suns(world, sky.suns)
+    suns = cosines @ sky.irradiances
+    direct = lights + suns
+    transport.meet(world)
     lamps = lamp_radiances(world).reshape(-1)
     sources = np.zeros((PATCHES + n, PER_SOURCE), np.float32)
-    sources[SKY:PATCHES, :3] = sky_texels(world)
+    sources[SKY:PATCHES, :3] = sky.texels
     sources[PATCHES:, :3] = transport.emitted
     light = sources.reshape(-1)
     indirect, changes = np.zeros((n, 3), np.float32), np.zeros((-(-n // CHUNK), 2))
@@ -70,13 +78,32 @@ def solve(world: World, transport: Transport, direct: Floats, settings: BakeSett
             if depth > 0 and _is_settled(change, before, total):
                 break
             before = change
-        indirect[:] = 0.0
-        for part in transport.links:
-            run(add_irradiance, -(-len(part.rows) // CHUNK), part, light, lamps, indirect.reshape(-1), threads=threads)
+        _gather_light(transport, light, lamps, FEW, indirect, threads)
+    if settings.depth > 0:
+        _gather_light(transport, light, lamps, 1, indirect, threads)
     facts, patches = np.zeros((n, FACTS), np.float32), transport.patches()
     for part in transport.links:
         run(add_facts, -(-len(part.rows) // CHUNK), part, patches, light, lamps, facts.reshape(-1), threads=threads)
-    return Arrived(direct, indirect, facts)
+    bright = sky.irradiances @ np.array(LUMINANCE, np.float32)
+    facts[:, BANDS : BANDS + 8] += cosines @ (bright[:, None] * _harmonics(sky.suns))
+    return Arrived(lights, indirect + suns, facts)
+
+
+def _harmonics(directions: NDArray[np.float64]) -> Floats:
+    """The spherical harmonics of bands 1 and 2 of unit directions, (n, 8)."""
+    rows = [(*first, *second) for first, second in map(uncompiled(harmonics), directions)]
+    return np.array(rows, np.float32).reshape(-1, 8)
+
+
+def _gather_light(
+    transport: Transport, light: Floats, lamps: NDArray[np.float64], every: int, indirect: Floats, threads: int | None
+) -> None:
+    """Irradiance along the links of all patches, or along one in `every` of them."""
+    indirect[:] = 0.0
+    for part in transport.links:
+        few = every if part.parts[1] % every == 0 else 1
+        args = part, light, lamps, few, indirect.reshape(-1)
+        run(add_irradiance, -(-len(part.rows) // CHUNK), *args, threads=threads)
 
 
 def _is_settled(change: float, before: float, total: float) -> bool:

@@ -1,31 +1,53 @@
-"""From the light of patches to the records that pictures read: 16 bytes a splat or cell, see `shade/baked.py`."""
+"""From the light of patches to the records that pictures read: 16 bytes a splat or cell, see `shade/baked.py`.
+
+And to what arrives at a model's splats: from patches, or from what a file keeps, the records.
+"""
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import run
-from ..kernels.records import RECORD
+from ..jit import run, uncompiled
+from ..kernels.records import DIRECT, INDIRECT, RECORD
+from ..model import Model
+from ..shade.rgbe import unpack_rgbe
 from .bounces import BANDS as BAND_FACTS
+from .bounces import SEES_SKY
 from .pack import CHUNK, pack
-from .patches import AROUND
+from .patches import AROUND, BLOCK_SPLATS
 from .planes import Grid
 from .solve import Arrived
 from .transport import Side
 
 BRIGHTEST = 32768.0  # in the records' unit: the light that is brightest
+SKY_STEPS = 65535  # of a share of the sky: what a file counts it in
 
 EVERY = np.zeros(0, np.int32)
 
+Floats = NDArray[np.float32]
 
-def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.float32], int]:
+
+class AtSplats(NamedTuple):
+    """What arrives at one side of a model's splats, in the order of its tree.
+
+    direct, indirect : (n, 3) float32, W/m2; sky : (n,) float32, the share of the sky that the front sees
+    """
+
+    direct: Floats
+    indirect: Floats
+    sky: Floats
+
+
+def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint8], int]:
     """What the light of a side's records is blended from, for a level of detail (0: the model), and their number."""
     patches = side.sheet.patches
     if isinstance(patches, Grid):
-        return EVERY, EVERY.view(np.float32), side.size
+        return EVERY, EVERY.view(np.uint8), side.size
     blend = patches.blends[level]
-    return blend.around.reshape(-1), blend.weights.reshape(-1), len(blend.around)
+    return blend.around.reshape(-1), blend.weights.reshape(-1), len(blend.weights)
 
 
 def make_records(side: Side, level: int, arrived: Arrived, unit: float, threads: int | None) -> NDArray[np.int32]:
@@ -38,13 +60,54 @@ def make_records(side: Side, level: int, arrived: Arrived, unit: float, threads:
     return out
 
 
-def at_splats(side: Side, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def at_splats(side: Side, values: Floats) -> Floats:
     """Values of a side's patches, (count, k), at the slots of its model, (n, k)."""
     around, weights, n = blend_of(side, 0)
-    around, weights = around.reshape(n, AROUND), weights.reshape(n, AROUND)
-    return sum(
-        (weights[:, k, None] * values[around[:, k]] for k in range(AROUND)), np.zeros((n, values.shape[1]), np.float32)
-    )
+    around = np.repeat(around.reshape(-1, AROUND), BLOCK_SPLATS, axis=0)
+    shares = weights.reshape(n, AROUND).astype(np.float32)
+    total = sum(shares[:, k, None] * values[around[:, k]] for k in range(AROUND))
+    return np.asarray(total / np.maximum(shares.sum(axis=1, keepdims=True), 1.0), np.float32)
+
+
+def dark(n: int) -> AtSplats:
+    """What arrives at a back that is kept as black."""
+    return AtSplats(np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.float32))
+
+
+def from_patches(side: Side, arrived: Arrived) -> AtSplats:
+    """What arrives at the splats of a side's model."""
+    sky = arrived.facts[side.span, SEES_SKY : SEES_SKY + 1]
+    out = at_splats(side, np.concatenate([arrived.direct[side.span], arrived.indirect[side.span], sky], axis=1))
+    return AtSplats(out[:, :3], out[:, 3:6], out[:, 6])
+
+
+def from_records(records: NDArray[np.int32], unit: float, sky: NDArray[np.uint16]) -> AtSplats:
+    """The same from a model's records, to a 256th of the brightest channel; sky : see `seen_skies`"""
+    unpack = cast(Any, uncompiled(unpack_rgbe))
+    codes = [np.stack(unpack(records[:, k]), axis=1) for k in (DIRECT, INDIRECT)]
+    direct, indirect = (np.multiply(code, unit, dtype=np.float64).astype(np.float32) for code in codes)
+    return AtSplats(direct, indirect, sky.astype(np.float32) / np.float32(SKY_STEPS))
+
+
+def seen_skies(sides: dict[tuple[int, int], Side], arrived: Arrived) -> dict[int, NDArray[np.uint16]]:
+    """The share of the sky that the splats of each model see on its front, by the number of the instance.
+
+    It is counted in SKY_STEPS, as a file keeps it. sides : by the numbers of instances and their signs
+    """
+    shares = {
+        number: from_patches(side, arrived).sky
+        for (number, sign), side in sides.items()
+        if sign > 0 and not isinstance(side.sheet.patches, Grid)
+    }
+    return {number: np.rint(np.clip(sky, 0.0, 1.0) * SKY_STEPS).astype(np.uint16) for number, sky in shares.items()}
+
+
+def at_points(model: Model, values: Floats) -> Floats:
+    """Values at the slots of a model at its points; NaN at points that have no splat."""
+    used = model.tree.order >= 0
+    out = np.full((len(model.points), *values.shape[1:]), np.nan, np.float32)
+    out[model.tree.order[used]] = values[used]
+    return out
 
 
 def unit_of(arrived: Arrived) -> float:

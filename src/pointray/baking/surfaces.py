@@ -42,7 +42,9 @@ PLANES_SHARE = 0.5  # share of the patches of models that planes get besides
 LEAST_EDGE, MOST_EDGE = 32, 256  # cells a side of a plane's grid
 LEAST_PATCHES = 256  # of an instance
 BRIGHTEST = 0.9  # of points' own colours: photographs hold light already, and white walls would never grow dark
-LIFT = 0.75  # radii: how far from a splat the ray begins that finds the surface
+# Radii: how far from a splat the ray begins that finds the surface. The later ones are for splats with something else
+# close by, as where a ball touches the ground.
+LIFTS = (0.75, 0.2, 0.05)
 TURNED = 0.3  # cosine: a surface that is turned farther from its splat is another one
 
 Floats = NDArray[np.float64]
@@ -74,31 +76,59 @@ def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progr
     for k, (model, count) in enumerate(zip(scene.models, counts, strict=True)):
         sets.append(choose_patches([model.tree, *(level.tree for level in model.levels)], count))
         tell(progress, (k + 1) / len(counts))
-    reflectances = np.zeros(world.materials.size // MATERIAL_SIZE * 2)
-    run(find_reflectances, len(reflectances) // 2, world, reflectances)
-    bounds = around(scene)
-    sheets = []
+    bounds, sheets = around(scene), []
     for k, record in enumerate(records):
-        material = world.materials.reshape(-1, MATERIAL_SIZE)[int(record[MATERIAL])]
         if record[KIND] == MODEL:
             found = sets[int(record[SHAPE_ROW])]
             patches: PatchSet | Grid = found
-            positions, normals, colors, lost = _on_surface(world, k, found)
-            own = np.minimum(colors, BRIGHTEST) * albedo_scale
+            positions, normals, own, lost = _on_surface(world, k, found)
         else:
-            plane = world.planes[int(record[SHAPE_ROW]) * PLANE_SIZE :][:PLANE_SIZE]
+            plane = _plane_of(world, record)
             patches = fit_grid(plane, bounds, edge)
             positions, own = grid_positions(plane, patches), grid_colors(plane, patches)
             normals = np.broadcast_to(plane[3:6], positions.shape).astype(np.float32)
             lost = np.zeros(len(positions), np.bool_)
+        dark = np.zeros(own.shape, np.float32)
+        sheets.append(Sheet(k, patches, positions, normals, own.astype(np.float32), dark, lost))
+    return _shaded(scene, sheets, albedo_scale)
+
+
+def recolored(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
+    """The same sheets with the materials and colours that the scene has now."""
+    records = scene.world.instances.reshape(-1, INSTANCE)
+    out = []
+    for sheet in sheets:
+        if isinstance(sheet.patches, Grid):
+            own = grid_colors(_plane_of(scene.world, records[sheet.instance]), sheet.patches)
+        else:
+            own = _on_surface(scene.world, sheet.instance, sheet.patches)[2]
+        out.append(sheet._replace(albedo=own.astype(np.float32)))
+    return _shaded(scene, out, albedo_scale)
+
+
+def _plane_of(world: World, record: Floats) -> Floats:
+    return world.planes[int(record[SHAPE_ROW]) * PLANE_SIZE :][:PLANE_SIZE]
+
+
+def _shaded(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
+    """Sheets with albedo and emission, given sheets whose `albedo` holds the surface's own colours."""
+    world = scene.world
+    records = world.instances.reshape(-1, INSTANCE)
+    reflectances = np.zeros(world.materials.size // MATERIAL_SIZE * 2)
+    run(find_reflectances, len(reflectances) // 2, world, reflectances)
+    out = []
+    for sheet in sheets:
+        which = int(records[sheet.instance, MATERIAL])
+        material, own = world.materials.reshape(-1, MATERIAL_SIZE)[which], sheet.albedo
+        if not isinstance(sheet.patches, Grid):
+            own = np.minimum(own, np.float32(BRIGHTEST)) * np.float32(albedo_scale)
         color = own if material[OWN_COLOR] else np.broadcast_to(material[BASE_COLOR : BASE_COLOR + 3], own.shape)
-        black, more = reflectances[2 * int(record[MATERIAL]) :][:2]
+        black, more = reflectances[2 * which :][:2]
         emitted = np.zeros(own.shape, np.float32)
         if material[MATERIAL_KIND] == EMISSIVE:
             emitted[:] = material[EMITTED : EMITTED + 3]
-        albedo = (black + more * color).astype(np.float32)
-        sheets.append(Sheet(k, patches, positions, normals, albedo, emitted, lost))
-    return sheets
+        out.append(sheet._replace(albedo=(black + more * color).astype(np.float32), emitted=emitted))
+    return out
 
 
 def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
@@ -155,16 +185,20 @@ def _on_surface(
     to_model = world.instances[row * INSTANCE + TO_MODEL :][:12].reshape(3, 4)
     to_world = np.linalg.inv(to_model[:, :3])
     splats = (patches.positions - to_model[:, 3]) @ to_world.T
-    lift = (patches.normals * (LIFT * patches.radii[:, None])) @ to_world.T
     normals = patches.normals @ to_model[:, :3]
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    limits = np.tile([0.0, 2.0], (len(splats), 1))
-    hits = closest_hits(world, (len(splats),), np.ascontiguousarray(splats + lift), np.ascontiguousarray(-lift), limits)
-    turned = np.einsum("ij,ij->i", normals, hits["normal"])
-    lost = (hits["instance"] != row) | (turned < TURNED)
-    positions = np.where(lost[:, None], splats, hits["position"])
-    normals = np.where(lost[:, None], normals, hits["normal"]).astype(np.float32)
-    return positions, normals, np.where(lost[:, None], 0.5, hits["color"]), lost
+    normals = (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)).astype(np.float32)
+    positions, colors, lost = splats.copy(), np.full(splats.shape, 0.5), np.ones(len(splats), np.bool_)
+    for share in LIFTS:
+        rows = np.flatnonzero(lost)
+        lift = (patches.normals[rows] * (share * patches.radii[rows, None])) @ to_world.T
+        limits = np.tile([0.0, 2.0], (len(rows), 1))
+        rays = np.ascontiguousarray(splats[rows] + lift), np.ascontiguousarray(-lift), limits
+        hits = closest_hits(world, (len(rows),), *rays)
+        good = (hits["instance"] == row) & (np.einsum("ij,ij->i", normals[rows], hits["normal"]) >= TURNED)
+        found = rows[good]
+        positions[found], normals[found] = hits["position"][good], hits["normal"][good]
+        colors[found], lost[found] = hits["color"][good], False
+    return positions, normals, colors, lost
 
 
 def find_targets(scene: Snapshot, sheets: list[Sheet], firsts: dict[tuple[int, int], int]) -> Targets:

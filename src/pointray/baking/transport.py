@@ -7,17 +7,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import run
+from ..jit import run, uncompiled
 from ..kernels.records import DIELECTRIC, MATERIAL_KIND, MATERIAL_SIZE, MIRROR, World
 from ..kernels.scratch import TILE
 from ..progress import Progress
 from ..scene.world import Snapshot
-from .bounces import Links
+from .bounces import CHUNK, Links, bytes_of, hide_links
 from .directions import strata
-from .gather import FIND_DIRECT, FIND_LINKS, ONE_TILE, Found, Patches, Rays, send_rays
+from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, ONE_TILE, Found, Patches, Rays, send_rays
 from .surfaces import Sheet, find_targets
 
-NO_FLOATS, NO_INTS = np.zeros(0, np.float32), np.zeros(0, np.int32)
+NO_FLOATS, NO_INTS, NO_BITS = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.uint8)
+NO_SUNS = np.zeros(0)
 AREA_SAMPLES = 16  # shadow rays of a patch to a light with a size
 ALL_SIDES = (1, -1)
 
@@ -86,18 +87,25 @@ class Transport:
         parts = [getattr(side.sheet, name) for side in self.sides]
         return np.concatenate(parts).astype(dtype, copy=False)
 
+    def recolor(self, sheets: list[Sheet]) -> None:
+        """Take albedo and emission from the same sheets with other materials."""
+        of = {sheet.instance: sheet for sheet in sheets}
+        self.sides = [side._replace(sheet=of[side.sheet.instance]) for side in self.sides]
+        self.albedo, self.emitted = self._joined("albedo", np.float32), self._joined("emitted", np.float32)
+
     def patches(self, rows: NDArray[np.int32] = NO_INTS) -> Patches:
         """What kernels read of the patches, and increasing rows that are asked for: no tile has those of two sides."""
         of = np.searchsorted([side.first for side in self.sides], rows, side="right") - 1
         begins = np.flatnonzero(np.diff(of, prepend=-1))
-        ends = np.append(begins[1:], len(rows))[: len(begins)]
-        tiles = [
-            (at, min(TILE, end - at), self.sides[int(of[begin])].sign)
-            for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
-            for at in range(begin, end, TILE)
-        ]
-        table = np.array(tiles, np.int64).reshape(-1)
-        return Patches(self.positions.reshape(-1), self.normals.reshape(-1), rows, table)
+        counts = np.diff(np.append(begins, len(rows)))
+        tiles = -(-counts // TILE)
+        at = (np.arange(tiles.sum()) - np.repeat(np.cumsum(tiles) - tiles, tiles)) * TILE
+        signs = np.array([side.sign for side in self.sides])[of[begins]]
+        table = np.empty((len(at), ONE_TILE), np.int64)
+        table[:, 0] = at + np.repeat(begins, tiles)
+        table[:, 1] = np.minimum(TILE, np.repeat(counts, tiles) - at)
+        table[:, 2] = np.repeat(signs, tiles)
+        return Patches(self.positions.reshape(-1), self.normals.reshape(-1), rows, table.reshape(-1))
 
     def send(self, rows: NDArray[np.int32], links: int, progress: Progress | None = None) -> None:
         """Find so many more links of some patches; the light of all links of a patch counts equally."""
@@ -110,8 +118,12 @@ class Transport:
             NO_FLOATS,
         )
         seed = self._seed + len(self.links)
-        self._run(rows, self._world, Rays(FIND_LINKS, strata(links), seed, AREA_SAMPLES, tinted), found, progress)
-        self.links.append(Links(found.links, found.tints, rows, np.zeros(len(rows), np.float32), strata(links), seed))
+        self._run(
+            rows, self._world, Rays(FIND_LINKS, strata(links), seed, AREA_SAMPLES, tinted, NO_SUNS), found, progress
+        )
+        self.links.append(
+            Links(found.links, found.tints, rows, np.zeros(len(rows), np.float32), NO_BITS, strata(links), seed)
+        )
         sent = np.zeros(len(self), np.float32)
         for part in self.links:
             sent[part.rows] += part.parts[0] * part.parts[1]
@@ -119,12 +131,30 @@ class Transport:
         for part in self.links:
             part.share[:] = part.parts[0] * part.parts[1] / sent[part.rows]
 
+    def meet(self, world: World) -> None:
+        """Find the links that lamps of this world stand in the way of, whose light they hide."""
+        patches, lamps = self.patches(), world.lamps.lights.size > 0
+        for k, part in enumerate(self.links):
+            count = uncompiled(bytes_of)(part.parts[0] * part.parts[1])
+            part = part._replace(hidden=np.zeros(len(part.rows) * count, np.uint8) if lamps else NO_BITS)
+            if lamps:
+                run(hide_links, -(-len(part.rows) // CHUNK), world, part, patches, threads=self._threads)
+            self.links[k] = part
+
     def find_direct(self, world: World, progress: Progress | None = None) -> Floats:
         """Irradiance of all patches from lights of this world that are neither sky nor surface, (n, 3)."""
         rows, direct = np.arange(len(self), dtype=np.int32), np.zeros((len(self), 3), np.float32)
-        rays = Rays(FIND_DIRECT, (1, 1), self._seed, AREA_SAMPLES, False)
+        rays = Rays(FIND_DIRECT, (1, 1), self._seed, AREA_SAMPLES, False, NO_SUNS)
         self._run(rows, world, rays, Found(NO_INTS, NO_INTS, NO_FLOATS, direct.reshape(-1)), progress)
         return direct
+
+    def find_suns(self, world: World, suns: NDArray[np.float64]) -> Floats:
+        """The cosine of all patches to bright spots of the sky, (n, suns); 0 where something is in the way."""
+        rows, seen = np.arange(len(self), dtype=np.int32), np.zeros((len(self), len(suns)), np.float32)
+        if len(suns):
+            rays = Rays(FIND_SUNS, (1, 1), self._seed, AREA_SAMPLES, False, suns.reshape(-1))
+            self._run(rows, world, rays, Found(NO_INTS, NO_INTS, NO_FLOATS, seen.reshape(-1)), None)
+        return seen
 
     def _run(self, rows: NDArray[np.int32], world: World, rays: Rays, found: Found, progress: Progress | None) -> None:
         patches = self.patches(rows)

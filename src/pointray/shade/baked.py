@@ -63,7 +63,7 @@ from ..simd import ZERO, broadcast16, count_trailing_zeros, quarters, repeat4, s
 from ..trace.hits import list_around, next_of_leaf
 from ..trace.paint import Four
 from ..trace.space import matrix_at
-from .grid import grid_frame, grid_place, in_grid
+from .grid import corner_cell, grid_cell, grid_frame
 from .harmonics import BAND_0, harmonics
 from .rgbe import unpack_rgbe
 
@@ -220,19 +220,21 @@ def _find_on_plane(world: World, i: int, scratch: Scratch) -> None:
         int(world.instances[instance * INSTANCE + SHAPE_ROW]) * PLANE_SIZE,
         grid_frame(world.baked_frames, instance),
     )
-    column, row = grid_place(world, plane, frame, load3(points, SHADING_POINT + i))
-    left, top = math.floor(column - 0.5), math.floor(row - 0.5)
-    across, down, edge = column - 0.5 - left, row - 0.5 - top, int(frame[3])
-    part, read = scratch.part, 4 * SUMS
+    x, part, read = load3(points, SHADING_POINT + i), scratch.part, 4 * SUMS
+    total = 0.0
     for k in range(SUMS - 1):
         part[4 * k] = ZERO
     for corner in range(4):
-        right, below = corner % 2, corner // 2
-        w = f32((across if right == 1 else 1.0 - across) * (down if below == 1 else 1.0 - down))
-        _read(records, in_grid(int(top) + below, int(left) + right, edge), part, read)
-        for k in range(SUMS - 1):
-            part[4 * k] += w * part[read + 4 * k]
-    _keep(i, 0, 1.0, world.baked_frames[instance * BAKED_FRAME + BAKED_UNIT], scratch)
+        cell, share = corner_cell(world, plane, frame, x, corner)
+        total += share
+        if share > 0.0:
+            _read(records, cell, part, read)
+            for k in range(SUMS - 1):
+                part[4 * k] += f32(share) * part[read + 4 * k]
+    if total == 0.0:
+        _read(records, grid_cell(world, plane, frame, x), part, 0)
+        total = 1.0
+    _keep(i, 0, 1.0 / total, world.baked_frames[instance * BAKED_FRAME + BAKED_UNIT], scratch)
 
 
 @inline

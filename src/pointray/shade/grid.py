@@ -9,8 +9,21 @@ from __future__ import annotations
 import math
 
 from ..jit import Array, inline
-from ..kernels.records import BAKED_FRAME, GRID_EDGE, GRID_HALF, GRID_MIDDLE, PLANE_POINT, PLANE_U, PLANE_V, World
-from ..kernels.vec import Vec3, dot, load3_flat, sub
+from ..kernels.records import (
+    BAKED_FRAME,
+    GRID_EDGE,
+    GRID_HALF,
+    GRID_MIDDLE,
+    PLANE_NORMAL,
+    PLANE_POINT,
+    PLANE_SIZE,
+    PLANE_U,
+    PLANE_V,
+    World,
+)
+from ..kernels.vec import Vec3, add, dot, load3_flat, scale, sub
+
+MOST_WALLS = 64  # planes up to which each is asked whether it stands between two points
 
 Frames = tuple[float, float, float, float]
 
@@ -44,7 +57,58 @@ def in_grid(row: int, column: int, edge: int) -> int:
 
 
 @inline
-def grid_cell(world: World, plane: int, frame: Frames, x: Vec3) -> int:
-    """The number of the cell in which a point of a plane lies."""
+def _from_grid(u: float) -> float:
+    return u / (1.0 - abs(u))
+
+
+@inline
+def cell_middle(world: World, plane: int, frame: Frames, cell: int) -> Vec3:
+    """The middle of a cell, in the world."""
+    edge = int(frame[3])
+    a = _from_grid((cell % edge + 0.5) / frame[3] * 2.0 - 1.0) * frame[2] + frame[0]
+    b = _from_grid((cell // edge + 0.5) / frame[3] * 2.0 - 1.0) * frame[2] + frame[1]
+    u, v = load3_flat(world.planes, plane + PLANE_U), load3_flat(world.planes, plane + PLANE_V)
+    return add(load3_flat(world.planes, plane + PLANE_POINT), add(scale(u, a), scale(v, b)))
+
+
+@inline
+def _is_walled_off(world: World, plane: int, x: Vec3, y: Vec3) -> bool:
+    """Whether another plane stands between two points of a plane."""
+    if world.planes.size > MOST_WALLS * PLANE_SIZE:
+        return False
+    for other in range(0, world.planes.size, PLANE_SIZE):
+        if other != plane:
+            normal, point = (
+                load3_flat(world.planes, other + PLANE_NORMAL),
+                load3_flat(world.planes, other + PLANE_POINT),
+            )
+            if dot(normal, sub(x, point)) * dot(normal, sub(y, point)) < 0.0:
+                return True
+    return False
+
+
+@inline
+def corner_cell(world: World, plane: int, frame: Frames, x: Vec3, corner: int) -> tuple[int, float]:
+    """(one of the four cells around a point of a plane, its share of the light there); the shares sum to 1 or less.
+
+    A cell behind another plane, which stands on this one as a wall, has no share.
+    """
     column, row = grid_place(world, plane, frame, x)
-    return in_grid(int(math.floor(row)), int(math.floor(column)), int(frame[3]))
+    left, top = math.floor(column - 0.5), math.floor(row - 0.5)
+    across, down = column - 0.5 - left, row - 0.5 - top
+    right, below = corner % 2, corner // 2
+    cell = in_grid(int(top) + below, int(left) + right, int(frame[3]))
+    share = (across if right == 1 else 1.0 - across) * (down if below == 1 else 1.0 - down)
+    if world.planes.size > PLANE_SIZE and _is_walled_off(world, plane, x, cell_middle(world, plane, frame, cell)):
+        share = 0.0
+    return cell, share
+
+
+@inline
+def grid_cell(world: World, plane: int, frame: Frames, x: Vec3) -> int:
+    """The number of the cell whose light is nearest to that of a point of a plane."""
+    best, most = corner_cell(world, plane, frame, x, 0)
+    for corner in range(1, 4):
+        cell, share = corner_cell(world, plane, frame, x, corner)
+        best, most = (cell, share) if share > most else (best, most)
+    return best

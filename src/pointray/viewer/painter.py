@@ -15,18 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..baking.baked import Baked
 from ..image.screen import to_8bit
 from ..image.tone import backdrop_rows
 from ..jit import Cancel
 from ..rendering.camera import Camera
 from ..rendering.picture import Picture
+from ..rendering.settings import Settings
 from ..scene.scene import Scene
+from ..staging.studio import with_contact
+from .baker import Baker
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 from .sketch import Sketch
 from .view_settings import ViewSettings
 
 log = logging.getLogger("pointray.view")
 
+BAKED = "baked"
 STEADY = 0.4  # stops: still pictures do not follow a smaller change of the chosen exposure
 IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
 LARGEST = 6 << 20  # bytes of a picture: IN_FLIGHT of them fit into what may wait for a page, see `link`
@@ -85,10 +90,19 @@ class Painter:
         Takes each `Frame`, in the painter's thread.
     fail : callable
         Takes the reason why a picture cannot be drawn.
+    say : callable
+        Takes the stage, the share done and the seconds left while light is baked, see `Baker`.
     """
 
-    def __init__(self, deliver: Callable[[Frame], None], fail: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        deliver: Callable[[Frame], None],
+        fail: Callable[[str], None],
+        say: Callable[[str, float | None, float | None], None],
+    ) -> None:
         self._deliver, self._fail = deliver, fail
+        self._baker = Baker(self._draw_again, say)
+        self._again: FrameRequest | None = None  # the request that is drawn again, as there is new light
         self._changed = threading.Condition()
         self._request: FrameRequest | None = None
         self._open, self._cancel = True, Cancel()
@@ -110,6 +124,14 @@ class Painter:
             self._cancel()
             self._changed.notify_all()
 
+    def _draw_again(self) -> None:
+        """Draw the newest request once more: there is new light for it."""
+        with self._changed:
+            if self._request is not None and self._request.view.integrator == BAKED:
+                self._request = self._again = self._request._replace()
+                self._cancel()
+                self._changed.notify_all()
+
     def seen(self, number: int) -> None:
         """Record that the page has drawn a picture."""
         with self._changed:
@@ -118,6 +140,7 @@ class Painter:
 
     def close(self) -> None:
         """Stop drawing."""
+        self._baker.close()
         with self._changed:
             self._open = False
             self._cancel()
@@ -162,7 +185,7 @@ class Painter:
             begun = time.perf_counter()
             self._send(request, request.sketch.draw(request.camera), STILL, (1, 1), time.perf_counter() - begun)
             return
-        scene, scale = self.apply(request), self._pace.scale()
+        scene, scale = self.apply(request), 1.0 if request is self._again else self._pace.scale()
         begun = time.perf_counter()
         # The first picture is shown despite newer requests: else nothing would be seen while things move.
         self._show(request, scene, _scaled(request.camera, scale), MOVING if scale < 1 else STILL, None)
@@ -177,7 +200,7 @@ class Painter:
     def _show(self, request: FrameRequest, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
         """Draw and send a picture with one sample for each pixel."""
         begun = time.perf_counter()
-        settings = request.view.settings(1)
+        settings = self._light(request, scene, request.view.settings(1))
         if stage is MOVING:  # contact shadows with one sample would be noise
             settings = replace(settings, sky_rays=0)
         picture = Picture(scene.snapshot(), camera, settings)
@@ -190,7 +213,8 @@ class Painter:
         most = request.view.samples
         if most == 1 or not request.refine or self._cancel.wanted:
             return
-        picture = Picture(scene.snapshot(), request.camera, request.view.settings(most), in_passes=True)
+        settings = self._light(request, scene, request.view.settings(most))
+        picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True)
         done, last, seconds = 0, 1, 0.0
         while done < most:
             count = min(next_pass(last, seconds) if done else 2, most - done)
@@ -202,6 +226,22 @@ class Painter:
             if not self._keeps_up(request):
                 return
             self._send(request, picture.image, REFINED, (done, count), seconds)
+
+    def _light(self, request: FrameRequest, scene: Scene, settings: Settings) -> Settings:
+        """Give a scene its baked light, if pictures need it; until there is any they have direct light."""
+        if settings.integrator != BAKED:
+            return settings
+        own = request.scene.baked  # from a file, say
+        if isinstance(own, Baked) and own.fits(scene):
+            if scene.baked is not own:
+                scene.baked = own
+            return settings
+        light = self._baker.light_for(scene)
+        if light is None:
+            return with_contact(replace(settings, integrator="phong"))
+        if scene.baked is not light:
+            scene.baked = light
+        return settings
 
     def _is_old(self, request: FrameRequest, seconds: float) -> bool:
         """Whether there is a newer request, or one comes within the given seconds."""

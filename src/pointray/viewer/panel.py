@@ -90,7 +90,7 @@ def _view(view: ViewSettings, has_levels: bool) -> Folder:
 
 
 def _light(view: ViewSettings) -> Folder:
-    rows = [Control("shadows", "Shadows", "switch", view.shadows)] if view.integrator == "phong" else []
+    rows = [Control("shadows", "Shadows", "switch", view.shadows)] if view.integrator in ("phong", "baked") else []
     if not view.lamps:
         instead = {"phong": "None: a headlight at the camera.", "path": "None: an even white sky."}
         rows.append(Control("no_lamps", "", "note", instead.get(view.integrator, "None, and none is needed.")))

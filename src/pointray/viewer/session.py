@@ -19,7 +19,7 @@ from .messages import camera_of, free_of, number, parse, size_of, word
 from .outbox import Outbox
 from .painter import Frame, FrameRequest, Painter
 from .share import Allowance
-from .shared_scene import SharedScene
+from .shared_scene import Progress, SharedScene
 
 log = logging.getLogger("pointray.view")
 
@@ -49,7 +49,7 @@ class Session:
         self._news = False  # whether a change of the shared scene is still to be processed
         self._follower = ThreadPoolExecutor(1, "pointray-follower")
         self._exports = Exports(self._outbox)
-        self._painter = Painter(self._deliver, lambda text: self._outbox.toast("error", text))
+        self._painter = Painter(self._deliver, lambda text: self._outbox.toast("error", text), self._say_baking)
         self._lookups = Lookups(self._outbox, self._painter.apply, self._explain)
         self._lock = threading.RLock()  # guards the display
         self._display = Display(shared, self._outbox, self._painter, self._lookups)
@@ -210,6 +210,11 @@ class Session:
         self._outbox.frame(frame, self._painter.frames_a_second)
         if frame.request.sketch is None:
             self._lookups.prepare(frame.request.scene)
+
+    def _say_baking(self, stage: str, share: float | None, seconds: float | None) -> None:
+        """Send the progress of baking light, unless models are being built."""
+        shared = self._shared.progress
+        self._outbox.progress(shared if shared.stage else Progress(stage, share, seconds))
 
     def _explain(self, request: FrameRequest, shown: Attribute, image: str) -> None:
         """Send a legend."""

@@ -1,0 +1,146 @@
+"""Files of arrays: one after the other, each as NumPy's .npy, behind one that names them in JSON. Read by mapping.
+
+A file is not trusted: names, types and lengths are checked here; who reads it checks the numbers.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import mmap
+import os
+from collections.abc import Callable, Mapping
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from .points.files import check_regular, replacing
+
+ALIGN = 64  # bytes: arrays begin at multiples of it, and as much follows the last one, for loads past its end
+CHUNK = 1 << 24  # items that are written between two progress reports
+
+Say = Callable[[float], None]
+Arrays = dict[str, NDArray[Any]]
+
+
+class Kind(NamedTuple):
+    """A kind of file.
+
+    Attributes
+    ----------
+    format : str
+        What its description calls it.
+    version : int
+    layout : list of int
+        Sizes of the records in its arrays: a file with others cannot be read.
+    noun : str
+        What messages call it.
+    outdated : str
+        What a message says of another version or layout.
+    """
+
+    format: str
+    version: int
+    layout: list[int]
+    noun: str
+    outdated: str
+
+
+def write_arrays(
+    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], say: Say
+) -> None:
+    """Write a file that `read_arrays` reads; the file gets its name when all is written.
+
+    Parameters
+    ----------
+    about : dict
+        What the description says besides, in a form that JSON can hold.
+    say : callable
+        Told the share done.
+    """
+    known = {"format": kind.format, "version": kind.version, "layout": kind.layout, "arrays": list(arrays)}
+    head = np.frombuffer(json.dumps({**known, **about}).encode(), np.uint8)
+    total, done = sum(array.size for array in arrays.values()) or 1, 0
+    with replacing(path) as file:
+        for array in (head, *arrays.values()):
+            npy.write_array_header_1_0(file, npy.header_data_from_array_1_0(array))
+            flat = np.ascontiguousarray(array).reshape(-1)
+            for start in range(0, flat.size, CHUNK):
+                file.write(flat[start : start + CHUNK].data)
+                if array is not head:
+                    done += len(flat[start : start + CHUNK])
+                    say(done / total)
+            file.write(bytes(-file.tell() % ALIGN))
+        file.write(bytes(ALIGN))
+
+
+def read_arrays(path: str | os.PathLike[str], kind: Kind) -> tuple[dict[str, Any], Arrays]:
+    """The description of a file and the arrays that it names, mapped.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened.
+    ValueError
+        If it is of another kind or version, or is cut off; the message does not name the file.
+    """
+    with check_regular(path).open("rb") as stream:
+        size = os.fstat(stream.fileno()).st_size
+        if stream.read(6) != b"\x93NUMPY":
+            raise ValueError(f"not {kind.noun}")
+        # Pages are copied when written to: the file does not change.
+        memory = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_COPY)
+        stream.seek(0)
+        about = _description(_next_array(stream, memory, size, "the description"), kind)
+        arrays = {name: _next_array(stream, memory, size, name) for name in about["arrays"]}
+        if stream.tell() + ALIGN > size:
+            raise ValueError("the file is cut off")
+    return about, arrays
+
+
+def _description(head: NDArray[Any], kind: Kind) -> dict[str, Any]:
+    """What the first array says, its names as strings."""
+    try:
+        about = json.loads(head.tobytes())
+        names = [str(name) for name in about["arrays"]]
+        known = about["format"], about["version"], about["layout"]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"not {kind.noun}, or its description is damaged") from error
+    if known[0] != kind.format:
+        raise ValueError(f"not {kind.noun}")
+    if known[1:] != (kind.version, kind.layout):
+        raise ValueError(kind.outdated)
+    return {**about, "arrays": names}
+
+
+def _next_array(stream: IO[bytes], memory: mmap.mmap, size: int, name: str) -> NDArray[Any]:
+    """The array that begins at the stream's position; leaves the stream at the array's end."""
+    try:
+        if npy.read_magic(stream) != (1, 0):
+            raise ValueError("of another version")
+        shape, fortran, dtype = npy.read_array_header_1_0(stream)
+    except Exception as error:  # NumPy's parser lets a header's text raise nearly anything
+        raise ValueError(f"the header of {name} is damaged") from error
+    if fortran or dtype.hasobject or dtype.newbyteorder("=") != dtype or min(shape, default=0) < 0 or len(shape) > 2:
+        raise ValueError(f"{name} has an array of another kind")
+    start, count = stream.tell(), math.prod(shape)
+    if start + count * dtype.itemsize > size:
+        raise ValueError(f"the file is cut off in {name}")
+    stream.seek(start + count * dtype.itemsize)
+    stream.seek(-stream.tell() % ALIGN, os.SEEK_CUR)
+    if count == 0:
+        return np.empty(shape, dtype)
+    return np.frombuffer(memory, dtype, count, start).reshape(shape)
+
+
+def take_array(found: Arrays, name: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
+    """An array of the file, out of `found`; -1 in `shape` stands for any length. ValueError if it differs."""
+    if name not in found:
+        raise ValueError(f"{name} is missing")
+    array = found.pop(name)
+    right = array.ndim == len(shape) and all(a in (b, -1) for a, b in zip(shape, array.shape, strict=True))
+    if array.dtype != dtype or not right:
+        raise ValueError(f"{name} is {array.dtype} {array.shape}")
+    return array

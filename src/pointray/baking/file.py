@@ -1,0 +1,162 @@
+"""Baked light as a file: what pictures read, what points receive, and of which scene it is. See `array_file`.
+
+The links are not kept: they are many times larger, and only other lights need them.
+
+A file is not trusted: all that a kernel follows, or multiplies light by, is checked before the first picture.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
+from ..kernels.records import BANDS, DIRECT, INDIRECT, INSTANCE, KIND, MODEL, RECORD, SHAPE_ROW
+from ..model import Model
+from ..scene.world import Snapshot
+from .kept import Kept
+from .keys import Keys, difference, keys_of
+from .planes import Grid
+from .settings import BakeSettings
+
+LAYOUT = [RECORD, INDIRECT, DIRECT, BANDS]
+# The version increases when the bits of a record get another meaning.
+FILE = Kind("pointray baked light", 1, LAYOUT, "a file of baked light", "saved by another version of pointray")
+LARGEST_UNIT = float(np.finfo(np.float32).max) / 2**16  # light then fits into float32
+FARTHEST, LEAST_HALF, MOST_EDGE = 1e30, 1e-9, 1 << 14  # of grids: no place of a plane in one overflows
+
+
+class Stored(NamedTuple):
+    """Baked light as a file holds it.
+
+    settings : of the bake
+    keys : of the scene when it was baked
+    kept : what pictures read
+    skies : (slots,) uint16, by the number of the instance, of models whose front is baked: see `store.seen_skies`
+    """
+
+    settings: BakeSettings
+    keys: Keys
+    kept: Kept
+    skies: dict[int, NDArray[np.uint16]]
+
+
+def write_light(path: str | os.PathLike[str], light: Stored, say: Say) -> None:
+    """Write a file that `read_light` reads; the file gets its name when all is written. say : told the share done"""
+    kept, row_of = light.kept, {number: row for row, number in enumerate(light.keys.shapes)}
+    about = {
+        "settings": {name: value for name, value in asdict(light.settings).items() if name != "threads"},
+        "unit": kept.unit,
+        "shapes": list(light.keys.shapes.values()),
+        "clips": light.keys.clips,
+        "light": light.keys.light,
+    }
+    sides = list(dict.fromkeys((row_of[number], sign) for number, sign, _ in kept.records))
+    grids = [(*grid.middle, grid.half, grid.edge) for grid in kept.grids.values()]
+    arrays: Arrays = {
+        "sides": np.array(sides, np.int32).reshape(-1, 2),
+        "grids": np.array(grids, np.float64).reshape(-1, 4),
+        "records": np.concatenate([*kept.records.values(), np.zeros((0, RECORD), np.int32)]),
+        "skies": np.concatenate([*light.skies.values(), np.zeros(0, np.uint16)]),
+    }
+    write_arrays(path, FILE, about, arrays, say)
+
+
+def read_light(path: str | os.PathLike[str], scene: Snapshot) -> Stored:
+    """The light of a scene that a file holds, its arrays mapped.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened.
+    ValueError
+        If it is no baked light, has another version, is damaged, or is of another scene.
+    """
+    try:
+        about, found = read_arrays(path, FILE)
+        return _take_light(about, found, scene, _check_scene(about, scene))
+    except ValueError as error:
+        raise ValueError(f"{path}: {' '.join(str(error).split())}: bake it anew") from error
+
+
+def _check_scene(about: dict[str, Any], scene: Snapshot) -> Keys:
+    """The keys of the light; ValueError if its scene has another geometry."""
+    shapes, clips, light = (about.get(name) for name in ("shapes", "clips", "light"))
+    if not (isinstance(shapes, list) and all(isinstance(shape, dict) for shape in shapes) and isinstance(light, str)):
+        raise ValueError("the light is damaged: it does not say of which scene it is")
+    keys = keys_of(scene)
+    differs = difference(shapes, clips, keys)
+    if differs:
+        raise ValueError(f"the light is of another scene: {differs}")
+    return keys._replace(light=light)
+
+
+def _take_light(about: dict[str, Any], found: Arrays, scene: Snapshot, keys: Keys) -> Stored:
+    """The light, checked."""
+    settings, unit = _settings_of(about.get("settings")), about.get("unit")
+    if not isinstance(unit, float) or not 0.0 < unit <= LARGEST_UNIT:  # also for NaN
+        raise ValueError(f"the light is damaged: its unit is {unit!r}")
+    models, numbers = _models_of(scene), list(keys.shapes)
+    sides = _take_sides(found, len(models))
+    planes = list(dict.fromkeys(row for row, _ in sides if models[row] is None))
+    grids = {numbers[row]: grid for row, grid in zip(planes, _take_grids(found, len(planes)), strict=True)}
+    sizes, slots = {}, {}
+    for row, sign in sides:
+        number, model = numbers[row], models[row]
+        if model is None:
+            sizes[number, sign, 0] = grids[number].edge ** 2
+            continue
+        for level, tree in enumerate((model.tree, *(level.tree for level in model.levels))):
+            sizes[number, sign, level] = tree.order.size
+        if sign > 0:
+            slots[number] = model.tree.order.size
+    records = take_array(found, "records", np.int32, (sum(sizes.values()), RECORD))
+    skies = take_array(found, "skies", np.uint16, (sum(slots.values()),))
+    kept = Kept(unit, dict(_parts(records, sizes)), grids)
+    return Stored(settings, keys, kept, dict(_parts(skies, slots)))
+
+
+def _settings_of(values: Any) -> BakeSettings:
+    try:
+        return BakeSettings(**values)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"the light is damaged: its settings are unknown: {error}") from error
+
+
+def _models_of(scene: Snapshot) -> list[Model | None]:
+    """The model of each instance; None: it is a plane."""
+    rows = scene.world.instances.reshape(-1, INSTANCE)
+    return [scene.models[int(row[SHAPE_ROW])] if row[KIND] == MODEL else None for row in rows]
+
+
+def _take_sides(found: Arrays, instances: int) -> list[tuple[int, int]]:
+    """Row of the instance and sign of each side that is baked: increasing, fronts first."""
+    sides = take_array(found, "sides", np.int32, (-1, 2))
+    rows, signs = sides.astype(np.int64).T
+    known = (rows >= 0) & (rows < instances) & (np.abs(signs) == 1)
+    if not (known.all() and (np.diff(2 * rows - signs // 2) > 0).all()):
+        raise ValueError("the light is damaged: a side is that of no instance")
+    return [(row, sign) for row, sign in sides.tolist()]
+
+
+def _take_grids(found: Arrays, count: int) -> list[Grid]:
+    """The grids of planes, checked."""
+    table = take_array(found, "grids", np.float64, (count, 4))
+    half, edge = table[:, 2], table[:, 3]
+    good = (np.abs(table) <= FARTHEST).all(axis=1) & (half >= LEAST_HALF)  # false for NaN
+    if not (good & (edge >= 1) & (edge <= MOST_EDGE) & (edge == np.floor(edge))).all():
+        raise ValueError("the light is damaged: the grid of a plane is none")
+    return [Grid(int(edge), (u, v), half) for u, v, half, edge in table.tolist()]
+
+
+def _parts(array: NDArray[Any], sizes: Mapping[Any, int]) -> Iterator[tuple[Any, NDArray[Any]]]:
+    """The parts of an array, with their names."""
+    begin = 0
+    for name, size in sizes.items():
+        yield name, array[begin : begin + size]
+        begin += size
