@@ -80,8 +80,8 @@ def _beside_igl(options: Options) -> list[Row]:
     what = f"occlusion of the {name}, {len(vertices):,} points: "
     rows = [told(what + "baked", f"{mine / 1e6:.2f} M rays/s, {count} a point, error {error:.2%}")]
     peers: dict[str, Callable[..., Any]] = {
-        "igl.ambient_occlusion": igl.ambient_occlusion,
-        "igl.embree.ambient_occlusion": igl.embree.ambient_occlusion,
+        "igl": igl.ambient_occlusion,
+        "igl.embree": igl.embree.ambient_occlusion,
     }
     for peer, function in peers.items():
         begun, used = time.perf_counter(), time.process_time()
@@ -90,7 +90,7 @@ def _beside_igl(options: Options) -> list[Row]:
         theirs = len(vertices) * count / spent
         off = _error_of_igl(function, (vertices, faces, normals), seen, options)
         note = f" ({theirs / 1e6:.2f} M rays/s, {used / spent:.1f} threads, error {off:.2%})"
-        rows.append(at_least(f"{what}rays a second, beside {peer}", mine / theirs, 1.0, note=note))
+        rows.append(at_least(f"{what}rays a second / {peer}'s", mine / theirs, 1.0, note=note))
     return rows
 
 

@@ -35,11 +35,13 @@ POWERS = ("intensity", "irradiance", "radiance")
 class Reference(NamedTuple):
     """A path-traced picture of indirect light.
 
-    light : (h, w, 3) float32; covered : (h, w) bool, pixels that show surfaces only
+    light : (h, w, 3) float32; apart : (h, w, 3) float32, half the difference of two halves of the samples
+    covered : (h, w) bool, pixels that show surfaces only
     noise : standard error of the pixels' luminance, root mean square, as a share of its mean
     """
 
     light: Picture
+    apart: Picture
     covered: NDArray[np.bool_]
     noise: float
 
@@ -47,8 +49,8 @@ class Reference(NamedTuple):
 class Errors(NamedTuple):
     """How baked light differs, as shares of the reference's mean.
 
-    rmse : of all channels; bias : difference of the means, of the worst channel; high : 99th percentile of the
-    difference, of all channels; correlation : of the worst channel
+    rmse : of all channels, without the reference's noise; bias : difference of the means, of the worst channel
+    high : 99th percentile of the difference, of all channels; correlation : of the worst channel
     """
 
     rmse: float
@@ -57,14 +59,18 @@ class Errors(NamedTuple):
     correlation: float
 
 
-def compare(shown: Picture, light: Picture, mask: NDArray[np.bool_]) -> Errors:
-    """The errors of pixels."""
-    a, b = shown[mask].astype(float), light[mask].astype(float)
-    mean = b.mean()
+def compare(shown: Picture, reference: Reference, mask: NDArray[np.bool_] | None = None) -> Errors:
+    """The errors of pixels; without a mask of all that show surfaces only.
+
+    The noise of the two halves of the reference falls out of the product of their differences.
+    """
+    mask = reference.covered if mask is None else mask
+    a, b, apart = (picture[mask].astype(float) for picture in (shown, reference.light, reference.apart))
+    mean, square = b.mean(), np.mean((a - b - apart) * (a - b + apart))
     bias = np.abs(a.mean(axis=0) / b.mean(axis=0) - 1.0).max()
     correlation = min(np.corrcoef(a[:, c], b[:, c])[0, 1] for c in range(3))
     high = np.quantile(np.abs(a - b), 0.99) / mean
-    return Errors(float(np.sqrt(np.mean((a - b) ** 2)) / mean), float(bias), float(high), float(correlation))
+    return Errors(float(np.sqrt(max(square, 0.0)) / mean), float(bias), float(high), float(correlation))
 
 
 def indirect_light(scene: pr.Scene, camera: pr.Camera, noise: float, options: Options) -> Reference:
@@ -72,7 +78,7 @@ def indirect_light(scene: pr.Scene, camera: pr.Camera, noise: float, options: Op
     path = options.references / f"{_key(scene, camera, noise)}.npz"
     if path.exists():
         with np.load(path) as kept:
-            return Reference(kept["light"], kept["covered"], float(kept["noise"]))
+            return Reference(kept["light"], kept["apart"], kept["covered"], float(kept["noise"]))
     reference = _trace(scene, camera, noise)
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **reference._asdict())
@@ -92,22 +98,22 @@ def _key(scene: pr.Scene, camera: pr.Camera, noise: float) -> str:
 
 
 def _trace(scene: pr.Scene, camera: pr.Camera, noise: float) -> Reference:
-    total = squares = None
-    done = 0
+    shape, weights = (camera.size[1], camera.size[0]), np.array(LUMINANCE)
+    halves, squares, done = [np.zeros((*shape, 3)), np.zeros((*shape, 3))], np.zeros(shape), 0
     while True:
         picture, alpha = _batch(scene, camera, seed=done)
-        square = (picture @ np.array(LUMINANCE)) ** 2
-        total = picture if total is None else total + picture
-        squares = square if squares is None else squares + square
+        halves[done % 2] += picture
+        squares += (picture @ weights) ** 2
         done += 1
-        if done < LEAST:
+        if done < LEAST or done % 2:
             continue
-        covered = alpha > COVERED
-        mean = total[covered] @ np.array(LUMINANCE) / done
+        covered, light = alpha > COVERED, (halves[0] + halves[1]) / done
+        mean = light[covered] @ weights
         variance = np.maximum(squares[covered] / done - mean**2, 0.0) / (done - 1)
         left = float(np.sqrt(variance.mean()) / mean.mean())
-        if left <= noise or done == MOST:
-            return Reference((total / done).astype(np.float32), covered, left)
+        if left <= noise or done >= MOST:
+            apart = (halves[0] - halves[1]) / done
+            return Reference(light.astype(np.float32), apart.astype(np.float32), covered, left)
 
 
 def _batch(scene: pr.Scene, camera: pr.Camera, seed: int) -> tuple[NDArray[np.float64], Picture]:

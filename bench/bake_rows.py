@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 MILLION = 1_000_000
 FEW = 200_000  # points, at most, of scenes that are compared with formulas
-WIDTHS = 74, 56, 32
+WIDTHS = 70, 52, 32
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from bake_rows import Options, Row, at_least, at_most, told
 from bake_scenes import statue_room
 from pointray.cli.benchmark.views import far_view
 
-PLACES, QUICK_PLACES = 2048, 512
+PLACES, QUICK_PLACES = 4096, 2048
 SAMPLES, QUICK_SAMPLES = 8192, 1024  # paths of each of the two references at each place
 FEWER = (16, 64, 256)  # paths whose error is measured
 SMALL = 5000  # points of a scene that only makes kernels ready
