@@ -3,10 +3,10 @@
     python bench/bake.py [--only NAME ...] [--points 1000000] [--seeds 3] [--quick] [--pictures FOLDER]
 
 Each demand is a row with the figure measured; SHORT says that it is not met. Demands on seconds hold for a million
-points on two cores; for fewer points they are as many times shorter. Pictures by path tracing take most of the time.
-They are kept (--references), keyed by the scene, the camera and the samples, not by the code that makes them: delete
-them when path tracing changes. Pictures of the errors (--pictures): path, baked, and the difference, red where baked
-light is brighter, blue where it is darker, full colour at a fifth of the mean.
+points on two cores; for fewer points they are as many times shorter. Pictures by path tracing take most of the time,
+the first time almost an hour. They are kept (--references), keyed by the scene, the camera and the samples, not by the
+code that makes them: delete them when path tracing changes. Pictures of the errors (--pictures): path, baked, and the
+difference, red where baked light is brighter, blue where it is darker, full colour at a fifth of the mean.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Ambient occlusion alone, beside libigl's, which traces a mesh."""
+"""Ambient occlusion alone, beside libigl's, which traces a mesh.
+
+libigl has it twice: over its own tree of boxes, and over Embree. Both count all directions of the hemisphere alike, not
+by the cosine; each occlusion is compared with many rays of its own kind.
+"""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from bake_scenes import statue_room
 from pointray.image.tone import linear_to_srgb
 
 NOISE, QUICK_NOISE = 0.005, 0.015  # of the references
-SIZE, QUICK_SIZE = (160, 160), (64, 64)
+SIZE, QUICK_SIZE = (128, 128), (64, 64)
 FRAMES, QUICK_FRAMES = 16, 3
 GLOSS_SIZE, QUICK_GLOSS_SIZE = (96, 96), (48, 48)
 GLOSS_NOISE = 0.01
