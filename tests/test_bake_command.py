@@ -16,6 +16,7 @@ from pointray.cli.commands.files import bake as bake_command
 from pointray.image.tone import linear_to_srgb, srgb_to_linear, tone
 from pointray.points.trust import trusted
 from pointray.scenefile import plan
+from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.view_settings import ViewSettings
 
 FEW = ["--patches", "300", "--links", "8"]
@@ -500,6 +501,9 @@ def test_a_scene_file_reads_its_light_if_that_is_there(scene, bakes, capsys):
     light.rename(light.with_name("other.bake"))
     more = ["--bake", light.with_name("other.bake")]
     assert run(capsys, "render", scene, "-o", picture, *more)[2] == "" and picture.read_bytes() == before
+    picture.unlink()
+    scene.write_text(SCENE.replace('"baked"', '"phong"'))  # which --bake overrides
+    assert run(capsys, "render", scene, "-o", picture, *more)[2] == "" and picture.read_bytes() == before
     assert bakes == []
 
 
@@ -623,16 +627,37 @@ def test_what_the_viewer_shows_first_fits_the_light(scan, bakes):
 
 
 @pytest.mark.parametrize("lights", [None, ["point:0.3,-3,4"]])
-def test_the_viewer_reads_what_bake_has_written(scan, bakes, capsys, lights):
+@pytest.mark.parametrize("origin", [(0, 0, 0), (412345.6, 5412345.7, 101.3)])
+def test_the_viewer_reads_what_bake_has_written(scan, bakes, capsys, lights, origin):
+    """Its lights and its ground are those of `render`, to the last bit."""
     light = scan.with_name("lit.bake")
+    pr.write(scan, pr.Points(ring().world + origin, ring().normals))
     more = [] if lights is None else ["--light", *lights]
-    assert run(capsys, "bake", scan, "-o", light, *more)[0] == 0
+    assert run(capsys, "bake", scan, "-o", light, "--ground", *more)[0] == 0
     del bakes[:]
-    shared, stages = viewed([scan], bake=light, light=lights)
+    shared, stages = viewed([scan], bake=light, light=lights, ground=True)
     assert shared.problem == "" and bakes == [] and "reading light" in stages
     assert shared.scene.baked is not None and shared.scene.baked.stale is None
-    shared, _ = viewed([scan], bake=light, light=["sun:1,0,-1"])
+    assert "baked first" not in capsys.readouterr().err
+    shared, _ = viewed([scan], bake=light, light=["sun:1,0,-1"], ground=True)
     assert "does not fit" in shared.problem and shared.scene is None
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_the_viewer_makes_levels_of_detail_before_it_bakes_or_none(scan, bakes, capsys, monkeypatch, kept):
+    """A large scan is shown when its light is there, not in part before."""
+    monkeypatch.setattr("pointray.viewer.loading.WORTH", 100)
+    made, shown = [], []
+    monkeypatch.setattr(pr.Model, "make_levels", lambda self, show: made.append(len(bakes)))
+    monkeypatch.setattr(SharedScene, "show", lambda self, scene, home=None: shown.append(scene))
+    light = scan.with_name("lit.bake")
+    if kept:
+        assert run(capsys, "bake", scan, "-o", light)[0] == 0
+        del bakes[:]
+    shared, stages = viewed([scan], bake=light if kept else None)
+    assert shared.problem == "" and "building a coarse version" not in stages
+    assert [scene.baked is not None for scene in shown] == [True]
+    assert (made, len(bakes)) == (([], 0) if kept else ([0], 1))
 
 
 def test_the_viewer_of_a_scene_file(scene, bakes, capsys):

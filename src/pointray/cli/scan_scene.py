@@ -290,11 +290,11 @@ def lights_for(lights: Sequence[Any], fill: float, middle: Any, up: Any, front: 
     return [*(make(middle) for make in lights), *([studio.fill(fill, up)] if fill > 0 else [])]
 
 
-def front_of(model: Any, up: Any) -> float:
+def front_of(subject: Any, up: Any) -> float:
     """The azimuth of the view that is found for a scan, in whole degrees; options of views do not change it."""
     from ..staging.first_view import Scan
 
-    return float(round(Scan(model, ViewChoice(up)).outlook.azimuth))
+    return float(round(Scan(subject, ViewChoice(up)).outlook.azimuth))
 
 
 def _axis_of(up: tuple[float, float, float]) -> str:

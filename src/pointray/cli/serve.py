@@ -52,14 +52,12 @@ def shared_scene_of(
     known: list[Any] = []  # up direction and lights: found once, for the coarse version and for all points
 
     def furnish(scene: Any) -> Any:
-        # One model's own bounds, as `render` takes them: light that was baked there is for exactly these lights.
-        subject = scene.models[0] if len(files) == 1 else scene
-        bounds = subject.bounds
+        bounds = scene.bounds
         if not known:
-            scan = Scan(subject, choice)
+            scan = Scan(scene, choice)
             if scan.found:
                 _tell(scan.found)
-            front = None if baked is None else front_of(subject, scan.up)
+            front = None if baked is None else front_of(scene, scan.up)
             known.extend((scan.up, lights_for(lights, fill, bounds.mean(axis=0), scan.up, front)))
         up, scene.lights = known
         if options["ground"]:
