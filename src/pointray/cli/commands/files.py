@@ -51,7 +51,7 @@ def bake(
     ],
     colors: Annotated[
         bool,
-        typer.Option("--colors", help="Of a .ply: its colours, or white, times the light, exposed like a picture."),
+        typer.Option("--colors", help="Give a .ply colours that hold the light: its own, or white, times it, exposed."),
     ] = False,
     noise: BakeNoiseOption = 0.03,
     links: LinksOption = 64,
@@ -74,7 +74,8 @@ def bake(
 ) -> None:
     """Bake light into a scan or a scene: all that arrives at each point, after all bounces.
 
-    Without --light: a sun that stands still, at the upper left of the view that render finds, and the studio's sky.
+    Without --light there are a sun that stands still, at the upper left of the view that render finds, and the sky of
+    the studio. Light that goes with the camera is not baked.
     """
     from ..bake import BAKING, BakeOutput, bake_scan, bake_scene, check_output, scan_to_bake
     from ..scene_file import DescribedScene, is_scene
