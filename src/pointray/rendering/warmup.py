@@ -1,8 +1,8 @@
 """Compile kernels before they are needed, in a second process: `python -m pointray.rendering.warmup NAME...`.
 
 The kernel of pictures takes three times as long to compile as all kernels together that build a model, so both are
-compiled at once; the kernels that a click in the viewer needs come after that. Kernels that send the rays of a bake
-come before that of pictures: they share most of what is to be compiled.
+compiled at once; the kernels that a click in the viewer needs come after that. Those of a bake come before that of
+pictures: they share most of what is to be compiled.
 """
 
 from __future__ import annotations
@@ -62,9 +62,9 @@ PICTURES = {
 }
 USUAL = 30.0  # of another integrator
 SHARED = 20.0  # of these: what all kernels that trace rays share, and the first one in a process compiles for all
-RAYS = {CLICK: 24.0, "baking.gather.send_rays": 11.0}  # of a bake, compiled before those of pictures
-BAKE = {
-    "baking.patches._blend": 0.7,
+BAKE = {  # compiled before those of pictures
+    CLICK: 24.0,
+    "baking.gather.send_rays": 11.0,
     "baking.reflectance.find_reflectances": 2.6,
     "baking.sky._average": 1.3,
     "baking.bounces.reflect": 0.2,
@@ -73,6 +73,7 @@ BAKE = {
     "baking.smooth.smooth": 0.5,
     "baking.pack.pack": 0.6,
 }
+BLEND = {"baking.patches._blend": 0.7}  # of a bake too, where there are models
 
 
 def warm_up(settings: Settings | None, clicks: bool = False, bakes: bool = False) -> None:
@@ -81,14 +82,14 @@ def warm_up(settings: Settings | None, clicks: bool = False, bakes: bool = False
     settings : None: no pictures are wanted
     clicks, bakes : whether what clicks need, and what baking light needs, is wanted too
     """
-    wanted = {_full(name): cost for name, cost in RAYS.items()} if bakes else {}
+    wanted = {_full(name): cost for name, cost in BAKE.items()} if bakes else {}
     if settings is not None:
         name = name_of(kernel_for(settings))
         wanted[name] = PICTURES.get(name.removeprefix(f"{PACKAGE}."), USUAL) - SHARED * bakes
     if clicks:
         wanted.setdefault(_full(CLICK), PICTURES[CLICK])
     compile_beside(__name__, wanted)
-    expect(BUILD | BAKE if bakes else BUILD)
+    expect(BUILD | BLEND if bakes else BUILD)
 
 
 def expect(kernels: dict[str, float]) -> None:
@@ -128,7 +129,7 @@ def _compile(names: Sequence[str]) -> None:
     for name in names:
         if name == _full(CLICK):
             scene.intersect((0, 0, 1), (0, 0, -1))
-        elif name in map(_full, RAYS):
+        elif name in map(_full, BAKE):
             bake(scene, BakeSettings(links=1, patches=64, threads=1))
         else:
             render(scene, camera, Settings(integrators[name], threads=1))
