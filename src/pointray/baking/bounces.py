@@ -19,14 +19,14 @@ from ..shade.choice import meets_lamp
 from ..shade.harmonics import harmonics
 from ..shade.rgbe import unpack_rgbe
 from .directions import link_direction
-from .gather import INSIDE, PATCHES, SKY, Patches, normal_of
+from .gather import PATCHES, SKY, Patches, normal_of
 
 PER_SOURCE = 4  # float32 of a source: RGB radiance, and one unused, so that it lies in one cache line
 CHUNK = 1024
 FLAT = 1e-3  # cosine: the plane of a patch is not met at a smaller one
 # What is known of a patch besides irradiance: luminance of the harmonics of bands 1 and 2, the share of its links that
-# lead to the sky, the share that lead to the inside of a body, and the variance of its irradiance's luminance.
-BANDS, SEES_SKY, SEES_INSIDE, VARIANCE, FACTS = 0, 8, 9, 10, 11
+# lead to the sky, and the variance of its irradiance's luminance.
+BANDS, SEES_SKY, VARIANCE, FACTS = 0, 8, 9, 10
 
 
 class Links(NamedTuple):
@@ -153,7 +153,6 @@ def add_facts(work: Array, links: Links, patches: Patches, sources: Array, lamps
                     out[at + BANDS + 3 + b] += f32(second[b] * part)
                 share = links.share[m] / count
                 out[at + SEES_SKY] += f32(share if SKY <= link < PATCHES else 0.0)
-                out[at + SEES_INSIDE] += f32(share if link == INSIDE else 0.0)
                 # Neighbouring strata see nearly the same: their differences tell the noise that is left.
                 if k % links.parts[1] > 0:
                     square += (light - before) ** 2

@@ -16,7 +16,8 @@ from ..neighbors import NeighborTree
 NEAR = 16  # neighbours of a patch, which its light is smoothed with
 AROUND = 8  # patches whose light a splat's is blended from
 BLOCK_SPLATS = 4  # splats side by side in a tree
-CHUNK = 4096
+FARTHER = 64  # patches among which those are found that face a splat, where the nearest do not
+CHUNK = 1024  # blocks
 # Of a blend: how fast a patch's weight falls with its distance from the splat's plane, in distances of the patches.
 OFF_PLANE = f32(4.0)
 NEAREST = f32(0.05)  # of a squared distance, in squared distances of the patches: below it a patch counts no more
@@ -81,7 +82,8 @@ def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
 def _blend_for(tree: Tree, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
     """How the light of a tree's splats follows from that of patches at positions.
 
-    The patches are found once for the four splats of a block: a quarter of the time and of the memory.
+    The patches are found once for the four splats of a block: a quarter of the time and of the memory. Where none of
+    these faces a splat, as in a thin wall, the nearest that do are found for each.
     """
     x, n, _ = splats_of(tree)
     blocks, count = x.reshape(-1, BLOCK_SPLATS, 3), min(AROUND, len(positions))
@@ -91,9 +93,29 @@ def _blend_for(tree: Tree, finder: NeighborTree, positions: Floats, normals: Flo
     _, around[:, :count] = finder.query(AROUND, middles)
     weights, patch_of = np.zeros((len(x), AROUND), np.uint8), np.zeros(len(x), np.int32)
     tables = x.reshape(-1), n.reshape(-1), positions.reshape(-1), normals.reshape(-1)
-    run(_blend, -(-len(x) // CHUNK), tables, around.reshape(-1), count, weights.reshape(-1), patch_of)
+
+    def weigh(rows: NDArray[np.int64]) -> None:
+        tiles = -(-len(rows) // CHUNK)
+        run(_blend, tiles, tables, rows, around.reshape(-1), count, weights.reshape(-1), patch_of)
+
+    weigh(np.arange(len(blocks)))
+    rows = np.unique(np.flatnonzero((patch_of < 0) & (x[:, 0] < FAR)) // BLOCK_SPLATS)
+    if len(rows) and count == AROUND:
+        around[rows] = _facing(tree, finder, rows, normals)
+        weigh(rows)
     patch_of[x[:, 0] >= FAR] = 0
-    return Blend(patch_of, around, weights)
+    return Blend(np.where(patch_of < 0, ~patch_of, patch_of), around, weights)
+
+
+def _facing(tree: Tree, finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
+    """For each of these blocks the nearest patches that face its splats, as many of each splat, (m, AROUND)."""
+    x, n, _ = splats_of(tree)
+    slots = blocks[:, None] * BLOCK_SPLATS + np.arange(BLOCK_SPLATS)
+    slots = np.where(x[slots, 0] < FAR, slots, slots[:, :1]).reshape(-1)
+    _, near = finder.query(FARTHER, x[slots])
+    away = np.einsum("nc,nkc->nk", n[slots], normals[near]) <= 0.0
+    nearest = np.argsort(away, axis=1, kind="stable")[:, : AROUND // BLOCK_SPLATS]
+    return np.take_along_axis(near, nearest, axis=1).reshape(-1, AROUND)
 
 
 def _without_self(near: Rows, count: int) -> Rows:
@@ -166,35 +188,56 @@ def _balance(x: Array, i: int, y: Array, around: Array, span: tuple[int, int], f
         found[k] = found[k] * f32(max(1.0 + lean, 0.0))
 
 
+@inline
+def _width(x: Array, i: int, y: Array, around: Array, span: tuple[int, int]) -> float:
+    """The distance of the farthest of a block's patches from a splat. span : see `_balance`"""
+    most = f32(1e-30)
+    for k in range(span[1]):
+        j, square = 3 * around[span[0] + k], f32(0.0)
+        for c in range(3):
+            square += (y[j + c] - x[3 * i + c]) ** 2
+        most = max(most, square)
+    return f32(np.sqrt(most))
+
+
 @kernel
 def _blend(
-    work: Array, tables: tuple[Array, Array, Array, Array], around: Array, count: int, weights: Array, patch_of: Array
+    work: Array,
+    tables: tuple[Array, Array, Array, Array],
+    rows: Array,
+    around: Array,
+    count: int,
+    weights: Array,
+    patch_of: Array,
 ) -> int:
-    """Weigh the patches around each splat. tables : positions and normals of splats, then of patches; flat."""
+    """Weigh the patches around each splat of some blocks.
+
+    tables : positions and normals of splats, then of patches; flat
+    rows : (m,) int64, the blocks
+    patch_of : gets ~ of the patch in the middle where none faces the splat
+    """
     x, n, y, m = borrow(tables)
-    around, weights, patch_of = borrow(around), borrow(weights), borrow(patch_of)
+    rows, around, weights, patch_of = borrow(rows), borrow(around), borrow(weights), borrow(patch_of)
     found, memory = np.zeros(AROUND, np.float32), np.zeros(6)
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, patch_of.size)):
-            at = i // BLOCK_SPLATS * AROUND
-            last = around[at + count - 1]
-            square = f32(1e-30)
-            for c in range(3):
-                square += (y[3 * last + c] - x[3 * i + c]) ** 2
-            width = f32(np.sqrt(square))
-            best = 0
+        first, end = tile * CHUNK * BLOCK_SPLATS, min((tile + 1) * CHUNK, rows.size) * BLOCK_SPLATS
+        for slot in range(first, end):
+            block = rows[slot // BLOCK_SPLATS]
+            i, span = block * BLOCK_SPLATS + slot % BLOCK_SPLATS, (block * AROUND, count)
+            width, best = _width(x, i, y, around, span), 0
             for k in range(count):
-                found[k] = likeness(x, n, i, y, m, around[at + k], width)
+                found[k] = likeness(x, n, i, y, m, around[span[0] + k], width)
                 if found[k] > found[best]:
                     best = k
-            _balance(x, i, y, around, (at, count), found, memory)
+            _balance(x, i, y, around, span, found, memory)
             most = f32(0.0)
             for k in range(count):
                 most = max(most, found[k])
-            patch_of[i] = i32(around[at + best])
+            faces = most > f32(0.0)
+            patch_of[i] = i32(around[span[0] + best]) if faces else i32(~around[span[0]])
             for k in range(count):
-                share = found[k] / most if most > f32(0.0) else f32(k == best)
+                share = found[k] / most if faces else f32(k == best)
                 weights[i * AROUND + k] = np.uint8(share * f32(255.0) + f32(0.5))
         tile = next_tile(work)
     return 0

@@ -55,8 +55,14 @@ def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
     return np.asarray(cells.reshape(-1, 1) * color)
 
 
-def grid_neighbors(edge: int, count: int) -> NDArray[np.int32]:
-    """(edge * edge, count): the nearest cells of each, only whole rings of equal distance; -1 where there is none."""
+def grid_neighbors(
+    grid: Grid, count: int, middles: NDArray[np.float64], walls: list[NDArray[np.float64]]
+) -> NDArray[np.int32]:
+    """The nearest cells of each, only whole rings of equal distance, (edge * edge, count); -1 where there is none.
+
+    middles : (edge * edge, 3), of the cells; walls : records of other planes, behind which no cell is a neighbour
+    """
+    edge = grid.edge
     reach = range(-3, 4)
     offsets = sorted(((a, b) for a in reach for b in reach if (a, b) != (0, 0)), key=lambda p: p[0] ** 2 + p[1] ** 2)
     rings = [o for o in offsets if sum(p[0] ** 2 + p[1] ** 2 <= o[0] ** 2 + o[1] ** 2 for p in offsets) <= count]
@@ -65,6 +71,9 @@ def grid_neighbors(edge: int, count: int) -> NDArray[np.int32]:
     for k, (a, b) in enumerate(rings):
         inside = (row + a >= 0) & (row + a < edge) & (column + b >= 0) & (column + b < edge)
         out[inside, k] = ((row + a) * edge + column + b)[inside]
+    for wall in walls:
+        before = (middles - wall[PLANE_POINT : PLANE_POINT + 3]) @ grid_normal(wall) > 0.0
+        out[before[out] != before[:, None]] = -1
     return out
 
 

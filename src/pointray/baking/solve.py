@@ -21,13 +21,11 @@ from ..kernels.vec import LUMINANCE
 from ..shade.harmonics import harmonics
 from .bounces import BANDS, CHUNK, FACTS, PER_SOURCE, add_facts, add_irradiance, reflect
 from .gather import PATCHES, SKY
-from .patches import NEAR
-from .planes import Grid, grid_neighbors
 from .settings import BakeSettings
 from .sky import look_at_sky
 from .smooth import CHUNK as SMOOTHED
 from .smooth import smooth
-from .transport import Side, Transport
+from .transport import Transport
 
 # Bounces but the last go along one link in so many: their noise is averaged by the last, which goes along all.
 FEW = 4
@@ -60,7 +58,7 @@ def solve(world: World, transport: Transport, settings: BakeSettings) -> Arrived
     n, threads, sky = len(transport), settings.threads, look_at_sky(world)
     lights, cosines = transport.find_direct(world), transport.find_suns(world, sky.suns)
     suns = cosines @ sky.irradiances
-    direct = lights + suns
+    direct = transport.filled(lights + suns)
     transport.meet(world)
     lamps = lamp_radiances(world).reshape(-1)
     sources = np.zeros((PATCHES + n, PER_SOURCE), np.float32)
@@ -79,6 +77,7 @@ def solve(world: World, transport: Transport, settings: BakeSettings) -> Arrived
                 break
             before = change
         _gather_light(transport, light, lamps, FEW, indirect, threads)
+        transport.filled(indirect)
     if settings.depth > 0:
         _gather_light(transport, light, lamps, 1, indirect, threads)
     facts, patches = np.zeros((n, FACTS), np.float32), transport.patches()
@@ -117,18 +116,12 @@ def _is_settled(change: float, before: float, total: float) -> bool:
 def smoothed(transport: Transport, arrived: Arrived, threads: int | None) -> tuple[Arrived, Floats]:
     """The light with less noise; and for each patch how many that are averaged evenly would have as little."""
     values = np.concatenate([arrived.indirect, arrived.facts], axis=1)
-    trust = (~transport.lost).astype(np.float32)
+    trust = transport.trusted.astype(np.float32)
     places = transport.positions.reshape(-1), transport.normals.reshape(-1), transport.nearness, trust
     out, count = np.empty_like(values), np.zeros(len(transport), np.float32)
     flat = values.reshape(-1), out.reshape(-1), count
     for side in transport.sides:
-        near = near_of(side)
+        near = side.near
         span = side.first, side.size, near.shape[1], values.shape[1]
         run(smooth, -(-side.size // SMOOTHED), places, near.reshape(-1), span, *flat, threads=threads)
     return Arrived(arrived.direct, out[:, :3].copy(), out[:, 3:].copy()), count
-
-
-def near_of(side: Side) -> NDArray[np.int32]:
-    """Neighbours of a side's patches, (count, NEAR)."""
-    patches = side.sheet.patches
-    return grid_neighbors(patches.edge, NEAR) if isinstance(patches, Grid) else patches.near

@@ -34,7 +34,7 @@ from ..progress import Progress, tell
 from ..scene.world import Snapshot
 from ..trace.cast import closest_hits
 from .gather import TARGET, Targets
-from .patches import PatchSet, choose_patches
+from .patches import NEAR, PatchSet, choose_patches
 from .planes import Grid, fit_grid, grid_colors, grid_positions
 from .reflectance import find_reflectances
 
@@ -143,7 +143,7 @@ def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
 
 
 def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:
-    """The same sheets with at most so many patches each: every k-th of them."""
+    """The same sheets with at most so many patches each: every k-th of them; those of models have no neighbours."""
     out = []
     for sheet in sheets:
         if isinstance(sheet.patches, Grid):
@@ -156,7 +156,8 @@ def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:
         rows = np.arange(len(sheet.positions))[step // 2 :: step]
         blend = sheet.patches.blends[0]
         patch_of = np.minimum(blend.patch_of // step, len(rows) - 1)
-        patches = sheet.patches._replace(blends=[blend._replace(patch_of=patch_of)])
+        none = np.full((len(rows), NEAR), -1, np.int32)
+        patches = sheet.patches._replace(near=none, blends=[blend._replace(patch_of=patch_of)])
         out.append(_selected(sheet, rows, patches))
     return out
 
@@ -214,10 +215,10 @@ def find_targets(scene: Snapshot, sheets: list[Sheet], firsts: dict[tuple[int, i
         if isinstance(sheet.patches, Grid):
             frames[k, :4] = *sheet.patches.middle, sheet.patches.half, sheet.patches.edge
             continue
-        patch_of = sheet.patches.blends[0].patch_of
-        if id(sheet.patches.near) not in begins:
-            begins[id(sheet.patches.near)] = end
+        patch_of, model = sheet.patches.blends[0].patch_of, id(sheet.patches.blends[0].around)
+        if model not in begins:
+            begins[model] = end
             tables.append(patch_of)
             end += len(patch_of)
-        rows[k, 2] = begins[id(sheet.patches.near)]
+        rows[k, 2] = begins[model]
     return Targets(rows.reshape(-1), np.concatenate([*tables, np.zeros(0, np.int32)]), frames.reshape(-1))

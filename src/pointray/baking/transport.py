@@ -8,17 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import run, uncompiled
-from ..kernels.records import DIELECTRIC, MATERIAL_KIND, MATERIAL_SIZE, MIRROR, World
+from ..kernels.records import DIELECTRIC, INSTANCE, MATERIAL_KIND, MATERIAL_SIZE, MIRROR, PLANE_SIZE, SHAPE_ROW, World
 from ..kernels.scratch import TILE
 from ..progress import Progress
 from ..scene.world import Snapshot
+from ..shade.grid import MOST_WALLS
 from .bounces import CHUNK, Links, bytes_of, hide_links
 from .directions import strata
-from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, ONE_TILE, Found, Patches, Rays, send_rays
+from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, INSIDE, ONE_TILE, Found, Patches, Rays, send_rays
+from .patches import NEAR
+from .planes import Grid, grid_neighbors
 from .surfaces import Sheet, find_targets
 
 NO_FLOATS, NO_INTS, NO_BITS = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.uint8)
 NO_SUNS = np.zeros(0)
+BURIED = 0.5  # share of links that lead to the inside of a body, from which a patch is not trusted
 AREA_SAMPLES = 16  # shadow rays of a patch to a light with a size
 ALL_SIDES = (1, -1)
 
@@ -26,12 +30,16 @@ Floats = NDArray[np.float32]
 
 
 class Side(NamedTuple):
-    """One side of a sheet, the patches first to first + size. sign : 1 where normals point, or -1"""
+    """One side of a sheet, the patches first to first + size.
+
+    sign : 1 where normals point, or -1; near : (size, NEAR) int32, neighbours of its patches, within it; -1: fewer
+    """
 
     sheet: Sheet
     sign: int
     first: int
     size: int
+    near: NDArray[np.int32]
 
     @property
     def span(self) -> slice:
@@ -53,8 +61,8 @@ class Transport:
     sides : list of Side
     positions : (n, 3) float64; normals : (n, 3) float32, to the patch's own side; world
     albedo, emitted : (n, 3) float32
-    lost : (n,) bool
-        Where no surface was found: what such a patch receives follows from its neighbours.
+    trusted : (n,) bool
+        Where a surface was found that is not buried: what other patches receive follows from their neighbours.
     links : list of Links
     nearness : (n,) float32
         The mean inverse distance of what the links hit.
@@ -66,18 +74,20 @@ class Transport:
         self.sides: list[Side] = []
         first = 0
         for k, sign in lit:
-            self.sides.append(Side(sheets[k], sign, first, len(sheets[k].positions)))
-            first += self.sides[-1].size
+            near = _neighbors_of(scene.world, sheets[k])
+            self.sides.append(Side(sheets[k], sign, first, len(near), near))
+            first += len(near)
         self.positions: NDArray[np.float64] = self._joined("positions", np.float64)
         self.albedo: Floats = self._joined("albedo", np.float32)
         self.emitted: Floats = self._joined("emitted", np.float32)
-        self.lost: NDArray[np.bool_] = self._joined("lost", np.bool_)
+        self._lost: NDArray[np.bool_] = self._joined("lost", np.bool_)
         signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
         self.normals: Floats = self._joined("normals", np.float32) * signs[:, None].astype(np.float32)
         self._targets = find_targets(scene, sheets, {(s.sheet.instance, s.sign): s.first for s in self.sides})
         self._world, self._seed, self._threads = scene.world, seed, threads
         self.links: list[Links] = []
-        self.nearness = np.zeros(len(self.positions), np.float32)
+        self.nearness, self._inside = np.zeros((2, len(self.positions)), np.float32)
+        self._set_trust()
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -127,9 +137,30 @@ class Transport:
         sent = np.zeros(len(self), np.float32)
         for part in self.links:
             sent[part.rows] += part.parts[0] * part.parts[1]
-        self.nearness[rows] = (self.nearness[rows] * (sent[rows] - links) + found.nearness) / sent[rows]
+        inside = (found.links.reshape(-1, links) == INSIDE).sum(axis=1)
+        for mean, more in ((self.nearness, found.nearness), (self._inside, inside)):
+            mean[rows] = (mean[rows] * (sent[rows] - links) + more) / sent[rows]
+        self._set_trust()
         for part in self.links:
             part.share[:] = part.parts[0] * part.parts[1] / sent[part.rows]
+
+    def _set_trust(self) -> None:
+        """Find which patches are trusted, and the nearest of these for each of the others."""
+        self.trusted = ~self._lost & (self._inside < BURIED)
+        self._filled, self._fillers = NO_INTS, NO_INTS
+        for side in self.sides:
+            trusted = self.trusted[side.span]
+            rows = np.flatnonzero(~trusted)
+            usable = (side.near[rows] >= 0) & trusted[side.near[rows]]
+            nearest = side.near[rows, usable.argmax(axis=1)]
+            some = usable.any(axis=1)
+            self._filled = np.concatenate([self._filled, rows[some] + side.first])
+            self._fillers = np.concatenate([self._fillers, nearest[some] + side.first])
+
+    def filled(self, light: Floats) -> Floats:
+        """Light of the patches, (n, k), changed: where they are not trusted, that of their nearest neighbour."""
+        light[self._filled] = light[self._fillers]
+        return light
 
     def meet(self, world: World) -> None:
         """Find the links that lamps of this world stand in the way of, whose light they hide."""
@@ -161,3 +192,13 @@ class Transport:
         tiles = len(patches.tiles) // ONE_TILE
         args = world, patches, self._targets, rays, found
         run(send_rays, tiles, *args, threads=self._threads, progress=progress)
+
+
+def _neighbors_of(world: World, sheet: Sheet) -> NDArray[np.int32]:
+    """Neighbours of a sheet's patches, (count, NEAR)."""
+    if not isinstance(sheet.patches, Grid):
+        return sheet.patches.near
+    planes = world.planes.reshape(-1, PLANE_SIZE)
+    own = int(world.instances[sheet.instance * INSTANCE + SHAPE_ROW])
+    walls = [plane for k, plane in enumerate(planes) if k != own] if len(planes) <= MOST_WALLS else []
+    return grid_neighbors(sheet.patches, NEAR, sheet.positions, walls)

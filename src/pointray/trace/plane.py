@@ -37,7 +37,7 @@ from ..kernels.vec import Vec3, add, dot, length, load3_flat, scale, sub
 from ..simd import ZERO
 from .space import WorldRay
 
-ON_PLANE = 1e-7  # share of the coordinates within which a ray starts on a plane
+ON_PLANE = 1e-12  # share of the coordinates within which a ray starts on a plane: some thousand roundings
 
 
 @inline

@@ -52,24 +52,29 @@ class Newest(Generic[T]):
         Runs `answer`.
     answer : callable
         Takes a question.
+    needed_by : callable, optional
+        Whether a question needs the answer to the one before it, which is then kept; only that one.
     """
 
-    def __init__(self, jobs: Executor, answer: Callable[[T], None]) -> None:
-        self._jobs, self._answer = jobs, answer
+    def __init__(
+        self, jobs: Executor, answer: Callable[[T], None], needed_by: Callable[[T], bool] = lambda question: False
+    ) -> None:
+        self._jobs, self._answer, self._needed_by = jobs, answer, needed_by
         self._lock = threading.Lock()
-        self._waiting: T | None = None
+        self._waiting: list[T] = []
 
     def ask(self, question: T) -> None:
         """Have a question answered, unless a newer one comes first."""
         with self._lock:
-            waiting, self._waiting = self._waiting, question
-        if waiting is None:  # else a job is on its way, which takes this question
+            waiting = self._waiting
+            self._waiting = [*waiting[-1:], question] if self._needed_by(question) else [question]
+        if not waiting:  # else a job is on its way, which takes this question
             self._jobs.submit(self._run)
 
     def _run(self) -> None:
         with self._lock:
-            question, self._waiting = self._waiting, None
-        if question is not None:
+            waiting, self._waiting = self._waiting, []
+        for question in waiting:
             self._answer(question)
 
 
@@ -97,7 +102,7 @@ class Lookups:
         self._state = threading.Lock()  # guards the next two
         self._prepared = self._stopped = False
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
-        self._clicks = Newest(self._jobs, self._find)
+        self._clicks = Newest(self._jobs, self._find, needed_by=lambda click: click.extend)
         self._legends = Newest(self._jobs, self._draw_legend)
 
     def click(self, click: Click) -> None:
