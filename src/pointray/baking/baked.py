@@ -25,13 +25,14 @@ from .kept import Kept
 from .keys import keys_of, lights_of, materials_of, shape_of
 from .planes import Grid
 from .settings import BakeSettings
-from .solve import Arrived, smoothed, solve
+from .sky import Sky, look_at_sky
+from .solve import Arrived, find_lights, smoothed, solve
 from .store import AtSplats, at_points, blend_of, dark, from_patches, from_records, make_records, seen_skies, unit_of
 from .surfaces import Sheet, coarser, find_sheets, recolored
 from .transport import ALL_SIDES, Side, Transport
 
 LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
-PROBES, PROBE_LINKS = 1 << 15, 16  # patches and links of the rough light that tells which sides are dark
+PROBES, PROBE_LINKS = 1 << 13, 16  # patches and links of the rough light that tells which sides are dark
 DARK = 0.02  # a back side with less than this share of the light of the brightest side is kept as black
 MOST_ROUNDS = 3  # of further links where there is noise
 DIM = 0.1  # share of the mean light: noise counts as a share of no less than this
@@ -61,31 +62,35 @@ class Baked:
         self._sheets = find_sheets(snapshot, _chosen(snapshot, self._settings), self._settings.albedo_scale)
         self._materials = materials_of(snapshot)
         tell(progress, 0.1)
-        self._gather(snapshot, part_of(progress, 0.1, 0.9))
-        self._light(snapshot)
+        sky = look_at_sky(snapshot.world)
+        self._probe = _probe(snapshot, self._sheets, self._settings)
+        lit = _lit_sides(snapshot, sky, self._probe, self._settings)
+        self._light(snapshot, self._gather(snapshot, sky, lit, part_of(progress, 0.1, 0.9)))
         tell(progress, 1.0)
 
-    def _gather(self, snapshot: Snapshot, progress: Progress | None) -> None:
-        """Find which sides are lit, and their links; more of these where there is noise."""
-        settings = self._settings
-        self._probe = _probe(snapshot, self._sheets, settings)
-        self._lit = _lit_sides(snapshot, self._probe, settings)
+    def _gather(self, snapshot: Snapshot, sky: Sky, lit: list[tuple[int, int]], progress: Progress | None) -> Arrived:
+        """Find the links of the sides that are lit, more where there is noise; and the light along them."""
+        settings, self._lit = self._settings, lit
         transport = Transport(snapshot, self._sheets, self._lit, settings.seed, settings.threads)
         rows = np.arange(len(transport), dtype=np.int32)
         transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))
-        arrived = solve(snapshot.world, transport, settings)
+        seen = find_lights(snapshot.world, sky, transport)
+        arrived = solve(snapshot.world, transport, settings, seen)
         noisy = _noisy(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
         for k in range(MOST_ROUNDS):
             rows = np.flatnonzero(noisy > 1.0 + k).astype(np.int32)
             if len(rows):
                 transport.send(rows, settings.links, part_of(progress, 0.7 + 0.1 * k, 0.8 + 0.1 * k))
+        if len(transport.links) > 1:
+            transport.meet(snapshot.world)
+            arrived = solve(snapshot.world, transport, settings, seen)
         self._transport = transport
         self._shape = shape_of(snapshot)
+        return arrived
 
-    def _light(self, snapshot: Snapshot) -> None:
-        """Solve for the lights of the scene, and write the records."""
+    def _light(self, snapshot: Snapshot, arrived: Arrived) -> None:
+        """Write the records of the light that arrives."""
         settings, transport = self._settings, self._transport
-        arrived = solve(snapshot.world, transport, settings)
         self._arrived, _ = smoothed(transport, arrived, settings.threads)
         if not self._arrived.direct.any() and not self._arrived.indirect.any():
             warnings.warn("the scene has no light: what is baked is black", stacklevel=5)
@@ -154,9 +159,14 @@ class Baked:
         # Links are shared with light for other materials, see `relit`.
         self._probe.recolor(_few(self._sheets))
         self._transport.recolor(self._sheets)
-        if _lit_sides(snapshot, self._probe, self._settings) != self._lit:
-            self._gather(snapshot, progress)
-        self._light(snapshot)
+        sky = look_at_sky(snapshot.world)
+        lit = _lit_sides(snapshot, sky, self._probe, self._settings)
+        if lit != self._lit:
+            arrived = self._gather(snapshot, sky, lit, progress)
+        else:
+            seen = find_lights(snapshot.world, sky, self._transport)
+            arrived = solve(snapshot.world, self._transport, self._settings, seen)
+        self._light(snapshot, arrived)
         tell(progress, 1.0)
 
     def relit(self, scene: Scene) -> Baked | None:
@@ -344,9 +354,9 @@ def _few(sheets: list[Sheet]) -> list[Sheet]:
     return coarser(sheets, max(PROBES // len(sheets), 16))
 
 
-def _lit_sides(scene: Snapshot, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:
+def _lit_sides(scene: Snapshot, sky: Sky, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:
     """The fronts of all sheets, and the backs that are lit, as the light at few patches tells: (sheet, sign)."""
-    arrived = solve(scene.world, probe, settings)
+    arrived = solve(scene.world, probe, settings, find_lights(scene.world, sky, probe))
     light = (arrived.direct + arrived.indirect) @ np.array(LUMINANCE, np.float32)
     means = [float(light[side.span].mean()) for side in probe.sides]
     limit = DARK * max(means)

@@ -22,7 +22,7 @@ from ..shade.harmonics import harmonics
 from .bounces import BANDS, CHUNK, FACTS, PER_SOURCE, add_facts, add_irradiance, reflect
 from .gather import PATCHES, SKY
 from .settings import BakeSettings
-from .sky import look_at_sky
+from .sky import Sky
 from .smooth import CHUNK as SMOOTHED
 from .smooth import smooth
 from .transport import Transport
@@ -53,13 +53,29 @@ def lamp_radiances(world: World) -> NDArray[np.float64]:
     return np.where(seen[:, None], records[:, LIGHT_POWER : LIGHT_POWER + 3], 0.0)
 
 
-def solve(world: World, transport: Transport, settings: BakeSettings) -> Arrived:
+class Lights(NamedTuple):
+    """What arrives at the patches before any bounce.
+
+    direct : (n, 3) float32, irradiance from lights that are neither sky nor surface
+    sky : texels and suns; cosines : (n, suns) float32, of the patches to the suns, 0 where they do not see them
+    """
+
+    direct: Floats
+    sky: Sky
+    cosines: Floats
+
+
+def find_lights(world: World, sky: Sky, transport: Transport) -> Lights:
+    """What the patches see of the lights of this world; the links that lamps stand in the way of."""
+    transport.meet(world)
+    return Lights(transport.find_direct(world), sky, transport.find_suns(world, sky.suns))
+
+
+def solve(world: World, transport: Transport, settings: BakeSettings, seen: Lights) -> Arrived:
     """The light after all bounces, from the lights of this world."""
-    n, threads, sky = len(transport), settings.threads, look_at_sky(world)
-    lights, cosines = transport.find_direct(world), transport.find_suns(world, sky.suns)
+    n, threads, (lights, sky, cosines) = len(transport), settings.threads, seen
     suns = cosines @ sky.irradiances
     direct = transport.filled(lights + suns)
-    transport.meet(world)
     lamps = lamp_radiances(world).reshape(-1)
     sources = np.zeros((PATCHES + n, PER_SOURCE), np.float32)
     sources[SKY:PATCHES, :3] = sky.texels
