@@ -45,7 +45,7 @@ def test_light_is_rough_then_fine_then_follows_the_lights(scene):
     assert baker.light_for(scene) is None
     heard.wait(2)
     fine = baker.light_for(scene)
-    assert fine._settings.links > ROUGH[1]
+    assert fine._settings.patches is None
     other = scene.copy()
     other.lights = [pr.EnvironmentLight(2.0)]
     assert baker.light_for(other) is None, "the light of other lamps must not be shown"
@@ -92,7 +92,7 @@ def test_pictures_have_direct_light_until_light_is_baked(scene):
     view = ViewSettings(integrator="baked", samples=1, lamps=light_controls_of(scene, (0.0, 0.0, 1.0)))
     painter.want(FrameRequest(camera, view, scene, (1, 0), (0.0, 0.0, 1.0), True, 0.0))
     heard.wait(1)
-    while frames[-1][1] is None or frames[-1][1]._settings.links == ROUGH[1]:
+    while frames[-1][1] is None or frames[-1][1]._settings.patches == ROUGH[0]:
         heard.wait(len(frames) + 1)
     assert frames[0][1] is None
     assert frames[-1][0].size == (32, 32), "a picture with better light must not be coarser"

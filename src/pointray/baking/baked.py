@@ -325,7 +325,7 @@ def _chosen(scene: Snapshot, settings: BakeSettings) -> int:
     records = scene.world.instances.reshape(-1, INSTANCE)
     shapes = records[records[:, KIND] == MODEL, 1].astype(int)
     splats = sum(len(scene.models[k].points) for k in shapes)
-    return int(np.clip(splats // 4, LEAST_CHOSEN, MOST_CHOSEN))
+    return int(np.clip(splats // 2, LEAST_CHOSEN, MOST_CHOSEN))
 
 
 def _check_room(transport: Transport, settings: BakeSettings) -> None:

@@ -25,7 +25,7 @@ class BakeSettings:
         The standard error of the irradiance that is aimed at, as a share of it.
     patches : int, optional
         At most so many surface elements exchange light; the light of splats between them is interpolated. None: a
-        quarter of the splats, at least 32,768 and at most 1,048,576.
+        half of the splats, at least 32,768 and at most 1,048,576.
     memory : int, optional
         Bytes that the light may take, 16 for each splat and lit side, levels of detail included. None: what is
         available.
@@ -38,7 +38,7 @@ class BakeSettings:
         None: `POINTRAY_THREADS`, else all. The light does not depend on it.
     """
 
-    links: int = 64
+    links: int = 32
     max_depth: int | None = None
     noise: float = 0.03
     patches: int | None = None

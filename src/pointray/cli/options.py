@@ -120,7 +120,7 @@ LinksOption = Annotated[
 PatchesOption = Annotated[
     int | None,
     typer.Option(
-        help="At most so many points exchange light, the others get theirs from these; default: a quarter of them, at "
+        help="At most so many points exchange light, the others get theirs from these; default: half of them, at "
         "least 32768, at most 1048576."
     ),
 ]
