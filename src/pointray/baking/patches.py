@@ -21,6 +21,7 @@ CHUNK = 1024  # blocks
 # Of a blend: how fast a patch's weight falls with its distance from the splat's plane, in distances of the patches.
 OFF_PLANE = f32(4.0)
 NEAREST = f32(0.05)  # of a squared distance, in squared distances of the patches: below it a patch counts no more
+GOLDEN = 0.6180339887498949  # its multiples, without the whole part, are spread evenly
 RIDGE = 0.01  # share of the trace of a matrix that keeps it from being singular
 
 Floats = NDArray[np.float32]
@@ -66,12 +67,16 @@ def splats_of(tree: Tree) -> tuple[Floats, Floats, Floats]:
 def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
     """At most `most` patches of a model, evenly in the order of its tree, in which neighbours stand together.
 
-    So there are as many patches as splats where the scan is dense, in proportion. trees : its own, and its levels'
+    So there are as many patches as splats where the scan is dense, in proportion. In each stretch of the order another
+    place is taken: the sides of a wall alternate in it, and one of them could go without patches.
+
+    trees : its own, and its levels'
     """
     x, n, radii = splats_of(trees[0])
     used = np.flatnonzero(x[:, 0] < FAR)
     count = min(most, len(used))
-    slots = used[((np.arange(count) + 0.5) * (len(used) / count)).astype(np.int64)]
+    places = np.arange(count) + np.arange(count) * GOLDEN % 1.0
+    slots = used[(places * (len(used) / count)).astype(np.int64)]
     positions, normals = x[slots], n[slots]
     finder = NeighborTree(positions)
     _, near = finder.query(min(NEAR + 1, count))
