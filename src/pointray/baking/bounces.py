@@ -1,7 +1,7 @@
 """Light over links: every bounce is a pass of sums, irradiance = pi / links times the sum of what the links see.
 
 The light along the links of a patch is cosine-distributed, so its mean times pi is the irradiance, and its mean times
-pi times a spherical harmonic is that harmonic of the light times the cosine (see `shade/baked.py`).
+pi times a spherical harmonic is that harmonic of the light times the cosine (see `shade/baked_code.py`).
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from .gather import INSIDE, PATCHES, SKY, Patches, normal_of
 PER_SOURCE = 4  # float32 of a source: RGB radiance, and one unused, so that it lies in one cache line
 CHUNK = 1024
 FLAT = 1e-3  # cosine: the plane of a patch is not met at a smaller one
-# What is known of a patch besides irradiance: luminance of the harmonics of bands 1 and 2, the share of its links that
-# lead to the sky, the share that lead to the inside of a body, and the variance of its irradiance's luminance.
-BANDS, SEES_SKY, SEES_INSIDE, VARIANCE, FACTS = 0, 8, 9, 10, 11
+# What is known of a patch besides irradiance: its moments less those of even light, 8 of luminance, 3 of red and 3 of
+# blue; which share of its links leads to the sky, and which to the inside of a body; the variance of its irradiance's
+# luminance.
+GRAY, RED, BLUE, SEES_SKY, SEES_INSIDE, VARIANCE, FACTS = 0, 8, 11, 14, 15, 16, 17
 
 
 class Links(NamedTuple):
@@ -129,35 +130,53 @@ def reflect(
     return 0
 
 
+@inline
+def _add_moments(light: Vec3, basis: Array, out: Array, at: int) -> None:
+    """Add light times the 8 harmonics of its direction to what is known of a patch."""
+    gray = luminance(light)
+    for b in range(8):
+        out[at + GRAY + b] += f32(gray * basis[b])
+    for b in range(3):
+        out[at + RED + b] += f32(light[0] * basis[b])
+        out[at + BLUE + b] += f32(light[2] * basis[b])
+
+
 @kernel
 def add_facts(work: Array, links: Links, patches: Patches, sources: Array, lamps: Array, out: Array) -> int:
-    """Add to what is known of the patches, (patches * FACTS,) float32, what these links tell."""
+    """Add to what is known of the patches, (patches * FACTS,) float32, what these links tell.
+
+    The moments of even light are those that the links would see of it: so even light has no noise.
+    """
     links, patches = borrow(links), borrow(patches)
     sources, lamps, out = borrow(sources), borrow(lamps), borrow(out)
     count = links.parts[0] * links.parts[1]
+    basis, seen_evenly = np.zeros(8), np.zeros(8)
     chunk = next_tile(work)
     while chunk >= 0:
         for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
             patch = i64(links.rows[m])
             normal, at = normal_of(patches, patch), FACTS * patch
             square = before = 0.0
+            total, part = NO_LIGHT, math.pi / count * links.share[m]
+            seen_evenly[:] = 0.0
             for k in range(count):
                 link = i64(links.links[m * count + k])
                 hidden = _is_hidden(links, m, k)
-                light = 0.0 if hidden else luminance(_radiance(links, m * count + k, sources, lamps))
+                seen = NO_LIGHT if hidden else _radiance(links, m * count + k, sources, lamps)
                 first, second = harmonics(link_direction(normal, patch, k, links.parts, links.seed))
-                part = light * math.pi / count * links.share[m]
-                for b in range(3):
-                    out[at + BANDS + b] += f32(first[b] * part)
-                for b in range(5):
-                    out[at + BANDS + 3 + b] += f32(second[b] * part)
-                share = links.share[m] / count
+                for b in range(8):
+                    basis[b] = first[b] if b < 3 else second[b - 3]
+                    seen_evenly[b] += basis[b]
+                total = add(total, seen)
+                _add_moments(scale(seen, part), basis, out, at)
+                light, share = luminance(seen), links.share[m] / count
                 out[at + SEES_SKY] += f32(share if SKY <= link < PATCHES else 0.0)
                 out[at + SEES_INSIDE] += f32(share if link == INSIDE else 0.0)
                 # Neighbouring strata see nearly the same: their differences tell the noise that is left.
                 if k % links.parts[1] > 0:
                     square += (light - before) ** 2
                 before = light
+            _add_moments(scale(total, -part / count), seen_evenly, out, at)
             pairs = count - links.parts[0]
             if pairs > 0:
                 variance = 0.5 * square / pairs * math.pi**2 / count
