@@ -17,10 +17,12 @@ F is radiance times cosine, SH2 the spherical harmonics of bands 0 to 2, SH1 tho
 - fitted: the combination of the functions that has these moments; the lobe's products with the functions are tables.
 - expected: the likeliest radiance with these moments, if they have 1% noise, and radiances of directions an angle apart
   are correlated as 1 + exp(-angle). Tables too; they depend on the angle of eye and normal only.
+- pointray: what pointray ships, by its own kernels: expected, with other steps, exact for even light.
 
 "world": kept in world axes, so that all splats of a hit are summed first; else each is evaluated. Operations of one
-evaluation are estimated by hand: additions and multiplications, t: table look-ups, r: roots and exponentials. "5%" and
-"10%" are the highest Phong exponents with smaller errors, as packed. Code h takes 15 bytes, for comparison.
+evaluation are estimated by hand: additions and multiplications, t: table look-ups, r: roots and exponentials. "10%"
+and "ggx" are the highest exponents with errors below 10%, as packed, of Phong's lobes and of GGX. Code h takes 15
+bytes, for comparison.
 """
 
 from __future__ import annotations
@@ -32,13 +34,13 @@ from typing import Any
 
 import numpy as np
 
-from baked_codes import Y00, Code, Dominant, Gaussians, Kernel, Linear, harmonics
+from baked_codes import Y00, Code, Dominant, Gaussians, Kernel, Linear, Records, harmonics
 from baked_maps import COSINE, MIRRORED, NAMES, SOLID, Floats, Lobe, W, even_sky, ggx, light_maps, phong
 
 EXPONENTS = (1, 2, 4, 8, 20, 100)
 DENSE = np.geomspace(1, 128, 57)
 SHOWN = [*map(phong, EXPONENTS), ggx(0.5), ggx(0.8)]
-LOBES = [*SHOWN, *map(phong, DENSE)]
+LOBES = [*SHOWN, *map(phong, DENSE), *map(ggx, (2 * DENSE + 1) ** -0.25)]
 
 
 def habel(w: Floats) -> Floats:
@@ -147,6 +149,7 @@ def codes() -> dict[str, tuple[str, Code]]:
         "g SH2 F, chroma, over even, world": ("95 1t", Linear(f, over_even, cosine, bits=5, chroma=4, world=True)),
         "g SH2 F, chroma, fitted, world": ("130 9t 1r", of(y, COSINE, bits=5, chroma=4, world=True)),
         "g SH2 F, chroma, expected, world": ("130 9t 1r", of(y, COSINE, expected, bits=5, chroma=4, world=True)),
+        "g SH2 F, chroma, pointray, world": ("110 8t", Records()),
         "h SH2 F RGB expected, world": ("210 6t 1r", of(y, COSINE, expected, bits=5, rgb=True, world=True)),
     }
 
@@ -179,14 +182,14 @@ def print_tables(pictures: Floats, frames: Floats) -> None:
     exact: dict[str, Floats] = {}
     each: dict[str, Floats] = {}
     head = "".join(f"{lobe.name:>9}" for lobe in SHOWN)
-    print(f"{'percent, as packed':36}{'bits':>5} {'operations':10}{head}{'5%':>7}{'10%':>7}")
+    print(f"{'percent, as packed':36}{'bits':>5} {'operations':10}{head}{'10%':>7}{'ggx':>7}")
     noise = overall(errors([a + b for a, b in zip(true, halves, strict=True)], true))
     print(f"{'noise':52}" + "".join(f"{x:9.1f}" for x in noise[: len(SHOWN)]))
     for name, (operations, code) in codes().items():
         each[name] = errors(code(maps, frames, LOBES, True), true)
         exact[name] = overall(errors(code(maps, frames, SHOWN, False), true[: len(SHOWN)]))
-        packed, dense = np.split(overall(each[name]), [len(SHOWN)])
-        row = "".join(f"{x:9.1f}" for x in packed) + "".join(f"{limit(dense, most):>7}" for most in (5, 10))
+        packed, dense, facets = np.split(overall(each[name]), [len(SHOWN), len(SHOWN) + len(DENSE)])
+        row = "".join(f"{x:9.1f}" for x in packed) + "".join(f"{limit(curve, 10):>7}" for curve in (dense, facets))
         print(f"{name:36}{code.size:5} {operations:10}{row}", flush=True)
     print(f"\n{'percent, not packed':52}{head}")
     for name, values in exact.items():

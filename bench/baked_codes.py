@@ -1,4 +1,4 @@
-"""What is kept of the light that arrives at a splat, and the reflections made of it: moments, Gaussians."""
+"""What may be kept of the light that arrives at a splat, and reflections made of it: moments, Gaussians, records."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import least_squares
 
-from baked_maps import COSINE, SOLID, Floats, Lobe, W, spiral
+from baked_maps import COSINE, MIRRORED, SOLID, Floats, Lobe, W, spiral
+from baked_records import LUMINANCE, pack_values, reflected, values_of
+from pointray.kernels.records import PHONG, PRINCIPLED
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 Y00 = 0.5 / np.sqrt(np.pi)
 Kernel = Callable[[Lobe, Floats], Floats]
 
@@ -242,3 +243,24 @@ class Dominant(Code):
         bumps /= (bumps @ SOLID)[:, None]
         shapes = [bumps @ (lobe.table / W[:, 2:]) for lobe in lobes]
         return [irradiances(maps, packed)[..., None] * shape[:, None] for shape in shapes]
+
+
+@dataclass(frozen=True, eq=False)
+class Records(Code):
+    """What pointray keeps, by its own kernels; it is always packed."""
+
+    @property
+    def size(self) -> int:
+        """Bits in all."""
+        return 64
+
+    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe], packed: bool) -> list[Floats]:
+        """Reflected radiance."""
+        values = [values_of(light, W @ frame, COSINE, frame[2]) for light, frame in zip(maps, frames, strict=True)]
+        records, r = pack_values(np.array(values)), np.einsum("rk,pkx->prx", MIRRORED, frames)
+        results = []
+        for lobe in lobes:
+            kind = PRINCIPLED if lobe.name.startswith("ggx") else PHONG
+            result = reflected(records, (float(kind), float(lobe.exponent)), frames[:, 2], r).swapaxes(1, 2)
+            results.append(result * lobe.table.sum(axis=0) if kind == PRINCIPLED else result)
+        return results

@@ -14,10 +14,12 @@ import pointray as pr
 from pointray import jit
 from pointray.jit import kernel
 from pointray.simd import (
+    bit_fields,
     bits,
     broadcast8,
     broadcast16,
     broadcast_from,
+    columns,
     count_bits,
     count_trailing_zeros,
     first_quarter,
@@ -25,9 +27,11 @@ from pointray.simd import (
     last_quarter,
     load8,
     load16,
+    load16_int,
     mask16,
     pack,
     permute16,
+    power_of_two,
     quarters,
     repeat4,
     select,
@@ -35,12 +39,36 @@ from pointray.simd import (
     store,
     store_packed,
     sum_over_quarters,
+    sums_of_fours,
+    third_quarter,
     trunc,
     vabs,
     vmax,
     vmin,
     vsqrt,
 )
+
+
+@kernel
+def _packed(words, a, out):
+    store(out, 0, bit_fields(load16_int(words, 0), 0, 9, 18, 27, 511))
+    for k in range(4):
+        store(out, 16 + 16 * k, bit_fields(columns(load16_int(words, 0))[k], 0, 0, 0, 0, 255))
+    store(out, 80, power_of_two(load16(a, 0)))
+    store(out, 96, sums_of_fours(load16(a, 0), load16(a, 16), load16(a, 32), load16(a, 48)))
+    store(out, 112, third_quarter(load16(a, 0)))
+
+
+def test_words_are_taken_apart():
+    rng = np.random.default_rng(3)
+    words, out = rng.integers(-(2**31), 2**31, 16, dtype=np.int64).astype(np.int32), np.zeros(128, np.float32)
+    a = rng.integers(-126, 128, 64).astype(np.float32)
+    _packed(words, a, out)
+    unsigned = words.view(np.uint32)
+    want = [(unsigned >> np.repeat([0, 9, 18, 27], 4)) & 511]
+    want += [np.tile(unsigned.reshape(4, 4)[:, k] & 255, 4) for k in range(4)]
+    want += [2.0 ** a[:16].astype(np.float64), a.reshape(4, 4, 4).sum(axis=2).T.ravel(), np.tile(a[8:12], 4)]
+    assert out == pytest.approx(np.concatenate(want))
 
 
 @kernel

@@ -1,7 +1,7 @@
 """Light over links: every bounce is a pass of sums, irradiance = pi / links times the sum of what the links see.
 
 The light along the links of a patch is cosine-distributed, so its mean times pi is the irradiance, and its mean times
-pi times a spherical harmonic is that harmonic of the light times the cosine (see `shade/baked.py`).
+pi times a spherical harmonic is that harmonic of the light times the cosine (see `shade/baked_code.py`).
 """
 
 from __future__ import annotations
@@ -14,19 +14,34 @@ import numpy as np
 from ..jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile
 from ..kernels.records import World
 from ..kernels.vec import BLACK as NO_LIGHT
-from ..kernels.vec import Vec3, add, dot, length, load3_flat, luminance, multiply, scale, sub
+from ..kernels.vec import (
+    Vec3,
+    add,
+    dot,
+    length,
+    load3_flat,
+    luminance,
+    multiply,
+    scale,
+    sub,
+    tangents,
+    turned,
+    turned_matrix,
+)
 from ..shade.choice import meets_lamp
-from ..shade.harmonics import harmonics
+from ..shade.harmonics import band_1, band_2
 from ..shade.rgbe import unpack_rgbe
-from .directions import link_direction
+from .directions import MOMENTS, link_direction
 from .gather import PATCHES, SKY, Patches, normal_of
 
 PER_SOURCE = 4  # float32 of a source: RGB radiance, and one unused, so that it lies in one cache line
 CHUNK = 1024
 FLAT = 1e-3  # cosine: the plane of a patch is not met at a smaller one
-# What is known of a patch besides irradiance: luminance of the harmonics of bands 1 and 2, the share of its links that
-# lead to the sky, and the variance of its irradiance's luminance.
-BANDS, SEES_SKY, VARIANCE, FACTS = 0, 8, 9, 10
+# What is known of a patch besides irradiance: its moments less those of even light, 8 of luminance, 3 of red and 3 of
+# blue; which share of its links leads to the sky; the variance of its irradiance's luminance.
+GRAY, RED, BLUE, SEES_SKY, VARIANCE, FACTS = 0, 8, 11, 14, 15, 16
+# The sums of a patch: the moments of `directions.stratum_moments` of luminance, the first three of red and of blue.
+RED_SUM, BLUE_SUM, SUMS = 9, 12, 15
 
 
 class Links(NamedTuple):
@@ -129,38 +144,70 @@ def reflect(
     return 0
 
 
+@inline
+def _add_moments(light: Vec3, moments: Array, k: int, sums: Array) -> None:
+    """Add light times the moments of part k of a hemisphere. sums : (SUMS,)"""
+    gray, at = luminance(light), k * MOMENTS
+    for b in range(MOMENTS):
+        sums[b] += gray * moments[at + b]
+    for b in range(3):
+        sums[RED_SUM + b] += light[0] * moments[at + b]
+        sums[BLUE_SUM + b] += light[2] * moments[at + b]
+
+
+@inline
+def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int) -> None:
+    """Add the harmonics of sums about a normal, times a factor, to what is known of a patch."""
+    first, second = tangents(normal)
+    frame = first, second, normal
+    gray = band_1(turned(load3_flat(sums, 0), frame))
+    red, blue = band_1(turned(load3_flat(sums, RED_SUM), frame)), band_1(turned(load3_flat(sums, BLUE_SUM), frame))
+    for b in range(3):
+        out[at + GRAY + b] += f32(gray[b] * scaled)
+        out[at + RED + b] += f32(red[b] * scaled)
+        out[at + BLUE + b] += f32(blue[b] * scaled)
+    outer = turned_matrix((sums[3], sums[4], sums[5], sums[6], sums[7], sums[8]), frame)
+    rest = band_2(outer)
+    for b in range(5):
+        out[at + GRAY + 3 + b] += f32(rest[b] * scaled)
+
+
 @kernel
-def add_facts(work: Array, links: Links, patches: Patches, sources: Array, lamps: Array, out: Array) -> int:
-    """Add to what is known of the patches, (patches * FACTS,) float32, what these links tell."""
+def add_facts(
+    work: Array, links: Links, patches: Patches, sources: Array, lamps: Array, moments: Array, out: Array
+) -> int:
+    """Add to what is known of the patches, (patches * FACTS,) float32, what these links tell.
+
+    A link counts as light from all of its part of the hemisphere: so even light has no noise, and no direction is made
+    anew, which took half of the time of all bounces.
+
+    moments : ((links + 1) * MOMENTS,) float64, see `directions.stratum_moments`
+    """
     links, patches = borrow(links), borrow(patches)
-    sources, lamps, out = borrow(sources), borrow(lamps), borrow(out)
-    count = links.parts[0] * links.parts[1]
+    sources, lamps, moments, out = borrow(sources), borrow(lamps), borrow(moments), borrow(out)
+    count, sums = links.parts[0] * links.parts[1], np.zeros(SUMS)
     chunk = next_tile(work)
     while chunk >= 0:
         for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
-            patch = i64(links.rows[m])
-            normal, at = normal_of(patches, patch), FACTS * patch
-            square = before = 0.0
+            total, square, before, sky = NO_LIGHT, 0.0, 0.0, 0
+            sums[:] = 0.0
             for k in range(count):
-                link = i64(links.links[m * count + k])
-                hidden = _is_hidden(links, m, k)
-                light = 0.0 if hidden else luminance(_radiance(links, m * count + k, sources, lamps))
-                first, second = harmonics(link_direction(normal, patch, k, links.parts, links.seed))
-                part = light * math.pi / count * links.share[m]
-                for b in range(3):
-                    out[at + BANDS + b] += f32(first[b] * part)
-                for b in range(5):
-                    out[at + BANDS + 3 + b] += f32(second[b] * part)
-                share = links.share[m] / count
-                out[at + SEES_SKY] += f32(share if SKY <= link < PATCHES else 0.0)
+                seen = NO_LIGHT if _is_hidden(links, m, k) else _radiance(links, m * count + k, sources, lamps)
+                _add_moments(seen, moments, k, sums)
+                total, light = add(total, seen), luminance(seen)
+                sky += 1 if SKY <= links.links[m * count + k] < PATCHES else 0
                 # Neighbouring strata see nearly the same: their differences tell the noise that is left.
                 if k % links.parts[1] > 0:
                     square += (light - before) ** 2
                 before = light
+            _add_moments(scale(total, -1.0 / count), moments, count, sums)
+            patch, share = i64(links.rows[m]), links.share[m] / count
+            _write_moments(sums, normal_of(patches, patch), math.pi * share, out, FACTS * patch)
+            out[FACTS * patch + SEES_SKY] += f32(sky * share)
             pairs = count - links.parts[0]
             if pairs > 0:
                 variance = 0.5 * square / pairs * math.pi**2 / count
-                out[at + VARIANCE] += f32(variance * links.share[m] ** 2)
+                out[FACTS * patch + VARIANCE] += f32(variance * links.share[m] ** 2)
         chunk = next_tile(work)
     return 0
 

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inline
+from ..jit import inline, uncompiled
 from ..kernels.sampling import hash32, on_disc, sample_pair
 from ..kernels.vec import Vec3, add, scale, tangents, unit
 
 SKY_EDGE = 64  # texels a side of the octahedral map of the sky
 SKY_TEXELS = SKY_EDGE * SKY_EDGE
+MOMENTS = 9
+FINE = 4  # samples a side of each part of the hemisphere, in its moments
 
 
 def strata(links: int) -> tuple[int, int]:
@@ -27,6 +30,24 @@ def strata(links: int) -> tuple[int, int]:
     while links % rows:
         rows -= 1
     return rows, links // rows
+
+
+@cache
+def stratum_moments(parts: tuple[int, int]) -> NDArray[np.float64]:
+    """Means of x, y, z, xx, xy, xz, yy, yz, zz over each part of the hemisphere about z; last their sum.
+
+    Returns
+    -------
+    (rows * columns + 1, MOMENTS)
+    """
+    rows, columns = parts
+    u, v = ((np.arange(count * FINE) + 0.5) / (count * FINE) for count in parts)
+    on = cast(Any, uncompiled(on_disc))
+    x, y = np.moveaxis(np.array([[on(a, b) for b in v.tolist()] for a in u.tolist()]), 2, 0)
+    z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
+    moments = np.stack([x, y, z, x * x, x * y, x * z, y * y, y * z, z * z], axis=2)
+    means = moments.reshape(rows, FINE, columns, FINE, MOMENTS).mean(axis=(1, 3)).reshape(-1, MOMENTS)
+    return np.concatenate([means, means.sum(axis=0, keepdims=True)])
 
 
 @inline

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
-from ..kernels.records import BANDS, DIRECT, INDIRECT, INSTANCE, KIND, MODEL, RECORD, SHAPE_ROW
+from ..kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MOMENTS, RECORD, SHAPE_ROW
 from ..model import Model
 from ..scene.world import Snapshot
 from .kept import Kept
@@ -24,9 +24,9 @@ from .keys import Keys, difference, keys_of
 from .planes import Grid
 from .settings import BakeSettings
 
-LAYOUT = [RECORD, INDIRECT, DIRECT, BANDS]
+LAYOUT = [RECORD, INDIRECT, DIRECT, MOMENTS]
 # The version increases when the bits of a record get another meaning.
-FILE = Kind("pointray baked light", 1, LAYOUT, "a file of baked light", "saved by another version of pointray")
+FILE = Kind("pointray baked light", 2, LAYOUT, "a file of baked light", "saved by another version of pointray")
 LARGEST_UNIT = float(np.finfo(np.float32).max) / 2**16  # light then fits into float32
 FARTHEST, LEAST_HALF, MOST_EDGE = 1e30, 1e-9, 1 << 14  # of grids: no place of a plane in one overflows
 
@@ -149,7 +149,7 @@ def _take_grids(found: Arrays, count: int) -> list[Grid]:
     table = take_array(found, "grids", np.float64, (count, 4))
     half, edge = table[:, 2], table[:, 3]
     good = (np.abs(table) <= FARTHEST).all(axis=1) & (half >= LEAST_HALF)  # false for NaN
-    if not (good & (edge >= 1) & (edge <= MOST_EDGE) & (edge == np.floor(edge))).all():
+    if not (good & (edge >= 2) & (edge <= MOST_EDGE) & (edge % 2 == 0)).all():
         raise ValueError("the light is damaged: the grid of a plane is none")
     return [Grid(int(edge), (u, v), half) for u, v, half, edge in table.tolist()]
 

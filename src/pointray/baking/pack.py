@@ -1,31 +1,29 @@
-"""Records of baked light, 16 bytes, see `shade/baked.py`: blended from the light of patches."""
+"""Records of baked light, 16 bytes: irradiance, and the code of `shade/baked_code.py`; blended from patches."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..jit import Array, borrow, f32, i32, inline, kernel, next_tile
-from ..kernels.records import BANDS, DIRECT, INDIRECT, RECORD
-from ..kernels.vec import luminance
-from ..shade.baked import BAND_UNITS
-from ..shade.harmonics import BAND_0
+from ..kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD
+from ..shade.baked_code import COLORS, MOMENTS_OF_GRAY, pack_moments
 from ..shade.rgbe import pack_rgbe, signed
 from .patches import AROUND, BLOCK_SPLATS
 
-PER_PATCH = 14  # numbers that are blended: irradiance (3), that of lights (3), and bands 1 and 2 of the light (8)
+# Numbers of a patch that are blended: irradiance, that of lights, and the moments (`baked_code.pack_moments`).
+LIGHT, LIGHT_OF_LAMPS, MOMENTS_AT, PER_PATCH = 0, 3, 6, 6 + MOMENTS_OF_GRAY + 2 * COLORS
 CHUNK = 4096
 
 
 @inline
-def _word(bands: Array, first: int, base: float) -> int:
-    """Four bands as shares of the band 0, a byte each. bands : PER_PATCH numbers; first : which of the 8"""
-    word = 0
-    for k in range(4):
-        limit = BAND_UNITS[0] if first + k < 3 else BAND_UNITS[1]
-        share = bands[6 + first + k] / base / limit if base > 0.0 else 0.0
-        byte = int(round(min(max(share, -127.0), 127.0)))
-        word |= (byte & 255) << (8 * k)
-    return signed(word)
+def write_record(values: Array, scale: float, out: Array, at: int) -> None:
+    """Write out[at : at + RECORD]. values : PER_PATCH numbers; scale : what light is multiplied by"""
+    light = values[LIGHT] * 1.0, values[LIGHT + 1] * 1.0, values[LIGHT + 2] * 1.0
+    lamps = values[LIGHT_OF_LAMPS] * scale, values[LIGHT_OF_LAMPS + 1] * scale, values[LIGHT_OF_LAMPS + 2] * scale
+    first, second = pack_moments(values, MOMENTS_AT, light)
+    out[at + INDIRECT] = i32(signed(pack_rgbe((light[0] * scale, light[1] * scale, light[2] * scale))))
+    out[at + DIRECT] = i32(signed(pack_rgbe(lamps)))
+    out[at + MOMENTS], out[at + MOMENTS + 1] = i32(signed(first)), i32(signed(second))
 
 
 @inline
@@ -62,11 +60,6 @@ def pack(work: Array, around: Array, weights: Array, values: Array, scale: float
             else:
                 for c in range(PER_PATCH):
                     blended[c] = values[i * PER_PATCH + c]
-            light = blended[0] * scale, blended[1] * scale, blended[2] * scale
-            direct = blended[3] * scale, blended[4] * scale, blended[5] * scale
-            base = luminance((blended[0], blended[1], blended[2])) * BAND_0
-            at = i * RECORD
-            out[at + INDIRECT], out[at + DIRECT] = i32(signed(pack_rgbe(light))), i32(signed(pack_rgbe(direct)))
-            out[at + BANDS], out[at + BANDS + 1] = i32(_word(blended, 0, base)), i32(_word(blended, 4, base))
+            write_record(blended, scale, out, i * RECORD)
         chunk = next_tile(work)
     return 0

@@ -13,7 +13,7 @@ FINE = 4  # samples a side of the colour of a cell
 
 
 class Grid(NamedTuple):
-    """A plane's grid: edge cells a side, the middle (u, v) in the plane's axes, the half width of its even part."""
+    """A plane's grid: edge cells a side, even; middle (u, v) in the plane's axes; half width of its even part."""
 
     edge: int
     middle: tuple[float, float]

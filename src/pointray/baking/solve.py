@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ from ..kernels.records import (
 )
 from ..kernels.vec import LUMINANCE
 from ..shade.harmonics import harmonics
-from .bounces import BANDS, CHUNK, FACTS, PER_SOURCE, add_facts, add_irradiance, reflect
+from .bounces import BLUE, CHUNK, FACTS, PER_SOURCE, RED, SEES_SKY, add_facts, add_irradiance, reflect
+from .directions import stratum_moments
 from .gather import PATCHES, SKY
 from .settings import BakeSettings
 from .sky import Sky
@@ -98,16 +99,28 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
         _gather_light(transport, light, lamps, 1, indirect, threads)
     facts, patches = np.zeros((n, FACTS), np.float32), transport.patches()
     for part in transport.links:
-        run(add_facts, -(-len(part.rows) // CHUNK), part, patches, light, lamps, facts.reshape(-1), threads=threads)
-    bright = sky.irradiances @ np.array(LUMINANCE, np.float32)
-    facts[:, BANDS : BANDS + 8] += cosines @ (bright[:, None] * _harmonics(sky.suns))
+        args = part, patches, light, lamps, stratum_moments(part.parts).reshape(-1), facts.reshape(-1)
+        run(add_facts, -(-len(part.rows) // CHUNK), *args, threads=threads)
+    facts[:, :SEES_SKY] += _moments_of(cosines, sky, _harmonics(transport.normals))
     return Arrived(lights, indirect + suns, facts)
 
 
-def _harmonics(directions: NDArray[np.float64]) -> Floats:
+def _moments_of(cosines: Floats, sky: Sky, even: Floats) -> Floats:
+    """The moments of the bright spots of the sky, see `bounces.FACTS`. even : (n, 8), harmonics of the normals"""
+    out = np.zeros((len(cosines), SEES_SKY), np.float32)
+    even = even * np.repeat(np.array([2 / 3, 1 / 4], np.float32), [3, 5])  # those of even light times the cosine
+    for k, (light, suns) in enumerate(zip(sky.irradiances, _harmonics(sky.suns), strict=True)):
+        more = cosines[:, k, None] * (suns - even)
+        out[:, :RED] += more * float(light @ np.array(LUMINANCE))
+        out[:, RED:BLUE] += more[:, :3] * light[0]
+        out[:, BLUE:] += more[:, :3] * light[2]
+    return out
+
+
+def _harmonics(directions: NDArray[Any]) -> Floats:
     """The spherical harmonics of bands 1 and 2 of unit directions, (n, 8)."""
-    rows = [(*first, *second) for first, second in map(uncompiled(harmonics), directions)]
-    return np.array(rows, np.float32).reshape(-1, 8)
+    first, second = cast(Any, uncompiled(harmonics))(directions.T.astype(np.float32))
+    return np.stack([*first, *second], axis=1)
 
 
 def _gather_light(

@@ -14,8 +14,7 @@ from ..jit import run, uncompiled
 from ..kernels.records import DIRECT, INDIRECT, RECORD
 from ..model import Model
 from ..shade.rgbe import unpack_rgbe
-from .bounces import BANDS as BAND_FACTS
-from .bounces import SEES_SKY
+from .bounces import GRAY, SEES_SKY
 from .pack import CHUNK, pack
 from .patches import AROUND, BLOCK_SPLATS
 from .planes import Grid
@@ -51,12 +50,16 @@ def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint
 
 
 def make_records(side: Side, level: int, arrived: Arrived, unit: float, threads: int | None) -> NDArray[np.int32]:
-    """The records of a side, (n, RECORD): of each slot of its model's level, or of each cell of its plane."""
-    bands = arrived.facts[side.span, BAND_FACTS : BAND_FACTS + 8]
-    values = np.concatenate([arrived.indirect[side.span], arrived.direct[side.span], bands], axis=1)
+    """The records of a side, (n, RECORD): of each slot of its model's level, or of each cell of its plane.
+
+    They are read four at a time: black ones fill the last four.
+    """
+    moments = arrived.facts[side.span, GRAY:SEES_SKY]
+    values = np.concatenate([arrived.indirect[side.span], arrived.direct[side.span], moments], axis=1)
     around, weights, n = blend_of(side, level)
     out = np.zeros((n, RECORD), np.int32)
-    run(pack, -(-n // CHUNK), around, weights, values.reshape(-1), 1.0 / unit, out.reshape(-1), threads=threads)
+    args = around, weights, values.reshape(-1), 1.0 / unit, out[:n].reshape(-1)
+    run(pack, -(-n // CHUNK), *args, threads=threads)
     return out
 
 

@@ -36,7 +36,8 @@ SHARED = (
     *("shade/ambient.py", "shade/attributes.py", "shade/bsdf.py", "shade/catcher.py", "shade/choice.py"),
     *("shade/colormaps.py", "shade/direct.py", "shade/emitters.py", "shade/materials/", "shade/path.py"),
     *("shade/shading_points.py", "shade/sky.py", "shade/specular_rays.py"),
-    *("shade/baked.py", "shade/baked_light.py", "shade/grid.py", "shade/harmonics.py", "shade/rgbe.py"),
+    *("shade/baked.py", "shade/baked_code.py", "shade/baked_light.py", "shade/grid.py", "shade/harmonics.py"),
+    *("shade/baked_sums.py", "shade/lobe_tables.py", "shade/lobes.py", "shade/rgbe.py"),
     *("baking/directions.py", "baking/gather.py", "baking/patches.py", "rendering/integrate.py"),
     *("image/tone.py", "rendering/film.py", "rendering/lens.py", "rendering/settings.py"),
 )

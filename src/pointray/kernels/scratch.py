@@ -15,16 +15,16 @@ below, part by part: each name is where its rows begin in the part's array.
 | CUT | `trace/world.py` | `plane`, `instance` | one `trace_tile` |
 | ASIDE, FOUND_ASIDE | `group` | `group` | while a group of the rays is in one model |
 | stack, stack_near | `traverse`, `tile` | the same | one walk through a model |
-| part | `leaf`; later `hits`, `paint` | `leaf`, `gather`; `hits`, `paint` | one leaf; one `describe_tile` |
-| near, COUNT_NEAR | `gather` | `disc`, `hits`, `paint`, `cast` | one leaf, or four hits |
-| splats, listed, COUNT_SPLATS | `gather` | `surface`, `march`, `leaf` | one leaf |
+| part | `leaf`; later `hits`, `paint`, `baked` | `leaf`, `gather`; the same | one leaf; four hits |
+| near, COUNT_NEAR | `gather`, `baked` | `disc`, `hits`, `paint`, `cast`, `baked` | one leaf, or four hits |
+| splats, listed, COUNT_SPLATS | `gather`, `baked` | `surface`, `march`, `leaf`, `baked` | one leaf, or four hits |
 | offsets | `new_scratch` | `gather` | always |
 | COUNT_NODES, COUNT_LEAVES | `traverse`, `tile` | `integrate` | set to 0 by who asks |
 | SHADING_* | `store_shading_points`, `path`, `catcher` | `shade/` | until the tile's next points |
 | KEY | `film` | `film`, `shade/` | one tile of the picture |
 | RADIANCE, THROUGHPUT, PDF, SHADING_DEPTH | `shade/` | `shade/`, `film` | one sample of the tile |
 | GAIN, SKY_SEEN, NEXT* | `shade/` | `shade/` | one light, look at the sky, or scattering |
-| ARRIVING* | `baked` | `baked` | one look-up of the tile |
+| ARRIVING* | `baked` | `baked_light`, `lobes` | one look-up of the tile |
 | CAUGHT, UNLIT, LIT | `catcher` | `catcher`, `film` | one sample of the tile |
 | waiting, WAITING_COUNT | `specular_rays` | `specular_rays` | one sample of the tile |
 | sums | `film` | `film` | one tile of the picture |
@@ -119,7 +119,8 @@ PDF = _rows()  # with which a path's ray was chosen; 0: no other way finds its d
 NEXT, NEXT_SIDE, NEXT_THROUGHPUT, NEXT_PDF = _rows(3), _rows(), _rows(3), _rows()  # a path's next ray
 UNLIT, LIT = _rows(), _rows()  # of a shadow catcher: light that would arrive, that does
 SKY_SEEN = _rows()  # share of the sky that a surface point sees, by the cosine
-ARRIVING, ARRIVING_DIRECT, ARRIVING_BANDS = _rows(3), _rows(3), _rows(8)  # baked light, see `shade/baked.py`
+# Baked light, see `shade/baked.py`: irradiance; its moments less those of even light, of luminance, of red and blue.
+ARRIVING, ARRIVING_MOMENTS, ARRIVING_COLORS = _rows(3), _rows(8), _rows(6)
 SHADING_SIZE = _rows.size
 COST_ORIGIN, COST_DIRECTION = SHADING_POINT, SHADING_WO  # of rays whose cost is counted one by one
 
@@ -196,7 +197,7 @@ class Scratch(NamedTuple):
 @inline
 def new_scratch(longest: int) -> Scratch:
     """Working memory for models whose longest leaf knows `longest` blocks."""
-    groups = longest // 4 + 1
+    groups = max(longest // 4 + 1, 3)  # `shade/baked.py` stores the weights of 16 blocks
     offsets = np.empty(groups * LANES, np.int32)
     for k in range(offsets.size):
         offsets[k] = k // LANES * GATHERED + k % LANES

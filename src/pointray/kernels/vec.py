@@ -8,6 +8,7 @@ from typing import TypeAlias
 from ..jit import Array, inline
 
 Vec3: TypeAlias = tuple[float, float, float]
+Six: TypeAlias = tuple[float, float, float, float, float, float]  # of a symmetric matrix: xx xy xz yy yz zz
 Matrix3: TypeAlias = tuple[Vec3, Vec3, Vec3]  # rows
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
@@ -104,6 +105,31 @@ def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
     a = -1.0 / (sign + n[2])
     b = n[0] * n[1] * a
     return (1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]), (b, sign + n[1] * n[1] * a, -n[1])
+
+
+@inline
+def turned(v: Vec3, frame: tuple[Vec3, Vec3, Vec3]) -> Vec3:
+    """A vector whose coordinates are along the axes of a frame."""
+    return add(scale(frame[0], v[0]), add(scale(frame[1], v[1]), scale(frame[2], v[2])))
+
+
+@inline
+def _times(m: Six, v: Vec3) -> Vec3:
+    """A symmetric matrix, given as xx xy xz yy yz zz, times a vector."""
+    return (
+        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
+        m[1] * v[0] + m[3] * v[1] + m[4] * v[2],
+        m[2] * v[0] + m[4] * v[1] + m[5] * v[2],
+    )
+
+
+@inline
+def turned_matrix(m: Six, frame: tuple[Vec3, Vec3, Vec3]) -> Six:
+    """A symmetric matrix, xx xy xz yy yz zz, whose coordinates are along the axes of a frame."""
+    a, b, c = frame
+    x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
+    first, second = _times(m, x), _times(m, y)
+    return dot(first, x), dot(first, y), dot(first, z), dot(second, y), dot(second, z), dot(_times(m, z), z)
 
 
 @inline

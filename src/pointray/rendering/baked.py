@@ -14,7 +14,7 @@ from ..shade.sky import sky_radiance
 from ..shade.specular_rays import begin_specular, set_specular_rays, spawn_specular
 from ..simd import Bits
 from ..trace.hits import describe_tile
-from ..trace.world import trace_tile
+from ..trace.world import meets_nothing, trace_tile
 from .film import add_sample
 from .integrate import Pass, render_tiles
 
@@ -33,6 +33,12 @@ def _receive(world: World, job: Pass, first: bool, scratch: Scratch) -> Bits:
 
 
 @inline
+def _sees_nothing(world: World, job: Pass, scratch: Scratch) -> bool:
+    """Whether only the background is behind the tile: it takes 0.6 of the time of the rest."""
+    return meets_nothing(scratch) and not job.sky_shows and world.lamps.lights.size == 0
+
+
+@inline
 def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
     """Direct light, and what is baked."""
     draw = sample if job.draws else -1
@@ -41,11 +47,13 @@ def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratc
     met, first = i64(0), True
     while True:
         trace_tile(world, scratch)
+        if first and _sees_nothing(world, job, scratch):
+            return
         describe_tile(world, True, scratch)
         store_shading_points(scratch)
         found = _receive(world, job, first, scratch)
         spawn_specular(world, job.max_depth, scratch)
-        add_baked(world, draw, scratch)
+        add_baked(world, first, draw, scratch)
         if first:
             met = found
             add_live(world, job.shadows, draw, scratch)

@@ -1,7 +1,7 @@
 """Shading by baked light: direct light is live, with sharp shadows; that of the sky and of surfaces is looked up.
 
-A lobe up to the exponent WIDE is evaluated from what is baked; a narrower one sends one more ray, which reads what is
-baked where it lands. There, as behind mirrors and glass, direct light is looked up too.
+A wide lobe is evaluated from what is baked; a narrower one sends one more ray, which reads what is baked where it
+lands. There, as behind mirrors and glass, direct light is looked up too.
 """
 
 from __future__ import annotations
@@ -9,16 +9,14 @@ from __future__ import annotations
 import math
 
 from ..jit import i64, inline
-from ..kernels.records import LIGHT, LIGHT_KIND, MATERIAL_KIND, PHONG, ShadingPoint, World
+from ..kernels.records import LIGHT, LIGHT_KIND, MATERIAL_KIND, PHONG, World
 from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, sample_pair
 from ..kernels.scratch import (
     ARRIVING,
-    ARRIVING_DIRECT,
     DIRECTION,
     GAIN,
     KEY,
     ORIGIN,
-    SHADING_DEPTH,
     SHADING_INSTANCE,
     SHADING_POINT,
     SHADING_SIDE,
@@ -30,23 +28,33 @@ from ..kernels.scratch import (
 )
 from ..kernels.vec import BLACK, Vec3, add, around, dot, mirrored, multiply, scale
 from ..simd import Bits
-from ..trace.hits import tile_hit
+from ..trace.hits import material_at, tile_hit
 from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from
-from .baked import even_lobe, find_baked, lobe_of_baked
-from .bsdf import emitted, eval_bsdf, lobes_of
+from .baked import find_baked
+from .bsdf import emitted, eval_bsdf, lobe_exponent, lobes_of
 from .choice import nearest_lamp
 from .direct import shade_gains
 from .emitters import from_middle, light_radiance, sample_light
+from .lobes import lobe_of_baked
 from .shading_points import add_radiance, is_shaded, shading_point
 from .specular_rays import send_later
 
-WIDE = 8.0  # exponent up to which a lobe is as wide as what is baked can tell (docs/decisions/baked-light.md)
+# Exponents up to which lobes are as wide as what is baked can tell, to 10% (docs/decisions/baked-light.md): Phong's,
+# and those of facets, which have longer tails.
+WIDE, WIDE_FACETS = 5.0, 3.0
+
+
+@inline
+def _is_wide(kind: float, exponent: float) -> bool:
+    return exponent <= (WIDE if kind == PHONG else WIDE_FACETS)
 
 
 @inline
 def meet_lamps(world: World, scratch: Scratch) -> Bits:
     """Add the light of lamps that the tile's rays meet; what lies behind them is no surface point. Returns the rays."""
     met = i64(0)
+    if world.lamps.lights.size == 0:
+        return met
     for i in range(TILE):
         ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
         light = nearest_lamp(world, ray, hit.t)[1]
@@ -58,21 +66,24 @@ def meet_lamps(world: World, scratch: Scratch) -> Bits:
 
 
 @inline
-def _gloss(scratch: Scratch, i: int, kind: float, point: ShadingPoint, lobe: tuple[Vec3, float]) -> Vec3:
-    """The radiance that a wide lobe about the mirrored direction reflects of baked light."""
-    r = mirrored(point.wo, point.normal)
-    seen = lobe_of_baked(scratch, i, r, lobe[1])
-    if kind != PHONG:  # its weight is the share of even light that is reflected
-        seen = scale(seen, 1.0 / even_lobe(dot(r, point.normal), lobe[1]))
-    return multiply(lobe[0], seen)
+def _shows_lobes(world: World, scratch: Scratch) -> bool:
+    """Whether a surface point of the tile has a wide lobe."""
+    shows = False
+    for i in range(TILE):
+        if is_shaded(scratch, i):
+            material = material_at(world, int(scratch.shading_points[SHADING_INSTANCE + i]))
+            exponent = lobe_exponent(world, material)
+            shows |= exponent >= 0.0 and _is_wide(world.materials[material + MATERIAL_KIND], exponent)
+    return shows
 
 
 @inline
 def _reflect_narrow(
-    scratch: Scratch, i: int, kind: float, point: ShadingPoint, lobe: tuple[Vec3, float], sample: int
+    world: World, i: int, gloss: Vec3, lobe: tuple[float, float], sample: int, scratch: Scratch
 ) -> None:
     """Send a ray into a narrow lobe about the mirrored direction. sample : its number; -1: the lobe's middle"""
-    points, e = scratch.shading_points, lobe[1]
+    points, (kind, e) = scratch.shading_points, lobe
+    point = shading_point(world, scratch, i)[1]
     d = mirrored(point.wo, point.normal)
     if sample >= 0:
         u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
@@ -81,33 +92,36 @@ def _reflect_narrow(
     if cosine <= 0.0:
         return
     share = cosine * (e + 2.0) / (e + 1.0) if kind == PHONG else 1.0
-    weight = multiply(load3(points, THROUGHPUT + i), scale(lobe[0], share))
+    weight = multiply(load3(points, THROUGHPUT + i), scale(gloss, share))
     send_later(scratch, i, d, weight, points[SHADING_SIDE + i])
 
 
 @inline
-def add_baked(world: World, sample: int, scratch: Scratch) -> None:
-    """Add emitted light and baked light at the tile's surface points; send rays into the narrow lobes of the first.
+def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
+    """Add emitted light and baked light at the tile's surface points.
 
+    first : whether these are the camera's first hits, whose narrow lobes send rays, and whose direct light is live;
+        others reflect all light evenly
     sample : the number of the sample; -1: lobes are seen in their middle
     """
-    find_baked(world, scratch)
-    points = scratch.shading_points
+    find_baked(world, not first, first and _shows_lobes(world, scratch), scratch)
     for i in range(TILE):
         if not is_shaded(scratch, i):
             continue
         material, point = shading_point(world, scratch, i)
-        even, gloss, exponent = lobes_of(world, material, point)
-        light, kind = load3(points, ARRIVING + i), world.materials[material + MATERIAL_KIND]
-        if points[SHADING_DEPTH + i] > 0.0:  # as if all were reflected evenly
+        even, gloss = lobes_of(world, material, point)
+        if not first:
             even, gloss = add(even, gloss), BLACK
-            light = add(light, load3(points, ARRIVING_DIRECT + i))
-        add_radiance(scratch, i, add(emitted(world, material), scale(multiply(even, light), 1.0 / math.pi)))
+        arriving = load3(scratch.shading_points, ARRIVING + i)
+        light = add(emitted(world, material), scale(multiply(even, arriving), 1.0 / math.pi))
         if gloss[0] + gloss[1] + gloss[2] > 0.0:
-            if exponent <= WIDE:
-                add_radiance(scratch, i, _gloss(scratch, i, kind, point, (gloss, exponent)))
+            lobe = world.materials[material + MATERIAL_KIND], lobe_exponent(world, material)
+            if _is_wide(lobe[0], lobe[1]):
+                r = mirrored(point.wo, point.normal)
+                light = add(light, multiply(gloss, lobe_of_baked(scratch, i, lobe, point.normal, r)))
             else:
-                _reflect_narrow(scratch, i, kind, point, (gloss, exponent), sample)
+                _reflect_narrow(world, i, gloss, lobe, sample, scratch)
+        add_radiance(scratch, i, light)
 
 
 @inline

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from ..jit import inline
 from ..kernels.records import (
+    ALPHA,
     BASE_COLOR,
     DIELECTRIC,
     EMISSIVE,
     EMITTED,
+    EXPONENT,
     MATERIAL_KIND,
     MIRROR,
     OWN_COLOR,
@@ -26,7 +28,7 @@ from ..kernels.records import (
 from ..kernels.vec import BLACK, Vec3, dot, load3_flat, scale
 from .materials.diffuse import eval_diffuse, sample_diffuse
 from .materials.phong import eval_phong, lobes_of_phong, sample_phong
-from .materials.principled import eval_principled, lobes_of_principled, sample_principled
+from .materials.principled import eval_principled, exponent_of_facets, lobes_of_principled, sample_principled
 from .materials.specular import sample_specular
 
 LEAST_PDF = 1e-200  # below it a quotient by the pdf may overflow
@@ -65,19 +67,28 @@ def ambient(world: World, material: int, point: ShadingPoint) -> Vec3:
 
 
 @inline
-def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
-    """A material as an even lobe and a lobe about the mirrored direction: (weight, weight, exponent of the latter).
+def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
+    """The weights of a material as an even lobe, and a lobe about the mirrored direction; see `lobe_exponent`.
 
-    Each weight is the share of even light that the lobe reflects; black for specular materials.
+    Each is the share of even light that the lobe reflects; black for specular materials.
     """
     if is_specular(world, material):
-        return BLACK, BLACK, 0.0
+        return BLACK, BLACK
     kind = world.materials[material + MATERIAL_KIND]
     if kind == PHONG:
         return lobes_of_phong(world, material, point)
     if kind == PRINCIPLED:
         return lobes_of_principled(world, material, point)
-    return point.color, BLACK, 0.0
+    return point.color, BLACK
+
+
+@inline
+def lobe_exponent(world: World, material: int) -> float:
+    """The exponent of a material's lobe about the mirrored direction; -1.0: it has none."""
+    kind = world.materials[material + MATERIAL_KIND]
+    if kind == PHONG:
+        return world.materials[material + EXPONENT] if world.materials[material + SPECULAR] > 0.0 else -1.0
+    return exponent_of_facets(world.materials[material + ALPHA]) if kind == PRINCIPLED else -1.0
 
 
 @inline

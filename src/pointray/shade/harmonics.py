@@ -1,24 +1,57 @@
-"""Real spherical harmonics of the bands 1 and 2, and what a lobe about a direction keeps of them."""
+"""Real spherical harmonics of the bands 1 and 2, as a vector and a matrix too."""
 
 from __future__ import annotations
 
 from ..jit import inline
-from ..kernels.vec import Vec3
+from ..kernels.vec import Six, Vec3
 
 BAND_0 = 0.28209479177387814  # sqrt(1 / (4 pi))
+BAND_1 = 0.4886025119029199  # sqrt(3 / (4 pi)), the largest value
+BAND_2 = 0.31539156525252005  # sqrt(5 / (16 pi)), half of the largest value
+BAND_2_CROSS = 0.5462742152960396  # sqrt(15 / (16 pi))
 
 Five = tuple[float, float, float, float, float]
+
+
+@inline
+def band_1(v: Vec3) -> Vec3:
+    """Band 1 of a unit direction; or of light, given the sum of light times direction."""
+    return BAND_1 * v[1], BAND_1 * v[2], BAND_1 * v[0]
+
+
+@inline
+def band_2(outer: Six) -> Five:
+    """Band 2 of a unit direction d, given d d^T; or of light, given the sum of light times that."""
+    xx, xy, xz, yy, yz, zz = outer
+    return (
+        2.0 * BAND_2_CROSS * xy,
+        2.0 * BAND_2_CROSS * yz,
+        BAND_2 * (2.0 * zz - xx - yy),
+        2.0 * BAND_2_CROSS * xz,
+        BAND_2_CROSS * (xx - yy),
+    )
 
 
 @inline
 def harmonics(d: Vec3) -> tuple[Vec3, Five]:
     """(band 1, band 2) of a unit direction, orthonormal."""
     x, y, z = d
-    first = 0.4886025119029199 * y, 0.4886025119029199 * z, 0.4886025119029199 * x
-    return first, (
-        1.0925484305920792 * x * y,
-        1.0925484305920792 * y * z,
-        0.31539156525252005 * (3.0 * z * z - 1.0),
-        1.0925484305920792 * x * z,
-        0.5462742152960396 * (x * x - y * y),
+    return band_1(d), band_2((x * x, x * y, x * z, y * y, y * z, z * z))
+
+
+@inline
+def as_vector(first: Vec3) -> Vec3:
+    """The vector v whose v.d is band 1 summed up at d, over BAND_1."""
+    return first[2], first[0], first[1]
+
+
+@inline
+def times_matrix(second: Five, d: Vec3) -> Vec3:
+    """D d, of the symmetric matrix D whose d.D d is band 2 summed up at a unit d."""
+    x, y, z = d
+    even = BAND_2 * second[2]
+    return (
+        BAND_2_CROSS * (second[0] * y + second[3] * z + second[4] * x) - even * x,
+        BAND_2_CROSS * (second[0] * x + second[1] * z - second[4] * y) - even * y,
+        BAND_2_CROSS * (second[1] * y + second[3] * x) + 2.0 * even * z,
     )

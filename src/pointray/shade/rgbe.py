@@ -11,6 +11,7 @@ import numpy as np
 
 from ..jit import f32, i64, inline
 from ..kernels.vec import Vec3
+from ..simd import F16, I16, bit_fields, last_quarter, power_of_two
 
 LARGEST = 65408.0  # 511 / 512 * 2^16
 BIAS, MANTISSA = 15, 9
@@ -39,6 +40,13 @@ def unpack_rgbe(word: int) -> Vec3:
     """The colour, float32, that `pack_rgbe` has packed; the word may be signed."""
     step = STEPS[(word >> 27) & 31]
     return f32(word & 511) * step, f32((word >> 9) & 511) * step, f32((word >> 18) & 511) * step
+
+
+@inline
+def unpack_four(words: I16) -> F16:
+    """The colours of four words, which stand in all quarters: red, green and blue a quarter each, and one unused."""
+    fields = bit_fields(words, 0, MANTISSA, 2 * MANTISSA, 27, 511)
+    return fields * power_of_two(last_quarter(fields) - f32(BIAS + MANTISSA))
 
 
 @inline

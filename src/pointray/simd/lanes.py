@@ -8,7 +8,7 @@ import llvmlite.ir as ir
 from numba.core import cgutils, types
 
 from ..jit import intrinsic
-from .vector import F4, F8, F16, FLAGS, INT, Vector, broadcast, shuffle
+from .vector import F4, F8, F16, FLAGS, I16, INT, Vector, broadcast, shuffle
 
 
 def _maker(vector: Vector, doc: str) -> Any:
@@ -102,6 +102,32 @@ def trunc(typingctx: Any, a: Any) -> Any:
         return builder.sitofp(builder.fptosi(args[0], ir.VectorType(INT, vector.lanes)), vector.llvm)
 
     return a(a), codegen
+
+
+@intrinsic
+def bit_fields(typingctx: Any, words: Any, a: Any, b: Any, c: Any, d: Any, mask: Any) -> Any:
+    """Bits of int32 lanes as float32: (word >> a) & mask in the first quarter, >> b in the second, and so on."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        four = ir.Constant(ir.VectorType(INT, 4), ir.Undefined)
+        for lane, value in enumerate(args[1:5]):
+            four = builder.insert_element(four, value, INT(lane))
+        shifts = shuffle(builder, four, four, [lane // 4 for lane in range(16)])
+        field = builder.and_(builder.lshr(args[0], shifts), broadcast(builder, args[5], I16))
+        return builder.sitofp(field, F16.llvm)
+
+    return F16(I16, *[types.int32] * 5), codegen
+
+
+@intrinsic
+def power_of_two(typingctx: Any, exponents: Any) -> Any:
+    """2 to the power of each lane, a whole number from -126 to 127."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        biased = builder.add(builder.fptosi(args[0], I16.llvm), broadcast(builder, INT(127), I16))
+        return builder.bitcast(builder.shl(biased, broadcast(builder, INT(23), I16)), F16.llvm)
+
+    return F16(F16), codegen
 
 
 @intrinsic
@@ -229,6 +255,7 @@ def _picker(quarter: int, doc: str) -> Any:
 
 
 first_quarter = _picker(0, "The first quarter in all four.")
+third_quarter = _picker(2, "The third quarter in all four.")
 last_quarter = _picker(3, "The last quarter in all four.")
 
 
@@ -250,3 +277,29 @@ def shift_quarter(typingctx: Any, before: Any, vector: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(12, 28)))
 
     return F16(F16, F16), codegen
+
+
+@intrinsic
+def columns(typingctx: Any, vector: Any) -> Any:
+    """Four vectors: lanes 0, 4, 8 and 12 in every quarter, then lanes 1, 5, 9 and 13, and so on."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        parts = [shuffle(builder, args[0], args[0], [lane % 4 * 4 + k for lane in range(16)]) for k in range(4)]
+        return context.make_tuple(builder, sig.return_type, parts)
+
+    return types.UniTuple(vector, 4)(vector), codegen
+
+
+@intrinsic
+def sums_of_fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """In each quarter four sums: of this quarter's lanes of a, of b, of c and of d."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        def pairs(x: Any, y: Any) -> Any:
+            even = [lane // 4 * 4 + lane % 2 * 2 + lane % 4 // 2 * 16 for lane in range(16)]
+            odd = [k + 1 for k in even]
+            return builder.fadd(shuffle(builder, x, y, even), shuffle(builder, x, y, odd), flags=FLAGS)
+
+        return pairs(pairs(args[0], args[1]), pairs(args[2], args[3]))
+
+    return F16(F16, F16, F16, F16), codegen

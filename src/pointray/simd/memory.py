@@ -9,7 +9,7 @@ from numba.core import cgutils, types
 
 from ..jit import CHECK, cpu_features, inline, intrinsic
 from .lanes import bits, count_bits, count_trailing_zeros, lane
-from .vector import F4, F8, F16, INT, Vector, broadcast, shuffle
+from .vector import F4, F8, F16, I16, INT, Vector, broadcast, shuffle
 
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Vector) -> Any:
@@ -48,8 +48,8 @@ PACKS = "+avx512f" in cpu_features()  # one instruction packs lanes; other proce
 
 load8 = _loader(F8, "Lanes 0..7: array[index + lane] of a flat float32 array.")
 load16 = _loader(F16, "Lanes 0..15: array[index + lane] of a flat float32 array.")
+load16_int = _loader(I16, "Lanes 0..15: array[index + lane] of a flat int32 array.")
 _load4 = _loader(F4, "Lanes 0..3: array[index + lane] of a flat float32 array.")
-_load_int16 = _loader(Vector("int", 16), "Lanes 0..15: array[index + lane] of a flat int32 array.")
 
 
 @intrinsic
@@ -191,7 +191,7 @@ def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
         _check(target, start, 16)
     if PACKS:
         # All 16 lanes are stored: a compressing store is slow on some processors.
-        _store(target, start, _compress(mask, _load_int16(source, index)))
+        _store(target, start, _compress(mask, load16_int(source, index)))
         return count_bits(bits(mask))
     left, n = bits(mask), 0
     while left != 0:

@@ -104,6 +104,7 @@ _binary(operator.or_, ("mask",), lambda builder, kind, a, b: builder.or_(a, b))
 _binary(operator.xor, ("mask",), lambda builder, kind, a, b: builder.xor(a, b))
 
 F4, F8, F16 = Vector("float", 4), Vector("float", 8), Vector("float", 16)
+I16 = Vector("int", 16)
 
 Mask, Real, Bits = Vector("mask", 16), Any, int  # names of annotations, see `__init__.pyi`
 ZERO, ONE, INF = np.float32(0.0), np.float32(1.0), np.float32(np.inf)

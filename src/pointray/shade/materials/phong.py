@@ -85,8 +85,7 @@ def sample_phong(world: World, material: int, point: ShadingPoint, which: float,
 
 
 @inline
-def lobes_of_phong(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
-    """(what is reflected evenly, what the highlight reflects, its exponent), see `bsdf.lobes_of`."""
+def lobes_of_phong(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
+    """(what is reflected evenly, what the highlight reflects), see `bsdf.lobes_of`."""
     specular = world.materials[material + SPECULAR]
-    gloss = specular, specular, specular
-    return scale(point.color, 1.0 - specular), gloss, world.materials[material + EXPONENT]
+    return scale(point.color, 1.0 - specular), (specular, specular, specular)

@@ -17,6 +17,7 @@ from ...arguments import check_range
 from ...jit import inline
 from ...kernels.records import ALPHA, COAT, METALLIC, PRINCIPLED, ShadingPoint, World
 from ...kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
+from ..lobe_tables import COLUMNS, FACET_SHARES, ROWS
 from .base import Color, Material, record_of
 from .diffuse import sample_diffuse
 
@@ -161,16 +162,32 @@ def sample_principled(world: World, material: int, point: ShadingPoint, which: f
 
 
 @inline
-def lobes_of_principled(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
-    """(what is reflected evenly, what the facets reflect of even light, their exponent), see `bsdf.lobes_of`.
+def _share_reflected(alpha: float, cosine: float) -> float:
+    """The share of even light that facets without Fresnel's loss reflect to an eye: the rest meets several of them."""
+    x, y = cosine * (COLUMNS - 1), alpha * (ROWS - 1)
+    column, row = min(int(x), COLUMNS - 2), min(int(y), ROWS - 2)
+    at, right, below = row * COLUMNS + column, x - column, y - row
+    upper = FACET_SHARES[at] * (1.0 - right) + FACET_SHARES[at + 1] * right
+    return (
+        upper * (1.0 - below)
+        + (FACET_SHARES[at + COLUMNS] * (1.0 - right) + FACET_SHARES[at + COLUMNS + 1] * right) * below
+    )
 
-    The exponent is that of a lobe about the mirrored direction as wide as the facets' at normal incidence: a quarter of
-    the exponent 2 / alpha^2 - 2 of their normals (Walter et al. 2007).
-    """
+
+@inline
+def lobes_of_principled(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
+    """(what is reflected evenly, what the facets reflect of even light), see `bsdf.lobes_of`."""
     metallic, cos_o = world.materials[material + METALLIC], max(dot(point.normal, point.wo), 0.0)
     through = _let_in(load3_flat(world.materials, material + COAT), cos_o)
-    plain = (1.0 - metallic) * (1.0 - through)
-    gloss = add((plain, plain, plain), scale(_schlick(point.color, cos_o), metallic))
-    alpha = world.materials[material + ALPHA]
-    exponent = 0.25 * max(2.0 / (alpha * alpha) - 2.0, 0.0)
-    return scale(point.color, (1.0 - metallic) * through), gloss, exponent
+    plain, share = (1.0 - metallic) * (1.0 - through), _share_reflected(world.materials[material + ALPHA], cos_o)
+    gloss = add((plain, plain, plain), scale(_schlick(point.color, cos_o), metallic * share))
+    return scale(point.color, (1.0 - metallic) * through), gloss
+
+
+@inline
+def exponent_of_facets(alpha: float) -> float:
+    """The exponent of a lobe about the mirrored direction as wide as that of the facets at normal incidence.
+
+    It is a quarter of the exponent 2 / alpha^2 - 2 of their normals (Walter et al. 2007).
+    """
+    return 0.25 * max(2.0 / (alpha * alpha) - 2.0, 0.0)

@@ -1,0 +1,116 @@
+"""Baked light blended from records, at four points at once, and kept where shading reads it.
+
+A record keeps irradiance, that without lights and that of lights (`rgbe.py`), and the moments of the former
+(`baked_code.py`). Records are read four at a time: those of a block of splats, or of four cells of a plane in a row.
+`Scratch.near` lists such fours. Lane 4 r + j of their weights, 16 numbers each in `Scratch.splats`, is that of record j
+at point r. The sums are in `Scratch.part`: of the weights at point r in SUM_WEIGHTS + 4 r, others as `_store` does it.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from ..jit import Array, f32, f64, i64, inline
+from ..kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD
+from ..kernels.scratch import (
+    ARRIVING,
+    ARRIVING_COLORS,
+    ARRIVING_MOMENTS,
+    COUNT_NEAR,
+    LANES,
+    TILE,
+    Scratch,
+    store3,
+)
+from ..kernels.vec import add, scale
+from ..simd import F16, ZERO, broadcast16, columns, load16_int, repeat4, store, sums_of_fours
+from .baked_code import COLORS, MOMENTS_OF_GRAY, REACH_1, REACH_2, REACH_COLOR, unpack_moments
+from .rgbe import unpack_four
+
+Sums: TypeAlias = tuple[F16, F16, F16, F16]  # of four points
+FOUR = 4 * RECORD  # numbers of four records
+# Where sums begin: of four vectors of moments, of irradiance, of that of lights, and of the weights.
+SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * LANES, 5 * LANES, 6 * LANES
+
+
+@inline
+def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> None:
+    """List a record, number k of four records, for point r, where it has this share of the light."""
+    count = scratch.counts[COUNT_NEAR]
+    scratch.near[count] = four
+    store(scratch.splats, count * LANES, broadcast16(ZERO))
+    scratch.splats[count * LANES + 4 * r + k] = f32(share)
+    scratch.counts[COUNT_NEAR] = count + 1
+
+
+@inline
+def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
+    """Add a value of four records, times their weights at each of four points."""
+    return (
+        sums[0] + value * repeat4(weights, at),
+        sums[1] + value * repeat4(weights, at + 4),
+        sums[2] + value * repeat4(weights, at + 8),
+        sums[3] + value * repeat4(weights, at + 12),
+    )
+
+
+@inline
+def _store(to: int, sums: Sums, scratch: Scratch) -> None:
+    """Store what four records and their weights sum up to: number q at point r to `Scratch.part`[to + 4 q + r]."""
+    store(scratch.part, to, sums_of_fours(sums[0], sums[1], sums[2], sums[3]))
+
+
+@inline
+def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
+    """Sum irradiance, RGB, over the listed records, times weights. column : INDIRECT or DIRECT; to : see `_store`"""
+    zero = broadcast16(ZERO)
+    sums = zero, zero, zero, zero
+    for k in range(scratch.counts[COUNT_NEAR]):
+        words = columns(load16_int(records, i64(scratch.near[k]) * FOUR))
+        light = unpack_four(words[INDIRECT] if column == INDIRECT else words[DIRECT])
+        sums = _add(sums, light, scratch.splats, k * LANES)
+    _store(to, sums, scratch)
+
+
+@inline
+def sum_moments(records: Array, scratch: Scratch) -> None:
+    """Sum irradiance without that of lights, and the moments as `unpack_moments` has them: SUM_LIGHT, SUM_MOMENTS."""
+    zero = broadcast16(ZERO)
+    sums = a = b = c = d = (zero, zero, zero, zero)
+    for k in range(scratch.counts[COUNT_NEAR]):
+        words, at = columns(load16_int(records, i64(scratch.near[k]) * FOUR)), k * LANES
+        light = unpack_four(words[INDIRECT])
+        values = unpack_moments(light, words[MOMENTS], words[MOMENTS + 1])
+        sums = _add(sums, light, scratch.splats, at)
+        a, b = _add(a, values[0], scratch.splats, at), _add(b, values[1], scratch.splats, at)
+        c, d = _add(c, values[2], scratch.splats, at), _add(d, values[3], scratch.splats, at)
+    _store(SUM_LIGHT, sums, scratch)
+    _store(SUM_MOMENTS, a, scratch)
+    _store(SUM_MOMENTS + LANES, b, scratch)
+    _store(SUM_MOMENTS + 2 * LANES, c, scratch)
+    _store(SUM_MOMENTS + 3 * LANES, d, scratch)
+
+
+@inline
+def keep_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scratch) -> None:
+    """Keep the irradiance at surface point i, from the sums of point r. unit_of : see `records.BAKED_UNIT`"""
+    part = scratch.part
+    share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])
+    light = f64(part[SUM_LIGHT + r]), f64(part[SUM_LIGHT + 4 + r]), f64(part[SUM_LIGHT + 8 + r])
+    if also_direct:
+        direct = f64(part[SUM_DIRECT + r]), f64(part[SUM_DIRECT + 4 + r]), f64(part[SUM_DIRECT + 8 + r])
+        light = add(light, direct)
+    store3(scratch.shading_points, ARRIVING + i, scale(light, share))
+
+
+@inline
+def keep_moments(i: int, r: int, unit_of: float, scratch: Scratch) -> None:
+    """Keep the moments at surface point i, from the sums of point r."""
+    part, points, at = scratch.part, scratch.shading_points, SUM_MOMENTS + r
+    share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])
+    for k in range(MOMENTS_OF_GRAY):
+        points[ARRIVING_MOMENTS + k * TILE + i] = f64(part[at + 4 * k]) * share * (REACH_1 if k < 3 else REACH_2)
+    for c in range(2):
+        for k in range(COLORS):
+            value = f64(part[at + (2 + c) * LANES + 4 * k]) * share * REACH_COLOR
+            points[ARRIVING_COLORS + (COLORS * c + k) * TILE + i] = value

@@ -1,0 +1,71 @@
+"""What a wide lobe about the mirrored direction reflects of baked light, by the table of `lobe_tables.py`."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from ..jit import f32, inline
+from ..kernels.records import PHONG
+from ..kernels.scratch import ARRIVING, ARRIVING_COLORS, ARRIVING_MOMENTS, TILE, Scratch, load3
+from ..kernels.vec import BLACK, LUMINANCE, Vec3, add, dot, luminance, scale
+from ..simd import F8, lane, load8
+from .harmonics import Five, as_vector, times_matrix
+from .lobe_tables import COLUMNS, FACETS, HALFWAY, LAST, LOBES, NUMBERS, PHONG_LOBES, ROWS
+
+Lobe: TypeAlias = tuple[float, float]  # kind of its material, exponent
+
+
+@inline
+def lobe_numbers(lobe: Lobe, cosine: float) -> F8:
+    """The numbers of a lobe, as `lobe_tables.py` has them. cosine : between normal and mirrored direction"""
+    x = min(max(cosine, 0.0), 1.0) * (COLUMNS - 1)
+    y = min(lobe[1] / (lobe[1] + HALFWAY) * ((ROWS - 1) / LAST), ROWS - 1.0)
+    column, row = min(int(x), COLUMNS - 2), min(int(y), ROWS - 2)
+    right, below = f32(x - column), f32(y - row)
+    at = (((PHONG_LOBES if lobe[0] == PHONG else FACETS) * ROWS + row) * COLUMNS + column) * NUMBERS
+    upper, lower = load8(LOBES, at), load8(LOBES, at + COLUMNS * NUMBERS)
+    upper = upper + (load8(LOBES, at + NUMBERS) - upper) * right
+    lower = lower + (load8(LOBES, at + (COLUMNS + 1) * NUMBERS) - lower) * right
+    return upper + (lower - upper) * below
+
+
+@inline
+def _moments(scratch: Scratch, i: int) -> tuple[Vec3, Five]:
+    """By how much the moments of luminance at surface point i differ from those of even light: bands 1 and 2."""
+    points, at = scratch.shading_points, ARRIVING_MOMENTS + i
+    second = at + 3 * TILE
+    return load3(points, at), (
+        points[second],
+        points[second + TILE],
+        points[second + 2 * TILE],
+        points[second + 3 * TILE],
+        points[second + 4 * TILE],
+    )
+
+
+@inline
+def lobe_of_baked(scratch: Scratch, i: int, lobe: Lobe, normal: Vec3, r: Vec3) -> Vec3:
+    """The radiance that a lobe of weight 1 about r, a unit vector, reflects of the light that arrives at point i.
+
+    Phong's lobe is (exponent + 2) / (2 pi) max(0, w.r)^exponent; that of facets reflects all even light.
+    """
+    light = load3(scratch.shading_points, ARRIVING + i)
+    gray = luminance(light)
+    if gray <= 0.0:
+        return BLACK
+    numbers = lobe_numbers(lobe, dot(normal, r))
+    first, second = _moments(scratch, i)
+    along = add(scale(normal, lane(numbers, 1)), scale(r, lane(numbers, 2)))
+    cross = add(scale(normal, lane(numbers, 3)), scale(r, lane(numbers, 4)))
+    more = dot(as_vector(first), along) + dot(times_matrix(second, normal), cross)
+    more += lane(numbers, 5) * dot(times_matrix(second, r), r)
+    share = lane(numbers, 0) + more / gray
+    along = add(scale(normal, lane(numbers, 6)), scale(r, lane(numbers, 7)))
+    red = dot(as_vector(load3(scratch.shading_points, ARRIVING_COLORS + i)), along)
+    blue = dot(as_vector(load3(scratch.shading_points, ARRIVING_COLORS + 3 * TILE + i)), along)
+    green = -(LUMINANCE[0] * red + LUMINANCE[2] * blue) / LUMINANCE[1]
+    return (
+        max(light[0] * share + red, 0.0),
+        max(light[1] * share + green, 0.0),
+        max(light[2] * share + blue, 0.0),
+    )
