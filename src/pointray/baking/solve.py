@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import run, uncompiled
+from ..jit import run
 from ..kernels.records import (
     DISK_LIGHT,
     LIGHT,
@@ -18,7 +18,7 @@ from ..kernels.records import (
     World,
 )
 from ..kernels.vec import LUMINANCE
-from ..shade.harmonics import harmonics
+from ..shade.environment import harmonics
 from .bounces import BLUE, CHUNK, FACTS, PER_SOURCE, RED, SEES_SKY, add_facts, add_irradiance, reflect
 from .directions import stratum_moments
 from .gather import PATCHES, SKY
@@ -101,7 +101,7 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
     for part in transport.links:
         args = part, patches, light, lamps, stratum_moments(part.parts).reshape(-1), facts.reshape(-1)
         run(add_facts, -(-len(part.rows) // CHUNK), *args, threads=threads)
-    facts[:, :SEES_SKY] += _moments_of(cosines, sky, _harmonics(transport.normals))
+    facts[:, :SEES_SKY] += _moments_of(cosines, sky, _bands(transport.normals))
     return Arrived(lights, indirect + suns, facts)
 
 
@@ -109,7 +109,7 @@ def _moments_of(cosines: Floats, sky: Sky, even: Floats) -> Floats:
     """The moments of the bright spots of the sky, see `bounces.FACTS`. even : (n, 8), harmonics of the normals"""
     out = np.zeros((len(cosines), SEES_SKY), np.float32)
     even = even * np.repeat(np.array([2 / 3, 1 / 4], np.float32), [3, 5])  # those of even light times the cosine
-    for k, (light, suns) in enumerate(zip(sky.irradiances, _harmonics(sky.suns), strict=True)):
+    for k, (light, suns) in enumerate(zip(sky.irradiances, _bands(sky.suns), strict=True)):
         more = cosines[:, k, None] * (suns - even)
         out[:, :RED] += more * float(light @ np.array(LUMINANCE))
         out[:, RED:BLUE] += more[:, :3] * light[0]
@@ -117,10 +117,9 @@ def _moments_of(cosines: Floats, sky: Sky, even: Floats) -> Floats:
     return out
 
 
-def _harmonics(directions: NDArray[Any]) -> Floats:
+def _bands(directions: NDArray[Any]) -> Floats:
     """The spherical harmonics of bands 1 and 2 of unit directions, (n, 8)."""
-    first, second = cast(Any, uncompiled(harmonics))(directions.T.astype(np.float32))
-    return np.stack([*first, *second], axis=1)
+    return np.asarray(harmonics(directions.astype(np.float32))[1:].T)
 
 
 def _gather_light(
