@@ -31,7 +31,7 @@ from ..kernels.vec import (
 from ..shade.choice import meets_lamp
 from ..shade.harmonics import band_1, band_2
 from ..shade.rgbe import unpack_rgbe
-from .directions import MOMENTS, link_direction
+from .directions import MOMENTS, link_cell, link_direction
 from .gather import PATCHES, SKY, Patches, normal_of
 
 PER_SOURCE = 4  # float32 of a source: RGB radiance, and one unused, so that it lies in one cache line
@@ -40,7 +40,7 @@ FLAT = 1e-3  # cosine: the plane of a patch is not met at a smaller one
 # What is known of a patch besides irradiance: its moments less those of even light, 8 of luminance, 3 of red and 3 of
 # blue; which share of its links leads to the sky; the variance of its irradiance's luminance.
 GRAY, RED, BLUE, SEES_SKY, VARIANCE, FACTS = 0, 8, 11, 14, 15, 16
-# The sums of a patch: the moments of `directions.stratum_moments` of luminance, the first three of red and of blue.
+# The sums of a patch: the moments of `directions.cell_moments` of luminance, the first three of red and of blue.
 RED_SUM, BLUE_SUM, SUMS = 9, 12, 15
 
 
@@ -145,9 +145,9 @@ def reflect(
 
 
 @inline
-def _add_moments(light: Vec3, moments: Array, k: int, sums: Array) -> None:
-    """Add light times the moments of part k of a hemisphere. sums : (SUMS,)"""
-    gray, at = luminance(light), k * MOMENTS
+def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
+    """Add light times the MOMENTS numbers at a place. sums : (SUMS,)"""
+    gray = luminance(light)
     for b in range(MOMENTS):
         sums[b] += gray * moments[at + b]
     for b in range(3):
@@ -178,30 +178,34 @@ def add_facts(
 ) -> int:
     """Add to what is known of the patches, (patches * FACTS,) float32, what these links tell.
 
-    A link counts as light from all of its part of the hemisphere: so even light has no noise, and no direction is made
-    anew, which took half of the time of all bounces.
+    The moments of even light are those that the links would see of it: so even light has no noise. They are summed up
+    about the normal, from a table: to make each direction anew took half of the time of all bounces.
 
-    moments : ((links + 1) * MOMENTS,) float64, see `directions.stratum_moments`
+    moments : flat float64, see `directions.cell_moments`
     """
     links, patches = borrow(links), borrow(patches)
     sources, lamps, moments, out = borrow(sources), borrow(lamps), borrow(moments), borrow(out)
-    count, sums = links.parts[0] * links.parts[1], np.zeros(SUMS)
+    count, sums, even = links.parts[0] * links.parts[1], np.zeros(SUMS), np.zeros(MOMENTS)
     chunk = next_tile(work)
     while chunk >= 0:
         for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
+            patch, share = i64(links.rows[m]), links.share[m] / count
             total, square, before, sky = NO_LIGHT, 0.0, 0.0, 0
             sums[:] = 0.0
+            even[:] = 0.0
             for k in range(count):
                 seen = NO_LIGHT if _is_hidden(links, m, k) else _radiance(links, m * count + k, sources, lamps)
-                _add_moments(seen, moments, k, sums)
+                cell = MOMENTS * link_cell(patch, k, links.seed)
+                _add_moments(seen, moments, cell, sums)
+                for b in range(MOMENTS):
+                    even[b] += moments[cell + b]
                 total, light = add(total, seen), luminance(seen)
                 sky += 1 if SKY <= links.links[m * count + k] < PATCHES else 0
                 # Neighbouring strata see nearly the same: their differences tell the noise that is left.
                 if k % links.parts[1] > 0:
                     square += (light - before) ** 2
                 before = light
-            _add_moments(scale(total, -1.0 / count), moments, count, sums)
-            patch, share = i64(links.rows[m]), links.share[m] / count
+            _add_moments(scale(total, -1.0 / count), even, 0, sums)
             _write_moments(sums, normal_of(patches, patch), math.pi * share, out, FACTS * patch)
             out[FACTS * patch + SEES_SKY] += f32(sky * share)
             pairs = count - links.parts[0]

@@ -1,8 +1,8 @@
 """The directions in which patches look for light, and the texels of the sky that links lead to.
 
 A patch's directions are stratified: its hemisphere is cut into parts of equal flux, and each link takes one of them.
-Within a part the patches in order take the points of Sobol's sequence: the links of neighbours, which smoothing
-averages, complement each other. No direction is kept: it follows from the numbers of patch and link.
+Within a part the patches in order take the points of an additive sequence (Roberts 2018: R2): the links of neighbours,
+which smoothing averages, complement each other. No direction is kept: it follows from the numbers of patch and link.
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import inline, uncompiled
-from ..kernels.sampling import hash32, on_disc, sample_pair
+from ..kernels.sampling import hash32, on_disc
 from ..kernels.vec import Vec3, add, scale, tangents, unit
 
 SKY_EDGE = 64  # texels a side of the octahedral map of the sky
 SKY_TEXELS = SKY_EDGE * SKY_EDGE
-MOMENTS = 9
-FINE = 4  # samples a side of each part of the hemisphere, in its moments
+CELLS, MOMENTS = 4, 9  # cells a side of a part of the hemisphere, and what is known of each
+FINE = 2  # samples a side of a cell
+PLASTIC = 0xC13FA9A9, 0x91E10DA5  # 2^32 times 1/p and 1/p^2, of p with p^3 = p + 1
+WORD, TO_ONE = 0xFFFFFFFF, 2.0**-32
 
 
 def strata(links: int) -> tuple[int, int]:
@@ -33,21 +35,36 @@ def strata(links: int) -> tuple[int, int]:
 
 
 @cache
-def stratum_moments(parts: tuple[int, int]) -> NDArray[np.float64]:
-    """Means of x, y, z, xx, xy, xz, yy, yz, zz over each part of the hemisphere about z; last their sum.
+def cell_moments(parts: tuple[int, int]) -> NDArray[np.float64]:
+    """Means of x, y, z, xx, xy, xz, yy, yz, zz over CELLS x CELLS cells of each part of the hemisphere about z.
 
     Returns
     -------
-    (rows * columns + 1, MOMENTS)
+    (rows * columns, CELLS * CELLS, MOMENTS)
     """
     rows, columns = parts
-    u, v = ((np.arange(count * FINE) + 0.5) / (count * FINE) for count in parts)
+    fine = CELLS * FINE
+    u, v = ((np.arange(count * fine) + 0.5) / (count * fine) for count in parts)
     on = cast(Any, uncompiled(on_disc))
     x, y = np.moveaxis(np.array([[on(a, b) for b in v.tolist()] for a in u.tolist()]), 2, 0)
     z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
     moments = np.stack([x, y, z, x * x, x * y, x * z, y * y, y * z, z * z], axis=2)
-    means = moments.reshape(rows, FINE, columns, FINE, MOMENTS).mean(axis=(1, 3)).reshape(-1, MOMENTS)
-    return np.concatenate([means, means.sum(axis=0, keepdims=True)])
+    cells = moments.reshape(rows, CELLS, FINE, columns, CELLS, FINE, MOMENTS).mean(axis=(2, 5))
+    return cells.transpose(0, 2, 1, 3, 4).reshape(rows * columns, CELLS * CELLS, MOMENTS)
+
+
+@inline
+def _in_part(patch: int, link: int, seed: int) -> tuple[int, int]:
+    """Where in its part a link lies, two words of 32 bits."""
+    key = hash32((seed * 0x9E3779B9 + link * 0x85EBCA6B) & WORD)
+    return (key + patch * PLASTIC[0]) & WORD, (hash32(key ^ 0x2C1B3C6D) + patch * PLASTIC[1]) & WORD
+
+
+@inline
+def link_cell(patch: int, link: int, seed: int) -> int:
+    """The row in `cell_moments` of all cells for a patch's link."""
+    u, v = _in_part(patch, link, seed)
+    return link * CELLS * CELLS + (u * CELLS >> 32) * CELLS + (v * CELLS >> 32)
 
 
 @inline
@@ -57,8 +74,8 @@ def link_direction(normal: Vec3, patch: int, link: int, parts: tuple[int, int], 
     parts : see `strata`; link : below rows times columns
     """
     rows, columns = parts
-    u, v = sample_pair(hash32((seed * 0x9E3779B9 + link * 0x85EBCA6B) & 0xFFFFFFFF), patch, 0)
-    x, y = on_disc((link // columns + u) / rows, (link % columns + v) / columns)
+    u, v = _in_part(patch, link, seed)
+    x, y = on_disc((link // columns + u * TO_ONE) / rows, (link % columns + v * TO_ONE) / columns)
     first, second = tangents(normal)
     z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
     return add(scale(normal, z), add(scale(first, x), scale(second, y)))

@@ -20,7 +20,7 @@ from ..kernels.records import (
 from ..kernels.vec import LUMINANCE
 from ..shade.environment import harmonics
 from .bounces import BLUE, CHUNK, FACTS, PER_SOURCE, RED, SEES_SKY, add_facts, add_irradiance, reflect
-from .directions import stratum_moments
+from .directions import cell_moments
 from .gather import PATCHES, SKY
 from .settings import BakeSettings
 from .sky import Sky
@@ -99,7 +99,7 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
         _gather_light(transport, light, lamps, 1, indirect, threads)
     facts, patches = np.zeros((n, FACTS), np.float32), transport.patches()
     for part in transport.links:
-        args = part, patches, light, lamps, stratum_moments(part.parts).reshape(-1), facts.reshape(-1)
+        args = part, patches, light, lamps, cell_moments(part.parts).reshape(-1), facts.reshape(-1)
         run(add_facts, -(-len(part.rows) // CHUNK), *args, threads=threads)
     facts[:, :SEES_SKY] += _moments_of(cosines, sky, _bands(transport.normals))
     return Arrived(lights, indirect + suns, facts)

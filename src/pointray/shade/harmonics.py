@@ -33,13 +33,6 @@ def band_2(outer: Six) -> Five:
 
 
 @inline
-def harmonics(d: Vec3) -> tuple[Vec3, Five]:
-    """(band 1, band 2) of a unit direction, orthonormal."""
-    x, y, z = d
-    return band_1(d), band_2((x * x, x * y, x * z, y * y, y * z, z * z))
-
-
-@inline
 def as_vector(first: Vec3) -> Vec3:
     """The vector v whose v.d is band 1 summed up at d, over BAND_1."""
     return first[2], first[0], first[1]
