@@ -1,4 +1,4 @@
-"""What may be kept of the light that arrives at a splat, and reflections made of it: moments, Gaussians, records."""
+"""What may be kept of the light that arrives at a splat, and reflections made of it: moments, a Gaussian, records."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import least_squares
 
-from baked_maps import COSINE, MIRRORED, SOLID, Floats, Lobe, W, spiral
+from baked_maps import COSINE, MIRRORED, Floats, Lobe, W, spiral
 from baked_records import LUMINANCE, pack_values, reflected, values_of
 from pointray.kernels.records import PHONG, PRINCIPLED
 
@@ -25,30 +25,26 @@ def harmonics(w: Floats) -> Floats:
     return Y00 * np.array([np.ones(len(w)), *band1, *band2, np.sqrt(5) / 2 * (3 * z * z - 1)])
 
 
-def irradiances(maps: Floats, packed: bool) -> Floats:
-    """Irradiance of each map (points, 3), as RGB9E5 if packed."""
+def irradiances(maps: Floats) -> Floats:
+    """Irradiance of each map (points, 3), as RGB9E5."""
     energy = np.einsum("pnc,n->pc", maps, COSINE)
     step = 2.0 ** (np.floor(np.log2(energy.max(axis=1, keepdims=True))) - 8)
-    return np.round(energy / step) * step if packed else energy
+    return np.asarray(np.round(energy / step) * step, np.float64)
 
 
 def quantised(values: Floats, most: Floats | float, bits: int, power: float = 1.0) -> Floats:
-    """Signed values as so many bits keep them, evenly in values^power; no bits: as they are."""
-    if not bits:
-        return values
+    """Signed values as so many bits keep them, evenly in values^power."""
     steps, whole = 2 ** (bits - 1) - 1, np.clip(values / most, -1, 1)
     level = np.round(np.abs(whole) ** power * steps) / steps
     return np.sign(whole) * level ** (1 / power) * most
 
 
 class Code(Protocol):
-    """A way to keep light beside the irradiance, which is RGB9E5."""
+    """A way to keep light beside the irradiance, which is RGB9E5. size : bits in all"""
 
-    @property
-    def size(self) -> int:
-        """Bits in all."""
+    size: int
 
-    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe], packed: bool) -> list[Floats]:
+    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe]) -> list[Floats]:
         """Reflected radiance for each lobe, (points, 3, 32).
 
         Parameters
@@ -57,8 +53,6 @@ class Code(Protocol):
             Radiance that arrives.
         frames : (points, 3, 3)
         lobes : list of Lobe
-        packed : bool
-            Round what is kept to its bits.
         """
 
 
@@ -67,7 +61,7 @@ class Linear(Code):
     """Moments of the radiance over the first one, which follows from the irradiance.
 
     What is kept is how a ratio differs from that of even light, in steps that grow with it. The range is half of the
-    possible one, a third of it for colours, and all of it for RGB; luminance in these scenes never left it.
+    possible one, and all of it for RGB; luminance in these scenes never left it.
 
     Attributes
     ----------
@@ -80,8 +74,6 @@ class Linear(Code):
         A ratio, of luminance.
     rgb : bool
         The ratios are of each channel.
-    chroma : int
-        Bits by which the first three ratios of red and of blue differ; green follows from the luminance.
     world : bool
         The moments are harmonics, kept in world axes.
     """
@@ -91,16 +83,15 @@ class Linear(Code):
     irradiance: Floats
     bits: int = 8
     rgb: bool = False
-    chroma: int = 0
     world: bool = False
 
     @property
     def size(self) -> int:
         """Bits in all."""
-        return (len(self.moments) - 1) * self.bits * (3 if self.rgb else 1) + 6 * self.chroma
+        return (len(self.moments) - 1) * self.bits * (3 if self.rgb else 1)
 
-    def ratios(self, maps: Floats, frames: Floats, packed: bool) -> tuple[Floats, Floats]:
-        """Ratios (points, 3, k), and by how much those of the first four moments differ from them (points, 3, 4)."""
+    def ratios(self, maps: Floats, frames: Floats) -> Floats:
+        """Ratios (points, 3, k)."""
         k, most = len(self.moments), np.abs(self.moments / self.moments[0]).max(axis=1)
         turn = np.broadcast_to(np.eye(k), (len(maps), k, k))
         if self.world:
@@ -111,62 +102,31 @@ class Linear(Code):
         each, grey = moments / moments[..., :1], LUMINANCE @ moments
         ratio = each if self.rgb else np.repeat((grey / grey[:, :1])[:, None], 3, axis=1)
         even = self.moments.sum(axis=1) / self.moments[0].sum()
-        kept = quantised((ratio - even) @ turn, most if self.rgb else most / 2, self.bits * packed, power=0.7)
-        apart = np.zeros((len(maps), 3, min(k, 4)))
-        if self.chroma:
-            apart = quantised(((each - ratio) @ turn)[..., :4], most[:4] / 3, self.chroma * packed, power=0.7)
-            share = LUMINANCE * moments[..., 0]
-            apart[:, 1] = -np.einsum("pc,pck->pk", share[:, ::2], apart[:, ::2]) / share[:, 1:2]
-        back = np.swapaxes(turn, 1, 2)
-        return kept @ back + even, apart @ back[:, :4, :4]
+        kept = quantised((ratio - even) @ turn, most if self.rgb else most / 2, self.bits, power=0.7)
+        return kept @ np.swapaxes(turn, 1, 2) + even
 
-    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe], packed: bool) -> list[Floats]:
+    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe]) -> list[Floats]:
         """Reflected radiance."""
-        ratios, apart = self.ratios(maps, frames, packed)
-        scale = irradiances(maps, packed) / np.maximum(ratios @ self.irradiance, 0.05 * self.irradiance[0])
-        results = []
-        for lobe in lobes:
-            result = ratios @ self.kernel(lobe, self.moments)
-            if self.chroma:
-                result += apart @ self.kernel(lobe, self.moments[:4])
-            results.append(scale[..., None] * result)
-        return results
+        ratios = self.ratios(maps, frames)
+        scale = irradiances(maps) / np.maximum(ratios @ self.irradiance, 0.05 * self.irradiance[0])
+        return [scale[..., None] * (ratios @ self.kernel(lobe, self.moments)) for lobe in lobes]
 
 
-@dataclass(frozen=True, eq=False)
-class Gaussians(Code):
-    """Spherical Gaussians over even light, each with shares of the irradiance: of each channel, or of luminance.
+class Gaussian(Code):
+    """A spherical Gaussian over even light, with a share of the irradiance of each channel: 8 bits a number.
 
-    An axis is octahedral; its sharpness, 1/2 to 128, logarithmic. Evaluation is exact.
-
-    Attributes
-    ----------
-    count : int
-    rgb : bool
-    bits : (3,) int
-        Of each number of an axis, sharpness, a share.
+    Its axis is octahedral; its sharpness, 1/2 to 128, logarithmic. Evaluation is exact.
     """
 
-    count: int
-    rgb: bool
-    bits: tuple[int, int, int] = (8, 8, 8)
+    size = 48
 
-    @property
-    def size(self) -> int:
-        """Bits in all."""
-        return self.count * (2 * self.bits[0] + self.bits[1] + self.bits[2] * (3 if self.rgb else 1))
-
-    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe], packed: bool) -> list[Floats]:
+    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe]) -> list[Floats]:
         """Reflected radiance."""
-        light = maps if self.rgb else maps @ LUMINANCE[:, None]
         pictures = []
-        for goal, frame in zip(light / np.einsum("pnc,n->pc", light, COSINE)[:, None], frames, strict=True):
-            axes = fit(goal - 1 / np.pi, self.count)
-            axes = packed_axes(axes @ frame, *self.bits[:2]) @ frame.T if packed else axes
-            bumps = gaussians(axes)
-            kept = quantised(shares(bumps, goal - 1 / np.pi), 1.0, self.bits[2] * packed)
-            pictures.append(1 / np.pi + bumps @ kept)
-        scaled = irradiances(maps, packed)[:, None] * np.array(pictures)
+        for goal, frame in zip(maps / np.einsum("pnc,n->pc", maps, COSINE)[:, None], frames, strict=True):
+            bump = gaussians(packed_axes(fit(goal - 1 / np.pi) @ frame) @ frame.T)
+            pictures.append(1 / np.pi + bump @ quantised(shares(bump, goal - 1 / np.pi), 1.0, 8))
+        scaled = irradiances(maps)[:, None] * np.array(pictures)
         return [np.einsum("pnc,nr->pcr", scaled, lobe.table, optimize=True) for lobe in lobes]
 
 
@@ -187,29 +147,26 @@ GRID = np.concatenate([sharpness * spiral(300, -0.2) for sharpness in (1, 2, 4, 
 BUMPS = ROOT * gaussians(GRID)
 
 
-def fit(rest: Floats, count: int) -> Floats:
-    """Axes (count, 3), as long as they are sharp: each the best of a grid at first, then all by least squares."""
-    axes = np.zeros((0, 3))
+def fit(rest: Floats) -> Floats:
+    """The axis (1, 3), as long as the Gaussian is sharp: the best of a grid at first, then by least squares."""
 
-    def left(flat: Floats) -> Floats:
-        bumps = gaussians(flat.reshape(-1, 3))
-        return (ROOT * (rest - bumps @ shares(bumps, rest))).ravel()
+    def left(axis: Floats) -> Floats:
+        bump = gaussians(axis[None])
+        return (ROOT * (rest - bump @ shares(bump, rest))).ravel()
 
-    for _ in range(count):
-        gain = ((BUMPS.T @ left(axes.ravel()).reshape(rest.shape)) ** 2).sum(axis=1) / (BUMPS**2).sum(axis=0)
-        axes = np.vstack([axes, GRID[np.argmax(gain)]])
-        axes = least_squares(left, axes.ravel(), bounds=(-130, 130), max_nfev=30).x.reshape(-1, 3)
-    return axes
+    gain = ((BUMPS.T @ (ROOT * rest)) ** 2).sum(axis=1) / (BUMPS**2).sum(axis=0)
+    found = least_squares(left, GRID[np.argmax(gain)], bounds=(-130, 130), max_nfev=30)
+    return np.asarray(found.x, np.float64)[None]
 
 
-def packed_axes(axes: Floats, bits: int, sharpness: int) -> Floats:
-    """Axes (k, 3) with octahedral directions and logarithmic lengths of so many bits."""
+def packed_axes(axes: Floats) -> Floats:
+    """Axes (k, 3) with octahedral directions and logarithmic lengths of 8 bits."""
     length = np.linalg.norm(axes, axis=1, keepdims=True)
     flat = axes / np.abs(axes).sum(axis=1, keepdims=True)
-    flat = quantised(np.where(flat[:, 2:] < 0, folded(flat[:, :2]), flat[:, :2]), 1.0, bits)
+    flat = quantised(np.where(flat[:, 2:] < 0, folded(flat[:, :2]), flat[:, :2]), 1.0, 8)
     height = 1 - np.abs(flat).sum(axis=1, keepdims=True)
     whole = np.hstack([np.where(height < 0, folded(flat), flat), height])
-    octaves = quantised(np.log2(np.maximum(length, 0.5) / 8), 4.0, sharpness)
+    octaves = quantised(np.log2(np.maximum(length, 0.5) / 8), 4.0, 8)
     return whole / np.linalg.norm(whole, axis=1, keepdims=True) * 8 * 2**octaves
 
 
@@ -218,43 +175,12 @@ def folded(flat: Floats) -> Floats:
     return (1 - np.abs(flat[:, ::-1])) * np.where(flat < 0, -1, 1)
 
 
-@dataclass(frozen=True, eq=False)
-class Dominant(Code):
-    """Radiance times cosine as one spherical Gaussian about its mean direction.
-
-    Its sharpness is that of the von Mises-Fisher distribution (Banerjee et al. 2005, equation 4.4).
-    """
-
-    @property
-    def size(self) -> int:
-        """Bits in all."""
-        return 24
-
-    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe], packed: bool) -> list[Floats]:
-        """Reflected radiance."""
-        grey = maps @ LUMINANCE * COSINE
-        mean = grey @ W / grey.sum(axis=1, keepdims=True)
-        square = (mean**2).sum(axis=1, keepdims=True)
-        axes = mean * (3 - square) / (1 - square)
-        if packed:
-            pairs = zip(axes[:, None], frames, strict=True)
-            axes = np.concatenate([packed_axes(axis @ frame, 8, 8) @ frame.T for axis, frame in pairs])
-        bumps = np.exp(axes @ W.T - np.linalg.norm(axes, axis=1, keepdims=True))
-        bumps /= (bumps @ SOLID)[:, None]
-        shapes = [bumps @ (lobe.table / W[:, 2:]) for lobe in lobes]
-        return [irradiances(maps, packed)[..., None] * shape[:, None] for shape in shapes]
-
-
-@dataclass(frozen=True, eq=False)
 class Records(Code):
     """What pointray keeps, by its own kernels; it is always packed."""
 
-    @property
-    def size(self) -> int:
-        """Bits in all."""
-        return 64
+    size = 64
 
-    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe], packed: bool) -> list[Floats]:
+    def __call__(self, maps: Floats, frames: Floats, lobes: list[Lobe]) -> list[Floats]:
         """Reflected radiance."""
         values = [values_of(light, W @ frame, COSINE, frame[2]) for light, frame in zip(maps, frames, strict=True)]
         records, r = pack_values(np.array(values)), np.einsum("rk,pkx->prx", MIRRORED, frames)

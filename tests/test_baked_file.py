@@ -319,7 +319,7 @@ def test_other_files_are_refused(tmp_path):
 
 
 DAMAGES = [
-    ("version", 2, "another version"),
+    ("version", 1, "another version"),
     ("version", None, "another version"),
     ("layout", [4, 0, 1, 3], "another version"),
     ("format", "pointray model", "not a file of baked light"),
@@ -372,7 +372,8 @@ ARRAYS = [
     *(("grids", put((0, k), value), "grid") for k in range(4) for value in (np.nan, np.inf, -np.inf, 1e200)),
     *(("grids", put((0, k), value), "grid") for k in (2, 3) for value in (0.0, -1.0, 1e-300)),
     ("grids", put((0, 3), 32.5), "grid"),
-    ("grids", put((0, 3), 33.0), "records is"),
+    ("grids", put((0, 3), 33.0), "grid of a plane"),
+    ("grids", put((0, 3), 34.0), "records is"),
     ("grids", put((0, 3), 2.0**14), "records is"),
     ("grids", lambda grids: grids[:-1].copy(), "grids is"),
     ("grids", lambda grids: grids.astype(np.float32), "grids is"),

@@ -18,9 +18,9 @@ from pointray.shade.baked_code import (
     REACH_2,
     REACH_COLOR,
 )
-from pointray.shade.baked_light import WIDE, WIDE_FACETS
 from pointray.shade.baked_sums import SUM_WEIGHTS, keep_moments, list_record, sum_moments
 from pointray.shade.lobe_tables import facet_lobes, phong_lobes
+from pointray.shade.lobes import WIDE, WIDE_FACETS
 
 NORMAL = np.array([0.36, -0.48, 0.8])
 REACHES = np.repeat([REACH_1, REACH_2, REACH_COLOR], [3, 5, 6])

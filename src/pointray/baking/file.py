@@ -149,7 +149,7 @@ def _take_grids(found: Arrays, count: int) -> list[Grid]:
     table = take_array(found, "grids", np.float64, (count, 4))
     half, edge = table[:, 2], table[:, 3]
     good = (np.abs(table) <= FARTHEST).all(axis=1) & (half >= LEAST_HALF)  # false for NaN
-    if not (good & (edge >= 2) & (edge <= MOST_EDGE) & (edge % 2 == 0)).all():
+    if not (good & (edge >= 2) & (edge <= MOST_EDGE) & (edge == 2 * np.floor(edge / 2))).all():
         raise ValueError("the light is damaged: the grid of a plane is none")
     return [Grid(int(edge), (u, v), half) for u, v, half, edge in table.tolist()]
 

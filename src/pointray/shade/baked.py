@@ -56,7 +56,7 @@ from ..simd import (
     vmax,
     vsqrt,
 )
-from ..trace.hits import list_around, next_of_leaf
+from ..trace.hits import list_around, material_at, next_of_leaf
 from ..trace.paint import Four
 from ..trace.space import matrix_at, of_size_one
 from .baked_sums import (
@@ -70,6 +70,7 @@ from .baked_sums import (
     sum_moments,
 )
 from .grid import corner_cell, grid_cell, grid_frame
+from .lobes import is_wide, lobe_of
 
 
 @inline
@@ -162,7 +163,7 @@ def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
 
 
 @inline
-def _find_four(world: World, four: Four, also_direct: bool, moments: bool, scratch: Scratch) -> None:
+def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
     """Keep what arrives at four hits of one leaf or one plane, on the same side."""
     instance, points = scratch.numbers[INSTANCE_OF + four[0]], scratch.shading_points
     records = _records(world, instance, points[SHADING_SIDE + four[0]])
@@ -174,16 +175,18 @@ def _find_four(world: World, four: Four, also_direct: bool, moments: bool, scrat
         _weigh(world, tree_at(world.table, i64(world.instances[instance * INSTANCE + SHAPE_ROW])), four, scratch)
     else:
         _weigh_cells(world, four, scratch)
+    # Other materials need none: a diffuse floor below a glossy statue.
+    moments = first and is_wide(lobe_of(world, material_at(world, instance)))
     if moments:
         sum_moments(records, scratch)
     else:
         sum_light(records, INDIRECT, SUM_LIGHT, scratch)
-    if also_direct:
+    if not first:
         sum_light(records, DIRECT, SUM_DIRECT, scratch)
     unit_of = world.baked_frames[instance * BAKED_FRAME + BAKED_UNIT]
     for r in range(4):
         if r == 0 or four[r] != four[0]:
-            keep_light(four[r], r, unit_of, also_direct, scratch)
+            keep_light(four[r], r, unit_of, not first, scratch)
             if moments:
                 keep_moments(four[r], r, unit_of, scratch)
 
@@ -205,10 +208,11 @@ def _is_sheeted(world: World, i: int, scratch: Scratch) -> bool:
 
 
 @routine
-def find_baked(world: World, also_direct: bool, moments: bool, scratch: Scratch) -> None:
+def find_baked(world: World, first: bool, scratch: Scratch) -> None:
     """Find the baked light at the tile's surface points, whose hits are still known: the rows ARRIVING.
 
-    also_direct : add that of lights; moments : find the moments too, which are those of the rest
+    first : whether these are the camera's first hits: moments are found where a material has a wide lobe; at others
+        that of lights is added
     """
     scratch, world = borrow(scratch), borrow(world)
     numbers, points, left = scratch.numbers, scratch.shading_points, i64(0)
@@ -225,4 +229,4 @@ def find_baked(world: World, also_direct: bool, moments: bool, scratch: Scratch)
             left &= ~(i64(c != a) << c)
             d = _same_side(points, a, next_of_leaf(numbers, left, a))
             left &= ~(i64(d != a) << d)
-        _find_four(world, (a, b, c, d), also_direct, moments, scratch)
+        _find_four(world, (a, b, c, d), first, scratch)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from ..jit import i64, inline
-from ..kernels.records import LIGHT, LIGHT_KIND, MATERIAL_KIND, PHONG, World
+from ..kernels.records import LIGHT, LIGHT_KIND, PHONG, World
 from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, sample_pair
 from ..kernels.scratch import (
     ARRIVING,
@@ -28,25 +28,16 @@ from ..kernels.scratch import (
 )
 from ..kernels.vec import BLACK, Vec3, add, around, dot, mirrored, multiply, scale
 from ..simd import Bits
-from ..trace.hits import material_at, tile_hit
+from ..trace.hits import tile_hit
 from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from
 from .baked import find_baked
-from .bsdf import emitted, eval_bsdf, lobe_exponent, lobes_of
+from .bsdf import emitted, eval_bsdf, lobes_of
 from .choice import nearest_lamp
 from .direct import shade_gains
 from .emitters import from_middle, light_radiance, sample_light
-from .lobes import lobe_of_baked
+from .lobes import Lobe, is_wide, lobe_of, lobe_of_baked
 from .shading_points import add_radiance, is_shaded, shading_point
 from .specular_rays import send_later
-
-# Exponents up to which lobes are as wide as what is baked can tell, to 10% (docs/decisions/baked-light.md): Phong's,
-# and those of facets, which have longer tails.
-WIDE, WIDE_FACETS = 5.0, 3.0
-
-
-@inline
-def _is_wide(kind: float, exponent: float) -> bool:
-    return exponent <= (WIDE if kind == PHONG else WIDE_FACETS)
 
 
 @inline
@@ -66,21 +57,7 @@ def meet_lamps(world: World, scratch: Scratch) -> Bits:
 
 
 @inline
-def _shows_lobes(world: World, scratch: Scratch) -> bool:
-    """Whether a surface point of the tile has a wide lobe."""
-    shows = False
-    for i in range(TILE):
-        if is_shaded(scratch, i):
-            material = material_at(world, int(scratch.shading_points[SHADING_INSTANCE + i]))
-            exponent = lobe_exponent(world, material)
-            shows |= exponent >= 0.0 and _is_wide(world.materials[material + MATERIAL_KIND], exponent)
-    return shows
-
-
-@inline
-def _reflect_narrow(
-    world: World, i: int, gloss: Vec3, lobe: tuple[float, float], sample: int, scratch: Scratch
-) -> None:
+def _reflect_narrow(world: World, i: int, gloss: Vec3, lobe: Lobe, sample: int, scratch: Scratch) -> None:
     """Send a ray into a narrow lobe about the mirrored direction. sample : its number; -1: the lobe's middle"""
     points, (kind, e) = scratch.shading_points, lobe
     point = shading_point(world, scratch, i)[1]
@@ -104,7 +81,7 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
         others reflect all light evenly
     sample : the number of the sample; -1: lobes are seen in their middle
     """
-    find_baked(world, not first, first and _shows_lobes(world, scratch), scratch)
+    find_baked(world, first, scratch)
     for i in range(TILE):
         if not is_shaded(scratch, i):
             continue
@@ -115,8 +92,8 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
         arriving = load3(scratch.shading_points, ARRIVING + i)
         light = add(emitted(world, material), scale(multiply(even, arriving), 1.0 / math.pi))
         if gloss[0] + gloss[1] + gloss[2] > 0.0:
-            lobe = world.materials[material + MATERIAL_KIND], lobe_exponent(world, material)
-            if _is_wide(lobe[0], lobe[1]):
+            lobe = lobe_of(world, material)
+            if is_wide(lobe):
                 r = mirrored(point.wo, point.normal)
                 light = add(light, multiply(gloss, lobe_of_baked(scratch, i, lobe, point.normal, r)))
             else:

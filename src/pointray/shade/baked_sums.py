@@ -36,11 +36,14 @@ SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * LANES, 5 * LANES, 6 * L
 @inline
 def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> None:
     """List a record, number k of four records, for point r, where it has this share of the light."""
-    count = scratch.counts[COUNT_NEAR]
-    scratch.near[count] = four
-    store(scratch.splats, count * LANES, broadcast16(ZERO))
-    scratch.splats[count * LANES + 4 * r + k] = f32(share)
-    scratch.counts[COUNT_NEAR] = count + 1
+    count, at = scratch.counts[COUNT_NEAR], 0
+    while at < count and i64(scratch.near[at]) != four:  # neighbours on a plane mostly share their cells
+        at += 1
+    if at == count:
+        scratch.near[count] = four
+        store(scratch.splats, count * LANES, broadcast16(ZERO))
+        scratch.counts[COUNT_NEAR] = count + 1
+    scratch.splats[at * LANES + 4 * r + k] += f32(share)
 
 
 @inline

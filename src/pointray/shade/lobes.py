@@ -5,14 +5,31 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from ..jit import f32, inline
-from ..kernels.records import PHONG
+from ..kernels.records import MATERIAL_KIND, PHONG, World
 from ..kernels.scratch import ARRIVING, ARRIVING_COLORS, ARRIVING_MOMENTS, TILE, Scratch, load3
 from ..kernels.vec import BLACK, LUMINANCE, Vec3, add, dot, luminance, scale
 from ..simd import F8, lane, load8
+from .bsdf import lobe_exponent
 from .harmonics import Five, as_vector, times_matrix
 from .lobe_tables import COLUMNS, FACETS, HALFWAY, LAST, LOBES, NUMBERS, PHONG_LOBES, ROWS
 
 Lobe: TypeAlias = tuple[float, float]  # kind of its material, exponent
+
+# Exponents up to which a lobe is evaluated from what is baked (docs/decisions/baked-light.md): Phong's, and those of
+# facets, which have longer tails.
+WIDE, WIDE_FACETS = 8.0, 3.0
+
+
+@inline
+def is_wide(lobe: Lobe) -> bool:
+    """Whether a lobe is as wide as what is baked can tell."""
+    return 0.0 <= lobe[1] <= (WIDE if lobe[0] == PHONG else WIDE_FACETS)
+
+
+@inline
+def lobe_of(world: World, material: int) -> Lobe:
+    """The lobe of a material about the mirrored direction, see `bsdf.lobe_exponent`."""
+    return world.materials[material + MATERIAL_KIND], lobe_exponent(world, material)
 
 
 @inline
