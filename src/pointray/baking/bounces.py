@@ -13,6 +13,7 @@ import numpy as np
 
 from ..jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile
 from ..kernels.records import World
+from ..kernels.sampling import hash32
 from ..kernels.vec import BLACK as NO_LIGHT
 from ..kernels.vec import (
     Vec3,
@@ -104,7 +105,7 @@ def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, ever
         for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
             total, used = NO_LIGHT, 0
             for row in range(rows):
-                for k in range(row * columns + (links.rows[m] + 2 * row) % every, (row + 1) * columns, every):
+                for k in range(row * columns + (hash32(links.rows[m]) + 2 * row) % every, (row + 1) * columns, every):
                     used += 1
                     if not _is_hidden(links, m, k):
                         total = add(total, _radiance(links, m * count + k, sources, lamps))

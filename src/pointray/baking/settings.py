@@ -38,7 +38,7 @@ class BakeSettings:
         None: `POINTRAY_THREADS`, else all. The light does not depend on it.
     """
 
-    links: int = 32
+    links: int = 48
     max_depth: int | None = None
     noise: float = 0.03
     patches: int | None = None

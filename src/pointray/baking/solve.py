@@ -29,7 +29,7 @@ from .smooth import smooth
 from .transport import Transport
 
 # Bounces but the last go along one link in so many: their noise is averaged by the last, which goes along all.
-FEW = 4
+FEW = 2
 EXACT = 1e-3  # share of the light that bounces which are left out may have
 
 Floats = NDArray[np.float32]

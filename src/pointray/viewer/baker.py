@@ -4,7 +4,7 @@
 |--------|---------------------------------------------------|---------------|-------|
 | rough  | as soon as the scene has other models or planes;  | 8,192         | 32    |
 |        | whenever lights, materials or colours change      |               |       |
-| fine   | when the rough light is there and nothing changes | as `bake` has | 32    |
+| fine   | when the rough light is there and nothing changes | as `bake` has | 48    |
 
 Until there is rough light, pictures have none: the painter shows direct light instead. Light of a scene that has
 changed meanwhile is not shown.

@@ -54,7 +54,7 @@ def bake(
         typer.Option("--colors", help="Give a .ply colours that hold the light: its own, or white, times it, exposed."),
     ] = False,
     noise: BakeNoiseOption = 0.03,
-    links: LinksOption = 32,
+    links: LinksOption = 48,
     patches: PatchesOption = None,
     albedo_scale: AlbedoScaleOption = 1.0,
     seed: SeedOption = 0,
