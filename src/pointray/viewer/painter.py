@@ -23,7 +23,7 @@ from ..rendering.camera import Camera
 from ..rendering.picture import Picture
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
-from ..staging.studio import with_contact
+from ..staging.studio import with_direct_light
 from .baker import Baker
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 from .sketch import Sketch
@@ -47,6 +47,8 @@ class FrameRequest(NamedTuple):
     up : up direction for the sun and the ground
     refine : bool
         False while models are built: they need the processors.
+    bakes : bool
+        False for a coarse version of what is being loaded: it keeps its direct light.
     time : time of the page's message
     sketch : Sketch or None
         What is drawn instead of the scene.
@@ -60,6 +62,7 @@ class FrameRequest(NamedTuple):
     refine: bool
     time: float
     sketch: Sketch | None = None
+    bakes: bool = True
 
     def same_picture(self, other: FrameRequest | None) -> bool:
         """Whether both requests give the same picture."""
@@ -214,6 +217,8 @@ class Painter:
         if most == 1 or not request.refine or self._cancel.wanted:
             return
         settings = self._light(request, scene, request.view.settings(most))
+        if settings.integrator != request.view.integrator:
+            return  # light is being baked, which needs the processors
         picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True)
         done, last, seconds = 0, 1, 0.0
         while done < most:
@@ -236,12 +241,16 @@ class Painter:
             if scene.baked is not own:
                 scene.baked = own
             return settings
-        light = self._baker.light_for(scene)
+        light = self._baker.light_for(scene, request.refine) if request.bakes else None
         if light is None:
-            return with_contact(replace(settings, integrator="phong"))
+            return with_direct_light(settings)
         if scene.baked is not light:
             scene.baked = light
-        return settings
+        return replace(settings, levels=False) if light.lacks_levels(scene) else settings
+
+    def light_of(self, scene: Scene) -> Baked | None:
+        """The fine light of a scene, if it is baked."""
+        return self._baker.fine_for(scene)
 
     def _is_old(self, request: FrameRequest, seconds: float) -> bool:
         """Whether there is a newer request, or one comes within the given seconds."""
