@@ -16,7 +16,7 @@ QUICK_PATCHES, QUICK_LINKS, QUICK_NOISE = 16384, 32, 1.0
 # What is said when there is no file.
 KEEP = "pointray bake keeps it in a file, for --bake"
 FIRST = f"light is baked first ({KEEP})"
-LOOK = "a studio with baked light; --light headlight: a lamp at the camera, at once; --integrator phong: no bake"
+LOOK = "a studio lights it, with baked light; --light headlight is a headlight instead, and bakes nothing"
 ONCE = f"light is baked first, once for all frames: only the camera moves ({KEEP})"
 
 

@@ -1,26 +1,23 @@
 """Bakes the light of the scene that a browser shows, in its own thread: roughly at first, then better.
 
-| stage  | when                                              | patches       | links | niceness |
-|--------|---------------------------------------------------|---------------|-------|----------|
-| rough  | as soon as the scene has other models or planes;  | 8,192         | 32    | 5        |
-|        | whenever lights, materials or colours change      |               |       |          |
-| fine   | when the rough light is there, nothing changes    | as `bake` has | 64    | 15       |
-|        | and no models are being built                     |               |       |          |
+| stage  | when                                              | patches       | links |
+|--------|---------------------------------------------------|---------------|-------|
+| rough  | as soon as the scene has other models or planes;  | 8,192         | 32    |
+|        | whenever lights, materials or colours change      |               |       |
+| fine   | when the rough light is there, nothing changes    | as `bake` has | 64    |
+|        | and no models are being built                     |               |       |
 
 Until there is rough light, pictures have none: the painter shows direct light instead. Light of a scene that has
 changed meanwhile is not shown, but for levels of detail that were made later: they are left out until they have light.
-All processors bake, and yield to pictures: where threads have no niceness of their own, half of them bake.
+All processors bake, and yield to pictures (`niceness`); where they cannot, half of them bake.
 """
 
 from __future__ import annotations
 
 import logging
-import os
-import sys
 import threading
 import warnings
 from collections.abc import Callable
-from typing import TypeVar
 
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
@@ -28,16 +25,13 @@ from ..jit import thread_count
 from ..rendering.settings import Settings
 from ..rendering.warmup import wait_until_warm
 from ..scene.scene import Scene
+from .niceness import FINE_LIGHT, ROUGH_LIGHT, YIELDS, yielding
 from .time_left import TimeLeft
 
 log = logging.getLogger("pointray.view")
 
-T = TypeVar("T")
-
 ROUGH = (8192, 32)  # patches and links
-ROUGH_NICE, FINE_NICE = 5, 15  # a picture's thread has 3 and 27 times the share of a processor
-YIELDS = sys.platform == "linux"  # elsewhere niceness is that of the whole process
-STAGE = "baking light"
+STAGE, FINE_STAGE = "baking light", "baking finer light"
 
 
 class _SupersededError(Exception):
@@ -60,6 +54,7 @@ class Baker:
         self._changed = threading.Condition()
         self._wanted: Scene | None = None
         self._refines = False  # whether it is to have fine light
+        self.is_baking = False  # whether finer light comes soon
         self._light: tuple[Scene, Baked] | None = None  # the newest light, and the scene that it is for
         self._rough: Baked | None = None
         self._fine: Baked | None = None
@@ -76,7 +71,7 @@ class Baker:
         with self._changed:
             light = self._light
             if (self._wanted is not scene or self._refines != fine) and self._open:
-                self._wanted, self._refines = scene, fine
+                self._wanted, self._refines, self.is_baking = scene, fine, True
                 self._changed.notify_all()
                 if self._thread is None:
                     self._thread = threading.Thread(target=self._run, name="pointray-baker", daemon=True)
@@ -105,10 +100,20 @@ class Baker:
                     self._bake(*wanted)
             except _SupersededError:
                 pass
-            except Exception:  # pictures go on with direct light
+            except Exception:  # pictures go on with the light that there is
                 log.exception("while baking light")
             self._say("", None, None)
             done = wanted
+            self._rest(wanted)
+
+    def _rest(self, done: tuple[Scene, bool]) -> None:
+        """Tell whoever waits for finer light that none comes, unless something else is wanted by now."""
+        with self._changed:
+            ended = self.is_baking and (self._wanted, self._refines) == done
+            if ended:
+                self.is_baking = False
+        if ended and done[1]:
+            self._ready()
 
     def _next(self, done: tuple[Scene | None, bool]) -> tuple[Scene, bool] | None:
         """Wait for another scene, or the wish for its fine light; None at the end."""
@@ -119,16 +124,16 @@ class Baker:
     def _bake(self, scene: Scene, refines: bool) -> None:
         """Bake rough light, then fine light."""
         if self._baked is not scene:
-            rough = _yielding(ROUGH_NICE, lambda: self._roughly(scene))
+            rough = yielding(ROUGH_LIGHT, lambda: self._roughly(scene))
             wait_until_warm(Settings("baked"))  # pictures go on meanwhile, without it
             self._give(scene, rough)
         if not refines:
             return
         if self._fine is None:
-            self._fine = _yielding(FINE_NICE, lambda: bake(scene, BakeSettings(threads=_threads()), self._tell))
+            self._fine = yielding(FINE_LIGHT, lambda: bake(scene, BakeSettings(threads=_threads()), self._tell))
         fine = self._fine
         if self._wanted is self._baked and self._light is not None and self._light[1] is not fine:
-            self._fine = _yielding(FINE_NICE, lambda: _relit(fine, self._baked))
+            self._fine = yielding(FINE_LIGHT, lambda: _relit(fine, self._baked))
             self._give(self._baked, self._fine, rough=False)
 
     def _roughly(self, scene: Scene) -> Baked:
@@ -146,6 +151,7 @@ class Baker:
         with self._changed:
             self._light, self._baked = (scene, light), scene
             self._rough = light if rough else self._rough
+            self.is_baking = self.is_baking and rough
         self._ready()
 
     def _check(self) -> None:
@@ -167,7 +173,7 @@ class Baker:
             if light is None:
                 raise _SupersededError
             self._give(wanted, light)
-        self._say(STAGE, share, self._time_left(STAGE, share))
+        self._say(FINE_STAGE, share, self._time_left(FINE_STAGE, share))
 
 
 def _relit(baked: Baked | None, scene: Scene | None) -> Baked | None:
@@ -178,24 +184,3 @@ def _relit(baked: Baked | None, scene: Scene | None) -> Baked | None:
 def _threads() -> int:
     """How many threads bake."""
     return thread_count() if YIELDS else max(1, thread_count() // 2)
-
-
-def _yielding(nice: int, work: Callable[[], T]) -> T:
-    """Do work in a thread that yields to others, as do those that it starts; a thread cannot take that back."""
-    results: list[T] = []
-    errors: list[BaseException] = []
-
-    def body() -> None:
-        try:
-            if YIELDS:
-                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + nice, 19))
-            results.append(work())
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=body, name="pointray-baking", daemon=True)
-    thread.start()
-    thread.join()
-    if errors:
-        raise errors[0]
-    return results[0]

@@ -25,6 +25,7 @@ from ..shade.materials.diffuse import Diffuse
 from ..splats.radii import radii_in
 from ..staging.first_view import Scan, ViewChoice
 from ..staging.studio import ALBEDO, with_direct_light
+from .niceness import LEVELS, yielding
 from .shared_scene import SharedScene
 from .sketch import Sketch
 
@@ -77,7 +78,7 @@ class Files:
         if without_levels and self.light is None:
             self._show(models, shared)
         for model in without_levels:
-            model.make_levels(lambda stage, share: shared.say(f"building: {stage}", share))
+            yielding(LEVELS, partial(model.make_levels, lambda stage, share: shared.say(f"building: {stage}", share)))
         self._show(models, shared)  # again: an attribute's colours take the levels into account too
 
     def _show(self, models: Sequence[Model], shared: SharedScene, coarse: bool = False) -> None:

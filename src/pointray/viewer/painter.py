@@ -34,6 +34,7 @@ log = logging.getLogger("pointray.view")
 BAKED = "baked"
 STEADY = 0.4  # stops: still pictures do not follow a smaller change of the chosen exposure
 IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
+WHILE_BAKING = 4  # samples of a still picture until there is finer light, for which it begins anew
 LARGEST = 6 << 20  # bytes of a picture: IN_FLIGHT of them fit into what may wait for a page, see `link`
 COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling for pictures that would be larger
 
@@ -218,7 +219,9 @@ class Painter:
             return
         settings = self._light(request, scene, request.view.settings(most))
         if settings.integrator != request.view.integrator:
-            return  # light is being baked, which needs the processors
+            return  # there is no light yet: the processors are to bake it
+        if settings.integrator == BAKED and self._baker.is_baking:
+            most = min(most, WHILE_BAKING)
         picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True)
         done, last, seconds = 0, 1, 0.0
         while done < most:
@@ -243,7 +246,7 @@ class Painter:
             return settings
         light = self._baker.light_for(scene, request.refine) if request.bakes else None
         if light is None:
-            return with_direct_light(settings)
+            return replace(with_direct_light(settings), sky_rays=0)  # at once: the processors are to bake
         if scene.baked is not light:
             scene.baked = light
         return replace(settings, levels=False) if light.lacks_levels(scene) else settings
