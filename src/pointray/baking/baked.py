@@ -33,7 +33,7 @@ from .transport import ALL_SIDES, Side, Transport
 LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
 PROBES, PROBE_LINKS = 1 << 15, 16  # patches and links of the rough light that tells which sides are dark
 DARK = 0.02  # a back side with less than this share of the light of the brightest side is kept as black
-NO_LEVELS = "levels of detail were made after the bake: call update()"
+NO_LEVELS = "levels of detail were made after the bake: call update(), or bake again"
 MOST_ROUNDS = 3  # of further links where there is noise
 DIM = 0.1  # share of the mean light: noise counts as a share of no less than this
 
