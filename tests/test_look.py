@@ -3,6 +3,7 @@
 import re
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from pointray.cli import baked_light, execute, serve
 from pointray.cli.scan_lights import ScanLights
 from pointray.staging.studio import studio
 from pointray.viewer.baker import ROUGH, Baker
-from pointray.viewer.exports import Exports
+from pointray.viewer.exports import Exports, _command
 from pointray.viewer.painter import FrameRequest
 from pointray.viewer.panel import Output, folders
 from pointray.viewer.shared_scene import SharedScene
@@ -227,6 +228,18 @@ def test_light_is_rough_while_models_are_built_and_levels_get_it_later():
     wait_for(lambda: baker.light_for(second, fine=True) is baker.fine_for(second) is not None)
     assert not baker.is_baking
     baker.close()
+
+
+@pytest.mark.parametrize(
+    ("integrator", "lights", "told"),
+    [("baked", studio(UP, 25.0), None), ("phong", (), "--light headlight"), ("phong", studio(UP), "--fill 0")],
+)
+def test_the_command_of_a_view_has_its_light(integrator, lights, told):
+    view = replace(ViewSettings().in_studio(lights, UP), integrator=integrator)
+    request = FrameRequest(pr.Camera.look_at((0, -4, 0), (0, 0, 0)), view, pr.Scene(), (1, 0), UP, True, 0.0)
+    command = _command(request, Output(), "scan.ply")
+    assert f"--integrator {integrator} " in command
+    assert told in command if told else "--light" not in command
 
 
 class Page:

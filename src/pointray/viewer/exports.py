@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import Vector
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
 from ..image.frames import Frames
@@ -25,12 +26,13 @@ from ..rendering.settings import Settings
 from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import PointLight, SunLight
+from ..staging import HEADLIGHT, STUDIO
 from .outbox import Outbox
 from .painter import FrameRequest
 from .panel import Output
 from .shared_scene import Progress, SharedScene
 from .time_left import TimeLeft
-from .view_settings import CONSTANT, OWN
+from .view_settings import CONSTANT, OWN, ViewSettings
 
 log = logging.getLogger("pointray.view")
 
@@ -161,15 +163,25 @@ def _command(request: FrameRequest, output: Output, source: str) -> str:
     words += ["--exposure", "auto" if view.chooses else f"{view.exposure:g}"]
     words += [] if view.levels else ["--no-levels"]
     if not source.endswith(".toml"):
-        for light in view.lights(request.up):
-            words += ["--light", text] if (text := _light_text(light)) else []
-        words += ["--fill", "0"] if "--light" in words and not any(w.startswith("sky") for w in words) else []
+        words += _light_words(view, request.up)
         words += ["--ground"] if view.ground else []
         color = _commas(srgb_to_linear(np.array(view.backdrop)))
         words += ["--background", {"sky": "sky", "gradient": "auto"}.get(view.around, color)]
         if view.color_by not in (OWN, CONSTANT):
             words += ["--color-by", f"{view.color_by}:{view.colormap}"]
     return shlex.join(words)
+
+
+def _light_words(view: ViewSettings, up: Vector) -> list[str]:
+    """The lights as options; a studio whose light is baked is the default."""
+    lights = view.lights(up)
+    if not lights:
+        return ["--light", HEADLIGHT]
+    if view.look == STUDIO and view.integrator == "baked":
+        return []
+    texts = [text for light in lights if (text := _light_text(light))]
+    words = [word for text in texts for word in ("--light", text)]
+    return [*words, "--fill", "0"] if texts and not any(text.startswith("sky") for text in texts) else words
 
 
 def _light_text(light: Any) -> str:
