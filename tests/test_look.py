@@ -15,7 +15,7 @@ from pointray.cli.scan_lights import ScanLights
 from pointray.staging.studio import studio
 from pointray.viewer.baker import ROUGH, Baker
 from pointray.viewer.exports import Exports, _command
-from pointray.viewer.painter import FrameRequest
+from pointray.viewer.painter import FrameRequest, Painter
 from pointray.viewer.panel import Output, folders
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.view_settings import CHANGED, ViewSettings
@@ -240,6 +240,19 @@ def test_the_command_of_a_view_has_its_light(integrator, lights, told):
     command = _command(request, Output(), "scan.ply")
     assert f"--integrator {integrator} " in command
     assert told in command if told else "--light" not in command
+
+
+@pytest.mark.parametrize("bakes", [False, True])
+def test_a_coarse_version_is_not_baked(bakes):
+    """It would take the processors from the building of all points."""
+    scene, frames = ball(), []
+    painter = Painter(frames.append, pytest.fail, lambda *said: None)
+    view = replace(ViewSettings.of(SharedScene("a", scene), scene), integrator="baked", samples=1)
+    camera = pr.frame(scene, size=(16, 12))
+    painter.want(FrameRequest(camera, view, scene, (1, 0), UP, False, 0.0, bakes=bakes))
+    wait_for(lambda: frames)
+    assert (painter._baker._thread is not None) == bakes
+    painter.close()
 
 
 class Page:

@@ -23,7 +23,7 @@ from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
 from ..jit import thread_count
 from ..rendering.settings import Settings
-from ..rendering.warmup import wait_until_warm
+from ..rendering.warmup import wait_until_warm, warm_up
 from ..scene.scene import Scene
 from .niceness import FINE_LIGHT, ROUGH_LIGHT, YIELDS, yielding
 from .time_left import TimeLeft
@@ -31,6 +31,7 @@ from .time_left import TimeLeft
 log = logging.getLogger("pointray.view")
 
 ROUGH = (8192, 32)  # patches and links
+SHOWN = Settings("baked")  # pictures of the light
 STAGE, FINE_STAGE = "baking light", "baking finer light"
 
 
@@ -92,6 +93,7 @@ class Baker:
             self._changed.notify_all()
 
     def _run(self) -> None:
+        warm_up(SHOWN, bakes=True)  # beside, where nobody has: pictures go on meanwhile
         done: tuple[Scene | None, bool] = None, False
         while (wanted := self._next(done)) is not None:
             try:
@@ -125,7 +127,7 @@ class Baker:
         """Bake rough light, then fine light."""
         if self._baked is not scene:
             rough = yielding(ROUGH_LIGHT, lambda: self._roughly(scene))
-            wait_until_warm(Settings("baked"))  # pictures go on meanwhile, without it
+            wait_until_warm(SHOWN)
             self._give(scene, rough)
         if not refines:
             return
