@@ -10,13 +10,13 @@ from typing import Any
 
 from .waiting import Progress, in_background
 
-# Of light that nobody asked for: all that is seen in a picture or two, in a quarter of the time or less.
+# Of light that nobody asked for: a picture comes a second or two later than without, see docs/decisions.
 QUICK_PATCHES, QUICK_LINKS, QUICK_NOISE = 16384, 32, 1.0
 
 # What is said when there is no file.
 KEEP = "pointray bake keeps it in a file, for --bake"
 FIRST = f"light is baked first ({KEEP})"
-LOOK = "a studio lights it, with baked light; --light headlight is a headlight instead, and bakes nothing"
+LOOK = "a studio lights the scan, and its light is baked; --light headlight takes a headlight instead"
 ONCE = f"light is baked first, once for all frames: only the camera moves ({KEEP})"
 
 
