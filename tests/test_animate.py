@@ -15,7 +15,7 @@ from conftest import sphere_points
 from pointray.cli import execute
 from pointray.rendering import picture
 
-SMALL = ["--size", "24x18", "--spp", "1"]
+SMALL = ["--size", "24x18", "--spp", "1", "--integrator", "phong"]
 FOUR = ["--seconds", "2", "--fps", "2"]
 KEYS = [
     {"time": 0, "eye": [0, -4, 0], "target": [0, 0, 0]},

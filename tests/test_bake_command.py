@@ -595,7 +595,7 @@ def viewed(files: list[Path], **options) -> tuple[object, list]:
     """The shared scene of `pointray view`, loaded; and what it has said."""
     typed = {name: value for name, value in options.items() if name in ("bake", "integrator")}
     told = {"up": "auto", "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
-    told |= {"settings": pr.Settings(**({"integrator": "baked"})), "bake": None, **options}
+    told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False, **options}
     surface = {"surface": None, "samples": 4, "radius_scale": 1.0}
     shared, loader = serve.shared_scene_of(files, typed, told, surface)
     stages = []
@@ -604,26 +604,23 @@ def viewed(files: list[Path], **options) -> tuple[object, list]:
     return shared, stages
 
 
-def test_the_viewer_bakes_before_it_shows(scan, bakes, capsys):
-    shared, stages = viewed([scan])
-    assert shared.problem == "" and len(bakes) == 1 and "baking light" in stages
-    assert shared.scene.baked is not None
-    assert capsys.readouterr().err.startswith("pointray: light is baked first (")
+def test_the_viewer_shows_a_scan_before_it_bakes(scan, bakes, capsys):
+    """The painter's baker makes the light, while pictures have direct light."""
+    shared, _ = viewed([scan])
+    assert shared.problem == "" and bakes == [] and shared.scene.baked is None
+    assert "baked first" not in capsys.readouterr().err
 
 
-def test_what_the_viewer_shows_first_fits_the_light(scan, bakes):
+def test_what_the_viewer_shows_first_fits_the_light(scan):
     """Its panel knows lights by angles and sRGB colours; as long as nobody changes them they are what they were."""
     lights = ["sun:1,1,-1.5", "point:0.3,-3,4"]
     shared, _ = viewed([scan], light=lights)
     scene, up = shared.scene, shared.up
     view = ViewSettings.of(shared, scene)
-    camera = pr.frame(scene, size=(8, 8))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        pr.render(view.apply(scene, up), camera, pr.Settings("baked"))
+    light = pr.bake(scene, BAKED)
+    assert light.fits(view.apply(scene, up))
     changed = view.with_value("lamps.0.azimuth", view.lamps[0].azimuth + 5.0)
-    with pytest.warns(pr.StaleLightWarning):
-        pr.render(changed.apply(scene, up), camera, pr.Settings("baked"))
+    assert not light.fits(changed.apply(scene, up))
 
 
 @pytest.mark.parametrize("lights", [None, ["point:0.3,-3,4"]])

@@ -227,6 +227,23 @@ def test_levels_that_are_made_after_the_bake_have_no_light(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
+def test_an_update_lights_levels_that_were_made_after_the_bake(tmp_path):
+    model = pr.Model(pr.procedural("torus", 12_000))
+    scene = room(model)
+    baked = pr.bake(scene, QUICK)
+    model.make_levels()
+    assert baked.lacks_levels(scene) and not pr.bake(scene, QUICK).lacks_levels(scene)
+    before = picture(scene, baked, distance=10.0, levels=False)  # no warning: what is shown has light
+    with pytest.warns(pr.StaleLightWarning, match="levels"):
+        dark = picture(scene, baked, distance=10.0)
+    baked.update()
+    assert baked.stale is None
+    after = picture(scene, baked, distance=10.0)
+    assert np.abs(after - dark).max() > 0.05 and np.abs(after - before).max() < 0.3
+    assert after == pytest.approx(picture(scene, pr.bake(scene, QUICK), distance=10.0), rel=1e-4)
+    baked.save(tmp_path / "a")
+
+
 @pytest.mark.parametrize(
     "scene",
     [

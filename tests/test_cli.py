@@ -225,7 +225,7 @@ def test_some_points_are_not_finite(tmp_path: Path, capsys: pytest.CaptureFixtur
     rows = sphere_points(2000)
     rows[:5] = np.nan
     file = ascii_ply(tmp_path / "some.ply", rows)
-    assert execute(["render", str(file), "-o", str(tmp_path / "a.png"), *SMALL]) == 0
+    assert execute(["render", str(file), "-o", str(tmp_path / "a.png"), *SMALL, "--light", "headlight"]) == 0
     notes = [line for line in capsys.readouterr().err.splitlines() if "note:" in line]
     assert len(notes) == 1 and notes[0].startswith("pointray: note: 5 of 2,000 points")
 
@@ -305,7 +305,7 @@ def test_a_full_disk_is_a_failure(
 
     monkeypatch.setattr(pr, "write_image", full)
     picture = scan.with_name("a.png")
-    assert execute(["render", str(scan), "-o", str(picture), *SMALL]) == 1
+    assert execute(["render", str(scan), "-o", str(picture), *SMALL, "--light", "headlight"]) == 1
     assert capsys.readouterr().err == f"pointray: {picture}: No space left on device\n"
 
 

@@ -22,18 +22,19 @@ from ..scene.world import Snapshot
 from .bounces import VARIANCE
 from .file import Stored, read_light, write_light
 from .kept import Kept
-from .keys import keys_of, lights_of, materials_of, shape_of
+from .keys import keys_of, lacks_levels, lights_of, materials_of, shape_of
 from .planes import Grid
 from .settings import BakeSettings
 from .sky import Sky, look_at_sky
 from .solve import Arrived, find_lights, smoothed, solve
 from .store import AtSplats, at_points, blend_of, dark, from_patches, from_records, make_records, seen_skies, unit_of
-from .surfaces import Sheet, coarser, find_sheets, recolored
+from .surfaces import Sheet, coarser, find_sheets, leveled, recolored
 from .transport import ALL_SIDES, Side, Transport
 
 LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
 PROBES, PROBE_LINKS = 1 << 13, 16  # patches and links of the rough light that tells which sides are dark
 DARK = 0.02  # a back side with less than this share of the light of the brightest side is kept as black
+NO_LEVELS = "levels of detail were made after the bake: call update(), or bake again"
 MOST_ROUNDS = 3  # of further links where there is noise
 DIM = 0.1  # share of the mean light: noise counts as a share of no less than this
 
@@ -125,10 +126,14 @@ class Baked:
         if snapshot is self._checked:
             return self._reason
         fixed, reason = snapshot.without_camera_lights(), None
-        if shape_of(fixed) != self._shape:
+        shape = shape_of(fixed)
+        fewer = lacks_levels(self._shape, shape)
+        if shape != self._shape and not fewer:
             reason = "models, planes or clip planes have changed: bake again"
         elif lights_of(fixed) != self._lights:
             reason = "lights, materials or colours have changed: call update()"
+        elif fewer:
+            reason = NO_LEVELS
         self._checked, self._reason = snapshot, reason
         return reason
 
@@ -136,8 +141,12 @@ class Baked:
         """Whether the light is that of a scene, which may be a copy of its own."""
         return self._stale(scene.snapshot()) is None
 
+    def lacks_levels(self, scene: Scene) -> bool:
+        """Whether it is the light of a scene but for levels of detail, which were made later: they are dark."""
+        return self._stale(scene.snapshot()) == NO_LEVELS
+
     def update(self, progress: Progress | None = None) -> None:
-        """Bake anew for other lights, another sky, other materials and colours, without new links.
+        """Bake anew, without new links, for other lights, another sky, other materials and colours, levels of detail.
 
         Light from a file has no links: they are found anew, as in `bake`, which takes as long.
 
@@ -148,11 +157,14 @@ class Baked:
         """
         check_callback(progress)
         snapshot = self._scene.snapshot().without_camera_lights()
-        if shape_of(snapshot) != self._shape:
+        shape = shape_of(snapshot)
+        if shape != self._shape and not lacks_levels(self._shape, shape):
             raise ValueError("the light does not fit: models, planes or clip planes have changed: bake again")
         if self._stored is not None:
             self._bake(snapshot, progress)
             return
+        if shape != self._shape:
+            self._sheets, self._shape = leveled(snapshot, self._sheets), shape
         if materials_of(snapshot) != self._materials:
             self._materials = materials_of(snapshot)
             self._sheets = recolored(snapshot, self._sheets, self._settings.albedo_scale)
@@ -174,7 +186,8 @@ class Baked:
 
         This one stays as it is. Both share their links.
         """
-        if shape_of(scene.snapshot().without_camera_lights()) != self._shape:
+        shape = shape_of(scene.snapshot().without_camera_lights())
+        if shape != self._shape and not lacks_levels(self._shape, shape):
             return None
         twin = copy.copy(self)
         twin._scene = scene
@@ -187,6 +200,8 @@ class Baked:
         A warning tells once if the light is stale.
         """
         reason = self._stale(scene)
+        if reason == NO_LEVELS and not levels.any():
+            reason = None
         if reason is not None and reason != self._warned:
             warnings.warn(f"the baked light no longer fits the scene: {reason}", StaleLightWarning, stacklevel=6)
         self._warned = reason

@@ -103,6 +103,11 @@ def shape_of(scene: Snapshot) -> tuple[Any, ...]:
     return scene.models, levels, _digest(scene.numbers, records, specular, planes, world.clips)
 
 
+def lacks_levels(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:
+    """Whether two shapes, see `shape_of`, differ in levels of detail only."""
+    return before != now and (before[0], before[2]) == (now[0], now[2])
+
+
 def lights_of(scene: Snapshot) -> bytes:
     """What the light depends on besides."""
     world = scene.world

@@ -106,6 +106,20 @@ def recolored(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list
     return _shaded(scene, out, albedo_scale)
 
 
+def leveled(scene: Snapshot, sheets: list[Sheet]) -> list[Sheet]:
+    """The same sheets, whose light the levels of detail that models have now get too."""
+    records, sets, out = scene.world.instances.reshape(-1, INSTANCE), {}, []
+    for sheet in sheets:
+        if not isinstance(sheet.patches, Grid):
+            row, count = int(records[sheet.instance, SHAPE_ROW]), len(sheet.positions)
+            if row not in sets:  # the same patches: their choice depends on the model's tree and their number only
+                model = scene.models[row]
+                sets[row] = choose_patches([model.tree, *(level.tree for level in model.levels)], count)
+            sheet = sheet._replace(patches=sets[row])
+        out.append(sheet)
+    return out
+
+
 def _plane_of(world: World, record: Floats) -> Floats:
     return world.planes[int(record[SHAPE_ROW]) * PLANE_SIZE :][:PLANE_SIZE]
 

@@ -3,6 +3,7 @@
 commands, options : the commands, a file for each group of them, and the options that several share
 scan_scene, scene_file, views, keys : from a scan or a scene file to a scene and cameras
 outputs, animate : the work of `render` and `animate`
+scan_lights : the lights of a scan, and whether they are baked
 baked_light, bake : where pictures get baked light from, and the work of `bake`
 prepare, report, demo, serve, benchmark : the work of `prepare`, `info`, `demo`, `view` and `bench`
 waiting : progress bars, and Ctrl-C

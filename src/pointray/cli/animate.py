@@ -122,8 +122,9 @@ class FilmSource(NamedTuple):
     Attributes
     ----------
     build : callable
-        Takes a Progress; returns the scene and the first camera of a turntable.
+        Takes a Progress; returns the scene, the first camera of a turntable, and the settings of pictures.
     settings : Settings
+        As far as they are known before.
     exposure : float or "auto"
         Auto: one for all frames.
     curve : str
@@ -139,7 +140,7 @@ class FilmSource(NamedTuple):
         Whether light is baked.
     """
 
-    build: Callable[[Progress], tuple[Any, Any]]
+    build: Callable[[Progress], tuple[Any, Any, Any]]
     settings: Any
     exposure: float | str
     curve: str
@@ -153,9 +154,9 @@ class FilmSource(NamedTuple):
 def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: float | str) -> FilmSource:
     """A film of a scan. Unless options place the camera, a turntable keeps the whole scan in the picture."""
 
-    def build(progress: Progress) -> tuple[Any, Any]:
+    def build(progress: Progress) -> tuple[Any, Any, Any]:
         scene, _, scan = scan_scene.build(progress)
-        return scene, view.turning(scan)
+        return scene, view.turning(scan), scan_scene.shown_with(settings)
 
     def light(progress: Progress) -> None:
         scan_scene.light(progress, ONCE)
@@ -208,10 +209,10 @@ def _render(frames: Any, missing: list[int], camera_path: CameraPath, source: Fi
     from ..rendering.lod import is_far
     from ..rendering.picture import render
 
-    scene, first = source.build(progress)
+    scene, first, settings = source.build(progress)
     cameras = camera_path.cameras(first)
     for model in scene.models if source.leveled else ():
-        if not model.levels and any(is_far(model, camera, source.settings.most) for camera in cameras):
+        if not model.levels and any(is_far(model, camera, settings.most) for camera in cameras):
             in_background(partial(model.make_levels, progress.show))
     if source.light is not None:
         source.light(progress)
@@ -221,12 +222,12 @@ def _render(frames: Any, missing: list[int], camera_path: CameraPath, source: Fi
             progress.show(f"frame {done + 1} of {len(missing)}", (done + share) / len(missing))
 
         show(0.0)
-        return render(scene, camera, source.settings, show)
+        return render(scene, camera, settings, show)
 
     exposure, curve = source.exposure, "srgb" if source.curve == AUTO else source.curve
     if isinstance(exposure, str):
         progress.show("choosing the exposure", 0.0)
-        exposure, curve = in_background(lambda: _exposure(scene, cameras, source.settings))
+        exposure, curve = in_background(lambda: _exposure(scene, cameras, settings))
     with writing(frames.pattern):
         frames.begin()
     for done, k in enumerate(missing):

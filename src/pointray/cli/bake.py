@@ -14,6 +14,7 @@ from ..choices import AUTO
 from ..data import Points
 from ..image.exposure import auto_tone
 from ..image.tone import linear_to_srgb, srgb_to_linear, tone
+from ..staging import HEADLIGHT
 from ..staging.first_view import ViewChoice
 from .baked_light import LightSource
 from .options import up_axis
@@ -68,7 +69,7 @@ def scan_to_bake(file: Path, options: dict[str, Any]) -> tuple[ScanScene, LightS
     check_scan(file)
     plain = {name: getattr(value, "value", value) for name, value in options.items()}
     for text in plain["light"] or []:
-        if text.endswith(",camera"):
+        if text.endswith(",camera") or text == HEADLIGHT:
             raise ValueError(f"--light {text}: light that goes with the camera is not baked")
     if plain["colors"] and plain["color_by"] is not None:
         raise ValueError("--colors is for the points' own colours, or --color, not for --color-by")

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from .waiting import Progress, in_background
 
+# Of light that nobody asked for: a picture comes a second or two later than without, see docs/decisions.
+QUICK_PATCHES, QUICK_LINKS, QUICK_NOISE = 16384, 32, 1.0
+
 # What is said when there is no file.
 KEEP = "pointray bake keeps it in a file, for --bake"
 FIRST = f"light is baked first ({KEEP})"
+LOOK = "a studio lights the scan, and its light is baked; --light headlight takes a headlight instead"
 ONCE = f"light is baked first, once for all frames: only the camera moves ({KEEP})"
 
 
@@ -25,10 +29,13 @@ class LightSource:
     settings : BakeSettings
         How it is baked, without a file.
     file : Path or None
+    quick : bool
+        Whether it is baked although nobody asked for it.
     """
 
     settings: Any
     file: Path | None = None
+    quick: bool = False
 
     @property
     def inputs(self) -> dict[str, Any]:
@@ -53,15 +60,18 @@ class LightSource:
     def light(self, scene: Any, progress: Progress, told: str = FIRST) -> None:
         """Give a scene its light. told : what is said if it is baked"""
         if self.file is None:
-            warnings.warn(told, stacklevel=2)
+            warnings.warn(LOOK if self.quick else told, stacklevel=2)
         scene.baked = in_background(lambda: self.make(scene, progress.show))
 
 
-def light_source(settings: Any, file: Path | None) -> LightSource | None:
+def light_source(settings: Any, file: Path | None, quick: bool = False) -> LightSource | None:
     """Where pictures with these settings get baked light from; None if they show none. The file must be there."""
     from ..baking.settings import BakeSettings
     from ..points.files import check_regular
 
     if settings.integrator != "baked":
         return None
-    return LightSource(BakeSettings(seed=settings.seed, threads=settings.threads), file and check_regular(file))
+    baking = BakeSettings(seed=settings.seed, threads=settings.threads)
+    if quick:
+        baking = replace(baking, patches=QUICK_PATCHES, links=QUICK_LINKS, noise=QUICK_NOISE)
+    return LightSource(baking, file and check_regular(file), quick)

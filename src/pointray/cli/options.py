@@ -53,7 +53,13 @@ ZoomOption = Annotated[float, typer.Option(help="2: half as far away as the came
 FovOption = Annotated[float, typer.Option(help="Vertical field of view, degrees.")]
 SizeOption = Annotated[str, typer.Option(help="Width and height in pixels, like 640x480.")]
 SHOWN = "; ".join(INTEGRATORS.values())
-IntegratorOption = Annotated[Integrator, typer.Option(help=f"What is shown, in this order: {SHOWN}.")]
+IntegratorOption = Annotated[
+    Integrator | None,
+    typer.Option(
+        help=f"What is shown, in this order: {SHOWN}. Default: baked, quickly, for a scan in the studio's light with "
+        "colours of its own, or one; else phong."
+    ),
+]
 SppOption = Annotated[int, typer.Option(help="Samples a pixel; 1 with a limit of time or noise: as many as it takes.")]
 ProjectionOption = Annotated[Projection, typer.Option(help=f"How rays begin. {listed(PROJECTIONS)}.")]
 ApertureOption = Annotated[float, typer.Option(help="Diameter of the lens, in the scan's units; 0: all is sharp.")]
@@ -87,8 +93,9 @@ LightOption = Annotated[
     typer.Option(
         help="sun:dx,dy,dz (the way it travels) or point:x,y,z, then :strength, with ,camera at the end it goes with "
         "the camera (x to the right, y up, z to the eye); sky:r,g,b or sky:FILE (.hdr, .exr: all around); repeatable. "
-        "A fill light from the sky comes with suns and points, see --fill. Default: a studio, a key light beside the "
-        "camera and a sky; for baked light the key light stands still, at the upper left of the view that auto finds."
+        "A fill light from the sky comes with suns and points, see --fill. Or alone: studio, the default, a key light "
+        "with shadows and a sky; headlight, a lamp at the camera. The key light stands still where light is baked, at "
+        "the upper left of the view that auto finds; else it goes with the camera."
     ),
 ]
 FillOption = Annotated[
@@ -203,7 +210,8 @@ def light_of(text: str) -> Callable[[Any], Any]:
     camera = bool(suffix)
     vector, _, strength = rest.partition(":")
     if kind not in LIGHTS:
-        raise ValueError(f"--light must be like sun:1,1,-2, point:0,-3,4:20, sky:1,1,1 or sky:FILE, not {text!r}")
+        known = "sun:1,1,-2, point:0,-3,4:20, sky:1,1,1 or sky:FILE, or studio or headlight"
+        raise ValueError(f"--light must be like {known}, not {text!r}")
     if camera and not text.endswith(",camera"):
         raise ValueError(f"--light: ,camera comes at the end, not as in {text!r}")
     at = numbers(vector, "--light")
@@ -254,16 +262,6 @@ def settings_of(integrator: Integrator, filter: Filter, *, threads: int | None, 
     if settings.denoised:
         check_denoise()
     return settings
-
-
-def use_bake(context: typer.Context) -> Integrator:
-    """The integrator: --bake implies that it is "baked", in the context's parameters too."""
-    integrator: Integrator = context.params["integrator"]
-    if context.params["bake"] is not None and integrator != "baked":
-        if "integrator" in given(context):
-            raise ValueError(f"--bake is for --integrator baked, not {integrator.value}")
-        integrator = context.params["integrator"] = Integrator["baked"]
-    return integrator
 
 
 def given(context: typer.Context) -> dict[str, Any]:

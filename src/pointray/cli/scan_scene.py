@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +17,8 @@ from ..points.trust import trusted
 from ..splats.radii import radii_in
 from ..staging.first_view import ViewChoice
 from .baked_light import FIRST, LightSource, light_source
-from .options import FILL, background_of, color_of, light_of, numbers, settings_of
+from .options import background_of, color_of, numbers, settings_of
+from .scan_lights import ScanLights, outlook_of
 from .views import View
 from .waiting import Progress, in_background
 
@@ -47,7 +47,7 @@ APPEARANCE = ("light", "fill", "background", "ground", "material", "color", "col
 
 
 def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[View, Any, ScanScene]:
-    """The view, settings and scene of a scan from all options of `render` or `animate`.
+    """The view, settings and scene of a scan from all options of `render` or `animate`, see `picture_options`.
 
     A wrong option raises ValueError at once.
 
@@ -62,7 +62,7 @@ def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[V
     )
     view = View(plain["size"], plain["up"], lens, **framing)
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
-    baked = light_source(settings, plain["bake"])
+    baked = light_source(settings, plain["bake"], plain["quick"])
     return view, settings, ScanScene(file, surface, appearance, view.choice, layers, plain["normals"], baked)
 
 
@@ -108,8 +108,7 @@ class ScanScene:
         self._normals, self._baked = normals, baked
         check_saved(file, surface == PLAIN and normals == AUTO)
         self.read: Points | None = None
-        self._lights = [light_of(text) for text in appearance["light"] or []]
-        self._fill = fill_of(appearance["fill"], appearance["light"])
+        self._lights = ScanLights(appearance["light"], appearance["fill"])
         self._material = ScanMaterial(appearance["material"], appearance.get("color"), appearance.get("color_by"))
         self._scene = pr.Scene()
         self._background = background_of(appearance["background"])
@@ -153,9 +152,24 @@ class ScanScene:
         self._scene.add(model, material=self._material.build(model.points, scan.up))
         if self._appearance["ground"]:
             self._scene.add(ground_under(model.bounds, scan.up))
-        front = None if self._baked is None else front_of(model, scan.up)
-        self._scene.lights = lights_for(self._lights, self._fill, model.bounds.mean(axis=0), scan.up, front)
+        self._scene.lights = self._lights.make(model.bounds.mean(axis=0), scan.up, self._front(model, scan.up))
         return self._scene, model, scan
+
+    def shown_with(self, settings: Any) -> Any:
+        """The settings for pictures of what `build` has made: without baked light where that was not worth it."""
+        from ..staging.studio import with_direct_light
+
+        return with_direct_light(settings) if self._baked is None else settings
+
+    def _front(self, model: Any, up: Any) -> float | None:
+        """Where the key light stands, see `ScanLights.make`; a room is not baked unless that was asked for."""
+        if self._baked is None:
+            return None
+        outlook = outlook_of(model, up)
+        if outlook.within and self._baked.quick:
+            self._baked = None
+            return None
+        return float(outlook.azimuth)
 
     @property
     def one_color(self) -> tuple[float, float, float] | None:
@@ -175,7 +189,7 @@ class ScanScene:
     def light(self, progress: Progress, told: str = FIRST) -> None:
         """Give the scene its baked light, if that is wanted: after `build`, and after levels of detail are made.
 
-        told : what is said if it is baked
+        told : what is said if it is baked as somebody wanted
         """
         if self._baked is not None:
             self._baked.light(self._scene, progress, told)
@@ -262,39 +276,6 @@ class ScanMaterial:
             "glass": Dielectric,
         }
         return made[self._kind]()
-
-
-def fill_of(fill: float | None, lights: list[str] | None) -> float:
-    """The strength of the sky that is added to the given lights; 0 if one of them is a sky."""
-    if fill is not None and not 0 <= fill <= 1e6:
-        raise ValueError(f"--fill must be a number from 0 on, not {fill}")
-    if fill is not None and not lights:
-        raise ValueError("--fill is for --light sun or point, which is not given")
-    if any(text.startswith("sky") for text in lights or []):
-        if fill:
-            raise ValueError("--fill is for --light sun or point: there is a sky already")
-        return 0.0
-    return FILL if fill is None else fill
-
-
-def lights_for(lights: Sequence[Any], fill: float, middle: Any, up: Any, front: float | None = None) -> list[Any]:
-    """The lights of the options (see `light_of`) for a scan's middle; a studio if there are none.
-
-    front : where a viewer stands, azimuth in degrees, before whom the studio's key light stands still; None: it follows
-        the camera
-    """
-    from ..staging import studio
-
-    if not lights:
-        return studio.studio(up, front)
-    return [*(make(middle) for make in lights), *([studio.fill(fill, up)] if fill > 0 else [])]
-
-
-def front_of(subject: Any, up: Any) -> float:
-    """The azimuth of the view that is found for a scan, in whole degrees; options of views do not change it."""
-    from ..staging.first_view import Scan
-
-    return float(round(Scan(subject, ViewChoice(up)).outlook.azimuth))
 
 
 def _axis_of(up: tuple[float, float, float]) -> str:

@@ -100,9 +100,8 @@ class DescribedScene:
         """The source of a film of the scene."""
         from .animate import FilmSource
 
-        def build(progress: Progress) -> tuple[Any, Any]:
-            made = self.build(progress, ONCE)
-            return made.scene, made.camera
+        def build(progress: Progress) -> tuple[Any, Any, Any]:
+            return self.build(progress, ONCE)[:3]
 
         plan = self.plan
         return FilmSource(build, plan.settings, plan.exposure, plan.curve, self.inputs, bakes=self.bakes)

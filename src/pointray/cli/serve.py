@@ -14,8 +14,9 @@ from typing import Any
 
 from ..choices import AUTO
 from .baked_light import FIRST, light_source
-from .options import background_of, light_of
-from .scan_scene import PLAIN, check_saved, check_scan, fill_of, front_of, ground_under, lights_for
+from .options import background_of
+from .scan_lights import ScanLights, outlook_of
+from .scan_scene import PLAIN, check_saved, check_scan, ground_under
 from .scene_file import DescribedScene, is_scene
 from .views import View
 
@@ -29,10 +30,12 @@ def shared_scene_of(
     """The shared scene to view, and its loader. A wrong file or option raises an error at once.
 
     typed : the options that the user has typed
-    options : settings, up, light, fill, background, ground, normals and bake
+    options : settings, up, light, fill, background, ground, normals, bake and quick, see `picture_options`
     surface : as `Model` takes it; only the default surface gets levels of detail
     """
+    from ..rendering.warmup import warm_up
     from ..staging.first_view import Scan
+    from ..staging.studio import with_direct_light
     from ..viewer.loading import Described, Files
     from ..viewer.shared_scene import SharedScene
 
@@ -42,12 +45,13 @@ def shared_scene_of(
         scene_options = {name: value for name, value in typed.items() if name != "files"}
         described = DescribedScene(files[0], scene_options, SERVING)
         plan = described.plan
-        if described.bakes:
-            _begin_bake(plan.settings)
+        if described.bakes:  # before there is something to see
+            _tell(FIRST)
+            warm_up(plan.settings, clicks=True, bakes=True)
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
         return SharedScene(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
     choice = View("1x1", options["up"]).choice
-    lights, fill = [light_of(text) for text in options["light"] or []], fill_of(options["fill"], options["light"])
+    lights = ScanLights(options["light"], options["fill"])
     background = background_of(options["background"])
     known: list[Any] = []  # up direction and lights: found once, for the coarse version and for all points
 
@@ -57,8 +61,11 @@ def shared_scene_of(
             scan = Scan(scene, choice)
             if scan.found:
                 _tell(scan.found)
-            front = None if baked is None else front_of(scene, scan.up)
-            known.extend((scan.up, lights_for(lights, fill, bounds.mean(axis=0), scan.up, front)))
+            outlook = None if baked is None else outlook_of(scene, scan.up)
+            if outlook is not None and outlook.within and options["quick"]:
+                outlook, shared.settings = None, with_direct_light(settings)
+            front = None if outlook is None else outlook.azimuth
+            known.extend((scan.up, lights.make(bounds.mean(axis=0), scan.up, front)))
         up, scene.lights = known
         if options["ground"]:
             scene.add(ground_under(bounds, up))
@@ -75,21 +82,13 @@ def shared_scene_of(
     baked = light_source(settings, options["bake"])
     from_file = baked is not None and baked.file is not None
     if baked is not None and not from_file:
-        _begin_bake(settings)
+        warm_up(settings, clicks=True, bakes=True, before=with_direct_light(settings))
     leveled = settings.levels and surface == PLAIN and not from_file  # the file's light is for all points only
-    light = None if baked is None else baked.make
+    light = baked.make if baked is not None and from_file else None
     loader = Files(files, surface, furnish, leveled, options["normals"], choice, light)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
-    shared.exposes = True
+    shared.exposes, shared.look = True, lights.look or ""
     return shared, loader
-
-
-def _begin_bake(settings: Any) -> None:
-    """Say that light is baked before there is something to see, and begin to compile what that needs."""
-    from ..rendering.warmup import warm_up
-
-    _tell(FIRST)
-    warm_up(settings, clicks=True, bakes=True)
 
 
 def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:

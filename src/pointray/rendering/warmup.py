@@ -1,8 +1,8 @@
 """Compile kernels before they are needed, in a second process: `python -m pointray.rendering.warmup NAME...`.
 
 The kernel of pictures takes three times as long to compile as all kernels together that build a model, so both are
-compiled at once; the kernels that a click in the viewer needs come after that. Those of a bake come before that of
-pictures: they share most of what is to be compiled.
+compiled at once; the kernels that a click in the viewer needs come after that. Kernels that send the rays of a bake
+come before that of pictures that show its light, and after that of pictures that are shown until it is baked.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from ..scene.instances import Plane
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from ..shade.environment import EnvironmentLight
+from ..shade.lights import SphereLight
 from .camera import Camera
 from .picture import KERNELS as INTEGRATOR_KERNELS
 from .picture import kernel_for, render
@@ -55,41 +56,53 @@ NORMALS = {
     "points.normals.sheets._wind": 0.5,
 }
 CLICK = "trace.cast._closest"
-PICTURES = {
-    "rendering.integrate.quick_frame": 31.0,
-    "rendering.integrate.sampled_frame": 28.0,
+SHARED = 20.0  # what all kernels that trace rays share: the first one in a process compiles it for all
+PICTURES = {  # besides what is shared, as those that follow
+    "rendering.integrate.quick_frame": 11.0,
+    "rendering.integrate.sampled_frame": 8.0,
     CLICK: 5.0,
 }
-USUAL = 30.0  # of another integrator
-SHARED = 20.0  # of these: what all kernels that trace rays share, and the first one in a process compiles for all
-BAKE = {  # compiled before those of pictures
-    CLICK: 24.0,
-    "baking.gather.send_rays": 11.0,
+USUAL = 10.0  # of another integrator
+RAYS = {CLICK: 5.0, "baking.gather.send_rays": 11.0}  # of a bake
+BAKE = {
     "baking.reflectance.find_reflectances": 2.6,
     "baking.sky._average": 1.3,
     "baking.bounces.reflect": 0.2,
     "baking.bounces.add_irradiance": 0.4,
     "baking.bounces.add_facts": 0.6,
+    "baking.bounces.hide_links": 0.7,
     "baking.smooth.smooth": 0.5,
     "baking.pack.pack": 0.6,
 }
 BLEND = {"baking.patches._blend": 0.7}  # of a bake too, where there are models
 
 
-def warm_up(settings: Settings | None, clicks: bool = False, bakes: bool = False) -> None:
+def warm_up(
+    settings: Settings | None, clicks: bool = False, bakes: bool = False, before: Settings | None = None
+) -> None:
     """Begin to compile what pictures of a scan need, if not yet compiled.
 
     settings : None: no pictures are wanted
     clicks, bakes : whether what clicks need, and what baking light needs, is wanted too
+    before : of pictures that are shown until light is baked
     """
-    wanted = {_full(name): cost for name, cost in BAKE.items()} if bakes else {}
-    if settings is not None:
-        name = name_of(kernel_for(settings))
-        wanted[name] = PICTURES.get(name.removeprefix(f"{PACKAGE}."), USUAL) - SHARED * bakes
+    wanted = _of_pictures(before)
+    wanted |= {_full(name): cost for name, cost in (RAYS | BAKE).items()} if bakes else {}
+    wanted |= _of_pictures(settings)
     if clicks:
         wanted.setdefault(_full(CLICK), PICTURES[CLICK])
+    missing = [name for name in wanted if not is_compiled(KERNELS[name])]
+    wanted.update({name: wanted[name] + SHARED for name in missing[:1]})
     compile_beside(__name__, wanted)
     expect(BUILD | BLEND if bakes else BUILD)
+
+
+def _of_pictures(settings: Settings | None) -> dict[str, float]:
+    """The kernel of pictures, and its cost."""
+    if settings is None:
+        return {}
+    name = name_of(kernel_for(settings))
+    return {name: PICTURES.get(name.removeprefix(f"{PACKAGE}."), USUAL)}
 
 
 def expect(kernels: dict[str, float]) -> None:
@@ -123,13 +136,14 @@ def _compile(names: Sequence[str]) -> None:
     scene = Scene()
     scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures are the same for any scene
     scene.add_light(EnvironmentLight())
+    scene.add_light(SphereLight((0, 0, 2), 0.1, 1.0))  # a lamp, which hides links
     scene.baked = _NoLight()
     camera = Camera.look_at((1, 1, 1), (0, 0, 0), size=(8, 8))
     integrators = {name_of(kernel): integrator for integrator, kernel in INTEGRATOR_KERNELS.items()}
     for name in names:
         if name == _full(CLICK):
             scene.intersect((0, 0, 1), (0, 0, -1))
-        elif name in map(_full, BAKE):
+        elif name in map(_full, RAYS | BAKE):
             bake(scene, BakeSettings(links=1, patches=64, threads=1))
         else:
             render(scene, camera, Settings(integrators[name], threads=1))

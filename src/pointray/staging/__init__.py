@@ -7,3 +7,6 @@ Begin with first_view.
 """
 
 from __future__ import annotations
+
+STUDIO, HEADLIGHT = "studio", "headlight"
+LOOKS = {STUDIO: "a studio: key light and sky", HEADLIGHT: "a headlight"}  # all the light of a scan, by one word

@@ -17,6 +17,7 @@ from .direction import axes_of, direction_of
 KEY_DIRECTION = (0.55, -0.65, -0.6)
 KEY = 0.9 * np.pi  # irradiance: a white surface that faces it has radiance 0.9
 KEY_ANGLE = 5.0  # degrees: soft shadow edges for path tracing
+STILL_ANGLE = 2.0  # of a key light that stands still: few samples leave no grain in its shadows' edges
 ZENITH, HORIZON, GROUND = 0.34, 0.26, 0.14  # radiance of the sky, and of what lies below it
 ALBEDO = 0.65  # linear, of points without colours
 CLAY = (0.58, 0.37, 0.27)  # linear
@@ -47,7 +48,7 @@ def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Ligh
         return [SunLight(KEY_DIRECTION, KEY, KEY_ANGLE, camera=True), sky]
     back, upward = direction_of(check_number(azimuth, "azimuth", "degrees"), 0.0, top), axes_of(top)[2]
     axes = np.stack([np.cross(upward, back), upward, back])  # of the viewer's camera
-    return [SunLight((KEY_DIRECTION @ axes).tolist(), KEY, KEY_ANGLE), sky]
+    return [SunLight((KEY_DIRECTION @ axes).tolist(), KEY, STILL_ANGLE), sky]
 
 
 def fill(strength: float, up: ArrayLike = (0, 0, 1)) -> EnvironmentLight:
@@ -58,3 +59,8 @@ def fill(strength: float, up: ArrayLike = (0, 0, 1)) -> EnvironmentLight:
 def with_contact(settings: Settings) -> Settings:
     """Settings whose sky leaves contact shadows, where the integrator has none of its own."""
     return replace(settings, sky_rays=SKY_RAYS) if settings.integrator == "phong" else settings
+
+
+def with_direct_light(settings: Settings) -> Settings:
+    """Settings of the pictures that stand in for those with baked light while there is none; others as they are."""
+    return with_contact(replace(settings, integrator="phong")) if settings.integrator == "baked" else settings

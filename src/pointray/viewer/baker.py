@@ -4,10 +4,12 @@
 |--------|---------------------------------------------------|---------------|-------|
 | rough  | as soon as the scene has other models or planes;  | 8,192         | 32    |
 |        | whenever lights, materials or colours change      |               |       |
-| fine   | when the rough light is there and nothing changes | as `bake` has | 48    |
+| fine   | when the rough light is there, nothing changes    | as `bake` has | 48    |
+|        | and no models are being built                     |               |       |
 
 Until there is rough light, pictures have none: the painter shows direct light instead. Light of a scene that has
-changed meanwhile is not shown.
+changed meanwhile is not shown, but for levels of detail that were made later: they are left out until they have light.
+All processors bake, and yield to pictures (`niceness`); where they cannot, half of them bake.
 """
 
 from __future__ import annotations
@@ -20,13 +22,17 @@ from collections.abc import Callable
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
 from ..jit import thread_count
+from ..rendering.settings import Settings
+from ..rendering.warmup import wait_until_warm, warm_up
 from ..scene.scene import Scene
+from .niceness import FINE_LIGHT, ROUGH_LIGHT, YIELDS, yielding
 from .time_left import TimeLeft
 
 log = logging.getLogger("pointray.view")
 
 ROUGH = (8192, 32)  # patches and links
-STAGE = "baking light"
+SHOWN = Settings("baked")  # pictures of the light
+STAGE, FINE_STAGE = "baking light", "baking finer light"
 
 
 class _SupersededError(Exception):
@@ -41,13 +47,15 @@ class Baker:
     ready : callable
         Called, from the baker's thread, when there is new light.
     say : callable
-        Takes the stage, the share done and the seconds left (or None), while fine light is baked; empty at its end.
+        Takes the stage, the share done and the seconds left (or None), while light is baked; empty at its end.
     """
 
     def __init__(self, ready: Callable[[], None], say: Callable[[str, float | None, float | None], None]) -> None:
         self._ready, self._say = ready, say
         self._changed = threading.Condition()
         self._wanted: Scene | None = None
+        self._refines = False  # whether it is to have fine light
+        self.is_baking = False  # whether finer light comes soon
         self._light: tuple[Scene, Baked] | None = None  # the newest light, and the scene that it is for
         self._rough: Baked | None = None
         self._fine: Baked | None = None
@@ -56,17 +64,27 @@ class Baker:
         self._open = True
         self._time_left = TimeLeft()
 
-    def light_for(self, scene: Scene) -> Baked | None:
-        """The light of a scene, if it is baked; else it will be, unless another scene is asked for."""
+    def light_for(self, scene: Scene, fine: bool = True) -> Baked | None:
+        """The light of a scene, if it is baked, perhaps without levels of detail, see `Baked.lacks_levels`.
+
+        Else it will be, unless another scene is asked for. fine : whether fine light may be baked now
+        """
         with self._changed:
             light = self._light
-            if self._wanted is not scene and self._open:
-                self._wanted = scene
+            if (self._wanted is not scene or self._refines != fine) and self._open:
+                self._wanted, self._refines, self.is_baking = scene, fine, True
                 self._changed.notify_all()
                 if self._thread is None:
                     self._thread = threading.Thread(target=self._run, name="pointray-baker", daemon=True)
                     self._thread.start()
-        return light[1] if light is not None and light[0] is scene else None
+        if light is None:
+            return None
+        return light[1] if light[0] is scene or light[1].lacks_levels(scene) else None
+
+    def fine_for(self, scene: Scene) -> Baked | None:
+        """The fine light, if it is there and is that of a scene."""
+        fine = self._fine
+        return fine if fine is not None and fine.fits(scene) else None
 
     def close(self) -> None:
         """Stop baking."""
@@ -75,39 +93,59 @@ class Baker:
             self._changed.notify_all()
 
     def _run(self) -> None:
-        done: Scene | None = None
-        while (scene := self._next(done)) is not None:
+        warm_up(SHOWN, bakes=True)  # beside, where nobody has: pictures go on meanwhile
+        done: tuple[Scene | None, bool] = None, False
+        while (wanted := self._next(done)) is not None:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # of a scene without light: it is seen
-                    self._bake(scene)
+                    self._bake(*wanted)
             except _SupersededError:
                 pass
-            except Exception:  # pictures go on with direct light
+            except Exception:  # pictures go on with the light that there is
                 log.exception("while baking light")
             self._say("", None, None)
-            done = scene
+            done = wanted
+            self._rest(wanted)
 
-    def _next(self, done: Scene | None) -> Scene | None:
-        """Wait for another scene; None at the end."""
+    def _rest(self, done: tuple[Scene, bool]) -> None:
+        """Tell whoever waits for finer light that none comes, unless something else is wanted by now."""
         with self._changed:
-            self._changed.wait_for(lambda: not self._open or self._wanted is not done)
-            return self._wanted if self._open else None
+            ended = self.is_baking and (self._wanted, self._refines) == done
+            if ended:
+                self.is_baking = False
+        if ended and done[1]:
+            self._ready()
 
-    def _bake(self, scene: Scene) -> None:
+    def _next(self, done: tuple[Scene | None, bool]) -> tuple[Scene, bool] | None:
+        """Wait for another scene, or the wish for its fine light; None at the end."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._open or (self._wanted, self._refines) != done)
+            return (self._wanted, self._refines) if self._open and self._wanted is not None else None
+
+    def _bake(self, scene: Scene, refines: bool) -> None:
         """Bake rough light, then fine light."""
-        threads = max(1, thread_count() // 2)  # pictures need the others
-        rough, fine = _relit(self._rough, scene), self._fine
-        if rough is None:
-            fine = self._fine = None
-            patches, links = ROUGH
-            rough = bake(scene, BakeSettings(patches=patches, links=links, noise=1.0, threads=threads), self._check)
-        self._give(scene, rough)
-        if fine is None:
-            self._fine = bake(scene, BakeSettings(threads=threads), self._tell)
-        if self._wanted is self._baked:
-            self._fine = _relit(self._fine, self._baked)
+        if self._baked is not scene:
+            rough = yielding(ROUGH_LIGHT, lambda: self._roughly(scene))
+            wait_until_warm(SHOWN)
+            self._give(scene, rough)
+        if not refines:
+            return
+        if self._fine is None:
+            self._fine = yielding(FINE_LIGHT, lambda: bake(scene, BakeSettings(threads=_threads()), self._tell))
+        fine = self._fine
+        if self._wanted is self._baked and self._light is not None and self._light[1] is not fine:
+            self._fine = yielding(FINE_LIGHT, lambda: _relit(fine, self._baked))
             self._give(self._baked, self._fine, rough=False)
+
+    def _roughly(self, scene: Scene) -> Baked:
+        """The rough light of a scene; fine light of other models is forgotten."""
+        light = _relit(self._rough, scene)
+        if light is None:
+            self._fine, (patches, links) = None, ROUGH
+            settings = BakeSettings(patches=patches, links=links, noise=1.0, threads=_threads())
+            light = bake(scene, settings, self._tell_roughly)
+        return light
 
     def _give(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
         """Make light known."""
@@ -115,25 +153,36 @@ class Baker:
         with self._changed:
             self._light, self._baked = (scene, light), scene
             self._rough = light if rough else self._rough
+            self.is_baking = self.is_baking and rough
         self._ready()
 
-    def _check(self, share: float) -> None:
+    def _check(self) -> None:
         """Stop if there is nobody left."""
         if not self._open:
             raise _SupersededError
 
+    def _tell_roughly(self, share: float) -> None:
+        """Tell how far rough light is."""
+        self._check()
+        self._say(STAGE, share, self._time_left(STAGE, share))
+
     def _tell(self, share: float) -> None:
         """Tell how far fine light is; meanwhile rough light follows the lights. Stop if models have changed."""
-        self._check(share)
+        self._check()
         wanted = self._wanted
         if wanted is not None and wanted is not self._baked:
             light = _relit(self._rough, wanted)
             if light is None:
                 raise _SupersededError
             self._give(wanted, light)
-        self._say(STAGE, share, self._time_left(STAGE, share))
+        self._say(FINE_STAGE, share, self._time_left(FINE_STAGE, share))
 
 
 def _relit(baked: Baked | None, scene: Scene | None) -> Baked | None:
     """The light of a scene, from that of another one with the same models and planes; None if they differ."""
     return None if baked is None or scene is None else baked.relit(scene)
+
+
+def _threads() -> int:
+    """How many threads bake."""
+    return thread_count() if YIELDS else max(1, thread_count() // 2)

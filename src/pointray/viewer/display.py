@@ -9,7 +9,9 @@ from ..choices import AUTO, VIEWS
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute
+from ..staging import STUDIO
 from ..staging.framing import Lens
+from ..staging.studio import studio
 from .controls import Control, Folder
 from .light_control import light_controls_of
 from .lookups import Lookups
@@ -17,7 +19,7 @@ from .outbox import Outbox
 from .painter import FrameRequest, Painter
 from .panel import Output, folders
 from .shared_scene import SharedScene
-from .view_settings import CONSTANT, OWN, ViewSettings
+from .view_settings import CHANGED, CONSTANT, OWN, ViewSettings
 
 FOV = 40.0
 SKETCHED = ViewSettings(exposes=True)  # for the sketch, before there is a scene
@@ -113,6 +115,19 @@ class Display:
         self._outbox.say(type="values", values=values)
         self.refresh()
 
+    def light(self, look: str) -> None:
+        """Light the scene by one of `staging.LOOKS`, or by its own lights."""
+        shared, view = self._shared, self.view
+        if shared.scene is None or view is None or look == CHANGED:
+            return
+        if look == STUDIO:
+            outlook = shared.scan(AUTO).outlook
+            front = None if outlook.within else float(round(outlook.azimuth))
+            self.change(view.in_studio(studio(shared.up, front), shared.up), True)
+        else:
+            lights = shared.scene.lights if look == OWN else ()
+            self.change(view.lit_by(lights, shared.up, shared.settings.integrator), True)
+
     def change_output(self, name: str, value: Any) -> None:
         """Take a new option of saved pictures and films."""
         self.output = self.output._replace(**{name: value})
@@ -162,7 +177,8 @@ class Display:
         shared, version = self._shared, self._shared.version  # first: a newer scene is asked for again
         assert self.camera is not None and self.view is not None and shared.scene is not None
         built = not shared.is_building
-        return FrameRequest(self.camera, self.view, shared.scene, version, shared.up, built, self.time)
+        bakes = not shared.is_coarse
+        return FrameRequest(self.camera, self.view, shared.scene, version, shared.up, built, self.time, bakes=bakes)
 
     def control(self, name: str) -> Control:
         """The panel's control of this name; ValueError if there is none."""

@@ -13,19 +13,26 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import Vector
+from ..baking.baked import Baked, bake
+from ..baking.settings import BakeSettings
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
 from ..image.write import SHOWN_BYTES, check_image_path, write_image
 from ..rendering.camera_path import turntable
 from ..rendering.picture import check_picture, picture_bytes, render
+from ..rendering.settings import Settings
+from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import PointLight, SunLight
+from ..staging import HEADLIGHT, STUDIO
 from .outbox import Outbox
 from .painter import FrameRequest
 from .panel import Output
 from .shared_scene import Progress, SharedScene
-from .view_settings import CONSTANT, OWN
+from .time_left import TimeLeft
+from .view_settings import CONSTANT, OWN, ViewSettings
 
 log = logging.getLogger("pointray.view")
 
@@ -43,10 +50,12 @@ class Exports:
     ----------
     outbox : Outbox
         The outbox of the page that they are for.
+    light_of : callable
+        The fine light of a scene, if it is baked already.
     """
 
-    def __init__(self, outbox: Outbox) -> None:
-        self._outbox = outbox
+    def __init__(self, outbox: Outbox, light_of: Callable[[Scene], Baked | None]) -> None:
+        self._outbox, self._light_of, self._time_left = outbox, light_of, TimeLeft()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -94,6 +103,7 @@ class Exports:
         camera = replace(request.camera, size=(output.width, output.height))
         scene = request.view.apply(request.scene, request.up)
         check_picture(camera.size, picture_bytes(settings, written=SHOWN_BYTES))
+        self._light(scene, request.scene, settings)
         image = render(scene, camera, settings, lambda share: self._tell("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         backdrop = None if output.format == "exr" else request.view.behind
@@ -109,6 +119,7 @@ class Exports:
         count = max(1, round(output.seconds * output.fps))
         size = output.width, output.height
         scene = request.view.apply(request.scene, request.up)
+        self._light(scene, request.scene, settings)
         frames = Frames(folder / "frames" / "%04d.png", {}, count, size)
         frames.begin()
         for k, camera in enumerate(turntable(replace(request.camera, up=request.up, size=size), count)):
@@ -124,10 +135,18 @@ class Exports:
         write_mp4(path, frames.pattern, count, output.fps, size)
         self._give(path)
 
+    def _light(self, scene: Scene, shown: Scene, settings: Settings) -> None:
+        """Give a scene its baked light, if pictures need it: that of the shown one, the painter's, or new light."""
+        if settings.integrator != "baked":
+            return
+        own = shown.baked  # from a file, say
+        light = own if isinstance(own, Baked) and own.fits(scene) else self._light_of(scene)
+        scene.baked = light or bake(scene, BakeSettings(), lambda share: self._tell("baking light", share))
+
     def _tell(self, stage: str, share: float) -> None:
         if self._stop.is_set():
             raise StoppedError
-        self._outbox.progress(Progress(stage, share))
+        self._outbox.progress(Progress(stage, share, self._time_left(stage, share)))
 
     def _give(self, path: Path) -> None:
         self._outbox.file(path, MIME[path.suffix[1:]])
@@ -144,15 +163,25 @@ def _command(request: FrameRequest, output: Output, source: str) -> str:
     words += ["--exposure", "auto" if view.chooses else f"{view.exposure:g}"]
     words += [] if view.levels else ["--no-levels"]
     if not source.endswith(".toml"):
-        for light in view.lights(request.up):
-            words += ["--light", text] if (text := _light_text(light)) else []
-        words += ["--fill", "0"] if "--light" in words and not any(w.startswith("sky") for w in words) else []
+        words += _light_words(view, request.up)
         words += ["--ground"] if view.ground else []
         color = _commas(srgb_to_linear(np.array(view.backdrop)))
         words += ["--background", {"sky": "sky", "gradient": "auto"}.get(view.around, color)]
         if view.color_by not in (OWN, CONSTANT):
             words += ["--color-by", f"{view.color_by}:{view.colormap}"]
     return shlex.join(words)
+
+
+def _light_words(view: ViewSettings, up: Vector) -> list[str]:
+    """The lights as options; a studio whose light is baked is the default."""
+    lights = view.lights(up)
+    if not lights:
+        return ["--light", HEADLIGHT]
+    if view.look == STUDIO and view.integrator == "baked":
+        return []
+    texts = [text for light in lights if (text := _light_text(light))]
+    words = [word for text in texts for word in ("--light", text)]
+    return [*words, "--fill", "0"] if texts and not any(text.startswith("sky") for text in texts) else words
 
 
 def _light_text(light: Any) -> str:

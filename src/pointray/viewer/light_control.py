@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -90,7 +91,12 @@ def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
 
 def light_controls_of(scene: Scene, up: Vector) -> tuple[LightControl, ...]:
     """The controls of a scene's lights."""
-    return tuple(_lamp_of(light, up) for light in scene.lights)
+    return controls_of(scene.lights, up)
+
+
+def controls_of(lights: Iterable[Light | EnvironmentLight], up: Vector) -> tuple[LightControl, ...]:
+    """The controls of lights."""
+    return tuple(_lamp_of(light, up) for light in lights)
 
 
 def _lamp_of(light: Light | EnvironmentLight, up: Vector) -> LightControl:

@@ -17,13 +17,15 @@ from ..model import Model
 from ..model_file import SAVED
 from ..points.files import read
 from ..points.trust import check_normals_choice, judged, replaced
+from ..rendering.settings import Settings
 from ..rendering.warmup import NORMALS, expect, is_warm, wait_until_warm
 from ..scene.scene import Scene
 from ..scenefile import Plan
 from ..shade.materials.diffuse import Diffuse
 from ..splats.radii import radii_in
 from ..staging.first_view import Scan, ViewChoice
-from ..staging.studio import ALBEDO
+from ..staging.studio import ALBEDO, with_direct_light
+from .niceness import LEVELS, yielding
 from .shared_scene import SharedScene
 from .sketch import Sketch
 
@@ -69,30 +71,36 @@ class Files:
             # From here on small scans are models, which are not built again.
             clouds = [c if _is_large(c) else self._whole(c, k, shared) for k, c in enumerate(clouds)]
             pairs = enumerate(zip(clouds, few, strict=True))
-            self._show([c if isinstance(c, Model) else self._coarse(some, k) for k, (c, some) in pairs], shared)
+            coarse = [c if isinstance(c, Model) else self._coarse(some, k) for k, (c, some) in pairs]
+            self._show(coarse, shared, coarse=True)
         models = [self._whole(cloud, k, shared) for k, cloud in enumerate(clouds)]
         without_levels = [model for model, is_large in zip(models, large, strict=True) if is_large and self.leveled]
         if without_levels and self.light is None:
             self._show(models, shared)
         for model in without_levels:
-            model.make_levels(lambda stage, share: shared.say(f"building: {stage}", share))
+            yielding(LEVELS, partial(model.make_levels, lambda stage, share: shared.say(f"building: {stage}", share)))
         self._show(models, shared)  # again: an attribute's colours take the levels into account too
 
-    def _show(self, models: Sequence[Model], shared: SharedScene) -> None:
+    def _show(self, models: Sequence[Model], shared: SharedScene, coarse: bool = False) -> None:
         """Replace what is shown by models, as soon as their pictures can be drawn."""
         scene = self._scene(models, shared)
         if self.light is not None:
             scene.baked = self.light(scene, shared.say)
-        if not is_warm(shared.settings):
+        first = self._first(shared)
+        if not is_warm(first):
             shared.say("", None)
-            wait_until_warm(shared.settings)
-        shared.show(scene)
+            wait_until_warm(first)
+        shared.show(scene, coarse=coarse)
+
+    def _first(self, shared: SharedScene) -> Settings:
+        """Settings of the first pictures: they have direct light, unless baked light comes with the scene."""
+        return shared.settings if self.light is not None else with_direct_light(shared.settings)
 
     def _prepare(self, clouds: Sequence[Points | Model], few: Sequence[Points], shared: SharedScene) -> None:
         """Announce the kernels that will be needed; show a sketch while pictures cannot be drawn yet."""
         if any(some.normals is None for some in few):
             expect(NORMALS)
-        if not is_warm(shared.settings):
+        if not is_warm(self._first(shared)):
             sketch = Sketch(few, [len(_points(cloud)) for cloud in clouds])
             shared.outline(sketch, Scan(sketch.points, self.choice).up)
 

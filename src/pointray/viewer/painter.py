@@ -23,7 +23,7 @@ from ..rendering.camera import Camera
 from ..rendering.picture import Picture
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
-from ..staging.studio import with_contact
+from ..staging.studio import with_direct_light
 from .baker import Baker
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 from .sketch import Sketch
@@ -34,6 +34,7 @@ log = logging.getLogger("pointray.view")
 BAKED = "baked"
 STEADY = 0.4  # stops: still pictures do not follow a smaller change of the chosen exposure
 IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
+WHILE_BAKING = 4  # samples of a still picture until there is finer light, for which it begins anew
 LARGEST = 6 << 20  # bytes of a picture: IN_FLIGHT of them fit into what may wait for a page, see `link`
 COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling for pictures that would be larger
 
@@ -47,6 +48,8 @@ class FrameRequest(NamedTuple):
     up : up direction for the sun and the ground
     refine : bool
         False while models are built: they need the processors.
+    bakes : bool
+        False for a coarse version of what is being loaded: it keeps its direct light.
     time : time of the page's message
     sketch : Sketch or None
         What is drawn instead of the scene.
@@ -60,6 +63,7 @@ class FrameRequest(NamedTuple):
     refine: bool
     time: float
     sketch: Sketch | None = None
+    bakes: bool = True
 
     def same_picture(self, other: FrameRequest | None) -> bool:
         """Whether both requests give the same picture."""
@@ -214,6 +218,10 @@ class Painter:
         if most == 1 or not request.refine or self._cancel.wanted:
             return
         settings = self._light(request, scene, request.view.settings(most))
+        if settings.integrator != request.view.integrator:
+            return  # there is no light yet: the processors are to bake it
+        if settings.integrator == BAKED and self._baker.is_baking:
+            most = min(most, WHILE_BAKING)
         picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True)
         done, last, seconds = 0, 1, 0.0
         while done < most:
@@ -236,12 +244,16 @@ class Painter:
             if scene.baked is not own:
                 scene.baked = own
             return settings
-        light = self._baker.light_for(scene)
+        light = self._baker.light_for(scene, request.refine) if request.bakes else None
         if light is None:
-            return with_contact(replace(settings, integrator="phong"))
+            return replace(with_direct_light(settings), sky_rays=0)  # at once: the processors are to bake
         if scene.baked is not light:
             scene.baked = light
-        return settings
+        return replace(settings, levels=False) if light.lacks_levels(scene) else settings
+
+    def light_of(self, scene: Scene) -> Baked | None:
+        """The fine light of a scene, if it is baked."""
+        return self._baker.fine_for(scene)
 
     def _is_old(self, request: FrameRequest, seconds: float) -> bool:
         """Whether there is a newer request, or one comes within the given seconds."""

@@ -8,11 +8,12 @@ from ..choices import AUTO, COLORMAPS, CURVES, INTEGRATORS, LIGHTS, SURFACES
 from ..model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
+from ..staging import LOOKS
 from .controls import Control, Folder
 from .light_control import MOST_LAMPS, POINT, SKY, SUN, LightControl
 from .light_control import OWN as OWN_LIGHT
 from .shared_scene import Build, SharedScene
-from .view_settings import CONSTANT, MATERIALS, OWN, ViewSettings, colorings
+from .view_settings import CHANGED, CONSTANT, MATERIALS, OWN, ViewSettings, colorings
 
 COUNTS = (1, 4, 16, 64, 256, 1024, 4096)
 KEYS = (
@@ -41,7 +42,7 @@ def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scen
     surface = [] if build is None else [_surface(build)]
     return [
         _view(view, any(model.levels for model in scene.models)),
-        _light(view),
+        _light(view, bool(scene.lights) and not shared.look),
         *material,
         *surface,
         _cut(view),
@@ -89,10 +90,20 @@ def _view(view: ViewSettings, has_levels: bool) -> Folder:
     )
 
 
-def _light(view: ViewSettings) -> Folder:
-    rows = [Control("shadows", "Shadows", "switch", view.shadows)] if view.integrator in ("phong", "baked") else []
+def _light(view: ViewSettings, has_own: bool) -> Folder:
+    """has_own : whether the scene has lights of its own"""
+    looks = [*LOOKS.items(), *([(OWN_LIGHT, "the scene's own")] if has_own else [])]
+    look = view.look
+    if look == CHANGED:
+        looks.append((CHANGED, "as set below"))
+    rows = [Control("look", "Light", "choice", look, looks, hint="What is set below gives way")]
+    rows += [Control("shadows", "Shadows", "switch", view.shadows)] if view.integrator in ("phong", "baked") else []
     if not view.lamps:
-        instead = {"phong": "None: a headlight at the camera.", "path": "None: an even white sky."}
+        instead = {
+            "phong": "A headlight at the camera.",
+            "path": "None: an even white sky.",
+            "baked": "None: it is dark.",
+        }
         rows.append(Control("no_lamps", "", "note", instead.get(view.integrator, "None, and none is needed.")))
     for k, lamp in enumerate(view.lamps[:MOST_LAMPS]):
         rows += _lamp(f"lamps.{k}.", k, lamp)

@@ -48,7 +48,7 @@ class Session:
         self._gone, self._told = False, threading.Lock()  # the lock guards `_gone` and `_news`
         self._news = False  # whether a change of the shared scene is still to be processed
         self._follower = ThreadPoolExecutor(1, "pointray-follower")
-        self._exports = Exports(self._outbox)
+        self._exports = Exports(self._outbox, lambda scene: self._painter.light_of(scene))
         self._painter = Painter(self._deliver, lambda text: self._outbox.toast("error", text), self._say_baking)
         self._lookups = Lookups(self._outbox, self._painter.apply, self._explain)
         self._lock = threading.RLock()  # guards the display
@@ -107,6 +107,9 @@ class Session:
             return
         if name.startswith("output."):
             display.change_output(name.removeprefix("output."), value)
+            return
+        if name == "look":
+            display.light(value)
             return
         view = display.view
         assert view is not None

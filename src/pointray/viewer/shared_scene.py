@@ -63,6 +63,10 @@ class SharedScene:
         The initial values.
     sketch : Sketch or None
         What is shown while there is no scene.
+    look : str
+        One of `staging.LOOKS` if that is the light of the scene; empty: it has lights of its own, or none.
+    is_coarse : bool
+        Whether the scene is a coarse version, until all of it is there.
     problem : str
         Why there is nothing to see, or only a part.
     failures : int
@@ -84,6 +88,7 @@ class SharedScene:
         self._scan: tuple[Any, Scan] | None = None  # the last scan of the scene, and what it was made for
         self.problem, self.failures = "", 0
         self.sketch: Sketch | None = None
+        self.look, self.is_coarse = "", False
         self._building, self._compiling, self._time_left = Progress(), Progress(), TimeLeft()
         self._scene, self._shown = scene, 0
         self._wanted: Build | None = None  # the build that the user wants; None: models as they came
@@ -155,8 +160,9 @@ class SharedScene:
         self._shown += 1
         self.notify()
 
-    def show(self, scene: Scene, home: Camera | None = None) -> None:
-        """Show a scene from now on; `home` is where a browser begins."""
+    def show(self, scene: Scene, home: Camera | None = None, coarse: bool = False) -> None:
+        """Show a scene from now on; `home` is where a browser begins. coarse : whether there is more to come"""
+        self.is_coarse = coarse  # first: what is seen with the new scene is not baked in vain
         self._scene, self._built, self.sketch = scene, None, None
         if home is not None:  # the page opens in perspective, without a lens
             self.home = replace(home, projection="perspective", aperture=0.0, focus=None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -28,16 +28,18 @@ from ..shade.materials.diffuse import Diffuse
 from ..shade.materials.phong import Phong
 from ..shade.materials.principled import Principled
 from ..shade.materials.specular import Dielectric, Mirror
+from ..staging import HEADLIGHT, STUDIO
 from ..staging.direction import axes_of
 from ..staging.studio import ALBEDO
-from .light_control import Color, LightControl, light_controls_of, new_light_control
+from .light_control import Color, LightControl, controls_of, light_controls_of, new_light_control
 from .shared_scene import SharedScene
 
+CHANGED = "changed"  # lights: others than those of a look or the scene
 OWN, CONSTANT = "own", "constant"  # colours: the points' own, or one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene without a background
 
 # Values for the picture, not the scene: `apply` does not depend on them.
-PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposure", "curve")
+PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposure", "curve", "studio")
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ class ViewSettings:
     backdrop : (3,) sRGB
     around : str
         "gradient": that of `image.tone`; "color": the backdrop's; "sky": the lights'; "scene": the scene's own.
+    studio : tuple of LightControl
+        The lights of the studio, if it was chosen.
     material : str
         "own": each instance's own; else one for all models.
     color_by : str
@@ -86,6 +90,7 @@ class ViewSettings:
     around: str = "gradient"
     backdrop: Color = BACKDROP
     lamps: tuple[LightControl, ...] = ()
+    studio: tuple[LightControl, ...] = ()
     material: str = OWN
     color_by: str = OWN
     color: Color = (0.8, 0.8, 0.8)
@@ -115,7 +120,8 @@ class ViewSettings:
             exposure=shared.exposure,
             curve=AUTO if shared.exposes else shared.curve,
         )
-        return replace(view, lamps=light_controls_of(scene, shared.up)).before(scene)
+        lamps = light_controls_of(scene, shared.up)
+        return replace(view, lamps=lamps, studio=lamps if shared.look == STUDIO else ()).before(scene)
 
     def before(self, scene: Scene) -> ViewSettings:
         """These settings with a scene's background."""
@@ -141,6 +147,25 @@ class ViewSettings:
         parts[int(number)] = replace(parts[int(number)], **{part: value})
         changed: dict[str, Any] = {field: tuple(parts)}
         return replace(self, **changed)
+
+    @property
+    def look(self) -> str:
+        """One of `staging.LOOKS` if that is the light; else CHANGED."""
+        if not self.lamps:
+            return HEADLIGHT
+        same = len(self.lamps) == len(self.studio)
+        return STUDIO if same and all(a is b for a, b in zip(self.lamps, self.studio, strict=True)) else CHANGED
+
+    def in_studio(self, lights: Sequence[Light | EnvironmentLight], up: Vector) -> ViewSettings:
+        """Settings with the lights of a studio, which are baked unless they go with the camera."""
+        lamps = controls_of(lights, up)
+        baked = self.integrator == "phong" and not any(lamp.camera for lamp in lamps)
+        return replace(self, lamps=lamps, studio=lamps, integrator="baked" if baked else self.integrator)
+
+    def lit_by(self, lights: Sequence[Light | EnvironmentLight], up: Vector, integrator: str) -> ViewSettings:
+        """Settings with other lights. integrator : what takes the place of baked light"""
+        shown = self.integrator if self.integrator != "baked" else integrator if lights else "phong"
+        return replace(self, lamps=controls_of(lights, up), integrator=shown)
 
     def with_lamp(self, kind: str, scene: Scene, up: Vector) -> ViewSettings:
         """Settings with one more light."""

@@ -26,7 +26,6 @@ from ..options import (
     FocusOption,
     FovOption,
     GroundOption,
-    Integrator,
     IntegratorOption,
     LegendOption,
     LevelsOption,
@@ -55,9 +54,9 @@ from ..options import (
     ZoomOption,
     exposure_of,
     given,
-    use_bake,
     use_threads,
 )
+from ..scan_lights import picture_options
 from ..waiting import Progress
 
 
@@ -79,7 +78,7 @@ def render(
     projection: ProjectionOption = Projection["perspective"],
     aperture: ApertureOption = 0.0,
     focus: FocusOption = None,
-    integrator: IntegratorOption = Integrator["phong"],
+    integrator: IntegratorOption = None,
     bake: BakeOption = None,
     spp: SppOption = 4,
     max_depth: MaxDepthOption = 4,
@@ -109,20 +108,20 @@ def render(
     from ..scan_scene import staged
     from ..scene_file import is_scene, render_scene
 
-    integrator = use_bake(context)
-    stops = exposure_of(exposure, integrator.value)
+    options = picture_options(context)
+    stops = exposure_of(exposure, options["integrator"].value)
     check_output(output, exposure != AUTO and stops != 0, legend)
     if is_scene(file):
         print(render_scene(file, output, given(context)))
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
-    scan_view, settings, scan_scene = staged(file, context.params, is_layered(output))
+    scan_view, settings, scan_scene = staged(file, options, is_layered(output))
     check_fits(output, scan_view.size, settings, legend)
     with Progress(settings, scan_scene.bakes) as progress:
         scene, model, scan = scan_scene.build(progress)
         scan_scene.light(progress)
-        camera = scan_view.camera(scan)
+        settings, camera = scan_scene.shown_with(settings), scan_view.camera(scan)
         shown = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop)
         ending = write_picture(output, (scene, camera, settings), shown, progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{ending}")
@@ -155,7 +154,7 @@ def animate(
     projection: ProjectionOption = Projection["perspective"],
     aperture: ApertureOption = 0.0,
     focus: FocusOption = None,
-    integrator: IntegratorOption = Integrator["phong"],
+    integrator: IntegratorOption = None,
     bake: BakeOption = None,
     spp: SppOption = 4,
     max_depth: MaxDepthOption = 4,
@@ -188,14 +187,14 @@ def animate(
     from ..scan_scene import staged
     from ..scene_file import animate_scene, is_scene
 
-    integrator = use_bake(context)
+    options = picture_options(context)
     checked_output = film_output(output, background)
     if is_scene(file):
         print(animate_scene(file, checked_output, given(context), fps))
         return
-    scan_view, settings, scan_scene = staged(file, context.params)
+    scan_view, settings, scan_scene = staged(file, options)
     camera_path = CameraPath(scan_view, fps, context.params)
-    source = scan_source(scan_scene, scan_view, settings, exposure_of(exposure, integrator.value))
+    source = scan_source(scan_scene, scan_view, settings, exposure_of(exposure, options["integrator"].value))
     print(work(checked_output, camera_path, source))
 
 
@@ -210,7 +209,7 @@ def view(
     port: Annotated[int, typer.Option(min=0, max=65535, help="0: 8080, or the next one that is free.")] = 0,
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the browser.")] = True,
     up: UpOption = AUTO,
-    integrator: IntegratorOption = Integrator["phong"],
+    integrator: IntegratorOption = None,
     bake: BakeOption = None,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
@@ -230,11 +229,10 @@ def view(
     from ..serve import serve, shared_scene_of
 
     use_threads(threads)
-    integrator = use_bake(context)
-    settings = with_contact(Settings(integrator=integrator.value, levels=levels))
-    options = {"settings": settings, "up": up, "light": light, "fill": fill, "background": background, "ground": ground}
+    options = picture_options(context)
+    options["settings"] = with_contact(Settings(integrator=options["integrator"].value, levels=levels))
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     check_positive(radius_scale, "--radius-scale")
-    options |= {"normals": normals.value, "bake": bake}
+    options["normals"] = normals.value
     shared, loader = shared_scene_of(files, given(context), options, surface_options)
     serve(shared, loader, host, port, open_browser)
