@@ -75,17 +75,16 @@ def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
     positions, normals = x[slots], n[slots]
     finder = NeighborTree(positions)
     _, near = finder.query(min(NEAR + 1, count))
-    blends = [_blend_for(tree, finder, positions, normals) for tree in trees]
+    blends = [blend_for(*splats_of(tree)[:2], finder, positions, normals) for tree in trees]
     return PatchSet(positions, normals, radii[slots], _without_self(near, count), blends)
 
 
-def _blend_for(tree: Tree, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
-    """How the light of a tree's splats follows from that of patches at positions.
+def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
+    """How the light of splats at x with normals n, in blocks, follows from that of patches at positions.
 
     The patches are found once for the four splats of a block: a quarter of the time and of the memory. Where none of
     these faces a splat, as in a thin wall, the nearest that do are found for each.
     """
-    x, n, _ = splats_of(tree)
     blocks, count = x.reshape(-1, BLOCK_SPLATS, 3), min(AROUND, len(positions))
     used = (blocks[..., :1] < FAR).astype(np.float32)
     middles = (blocks * used).sum(axis=1) / np.maximum(used.sum(axis=1), 1.0)
@@ -101,15 +100,34 @@ def _blend_for(tree: Tree, finder: NeighborTree, positions: Floats, normals: Flo
     weigh(np.arange(len(blocks)))
     rows = np.unique(np.flatnonzero((patch_of < 0) & (x[:, 0] < FAR)) // BLOCK_SPLATS)
     if len(rows) and count == AROUND:
-        around[rows] = _facing(tree, finder, rows, normals)
+        around[rows] = _facing((x, n), finder, rows, normals)
         weigh(rows)
     patch_of[x[:, 0] >= FAR] = 0
     return Blend(np.where(patch_of < 0, ~patch_of, patch_of), around, weights)
 
 
-def _facing(tree: Tree, finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
+def nearest_blend(
+    x: Floats, n: Floats, blend: Blend, patches: tuple[Floats, Floats], count: int
+) -> tuple[Rows, NDArray[np.uint8]]:
+    """A blend from fewer patches, those that count most: (blocks, count) int32, and weights (slots, count).
+
+    The one that counts most for each splat is among them. patches : their positions and normals
+    """
+    weights = blend.weights.astype(np.float32)
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
+    weights[np.arange(len(weights)), weights.argmax(axis=1)] += np.float32(BLOCK_SPLATS)
+    order = np.argsort(-weights.reshape(-1, BLOCK_SPLATS, AROUND).sum(axis=1), axis=1, kind="stable")
+    around, out = np.take_along_axis(blend.around, order, axis=1), np.zeros_like(blend.weights)
+    rows, patch_of = np.arange(len(around)), np.zeros(len(x), np.int32)
+    tables = x.reshape(-1), n.reshape(-1), patches[0].reshape(-1), patches[1].reshape(-1)
+    used = min(count, len(patches[0]))
+    run(_blend, -(-len(rows) // CHUNK), tables, rows, around.reshape(-1), used, out.reshape(-1), patch_of)
+    return around[:, :count], out[:, :count]
+
+
+def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
     """For each of these blocks the nearest patches that face its splats, as many of each splat, (m, AROUND)."""
-    x, n, _ = splats_of(tree)
+    x, n = splats
     slots = blocks[:, None] * BLOCK_SPLATS + np.arange(BLOCK_SPLATS)
     slots = np.where(x[slots, 0] < FAR, slots, slots[:, :1]).reshape(-1)
     _, near = finder.query(FARTHER, x[slots])

@@ -40,7 +40,7 @@ from .reflectance import find_reflectances
 
 PLANES_SHARE = 0.5  # share of the patches of models that planes get besides
 LEAST_EDGE, MOST_EDGE = 32, 256  # cells a side of a plane's grid
-LEAST_PATCHES = 256  # of an instance
+LEAST_PATCHES = 256  # of an instance, unless there are so many that these would be too many
 BRIGHTEST = 0.9  # of points' own colours: photographs hold light already, and white walls would never grow dark
 # Radii: how far from a splat the ray begins that finds the surface. The later ones are for splats with something else
 # close by, as where a ball touches the ground.
@@ -139,7 +139,8 @@ def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
     copies = np.bincount(records[records[:, KIND] == MODEL, SHAPE_ROW].astype(int), minlength=len(scene.models))
     splats = np.array([len(model.points) for model in scene.models])
     share = min(1.0, most / max(int((copies * splats).sum()), 1))
-    return [max(int(n * share), min(int(n), LEAST_PATCHES)) for n in splats], edge
+    least = min(LEAST_PATCHES, max(most // max(int(copies.sum()), 1), 1))
+    return [max(int(n * share), min(int(n), least)) for n in splats], edge
 
 
 def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:

@@ -10,7 +10,8 @@ the a_l are the lobe's zonal harmonics. The cosine is in F already, so that a lo
 from below it.
 
 At a hit the splats' light is blended by the weights of the surface, less where their normals differ from the hit's:
-a splat across an edge sees another light.
+a splat across an edge sees another light. Coarser light has fewer records than splats: first the light of each splat is
+blended from four of them, see `records.SPREAD`.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from ..kernels.records import (
     BAKED_COUNT,
     BAKED_FRAME,
     BAKED_FRONT,
-    BAKED_MAP,
-    BAKED_MAP_COUNT,
+    BAKED_SPREAD,
+    BAKED_SPREAD_COUNT,
     BAKED_UNIT,
     BANDS,
     DIRECT,
@@ -38,6 +39,9 @@ from ..kernels.records import (
     PLANE_SIZE,
     RECORD,
     SHAPE_ROW,
+    SPREAD,
+    SPREAD_RECORDS,
+    SPREAD_SHARES,
     World,
 )
 from ..kernels.scratch import (
@@ -68,6 +72,7 @@ from .harmonics import BAND_0, harmonics
 from .rgbe import unpack_rgbe
 
 BAND_UNITS = (math.sqrt(3.0) / 127.0, math.sqrt(5.0) / 127.0)  # of a byte of band 1 and of band 2
+ONE_SHARE = f32(1.0 / 255.0)  # see `records.SPREAD_SHARES`
 SUMS = 15  # weight, irradiance (3), that of lights (3), bands (8)
 
 
@@ -80,9 +85,10 @@ def _records(world: World, instance: int, side: float) -> Array:
 
 
 @inline
-def _map(world: World, instance: int) -> Array:
+def _spread(world: World, instance: int) -> Array:
+    """How an instance's records are spread over its splats; of length 0 where each has its own."""
     row = instance * BAKED
-    return array_at(world.baked[row + BAKED_MAP], world.baked[row + BAKED_MAP_COUNT], i32(0))
+    return array_at(world.baked[row + BAKED_SPREAD], world.baked[row + BAKED_SPREAD_COUNT], i32(0))
 
 
 @inline
@@ -105,8 +111,25 @@ def _read(records: Array, record: int, part: Array, to: int) -> None:
 
 
 @inline
+def _read_block(records: Array, spread: Array, block: int, part: Array, to: int) -> None:
+    """Write the numbers of a block's splats j to part[to + j], part[to + 4 + j] and so on, see `_read`."""
+    coarse, at = spread.size > 0, block * SPREAD
+    read = to + 4 * (SUMS - 1) if coarse else to
+    for k in range(4):
+        _read(records, i64(spread[at + SPREAD_RECORDS + k]) if coarse else 4 * block + k, part, read + k)
+    if not coarse:
+        return
+    for j in range(4):
+        word = i64(spread[at + SPREAD_SHARES + j])
+        a, b, c, d = f32(word & 255), f32((word >> 8) & 255), f32((word >> 16) & 255), f32((word >> 24) & 255)
+        for k in range(0, 4 * (SUMS - 1), 4):
+            light = a * part[read + k] + b * part[read + k + 1] + c * part[read + k + 2] + d * part[read + k + 3]
+            part[to + k + j] = light * ONE_SHARE
+
+
+@inline
 def _sum(
-    tree: Tree, records: Array, slots: Array, seen: tuple[FourPoints, FourPoints, Sheet], scratch: Scratch
+    tree: Tree, records: Array, spread: Array, seen: tuple[FourPoints, FourPoints, Sheet], scratch: Scratch
 ) -> None:
     """Store the sums of SUMS over the listed blocks, 16 lanes each: lane 4 r + j those of splats j at point r.
 
@@ -127,9 +150,7 @@ def _sum(
         gate = vmax(cosine, zero)
         gate = gate * gate
         w = w * (gate * gate)
-        for j in range(4):
-            slot = 4 * block + j
-            _read(records, i64(slots[slot]) if slots.size > 0 else slot, part, read + j)
+        _read_block(records, spread, block, part, read)
         total = total + w
         r0, r1, r2 = r0 + w * repeat4(part, read), r1 + w * repeat4(part, read + 4), r2 + w * repeat4(part, read + 8)
         d0, d1 = d0 + w * repeat4(part, read + 12), d1 + w * repeat4(part, read + 16)
@@ -171,7 +192,7 @@ def _find_four(world: World, four: Four, scratch: Scratch) -> None:
     instance, leaf = numbers[INSTANCE_OF + four[0]], numbers[LEAF_OF + four[0]]
     tree = tree_at(world.table, i64(world.instances[instance * INSTANCE + SHAPE_ROW]))
     side, matrix = points[SHADING_SIDE + four[0]], matrix_at(world, instance * INSTANCE)
-    records, slots = _records(world, instance, side), _map(world, instance)
+    records, spread = _records(world, instance, side), _spread(world, instance)
     unit_of = world.baked_frames[instance * BAKED_FRAME + BAKED_UNIT]
     if records.size == 0:
         for r in range(4):
@@ -189,7 +210,7 @@ def _find_four(world: World, four: Four, scratch: Scratch) -> None:
         quarters(f32(a[2]), f32(b[2]), f32(c[2]), f32(d[2])),
     )
     sheet = tree.leaves[leaf * LEAF + SHEETED] != ZERO, a
-    _sum(tree, records, slots, (list_around(tree, four, scratch), normals, sheet), scratch)
+    _sum(tree, records, spread, (list_around(tree, four, scratch), normals, sheet), scratch)
     for r in range(4):
         for k in range(SUMS):
             at = k * LANES + 4 * r
@@ -204,8 +225,8 @@ def _find_four(world: World, four: Four, scratch: Scratch) -> None:
         else:
             x = load3(wide, LOCAL + i)
             slot = nearest_slot(tree, leaf, f32(x[0]), f32(x[1]), f32(x[2]))
-            _read(records, i64(slots[slot]) if slots.size > 0 else slot, part, at)
-            _keep(i, at, 1.0, unit_of, scratch)
+            _read_block(records, spread, slot // 4, part, at)
+            _keep(i, at + slot % 4, 1.0, unit_of, scratch)
 
 
 @inline
