@@ -72,6 +72,7 @@ class Baked:
         """Find the links of the sides that are lit, more where there is noise; and the light along them."""
         settings, self._lit = self._settings, lit
         transport = Transport(snapshot, self._sheets, self._lit, settings.seed, settings.threads)
+        self._sheets = transport.shared_sheets()
         found = spreads_within(snapshot, transport.sides, settings.memory)
         rows = np.arange(len(transport), dtype=np.int32)
         transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))

@@ -18,6 +18,7 @@ AROUND = 8  # patches whose light a splat's is blended from
 BLOCK_SPLATS = 4  # splats side by side in a tree
 FARTHER = 64  # patches among which those are found that face a splat, where the nearest do not
 CHUNK = 1024  # blocks
+PIECE = 1 << 16  # patches, or blocks, whose neighbours are asked for at a time: it bounds the memory in between
 # Of a blend: how fast a patch's weight falls with its distance from the splat's plane, in distances of the patches.
 OFF_PLANE = f32(4.0)
 NEAREST = f32(0.05)  # of a squared distance, in squared distances of the patches: below it a patch counts no more
@@ -72,11 +73,13 @@ def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
     used = np.flatnonzero(x[:, 0] < FAR)
     count = min(most, len(used))
     slots = used[((np.arange(count) + 0.5) * (len(used) / count)).astype(np.int64)]
-    positions, normals = x[slots], n[slots]
+    positions, normals, radii = x[slots], n[slots], radii[slots]
+    del used, slots
     finder = NeighborTree(positions)
-    _, near = finder.query(min(NEAR + 1, count))
-    blends = [blend_for(*splats_of(tree)[:2], finder, positions, normals) for tree in trees]
-    return PatchSet(positions, normals, radii[slots], _without_self(near, count), blends)
+    blends = [blend_for(x, n, finder, positions, normals)]
+    del x, n
+    blends += [blend_for(*splats_of(tree)[:2], finder, positions, normals) for tree in trees[1:]]
+    return PatchSet(positions, normals, radii, _neighbors_within(finder, positions), blends)
 
 
 def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
@@ -86,10 +89,12 @@ def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, nor
     these faces a splat, as in a thin wall, the nearest that do are found for each.
     """
     blocks, count = x.reshape(-1, BLOCK_SPLATS, 3), min(AROUND, len(positions))
-    used = (blocks[..., :1] < FAR).astype(np.float32)
-    middles = (blocks * used).sum(axis=1) / np.maximum(used.sum(axis=1), 1.0)
     around = np.zeros((len(blocks), AROUND), np.int32)
-    _, around[:, :count] = finder.query(AROUND, middles)
+    for first in range(0, len(blocks), PIECE):
+        part = blocks[first : first + PIECE]
+        used = (part[..., :1] < FAR).astype(np.float32)
+        middles = (part * used).sum(axis=1) / np.maximum(used.sum(axis=1), 1.0)
+        _, around[first : first + PIECE, :count] = finder.query(AROUND, middles)
     weights, patch_of = np.zeros((len(x), AROUND), np.uint8), np.zeros(len(x), np.int32)
     tables = x.reshape(-1), n.reshape(-1), positions.reshape(-1), normals.reshape(-1)
 
@@ -103,7 +108,8 @@ def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, nor
         around[rows] = _facing((x, n), finder, rows, normals)
         weigh(rows)
     patch_of[x[:, 0] >= FAR] = 0
-    return Blend(np.where(patch_of < 0, ~patch_of, patch_of), around, weights)
+    np.invert(patch_of, out=patch_of, where=patch_of < 0)
+    return Blend(patch_of, around, weights)
 
 
 def nearest_blend(
@@ -136,12 +142,14 @@ def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray
     return np.take_along_axis(near, nearest, axis=1).reshape(-1, AROUND)
 
 
-def _without_self(near: Rows, count: int) -> Rows:
-    """(m, NEAR) neighbours without the patch itself; -1 where there are fewer."""
-    out = np.full((count, NEAR), -1, np.int32)
-    others = near != np.arange(count)[:, None]
-    others[others.all(axis=1), -1] = False  # a patch that has many duplicates is not among its nearest
-    out[:, : near.shape[1] - 1] = near[others].reshape(count, -1)
+def _neighbors_within(finder: NeighborTree, positions: Floats) -> Rows:
+    """(m, NEAR) neighbours of each patch, without itself; -1 where there are fewer."""
+    out = np.full((len(positions), NEAR), -1, np.int32)
+    for first in range(0, len(positions), PIECE):
+        _, near = finder.query(NEAR + 1, positions[first : first + PIECE])
+        others = near != np.arange(first, first + len(near))[:, None]
+        others[others.all(axis=1), -1] = False  # a patch that has many duplicates is not among its nearest
+        out[first : first + PIECE, : near.shape[1] - 1] = near[others].reshape(len(near), -1)
     return out
 
 

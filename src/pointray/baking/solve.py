@@ -96,12 +96,14 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
         transport.filled(indirect)
     if settings.depth > 0:
         _gather_light(transport, light, lamps, 1, indirect, threads)
+    indirect += suns
     facts, patches = np.zeros((n, FACTS), np.float32), transport.patches()
     for part in transport.links:
         run(add_facts, -(-len(part.rows) // CHUNK), part, patches, light, lamps, facts.reshape(-1), threads=threads)
-    bright = sky.irradiances @ np.array(LUMINANCE, np.float32)
-    facts[:, BANDS : BANDS + 8] += cosines @ (bright[:, None] * _harmonics(sky.suns))
-    return Arrived(lights, indirect + suns, facts)
+    if len(sky.suns):
+        bright = sky.irradiances @ np.array(LUMINANCE, np.float32)
+        facts[:, BANDS : BANDS + 8] += cosines @ (bright[:, None] * _harmonics(sky.suns))
+    return Arrived(lights, indirect, facts)
 
 
 def _harmonics(directions: NDArray[np.float64]) -> Floats:
@@ -140,4 +142,4 @@ def smoothed(transport: Transport, arrived: Arrived, threads: int | None) -> tup
         near = side.near
         span = side.first, side.size, near.shape[1], values.shape[1]
         run(smooth, -(-side.size // SMOOTHED), places, near.reshape(-1), span, *flat, threads=threads)
-    return Arrived(arrived.direct, out[:, :3].copy(), out[:, 3:].copy()), count
+    return Arrived(arrived.direct, out[:, :3], out[:, 3:]), count
