@@ -312,7 +312,7 @@ def boundaries(data):
 def test_a_file_that_is_cut_off_is_refused(tmp_path, saved):
     data = saved[1].read_bytes()
     edges = boundaries(data)
-    assert len(edges) == 2 + 2 * 5
+    assert len(edges) == 2 + 2 * 7
     middle = [(a + b) // 2 for a, b in pairwise(edges)]
     near = [edge + step for edge in edges for step in (-1, 0, 1)]
     for length in {0, 5, 6, 9, len(data) - 1, *near, *middle}:
@@ -340,8 +340,8 @@ DAMAGES = [
     ("version", None, "another version"),
     ("layout", [4, 0, 1, 3], "another version"),
     ("format", "pointray model", "not a file of baked light"),
-    ("arrays", ["sides", "grids", "records"], "skies is missing"),
-    ("arrays", ["sides", "grids", "a\nb", "skies"], "records is missing"),
+    ("arrays", ["sides", "coarse", "spreads", "grids", "records"], "skies is missing"),
+    ("arrays", ["sides", "coarse", "spreads", "grids", "a\nb", "skies"], "records is missing"),
     ("unit", float("nan"), "unit"),
     ("unit", float("inf"), "unit"),
     ("unit", -1.0, "unit"),

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind, check_path, wrong
 from ..jit import Array
-from ..kernels.records import INSTANCE, KIND, MODEL, RECORD
+from ..kernels.records import INSTANCE, KIND, MODEL
 from ..kernels.vec import LUMINANCE
-from ..memory import check_memory
 from ..model import Model
 from ..progress import Progress, part_of, tell
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .bounces import VARIANCE
+from .budget import coarseness, levels_of, spreads_within
 from .file import Stored, read_light, write_light
 from .kept import Kept
 from .keys import keys_of, lacks_levels, lights_of, materials_of, shape_of
@@ -27,9 +27,9 @@ from .planes import Grid
 from .settings import BakeSettings
 from .sky import Sky, look_at_sky
 from .solve import Arrived, find_lights, smoothed, solve
-from .store import AtSplats, at_points, blend_of, dark, from_patches, from_records, make_records, seen_skies, unit_of
+from .store import AtSplats, at_points, dark, from_patches, from_records, make_records, seen_skies, unit_of
 from .surfaces import Sheet, coarser, find_sheets, leveled, recolored
-from .transport import ALL_SIDES, Side, Transport
+from .transport import ALL_SIDES, Transport
 
 LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
 PROBES, PROBE_LINKS = 1 << 13, 16  # patches and links of the rough light that tells which sides are dark
@@ -73,6 +73,8 @@ class Baked:
         """Find the links of the sides that are lit, more where there is noise; and the light along them."""
         settings, self._lit = self._settings, lit
         transport = Transport(snapshot, self._sheets, self._lit, settings.seed, settings.threads)
+        self._sheets = transport.shared_sheets()
+        found = spreads_within(snapshot, transport.sides, settings.memory)
         rows = np.arange(len(transport), dtype=np.int32)
         transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))
         seen = find_lights(snapshot.world, sky, transport)
@@ -86,6 +88,7 @@ class Baked:
             transport.meet(snapshot.world)
             arrived = solve(snapshot.world, transport, settings, seen)
         self._transport = transport
+        self._levels, self._spreads = found
         self._shape = shape_of(snapshot)
         return arrived
 
@@ -95,19 +98,17 @@ class Baked:
         self._arrived, _ = smoothed(transport, arrived, settings.threads)
         if not self._arrived.direct.any() and not self._arrived.indirect.any():
             warnings.warn("the scene has no light: what is baked is black", stacklevel=5)
-        _check_room(transport, settings)
-        unit, numbers = unit_of(self._arrived), snapshot.numbers
-        records = {
-            (int(numbers[side.sheet.instance]), side.sign, level): make_records(
-                side, level, self._arrived, unit, settings.threads
-            )
-            for side in transport.sides
-            for level in _levels_of(side)
-        }
+        unit, numbers, records = unit_of(self._arrived), snapshot.numbers, {}
         self._sides = {(int(numbers[side.sheet.instance]), side.sign): side for side in transport.sides}
+        for (number, sign), side in self._sides.items():
+            spread = self._spreads.get(number)
+            for level in range(levels_of(side)) if spread is None else (0,):
+                of = level if spread is None else spread
+                records[number, sign, level] = make_records(side, of, self._arrived, unit, settings.threads)
         patches = {number: side.sheet.patches for (number, _), side in self._sides.items()}
         grids = {number: grid for number, grid in patches.items() if isinstance(grid, Grid)}
-        self._begin(snapshot, lights_of(snapshot), Kept(unit, records, grids))
+        blocks = {number: spread.blocks for number, spread in self._spreads.items()}
+        self._begin(snapshot, lights_of(snapshot), Kept(unit, records, grids, blocks, self._levels))
 
     def _begin(self, snapshot: Snapshot, lights: bytes, kept: Kept, stored: Stored | None = None) -> None:
         """Keep light, the scene that it is of, and the file's contents if it is from one."""
@@ -229,15 +230,17 @@ class Baked:
             raise wrong("side", "1, the front, or -1, the back", sign)
         front = self._kept.records.get((id, 1, 0)) if isinstance(id, int | np.integer) else None
         model = self._scene.shapes.get(id)
-        if front is None or not isinstance(model, Model) or len(front) != len(model.tree.order):
+        slots = self._kept.slots_of(id) if front is not None else 0
+        if not isinstance(model, Model) or slots != len(model.tree.order):
             raise ValueError(f"no light is baked for a model {id!r}: id is what `Scene.add` returned for one")
         records = self._kept.records.get((id, sign, 0))
         if records is None:
-            at = dark(len(front))
+            at = dark(slots)
         elif self._stored is None:
             at = from_patches(self._sides[id, sign], self._arrived)
         else:
-            at = from_records(records, self._kept.unit, self._stored.skies[id])
+            blocks = self._kept.spreads.get(id, (None,))[0]
+            at = from_records(records, self._kept.unit, self._stored.skies[id], blocks)
         return at_points(model, values_of(at))
 
     def save(self, path: str | os.PathLike[str], progress: Progress | None = None) -> None:
@@ -263,7 +266,9 @@ class Baked:
         """What a file holds."""
         if shape_of(self._baked_of) != self._shape:
             raise ValueError("the light cannot be saved: levels of detail were made after the bake: bake again")
-        return Stored(self._settings, keys_of(self._baked_of), self._kept, seen_skies(self._sides, self._arrived))
+        return Stored(
+            self._settings, keys_of(self._baked_of), self._kept, seen_skies(self._sides, self._arrived, self._spreads)
+        )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], scene: Scene) -> Baked:
@@ -300,9 +305,23 @@ class Baked:
         """Bytes of the light that pictures read."""
         return self._kept.nbytes
 
+    @property
+    def levels(self) -> dict[int, int]:
+        """How coarse the light of each instance of a model is: 0, a record for each splat; k, for 4^(k - 1) patches.
+
+        Light is coarser where that of all splats would not fit into `BakeSettings.memory`.
+        """
+        return dict(self._kept.levels)
+
+    @property
+    def coarser(self) -> str:
+        """In words how coarse the light is; empty where each splat has its own, see `levels`."""
+        return coarseness(self._kept.levels)
+
     def __repr__(self) -> str:
         whence = "from a file" if self._stored is not None else f"{len(self._transport):,} patches"
-        return f"<Baked: {whence}, {self.nbytes / 2**20:.0f} MiB>"
+        ending = f", {self.coarser}" if self.coarser else ""
+        return f"<Baked: {whence}, {self.nbytes / 2**20:.0f} MiB{ending}>"
 
 
 def bake(scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None) -> Baked:
@@ -323,7 +342,7 @@ def bake(scene: Scene, settings: BakeSettings | None = None, progress: Progress 
     Raises
     ------
     ValueError
-        If the scene is empty.
+        If the scene is empty, or `BakeSettings.memory` is too small even for the coarsest light.
     """
     check_kind(scene, "scene", Scene, "a Scene")
     settings = BakeSettings() if settings is None else check_kind(settings, "settings", BakeSettings, "BakeSettings")
@@ -341,20 +360,6 @@ def _chosen(scene: Snapshot, settings: BakeSettings) -> int:
     shapes = records[records[:, KIND] == MODEL, 1].astype(int)
     splats = sum(len(scene.models[k].points) for k in shapes)
     return int(np.clip(splats // 2, LEAST_CHOSEN, MOST_CHOSEN))
-
-
-def _check_room(transport: Transport, settings: BakeSettings) -> None:
-    """ValueError if there is no room for the light."""
-    need = 4 * RECORD * sum(blend_of(side, level)[2] for side in transport.sides for level in _levels_of(side))
-    if settings.memory is None:
-        check_memory(need, "to keep the light")
-    elif need > settings.memory:
-        raise ValueError(f"the light takes {need:,} bytes, more than memory={settings.memory:,}")
-
-
-def _levels_of(side: Side) -> range:
-    patches = side.sheet.patches
-    return range(1) if isinstance(patches, Grid) else range(len(patches.blends))
 
 
 def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> Transport:

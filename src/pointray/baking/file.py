@@ -16,19 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
-from ..kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MOMENTS, RECORD, SHAPE_ROW
+from ..kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MOMENTS, RECORD, SHAPE_ROW, SPREAD
 from ..model import Model
 from ..scene.world import Snapshot
 from .kept import Kept
 from .keys import Keys, difference, keys_of
+from .levels import is_spread
+from .patches import BLOCK_SPLATS
 from .planes import Grid
 from .settings import BakeSettings
 
-LAYOUT = [RECORD, INDIRECT, DIRECT, MOMENTS]
-# The version increases when the bits of a record get another meaning.
+LAYOUT = [RECORD, INDIRECT, DIRECT, MOMENTS, SPREAD]
+# The version increases when the bits of a record get another meaning, or arrays are added.
 FILE = Kind("pointray baked light", 2, LAYOUT, "a file of baked light", "saved by another version of pointray")
 LARGEST_UNIT = float(np.finfo(np.float32).max) / 2**16  # light then fits into float32
 FARTHEST, LEAST_HALF, MOST_EDGE = 1e30, 1e-9, 1 << 14  # of grids: no place of a plane in one overflows
+COARSEST = 32  # level: of any number of patches one is left
 
 
 class Stored(NamedTuple):
@@ -37,7 +40,8 @@ class Stored(NamedTuple):
     settings : of the bake
     keys : of the scene when it was baked
     kept : what pictures read
-    skies : (slots,) uint16, by the number of the instance, of models whose front is baked: see `store.seen_skies`
+    skies : (slots,) uint16, or (knots,) of coarser light, by the number of the instance, of models whose front is
+        baked: see `store.seen_skies`
     """
 
     settings: BakeSettings
@@ -58,8 +62,16 @@ def write_light(path: str | os.PathLike[str], light: Stored, say: Say) -> None:
     }
     sides = list(dict.fromkeys((row_of[number], sign) for number, sign, _ in kept.records))
     grids = [(*grid.middle, grid.half, grid.edge) for grid in kept.grids.values()]
+    spreads = {id(spread): spread for spread in kept.spreads.values()}
+    numbers = {key: k for k, key in enumerate(spreads)}
+    coarse = [
+        (row_of[number], kept.levels[number], numbers[id(spread)], len(kept.records[number, 1, 0]))
+        for number, spread in kept.spreads.items()
+    ]
     arrays: Arrays = {
         "sides": np.array(sides, np.int32).reshape(-1, 2),
+        "coarse": np.array(coarse, np.int32).reshape(-1, 4),
+        "spreads": np.concatenate([np.zeros(0, np.int32), *(part for spread in spreads.values() for part in spread)]),
         "grids": np.array(grids, np.float64).reshape(-1, 4),
         "records": np.concatenate([*kept.records.values(), np.zeros((0, RECORD), np.int32)]),
         "skies": np.concatenate([*light.skies.values(), np.zeros(0, np.uint16)]),
@@ -105,19 +117,22 @@ def _take_light(about: dict[str, Any], found: Arrays, scene: Snapshot, keys: Key
     sides = _take_sides(found, len(models))
     planes = list(dict.fromkeys(row for row, _ in sides if models[row] is None))
     grids = {numbers[row]: grid for row, grid in zip(planes, _take_grids(found, len(planes)), strict=True)}
-    sizes, slots = {}, {}
+    coarse = _take_coarse(found, sides, models)
+    spreads = {numbers[row]: spread for row, spread in _take_spreads(found, coarse, models).items()}
+    sizes, slots, levels = {}, {}, {}
     for row, sign in sides:
         number, model = numbers[row], models[row]
         if model is None:
             sizes[number, sign, 0] = grids[number].edge ** 2
             continue
-        for level, tree in enumerate((model.tree, *(level.tree for level in model.levels))):
-            sizes[number, sign, level] = tree.order.size
+        for level, size in enumerate(_slots_of(model) if row not in coarse else [coarse[row].records]):
+            sizes[number, sign, level] = size
         if sign > 0:
-            slots[number] = model.tree.order.size
+            slots[number] = sizes[number, sign, 0]
+            levels[number] = coarse[row].level if row in coarse else 0
     records = take_array(found, "records", np.int32, (sum(sizes.values()), RECORD))
     skies = take_array(found, "skies", np.uint16, (sum(slots.values()),))
-    kept = Kept(unit, dict(_parts(records, sizes)), grids)
+    kept = Kept(unit, dict(_parts(records, sizes)), grids, spreads, levels)
     return Stored(settings, keys, kept, dict(_parts(skies, slots)))
 
 
@@ -152,6 +167,52 @@ def _take_grids(found: Arrays, count: int) -> list[Grid]:
     if not (good & (edge >= 2) & (edge <= MOST_EDGE) & (edge == 2 * np.floor(edge / 2))).all():
         raise ValueError("the light is damaged: the grid of a plane is none")
     return [Grid(int(edge), (u, v), half) for u, v, half, edge in table.tolist()]
+
+
+class Coarse(NamedTuple):
+    """Coarser light of an instance. level : see `levels`; spread : which one; records : of a side"""
+
+    level: int
+    spread: int
+    records: int
+
+
+def _take_coarse(found: Arrays, sides: list[tuple[int, int]], models: list[Model | None]) -> dict[int, Coarse]:
+    """Which instances have coarser light, by their rows."""
+    table = take_array(found, "coarse", np.int32, (-1, 4)).astype(np.int64)
+    fronts = [row for row, sign in sides if sign > 0 and models[row] is not None]
+    rows, levels, spreads, records = table.T
+    new = np.maximum.accumulate(np.concatenate([[-1], spreads]))[:-1] + 1  # the number of a spread that is met first
+    good = np.isin(rows, fronts) & (levels >= 1) & (levels <= COARSEST) & (spreads >= 0) & (spreads <= new)
+    if not (good & (records >= 1)).all() or (np.diff(rows) <= 0).any():
+        raise ValueError("the light is damaged: coarser light is that of no instance")
+    return {row: Coarse(*rest) for row, *rest in table.tolist()}
+
+
+def _take_spreads(
+    found: Arrays, coarse: dict[int, Coarse], models: list[Model | None]
+) -> dict[int, tuple[NDArray[np.int32], ...]]:
+    """What spreads coarser light, checked, by the rows of instances."""
+    users: dict[int, tuple[Model, int]] = {}
+    for row, item in coarse.items():
+        model = models[row]
+        if model is None or users.setdefault(item.spread, (model, item.records)) != (model, item.records):
+            raise ValueError("the light is damaged: coarser light is that of another model")
+    sizes = {
+        (k, level): slots // BLOCK_SPLATS * SPREAD
+        for k, (model, _) in users.items()
+        for level, slots in enumerate(_slots_of(model))
+    }
+    blocks = dict(_parts(take_array(found, "spreads", np.int32, (sum(sizes.values()),)), sizes))
+    if not all(is_spread(part, users[k][1]) for (k, _), part in blocks.items()):
+        raise ValueError("the light is damaged: coarser light is spread from records that are not there")
+    spreads = {k: tuple(part for (of, _), part in blocks.items() if of == k) for k in users}
+    return {row: spreads[item.spread] for row, item in coarse.items()}
+
+
+def _slots_of(model: Model) -> list[int]:
+    """The slots of a model's tree, and of those of its levels of detail."""
+    return [tree.order.size for tree in (model.tree, *(level.tree for level in model.levels))]
 
 
 def _parts(array: NDArray[Any], sizes: Mapping[Any, int]) -> Iterator[tuple[Any, NDArray[Any]]]:

@@ -18,6 +18,7 @@ AROUND = 8  # patches whose light a splat's is blended from
 BLOCK_SPLATS = 4  # splats side by side in a tree
 FARTHER = 64  # patches among which those are found that face a splat, where the nearest do not
 CHUNK = 1024  # blocks
+PIECE = 1 << 16  # patches, or blocks, whose neighbours are asked for at a time: it bounds the memory in between
 # Of a blend: how fast a patch's weight falls with its distance from the splat's plane, in distances of the patches.
 OFF_PLANE = f32(4.0)
 NEAREST = f32(0.05)  # of a squared distance, in squared distances of the patches: below it a patch counts no more
@@ -77,25 +78,28 @@ def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
     count = min(most, len(used))
     places = np.arange(count) + np.arange(count) * GOLDEN % 1.0
     slots = used[(places * (len(used) / count)).astype(np.int64)]
-    positions, normals = x[slots], n[slots]
+    positions, normals, radii = x[slots], n[slots], radii[slots]
+    del used, slots
     finder = NeighborTree(positions)
-    _, near = finder.query(min(NEAR + 1, count))
-    blends = [_blend_for(tree, finder, positions, normals) for tree in trees]
-    return PatchSet(positions, normals, radii[slots], _without_self(near, count), blends)
+    blends = [blend_for(x, n, finder, positions, normals)]
+    del x, n
+    blends += [blend_for(*splats_of(tree)[:2], finder, positions, normals) for tree in trees[1:]]
+    return PatchSet(positions, normals, radii, _neighbors_within(finder, positions), blends)
 
 
-def _blend_for(tree: Tree, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
-    """How the light of a tree's splats follows from that of patches at positions.
+def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
+    """How the light of splats at x with normals n, in blocks, follows from that of patches at positions.
 
     The patches are found once for the four splats of a block: a quarter of the time and of the memory. Where none of
     these faces a splat, as in a thin wall, the nearest that do are found for each.
     """
-    x, n, _ = splats_of(tree)
     blocks, count = x.reshape(-1, BLOCK_SPLATS, 3), min(AROUND, len(positions))
-    used = (blocks[..., :1] < FAR).astype(np.float32)
-    middles = (blocks * used).sum(axis=1) / np.maximum(used.sum(axis=1), 1.0)
     around = np.zeros((len(blocks), AROUND), np.int32)
-    _, around[:, :count] = finder.query(AROUND, middles)
+    for first in range(0, len(blocks), PIECE):
+        part = blocks[first : first + PIECE]
+        used = (part[..., :1] < FAR).astype(np.float32)
+        middles = (part * used).sum(axis=1) / np.maximum(used.sum(axis=1), 1.0)
+        _, around[first : first + PIECE, :count] = finder.query(AROUND, middles)
     weights, patch_of = np.zeros((len(x), AROUND), np.uint8), np.zeros(len(x), np.int32)
     tables = x.reshape(-1), n.reshape(-1), positions.reshape(-1), normals.reshape(-1)
 
@@ -106,15 +110,35 @@ def _blend_for(tree: Tree, finder: NeighborTree, positions: Floats, normals: Flo
     weigh(np.arange(len(blocks)))
     rows = np.unique(np.flatnonzero((patch_of < 0) & (x[:, 0] < FAR)) // BLOCK_SPLATS)
     if len(rows) and count == AROUND:
-        around[rows] = _facing(tree, finder, rows, normals)
+        around[rows] = _facing((x, n), finder, rows, normals)
         weigh(rows)
     patch_of[x[:, 0] >= FAR] = 0
-    return Blend(np.where(patch_of < 0, ~patch_of, patch_of), around, weights)
+    np.invert(patch_of, out=patch_of, where=patch_of < 0)
+    return Blend(patch_of, around, weights)
 
 
-def _facing(tree: Tree, finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
+def nearest_blend(
+    x: Floats, n: Floats, blend: Blend, patches: tuple[Floats, Floats], count: int
+) -> tuple[Rows, NDArray[np.uint8]]:
+    """A blend from fewer patches, those that count most: (blocks, count) int32, and weights (slots, count).
+
+    The one that counts most for each splat is among them. patches : their positions and normals
+    """
+    weights = blend.weights.astype(np.float32)
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
+    weights[np.arange(len(weights)), weights.argmax(axis=1)] += np.float32(BLOCK_SPLATS)
+    order = np.argsort(-weights.reshape(-1, BLOCK_SPLATS, AROUND).sum(axis=1), axis=1, kind="stable")
+    around, out = np.take_along_axis(blend.around, order, axis=1), np.zeros_like(blend.weights)
+    rows, patch_of = np.arange(len(around)), np.zeros(len(x), np.int32)
+    tables = x.reshape(-1), n.reshape(-1), patches[0].reshape(-1), patches[1].reshape(-1)
+    used = min(count, len(patches[0]))
+    run(_blend, -(-len(rows) // CHUNK), tables, rows, around.reshape(-1), used, out.reshape(-1), patch_of)
+    return around[:, :count], out[:, :count]
+
+
+def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
     """For each of these blocks the nearest patches that face its splats, as many of each splat, (m, AROUND)."""
-    x, n, _ = splats_of(tree)
+    x, n = splats
     slots = blocks[:, None] * BLOCK_SPLATS + np.arange(BLOCK_SPLATS)
     slots = np.where(x[slots, 0] < FAR, slots, slots[:, :1]).reshape(-1)
     _, near = finder.query(FARTHER, x[slots])
@@ -123,12 +147,14 @@ def _facing(tree: Tree, finder: NeighborTree, blocks: NDArray[np.int64], normals
     return np.take_along_axis(near, nearest, axis=1).reshape(-1, AROUND)
 
 
-def _without_self(near: Rows, count: int) -> Rows:
-    """(m, NEAR) neighbours without the patch itself; -1 where there are fewer."""
-    out = np.full((count, NEAR), -1, np.int32)
-    others = near != np.arange(count)[:, None]
-    others[others.all(axis=1), -1] = False  # a patch that has many duplicates is not among its nearest
-    out[:, : near.shape[1] - 1] = near[others].reshape(count, -1)
+def _neighbors_within(finder: NeighborTree, positions: Floats) -> Rows:
+    """(m, NEAR) neighbours of each patch, without itself; -1 where there are fewer."""
+    out = np.full((len(positions), NEAR), -1, np.int32)
+    for first in range(0, len(positions), PIECE):
+        _, near = finder.query(NEAR + 1, positions[first : first + PIECE])
+        others = near != np.arange(first, first + len(near))[:, None]
+        others[others.all(axis=1), -1] = False  # a patch that has many duplicates is not among its nearest
+        out[first : first + PIECE, : near.shape[1] - 1] = near[others].reshape(len(near), -1)
     return out
 
 

@@ -24,11 +24,14 @@ class BakeSettings:
     noise : float
         The standard error of the irradiance that is aimed at, as a share of it.
     patches : int, optional
-        At most so many surface elements exchange light; the light of splats between them is interpolated. None: a
+        At most so many surface elements of all instances together exchange light, and half as many of planes; those
+        whose back is lit count twice. The light of splats between them is interpolated. None: a
         half of the splats, at least 32,768 and at most 1,048,576.
     memory : int, optional
-        Bytes that the light may take, 16 for each splat and lit side, levels of detail included. None: what is
-        available.
+        Bytes that the light may take, 16 for each splat and lit side of every instance, levels of detail included.
+        Where that is too much the light of some instances is coarser: it takes 16 bytes for each patch, or for each
+        4th, 16th and so on, and 8 for each splat of the model, however many instances it has; see `Baked.levels`.
+        None: half of what is available.
     albedo_scale : float
         Factor for the colours of points, 0 to 1, as light meets them on its way: colours of photographs hold light
         already. Pictures show colours as they are.

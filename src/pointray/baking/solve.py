@@ -97,12 +97,14 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
         transport.filled(indirect)
     if settings.depth > 0:
         _gather_light(transport, light, lamps, 1, indirect, threads)
+    indirect += suns
     facts, patches = np.zeros((n, FACTS), np.float32), transport.patches()
     for part in transport.links:
         args = part, patches, light, lamps, cell_moments(part.parts).reshape(-1), facts.reshape(-1)
         run(add_facts, -(-len(part.rows) // CHUNK), *args, threads=threads)
-    facts[:, :SEES_SKY] += _moments_of(cosines, sky, _bands(transport.normals))
-    return Arrived(lights, indirect + suns, facts)
+    if len(sky.suns):
+        facts[:, :SEES_SKY] += _moments_of(cosines, sky, _bands(transport.normals))
+    return Arrived(lights, indirect, facts)
 
 
 def _moments_of(cosines: Floats, sky: Sky, even: Floats) -> Floats:
@@ -152,4 +154,4 @@ def smoothed(transport: Transport, arrived: Arrived, threads: int | None) -> tup
         near = side.near
         span = side.first, side.size, near.shape[1], values.shape[1]
         run(smooth, -(-side.size // SMOOTHED), places, near.reshape(-1), span, *flat, threads=threads)
-    return Arrived(arrived.direct, out[:, :3].copy(), out[:, 3:].copy()), count
+    return Arrived(arrived.direct, out[:, :3], out[:, 3:]), count

@@ -15,6 +15,7 @@ from ..kernels.records import DIRECT, INDIRECT, RECORD
 from ..model import Model
 from ..shade.rgbe import unpack_rgbe
 from .bounces import GRAY, SEES_SKY
+from .levels import Spread, at_knots, over_splats
 from .pack import CHUNK, pack
 from .patches import AROUND, BLOCK_SPLATS
 from .planes import Grid
@@ -49,15 +50,22 @@ def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint
     return blend.around.reshape(-1), blend.weights.reshape(-1), len(blend.weights)
 
 
-def make_records(side: Side, level: int, arrived: Arrived, unit: float, threads: int | None) -> NDArray[np.int32]:
-    """The records of a side, (n, RECORD): of each slot of its model's level, or of each cell of its plane.
+def make_records(
+    side: Side, level: int | Spread, arrived: Arrived, unit: float, threads: int | None
+) -> NDArray[np.int32]:
+    """The records of a side, (n, RECORD): of each slot of its model's level of detail, or of each cell of its plane.
 
     They are read four at a time: black ones fill the last four.
+
+    level : of detail; or the spread of coarser light, of whose knots the records are
     """
     moments = arrived.facts[side.span, GRAY:SEES_SKY]
     values = np.concatenate([arrived.indirect[side.span], arrived.direct[side.span], moments], axis=1)
-    around, weights, n = blend_of(side, level)
-    out = np.zeros((n, RECORD), np.int32)
+    if isinstance(level, Spread):
+        values, (around, weights, n) = at_knots(level, values), (EVERY, EVERY.view(np.uint8), level.knots)
+    else:
+        around, weights, n = blend_of(side, level)
+    out = np.zeros((n + -n % 4, RECORD), np.int32)
     args = around, weights, values.reshape(-1), 1.0 / unit, out[:n].reshape(-1)
     run(pack, -(-n // CHUNK), *args, threads=threads)
     return out
@@ -84,21 +92,38 @@ def from_patches(side: Side, arrived: Arrived) -> AtSplats:
     return AtSplats(out[:, :3], out[:, 3:6], out[:, 6])
 
 
-def from_records(records: NDArray[np.int32], unit: float, sky: NDArray[np.uint16]) -> AtSplats:
-    """The same from a model's records, to a 256th of the brightest channel; sky : see `seen_skies`"""
+def from_records(
+    records: NDArray[np.int32], unit: float, sky: NDArray[np.uint16], blocks: NDArray[np.int32] | None
+) -> AtSplats:
+    """The same from a model's records, to a 256th of the brightest channel.
+
+    sky : see `seen_skies`; blocks : what spreads coarser light over the splats
+    """
     unpack = cast(Any, uncompiled(unpack_rgbe))
     codes = [np.stack(unpack(records[:, k]), axis=1) for k in (DIRECT, INDIRECT)]
     direct, indirect = (np.multiply(code, unit, dtype=np.float64).astype(np.float32) for code in codes)
-    return AtSplats(direct, indirect, sky.astype(np.float32) / np.float32(SKY_STEPS))
+    seen = sky.astype(np.float32) / np.float32(SKY_STEPS)
+    if blocks is not None:
+        parts = over_splats(blocks, np.concatenate([direct, indirect, seen[:, None]], axis=1))
+        direct, indirect, seen = parts[:, :3], parts[:, 3:6], parts[:, 6]
+    return AtSplats(direct, indirect, seen)
 
 
-def seen_skies(sides: dict[tuple[int, int], Side], arrived: Arrived) -> dict[int, NDArray[np.uint16]]:
-    """The share of the sky that the splats of each model see on its front, by the number of the instance.
+def seen_skies(
+    sides: dict[tuple[int, int], Side], arrived: Arrived, spreads: dict[int, Spread]
+) -> dict[int, NDArray[np.uint16]]:
+    """The share of the sky that the splats, or knots, of each model see on its front, by the number of the instance.
 
     It is counted in SKY_STEPS, as a file keeps it. sides : by the numbers of instances and their signs
     """
+
+    def seen(side: Side, spread: Spread | None) -> Floats:
+        if spread is None:
+            return from_patches(side, arrived).sky
+        return at_knots(spread, arrived.facts[side.span, SEES_SKY : SEES_SKY + 1])[:, 0]
+
     shares = {
-        number: from_patches(side, arrived).sky
+        number: seen(side, spreads.get(number))
         for (number, sign), side in sides.items()
         if sign > 0 and not isinstance(side.sheet.patches, Grid)
     }

@@ -34,13 +34,13 @@ from ..progress import Progress, tell
 from ..scene.world import Snapshot
 from ..trace.cast import closest_hits
 from .gather import TARGET, Targets
-from .patches import NEAR, PatchSet, choose_patches
+from .patches import NEAR, PIECE, PatchSet, choose_patches
 from .planes import Grid, fit_grid, grid_colors, grid_positions
 from .reflectance import find_reflectances
 
 PLANES_SHARE = 0.5  # share of the patches of models that planes get besides
 LEAST_EDGE, MOST_EDGE = 32, 256  # cells a side of a plane's grid
-LEAST_PATCHES = 256  # of an instance
+LEAST_PATCHES = 256  # of an instance, unless there are so many that these would be too many
 BRIGHTEST = 0.9  # of points' own colours: photographs hold light already, and white walls would never grow dark
 # Radii: how far from a splat the ray begins that finds the surface. The later ones are for splats with something else
 # close by, as where a ball touches the ground.
@@ -81,15 +81,16 @@ def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progr
         if record[KIND] == MODEL:
             found = sets[int(record[SHAPE_ROW])]
             patches: PatchSet | Grid = found
-            positions, normals, own, lost = _on_surface(world, k, found)
+            positions, normals, own, lost = _all_on_surface(world, k, found)
         else:
             plane = _plane_of(world, record)
             patches = fit_grid(plane, bounds, edge)
-            positions, own = grid_positions(plane, patches), grid_colors(plane, patches)
+            positions = grid_positions(plane, patches)
+            own = grid_colors(plane, patches).astype(np.float32)
             normals = np.broadcast_to(plane[3:6], positions.shape).astype(np.float32)
             lost = np.zeros(len(positions), np.bool_)
         dark = np.zeros(own.shape, np.float32)
-        sheets.append(Sheet(k, patches, positions, normals, own.astype(np.float32), dark, lost))
+        sheets.append(Sheet(k, patches, positions, normals, own, dark, lost))
     return _shaded(scene, sheets, albedo_scale)
 
 
@@ -99,10 +100,10 @@ def recolored(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list
     out = []
     for sheet in sheets:
         if isinstance(sheet.patches, Grid):
-            own = grid_colors(_plane_of(scene.world, records[sheet.instance]), sheet.patches)
+            own = grid_colors(_plane_of(scene.world, records[sheet.instance]), sheet.patches).astype(np.float32)
         else:
-            own = _on_surface(scene.world, sheet.instance, sheet.patches)[2]
-        out.append(sheet._replace(albedo=own.astype(np.float32)))
+            own = _all_on_surface(scene.world, sheet.instance, sheet.patches)[2]
+        out.append(sheet._replace(albedo=own))
     return _shaded(scene, out, albedo_scale)
 
 
@@ -154,7 +155,8 @@ def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
     copies = np.bincount(records[records[:, KIND] == MODEL, SHAPE_ROW].astype(int), minlength=len(scene.models))
     splats = np.array([len(model.points) for model in scene.models])
     share = min(1.0, most / max(int((copies * splats).sum()), 1))
-    return [max(int(n * share), min(int(n), LEAST_PATCHES)) for n in splats], edge
+    least = min(LEAST_PATCHES, max(most // max(int(copies.sum()), 1), 1))
+    return [max(int(n * share), min(int(n), least)) for n in splats], edge
 
 
 def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:
@@ -192,6 +194,21 @@ def around(scene: Snapshot) -> Floats:
     middles = lights[:, LIGHT_POSITION : LIGHT_POSITION + 3]
     low, high = np.concatenate([boxes[:, 0], middles]), np.concatenate([boxes[:, 1], middles])
     return np.stack([low.min(axis=0), high.max(axis=0)]) if len(low) else np.array([[-1.0] * 3, [1.0] * 3])
+
+
+def _all_on_surface(
+    world: World, row: int, patches: PatchSet
+) -> tuple[Floats, NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """Like `_on_surface`, piece by piece, as the rays to the surface take much memory."""
+    m = len(patches.positions)
+    out = np.empty((m, 3)), np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.empty(m, np.bool_)
+    for first in range(0, m, PIECE):
+        span = slice(first, first + PIECE)
+        arrays = {name: getattr(patches, name)[span] for name in ("positions", "normals", "radii")}
+        part = _on_surface(world, row, patches._replace(**arrays))
+        for whole, found in zip(out, part, strict=True):
+            np.copyto(whole[span], found)
+    return out
 
 
 def _on_surface(
@@ -236,4 +253,5 @@ def find_targets(scene: Snapshot, sheets: list[Sheet], firsts: dict[tuple[int, i
             tables.append(patch_of)
             end += len(patch_of)
         rows[k, 2] = begins[model]
-    return Targets(rows.reshape(-1), np.concatenate([*tables, np.zeros(0, np.int32)]), frames.reshape(-1))
+    patch_of = tables[0] if len(tables) == 1 else np.concatenate([*tables, np.zeros(0, np.int32)])
+    return Targets(rows.reshape(-1), patch_of, frames.reshape(-1))

@@ -16,7 +16,7 @@ from ..shade.grid import MOST_WALLS
 from .bounces import CHUNK, Links, bytes_of, hide_links
 from .directions import strata
 from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, INSIDE, ONE_TILE, Found, Patches, Rays, send_rays
-from .patches import NEAR
+from .patches import NEAR, PIECE
 from .planes import Grid, grid_neighbors
 from .surfaces import Sheet, find_targets
 
@@ -97,6 +97,18 @@ class Transport:
         parts = [getattr(side.sheet, name) for side in self.sides]
         return np.concatenate(parts).astype(dtype, copy=False)
 
+    def shared_sheets(self) -> list[Sheet]:
+        """The sheets, whose arrays are parts of those here: there are no two of each. All fronts must be lit."""
+        out = []
+        for k, side in enumerate(self.sides):
+            arrays = {name: getattr(self, name)[side.span] for name in ("positions", "albedo", "emitted")}
+            sheet = side.sheet._replace(**arrays, lost=self._lost[side.span])
+            if side.sign > 0:
+                sheet = sheet._replace(normals=self.normals[side.span])
+                out.append(sheet)
+            self.sides[k] = side._replace(sheet=sheet)
+        return out
+
     def recolor(self, sheets: list[Sheet]) -> None:
         """Take albedo and emission from the same sheets with other materials."""
         of = {sheet.instance: sheet for sheet in sheets}
@@ -137,7 +149,7 @@ class Transport:
         sent = np.zeros(len(self), np.float32)
         for part in self.links:
             sent[part.rows] += part.parts[0] * part.parts[1]
-        inside = (found.links.reshape(-1, links) == INSIDE).sum(axis=1)
+        inside = _count_inside(found.links, links)
         for mean, more in ((self.nearness, found.nearness), (self._inside, inside)):
             mean[rows] = (mean[rows] * (sent[rows] - links) + more) / sent[rows]
         self._set_trust()
@@ -192,6 +204,15 @@ class Transport:
         tiles = len(patches.tiles) // ONE_TILE
         args = world, patches, self._targets, rays, found
         run(send_rays, tiles, *args, threads=self._threads, progress=progress)
+
+
+def _count_inside(links: NDArray[np.int32], each: int) -> NDArray[np.int32]:
+    """How many links of each patch lead to the inside of a body."""
+    out = np.empty(len(links) // each, np.int32)
+    for first in range(0, len(out), PIECE):
+        part = links[first * each : (first + PIECE) * each].reshape(-1, each)
+        out[first : first + PIECE] = np.count_nonzero(part == INSIDE, axis=1)
+    return out
 
 
 def _neighbors_of(world: World, sheet: Sheet) -> NDArray[np.int32]:

@@ -116,7 +116,8 @@ def _write_light(output: BakeOutput, baked: Any, count: int, progress: Progress)
     progress.show("writing", 0.0)
     with writing(output.path):
         in_background(lambda: baked.save(output.path, lambda share: progress.show("writing", share)))
-    return f"{output.path}: the light of {count:,} points, {baked.nbytes / 2**20:.3g} MiB"
+    ending = f"; {baked.coarser}" if baked.coarser else ""
+    return f"{output.path}: the light of {count:,} points, {baked.nbytes / 2**20:.3g} MiB{ending}"
 
 
 def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, color: Any = None) -> str:

@@ -62,6 +62,8 @@ class LightSource:
         if self.file is None:
             warnings.warn(LOOK if self.quick else told, stacklevel=2)
         scene.baked = in_background(lambda: self.make(scene, progress.show))
+        if scene.baked.coarser:
+            warnings.warn(f"the light does not fit into memory as it is: {scene.baked.coarser}", stacklevel=2)
 
 
 def light_source(settings: Any, file: Path | None, quick: bool = False) -> LightSource | None:

@@ -79,15 +79,20 @@ PAINT_POSITIONS = 3  # where the splats of its model begin in World.map_position
 PAINT_ALONG, PAINT_START = 3, 6  # BY_COORDINATE: a point x in the world has the map position along (3).x + start
 PAINT_COARSER = 7  # BLENDED: how many paints follow that are the same for the levels of detail of its model
 
-# What is baked of an instance's light: 3 int64 in `World.baked`, addresses of records and how many there are.
-BAKED = 3
+# What is baked of an instance's light: 5 int64 in `World.baked`, addresses of records and how many there are.
+BAKED = 5
 BAKED_FRONT, BAKED_BACK = 0, 1  # the records of the side to which normals point, and of the other; 0: it is dark
 # Records of a side: one of each splat, in the tree's order, or one of each cell of a plane's grid; a multiple of 4.
 BAKED_COUNT = 2
+BAKED_SPREAD, BAKED_SPREAD_COUNT = 3, 4  # int32, SPREAD for each block; 0: each splat has its own record
 # And 5 float64 in `World.baked_frames`.
 BAKED_FRAME = 5
 GRID_MIDDLE, GRID_HALF, GRID_EDGE = 0, 2, 3  # of a plane, see `shade/grid.py`: u and v, half width, cells a side
 BAKED_UNIT = 4  # W/m2 of the records' 1.0
+# A spread, how the light of a block's four splats is blended from records that lie farther apart: 8 int32.
+SPREAD = 8
+SPREAD_RECORDS = 0  # 0..3: which records
+SPREAD_SHARES = 4  # 4..7: of each splat, the shares of these four in 255ths, a byte each
 # A record: 4 int32.
 RECORD = 4
 INDIRECT, DIRECT = 0, 1  # RGB9E5, irradiance of the sky and of light from other surfaces; of lights

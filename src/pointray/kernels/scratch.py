@@ -197,16 +197,16 @@ class Scratch(NamedTuple):
 @inline
 def new_scratch(longest: int) -> Scratch:
     """Working memory for models whose longest leaf knows `longest` blocks."""
-    groups = max(longest // 4 + 1, 3)  # `shade/baked.py` stores the weights of 16 blocks
+    groups = longest // 4 + 1
     offsets = np.empty(groups * LANES, np.int32)
     for k in range(offsets.size):
         offsets[k] = k // LANES * GATHERED + k % LANES
     return Scratch(
         np.empty(STACK, np.int32),
         np.empty(STACK, np.float32),
-        np.empty(longest + 16, np.int32),
+        np.empty(4 * longest + 16, np.int32),  # `shade/baked_sums.py` lists four records for each block
         np.zeros(COUNTS_SIZE, np.int64),
-        np.empty(groups * GATHERED, np.float32),
+        np.empty(max(groups * GATHERED, 5 * LANES * (longest + 16)), np.float32),  # there also: the weights of these
         offsets,
         np.empty(offsets.size + LANES, np.int32),
         np.zeros(WORLD_SIZE, np.float64),

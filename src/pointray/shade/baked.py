@@ -1,7 +1,8 @@
 """Baked light at the hits of a tile: which records it is blended from.
 
 At a hit the light of splats is blended by the weights of the surface, less where their normals differ from the hit's:
-a splat across an edge sees another light. On a plane that of the four cells around the hit is blended.
+a splat across an edge sees another light. On a plane that of the four cells around the hit is blended. Coarser light
+has fewer records than splats: the light of each splat is blended from four of them, see `records.SPREAD`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from ..kernels.records import (
     BAKED_COUNT,
     BAKED_FRAME,
     BAKED_FRONT,
+    BAKED_SPREAD,
+    BAKED_SPREAD_COUNT,
     BAKED_UNIT,
     DIRECT,
     INDIRECT,
@@ -66,6 +69,7 @@ from .baked_sums import (
     keep_light,
     keep_moments,
     list_record,
+    spread_out,
     sum_light,
     sum_moments,
 )
@@ -79,6 +83,13 @@ def _records(world: World, instance: int, side: float) -> Array:
     row = instance * BAKED
     address = world.baked[row + (BAKED_FRONT if side > 0.0 else BAKED_BACK)]
     return array_at(address, RECORD * world.baked[row + BAKED_COUNT] if address != 0 else i64(0), i32(0))
+
+
+@inline
+def _spread(world: World, instance: int) -> Array:
+    """How an instance's records are spread over its splats; of length 0 where each has its own."""
+    row = instance * BAKED
+    return array_at(world.baked[row + BAKED_SPREAD], world.baked[row + BAKED_SPREAD_COUNT], i32(0))
 
 
 @inline
@@ -173,6 +184,8 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
         return
     if world.instances[instance * INSTANCE + KIND] == MODEL:
         _weigh(world, tree_at(world.table, i64(world.instances[instance * INSTANCE + SHAPE_ROW])), four, scratch)
+        if world.baked[instance * BAKED + BAKED_SPREAD] != 0:
+            spread_out(_spread(world, instance), scratch)
     else:
         _weigh_cells(world, four, scratch)
     # Other materials need none: a diffuse floor below a glossy statue.

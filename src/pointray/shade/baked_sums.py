@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from ..jit import Array, f32, f64, i64, inline
-from ..kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD
+from ..kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHARES
 from ..kernels.scratch import (
     ARRIVING,
     ARRIVING_COLORS,
@@ -29,6 +29,7 @@ from .rgbe import unpack_four
 
 Sums: TypeAlias = tuple[F16, F16, F16, F16]  # of four points
 FOUR = 4 * RECORD  # numbers of four records
+ONE_SHARE = f32(1.0 / 255.0)  # see `records.SPREAD_SHARES`
 # Where sums begin: of four vectors of moments, of irradiance, of that of lights, and of the weights.
 SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * LANES, 5 * LANES, 6 * LANES
 
@@ -44,6 +45,29 @@ def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> No
         store(scratch.splats, count * LANES, broadcast16(ZERO))
         scratch.counts[COUNT_NEAR] = count + 1
     scratch.splats[at * LANES + 4 * r + k] += f32(share)
+
+
+@inline
+def spread_out(spread: Array, scratch: Scratch) -> None:
+    """List the records of coarser light in place of the blocks that they are spread over, see `records.SPREAD`."""
+    blocks, splats, count = scratch.listed, scratch.splats, scratch.counts[COUNT_NEAR]
+    kept = splats.size - count * LANES  # there is room for four times as many, and these
+    for m in range(count):
+        blocks[m] = scratch.near[m]
+        for lane in range(LANES):
+            splats[kept + m * LANES + lane] = splats[m * LANES + lane]
+    scratch.counts[COUNT_NEAR] = 0
+    for m in range(count):
+        at, weights = i64(blocks[m]) * SPREAD, kept + m * LANES
+        for k in range(4):
+            record = i64(spread[at + SPREAD_RECORDS + k])
+            for r in range(4):
+                share = ZERO
+                for j in range(4):
+                    part = (i64(spread[at + SPREAD_SHARES + j]) >> (8 * k)) & 255
+                    share += splats[weights + 4 * r + j] * f32(part)
+                if share > ZERO:
+                    list_record(record // 4, r, record % 4, share * ONE_SHARE, scratch)
 
 
 @inline

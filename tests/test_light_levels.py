@@ -1,0 +1,227 @@
+"""Coarser light where that of all splats of all instances would not fit into the memory that it may take."""
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from attack.model_files import copied, join, split
+from pointray.baking.levels import Shape, Wanted, choose_levels, deepest, knots_at
+
+SKY, SUN = pr.EnvironmentLight((1, 0.9, 0.8)), pr.SunLight((1, -0.5, -2))
+STATUE = pr.Model(pr.procedural("statue", 6000))
+FIELDS = {"patches": 16_000, "links": 16, "noise": 1.0, "max_depth": 2}
+QUICK = pr.BakeSettings(**FIELDS)
+
+
+def sheet():
+    """An open sheet that is curved: both of its sides are lit, each otherwise."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 50), np.linspace(-1, 1, 50))
+    slope = 0.5 * np.cos(2.0 * x)
+    normals = np.stack([-slope, 0 * x, 1 + 0 * x], axis=-1).reshape(-1, 3)
+    positions = np.stack([x, y, 0.25 * np.sin(2.0 * x)], axis=-1).reshape(-1, 3)
+    return pr.Model(pr.Points(positions, normals / np.linalg.norm(normals, axis=1, keepdims=True)))
+
+
+SHEET = sheet()
+
+
+def room(models=(STATUE, STATUE, SHEET, STATUE, SHEET), sun=SUN):
+    """Instances of two models beside each other on a plane."""
+    scene = pr.Scene()
+    for k, model in enumerate(models):
+        scene.add(model, pr.transform(translate=(2.2 * k, 0, 0.3 * (k % 2))), material=pr.Diffuse(0.6))
+    scene.add(pr.Plane((0, 0, -1.2), (0, 0, 1)))
+    scene.lights = (SKY, sun)
+    return scene
+
+
+def picture(scene, baked):
+    scene.baked = baked
+    camera = pr.Camera.frame(scene.bounds, size=(240, 120))
+    return pr.render(scene, camera, pr.Settings("baked", spp=4))
+
+
+def baked_at(scene, budget, **changes):
+    return pr.bake(scene, pr.BakeSettings(**FIELDS, memory=budget, **changes))
+
+
+@pytest.fixture(scope="module")
+def full():
+    scene = room()
+    baked = pr.bake(scene, QUICK)
+    assert set(baked.levels.values()) == {0} and baked.coarser == ""
+    assert (4, -1) in baked._sides  # the sheet's back is lit
+    return baked, picture(scene, baked)
+
+
+def planes_of(baked):
+    return sum(baked._kept.records[key].nbytes for key in baked._kept.records if key[0] in baked._kept.grids)
+
+
+def least_of(scene):
+    """The least budget, as the refusal tells it."""
+    with pytest.raises(ValueError, match=r"at least [\d,]+ bytes, more than memory=1,000") as error:
+        baked_at(scene, 1000)
+    return int(str(error.value).split("at least ")[1].split(" ")[0].replace(",", ""))
+
+
+def error(got, want):
+    return np.sqrt(np.mean((got - want) ** 2)) / want.mean()
+
+
+@pytest.mark.parametrize(
+    ("level", "in_picture", "on_statue", "on_sheet"),
+    [(1, 0.001, 0.04, 0.007), (2, 0.005, 0.17, 0.025), (3, 0.007, 0.2, 0.036)],
+)
+def test_coarser_light_is_nearly_the_same(tmp_path, full, level, in_picture, on_statue, on_sheet):
+    """It fits the budget, is nearly that of all splats, and comes back from a file.
+
+    The statue has few splats for its folds. A spread with shares or records in another order is beyond the bounds.
+    """
+    scene = room()
+    budget = budget_of(full[0], level)
+    baked = baked_at(scene, budget)
+    assert baked.nbytes <= budget and max(baked.levels.values()) == level
+    assert f"levels 0 to {level}" in repr(baked) or f"level {level}" in repr(baked)
+    got = picture(scene, baked)
+    assert error(got, full[1]) < in_picture
+    baked.save(tmp_path / "a.bake")
+    again = pr.Baked.load(tmp_path / "a.bake", scene)
+    np.testing.assert_array_equal(picture(scene, again), got)
+    assert again.levels == baked.levels and again.nbytes == baked.nbytes
+    for id in range(5):
+        for side in (1, -1):
+            want = full[0].irradiance(id, side)
+            np.testing.assert_array_equal(baked.irradiance(id, side), want)
+            if want.any():
+                assert error(again.irradiance(id, side), want) < (on_sheet if id in (2, 4) else on_statue)
+
+
+def budget_of(full, level):
+    """Bytes that are just enough for this level of all instances."""
+    total = planes_of(full)
+    for id in range(5):
+        for sign in (1, -1):
+            if (id, sign) in full._sides:
+                total += 16 * len(knots_at(level, full._sides[id, sign].size))
+    return total + 32 * sum(len(model.tree.order) // 4 for model in (STATUE, SHEET))
+
+
+def test_the_least_budget_is_told_and_is_enough(full):
+    scene = room()
+    least = least_of(scene)
+    baked = baked_at(scene, least)
+    assert baked.nbytes == least
+    with pytest.raises(ValueError, match=f"at least {least:,} bytes, more than memory={least - 1:,}"):
+        baked_at(scene, least - 1)
+
+
+def test_light_follows_lights_at_any_level(full):
+    scene = room()
+    baked = baked_at(scene, budget_of(full[0], 2))
+    before = dict(baked.levels)
+    scene.lights = (SKY, pr.SunLight((-1, 0.3, -1), 5.0))
+    baked.update()
+    assert baked.levels == before
+    fresh = baked_at(scene, budget_of(full[0], 2))
+    np.testing.assert_array_equal(picture(scene, baked), picture(scene, fresh))
+    assert error(picture(scene, baked), full[1]) > 0.2
+
+
+def test_coarser_light_does_not_depend_on_threads(full):
+    one, two = (baked_at(room(), full[0].nbytes - 20_000, threads=threads) for threads in (1, 2))
+    assert one.levels == two.levels and len(set(one.levels.values())) > 1
+    for key, records in one._kept.records.items():
+        np.testing.assert_array_equal(records, two._kept.records[key])
+
+
+def test_levels_of_detail_share_the_records_of_coarser_light(tmp_path):
+    model = pr.Model(pr.procedural("statue", 20_000))
+    model.make_levels()
+    assert model.levels
+    scene = room([model] * 3)
+    wide = pr.bake(scene, QUICK)
+    budget = least_of(scene)
+    baked = baked_at(scene, budget)
+    assert baked.nbytes <= budget < wide.nbytes and min(baked.levels.values()) > 0
+    baked.save(tmp_path / "a.bake")
+    again = pr.Baked.load(tmp_path / "a.bake", scene)
+    levels = np.array([0, 1, 1, 0])
+    for of in (baked, again):
+        table = of.tables(scene.snapshot(), levels)[0].reshape(-1, 5)
+        assert (table[:3, [0, 3]] != 0).all() and table[0, 0] != table[1, 0]
+        assert table[1, 3] == table[2, 3] != table[0, 3]
+
+
+def test_the_levels_fit_whatever_the_budget():
+    """And are as fine as they may be: with more memory no instance is coarser, on the average."""
+    rng = np.random.default_rng(4)
+    shapes = [Shape(4 * int(n), 32 * int(n), int(n)) for n in rng.integers(20, 50_000, 6)]
+    wanted = [Wanted(int(rng.integers(6)), int(rng.integers(1, 3))) for _ in range(40)]
+    least = choose_levels(shapes, wanted, 0)
+    whole = sum(16 * item.sides * shapes[item.shape].records for item in wanted)
+    assert isinstance(least, int) and isinstance(choose_levels(shapes, wanted, least - 1), int)
+    assert choose_levels(shapes, wanted, whole) == [0] * 40
+    for budget in np.geomspace(least, whole - 1, 50).astype(int).tolist():
+        levels = choose_levels(shapes, wanted, budget)
+        assert bytes_of(shapes, wanted, levels) <= budget and max(levels) > 0
+        assert all(level <= deepest(shapes[item.shape].patches) for item, level in zip(wanted, levels, strict=True))
+
+
+def bytes_of(shapes, wanted, levels):
+    """A slow twin of what `choose_levels` counts."""
+    total, spreads = 0, set()
+    for item, level in zip(wanted, levels, strict=True):
+        shape = shapes[item.shape]
+        total += 16 * item.sides * (len(knots_at(level, shape.patches)) if level else shape.records)
+        if level and (item.shape, level) not in spreads:
+            spreads.add((item.shape, level))
+            total += shape.spread
+    return total
+
+
+def test_the_number_of_patches_has_a_bound():
+    """Also where the instances are many."""
+    scene = pr.Scene()
+    ball = pr.Model(pr.procedural("sphere", 1000))
+    for k in range(100):
+        scene.add(ball, pr.transform(translate=(3 * (k % 10), 3 * (k // 10), 0)))
+    scene.add_light(SKY)
+    baked = pr.bake(scene, pr.BakeSettings(patches=2000, links=4, noise=1.0, max_depth=1))
+    assert len(baked._transport) <= 2000
+
+
+def put(index, value):
+    def change(array):
+        array[index] = value
+        return array
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        *(("coarse", put((0, k), value)) for k, value in ((0, 5), (0, -1), (1, 0), (1, 99), (2, -1), (2, 2), (3, 0))),
+        *(("coarse", put((0, k), value)) for k, value in ((0, 1), (2, 1), (3, 3), (3, 2**31 - 1))),
+        ("coarse", lambda coarse: coarse[::-1].copy()),
+        ("coarse", lambda coarse: coarse[:-1].copy()),
+        ("coarse", lambda coarse: coarse[:, :3].copy()),
+        ("spreads", lambda spreads: spreads[:-8].copy()),
+        *(("spreads", put(k, value)) for k in (0, 3, -5) for value in (-1, 2**31 - 1)),
+        *(("spreads", put(k, value)) for k in (4, -1) for value in (0, -1)),
+    ],
+)
+def test_a_damaged_file_of_coarser_light_is_refused(tmp_path, coarse_file, name, change):
+    parts = copied(split(coarse_file))
+    parts.arrays[name] = change(parts.arrays[name])
+    (tmp_path / "a").write_bytes(join(parts))
+    with pytest.raises(ValueError, match="bake it anew"):
+        pr.Baked.load(tmp_path / "a", room())
+
+
+@pytest.fixture(scope="module")
+def coarse_file(tmp_path_factory, full):
+    path = tmp_path_factory.mktemp("coarse") / "a.bake"
+    baked_at(room(), budget_of(full[0], 2)).save(path)
+    return path.read_bytes()
