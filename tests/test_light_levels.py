@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from attack.model_files import copied, join, split
-from pointray.baking.levels import Shape, Wanted, choose_levels, deepest, knots_at
+from pointray.baking.levels import Shape, Wanted, choose_levels, deepest, in_fours, knots_at
 
 SKY, SUN = pr.EnvironmentLight((1, 0.9, 0.8)), pr.SunLight((1, -0.5, -2))
 STATUE = pr.Model(pr.procedural("statue", 6000))
@@ -103,7 +103,7 @@ def budget_of(full, level):
     for id in range(5):
         for sign in (1, -1):
             if (id, sign) in full._sides:
-                total += 16 * len(knots_at(level, full._sides[id, sign].size))
+                total += 16 * in_fours(len(knots_at(level, full._sides[id, sign].size)))
     return total + 32 * sum(len(model.tree.order) // 4 for model in (STATUE, SHEET))
 
 

@@ -164,7 +164,8 @@ class Baked:
         if self._stored is not None:
             self._bake(snapshot, progress)
             return
-        if shape != self._shape:
+        others = shape != self._shape
+        if others:
             self._sheets, self._shape = leveled(snapshot, self._sheets), shape
         if materials_of(snapshot) != self._materials:
             self._materials = materials_of(snapshot)
@@ -172,6 +173,8 @@ class Baked:
         # Links are shared with light for other materials, see `relit`.
         self._probe.recolor(_few(self._sheets))
         self._transport.recolor(self._sheets)
+        if others:
+            self._levels, self._spreads = spreads_within(snapshot, self._transport.sides, self._settings.memory)
         sky = look_at_sky(snapshot.world)
         lit = _lit_sides(snapshot, sky, self._probe, self._settings)
         if lit != self._lit:

@@ -69,6 +69,11 @@ def deepest(patches: int) -> int:
     return level
 
 
+def in_fours(count: int) -> int:
+    """The number of records for so many knots: they are read four at a time."""
+    return count + -count % 4
+
+
 def shape_of_trees(trees: Sequence[Tree], patches: int) -> Shape:
     """What the light of a model costs. trees : its own, and those of its levels of detail"""
     slots = sum(tree.order.size for tree in trees)
@@ -77,7 +82,7 @@ def shape_of_trees(trees: Sequence[Tree], patches: int) -> Shape:
 
 def _bytes_at(shape: Shape, level: int) -> int:
     """Bytes of one side at a level, without the spread."""
-    return 4 * RECORD * (shape.records if level == 0 else len(knots_at(level, shape.patches)))
+    return 4 * RECORD * (shape.records if level == 0 else in_fours(len(knots_at(level, shape.patches))))
 
 
 def _total(shapes: Sequence[Shape], wanted: Sequence[Wanted], levels: Sequence[int]) -> int:
@@ -168,12 +173,10 @@ def _spread_over(
 
 
 def at_knots(spread: Spread, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The light of knots, (count, k): the mean of that of their patches, (patches, k)."""
-    if spread.knots == len(values):
-        return values
-    parts = np.bincount(spread.knot_of, minlength=spread.knots)
-    sums = [np.bincount(spread.knot_of, column, spread.knots) for column in values.T]
-    return (np.stack(sums, axis=1) / parts[:, None]).astype(np.float32)
+    """The light of knots, (count, k): the mean of that of their patches, (patches, k); the count is a multiple of 4."""
+    parts, count = np.bincount(spread.knot_of, minlength=spread.knots), in_fours(spread.knots)
+    sums = [np.bincount(spread.knot_of, column, count) for column in values.T]
+    return (np.stack(sums, axis=1) / np.append(parts, np.ones(count - spread.knots))[:, None]).astype(np.float32)
 
 
 def over_splats(blocks: Ints, values: NDArray[np.float32]) -> NDArray[np.float32]:

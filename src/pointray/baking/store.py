@@ -55,19 +55,17 @@ def make_records(
 ) -> NDArray[np.int32]:
     """The records of a side, (n, RECORD): of each slot of its model's level of detail, or of each cell of its plane.
 
-    They are read four at a time: black ones fill the last four.
-
     level : of detail; or the spread of coarser light, of whose knots the records are
     """
     moments = arrived.facts[side.span, GRAY:SEES_SKY]
     values = np.concatenate([arrived.indirect[side.span], arrived.direct[side.span], moments], axis=1)
     if isinstance(level, Spread):
-        values, (around, weights, n) = at_knots(level, values), (EVERY, EVERY.view(np.uint8), level.knots)
+        values = at_knots(level, values)
+        around, weights, n = EVERY, EVERY.view(np.uint8), len(values)
     else:
         around, weights, n = blend_of(side, level)
-    out = np.zeros((n + -n % 4, RECORD), np.int32)
-    args = around, weights, values.reshape(-1), 1.0 / unit, out[:n].reshape(-1)
-    run(pack, -(-n // CHUNK), *args, threads=threads)
+    out = np.zeros((n, RECORD), np.int32)
+    run(pack, -(-n // CHUNK), around, weights, values.reshape(-1), 1.0 / unit, out.reshape(-1), threads=threads)
     return out
 
 

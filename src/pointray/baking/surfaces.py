@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,9 +205,9 @@ def _all_on_surface(
     for first in range(0, m, PIECE):
         span = slice(first, first + PIECE)
         arrays = {name: getattr(patches, name)[span] for name in ("positions", "normals", "radii")}
-        part = _on_surface(world, row, patches._replace(**arrays))
-        for whole, found in zip(out, part, strict=True):
-            np.copyto(whole[span], found)
+        found: tuple[NDArray[Any], ...] = _on_surface(world, row, patches._replace(**arrays))
+        for k in range(len(out)):
+            out[k][span] = found[k]
     return out
 
 
