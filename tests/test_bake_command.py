@@ -640,21 +640,19 @@ def test_the_viewer_reads_what_bake_has_written(scan, bakes, capsys, lights, ori
     assert "does not fit" in shared.problem and shared.scene is None
 
 
-@pytest.mark.parametrize("kept", [False, True])
-def test_the_viewer_makes_levels_of_detail_before_it_bakes_or_none(scan, bakes, capsys, monkeypatch, kept):
-    """A large scan is shown when its light is there, not in part before."""
+def test_the_viewer_shows_a_large_scan_with_light_from_a_file_as_a_whole(scan, bakes, capsys, monkeypatch):
+    """No coarse version and no levels of detail, which that light is not of."""
     monkeypatch.setattr("pointray.viewer.loading.WORTH", 100)
     made, shown = [], []
-    monkeypatch.setattr(pr.Model, "make_levels", lambda self, show: made.append(len(bakes)))
-    monkeypatch.setattr(SharedScene, "show", lambda self, scene, home=None: shown.append(scene))
+    monkeypatch.setattr(pr.Model, "make_levels", lambda self, show: made.append(self))
+    monkeypatch.setattr(SharedScene, "show", lambda self, scene, home=None, coarse=False: shown.append(scene))
     light = scan.with_name("lit.bake")
-    if kept:
-        assert run(capsys, "bake", scan, "-o", light)[0] == 0
-        del bakes[:]
-    shared, stages = viewed([scan], bake=light if kept else None)
+    assert run(capsys, "bake", scan, "-o", light)[0] == 0
+    del bakes[:]
+    shared, stages = viewed([scan], bake=light)
     assert shared.problem == "" and "building a coarse version" not in stages
     assert [scene.baked is not None for scene in shown] == [True]
-    assert (made, len(bakes)) == (([], 0) if kept else ([0], 1))
+    assert made == [] and bakes == []
 
 
 def test_the_viewer_of_a_scene_file(scene, bakes, capsys):

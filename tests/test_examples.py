@@ -20,6 +20,7 @@ SMALL = [
     (r"^SIZE = .*", "SIZE = (48, 40)"),
     (r"^spp = \d+", "spp = 2"),
     (r"^SAMPLES = \d+", "SAMPLES = 2"),
+    (r"^FRAMES = \d+", "FRAMES = 2"),
     (r"spp=32", "spp=2"),
 ]
 
@@ -45,7 +46,7 @@ def picture_of(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> np.n
         assert command[1] == "python"
         monkeypatch.setattr(sys, "argv", command[2:])
         runpy.run_path(command[2], run_name="__main__")
-    return np.asarray(Image.open(folder / command[-1]))
+    return np.asarray(Image.open(folder / command[-1]).convert("RGB"))
 
 
 def test_they_are_numbered() -> None:
