@@ -87,10 +87,10 @@ def places_of_points(scene: pr.Scene, id: int, count: int) -> Places:
 
 def places_of_patches(scene: pr.Scene, baked: pr.Baked, count: int) -> Places:
     """Rays onto patches of the front of instance 0: 64 neighbours at a time, as a gather of all would take them."""
-    side = baked._sides[0, 1]
+    side = baked._exchange.sides[0, 1]
     tiles = np.random.default_rng(0).permutation(side.size // TILE)[: count // TILE]
     rows = side.first + (tiles[:, None] * TILE + np.arange(TILE)).reshape(-1)
-    return places_on(scene, 0, baked._transport.positions, baked._transport.normals, rows)
+    return places_on(scene, 0, baked._exchange.transport.positions, baked._exchange.transport.normals, rows)
 
 
 def gather(scene: pr.Scene, places: Places, samples: int, seed: int = 0, depth: int = DEEP) -> NDArray[np.float64]:

@@ -69,7 +69,7 @@ def measure(path: str) -> tuple[int, int, int]:
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         baked = pr.bake(scene)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return baked.nbytes, peak - before, len(baked._transport)
+    return baked.nbytes, peak - before, len(baked._exchange.transport)
 
 
 if __name__ == "__main__":

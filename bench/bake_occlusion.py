@@ -40,7 +40,7 @@ def bake_occlusion(model: pr.Model) -> tuple[pr.Scene, pr.Baked, float, int]:
     begun = time.perf_counter()
     baked = pr.bake(scene, pr.BakeSettings(max_depth=1))
     spent = time.perf_counter() - begun
-    return scene, baked, spent, sum(len(part.links) for part in baked._transport.links)
+    return scene, baked, spent, sum(len(part.links) for part in baked._exchange.transport.links)
 
 
 def error_of(scene: pr.Scene, baked: pr.Baked, options: Options) -> float:

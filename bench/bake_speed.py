@@ -36,7 +36,7 @@ def baking(options: Options) -> list[Row]:
     begun = time.perf_counter()
     baked = pr.bake(scene)
     spent = time.perf_counter() - begun
-    patches, arrived = len(baked._transport), baked._arrived
+    patches, arrived = len(baked._exchange.transport), baked._exchange.arrived
     places = places_of_patches(scene, baked, QUICK_PLACES if options.quick else PLACES)
     samples = QUICK_SAMPLES if options.quick else SAMPLES
     first, second = (_irradiance(scene, places, samples, seed) for seed in (1, 2))

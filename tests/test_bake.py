@@ -26,7 +26,7 @@ def test_the_outside_of_a_closed_body_is_lit_alone(ball):
     scene.add(ball, material=pr.Diffuse(0.5))
     scene.add_light(pr.EnvironmentLight())
     baked = pr.bake(scene)
-    assert [sign for _, sign in baked._lit] == [1]
+    assert [sign for _, sign in baked._exchange._lit] == [1]
     assert (baked.irradiance(0, side=-1) == 0.0).all() and (baked.indirect(0, side=-1) == 0.0).all()
     assert baked.irradiance(0) == pytest.approx(np.pi, rel=0.01)  # of an even sky of radiance 1
     assert baked.ambient_occlusion(0) == pytest.approx(1.0, abs=0.01)

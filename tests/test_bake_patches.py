@@ -68,7 +68,7 @@ def test_the_floor_below_a_body_has_the_light_beside_it():
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1), 0.5))
     scene.add_light(pr.EnvironmentLight())
     baked = Baked(scene, FEW, None)
-    transport = baked._transport
+    transport = baked._exchange.transport
     (floor,) = (side for side in transport.sides if isinstance(side.sheet.patches, Grid) and side.sign > 0)
     away = np.linalg.norm(transport.positions[floor.span], axis=1)
     trusted = transport.trusted[floor.span]

@@ -205,7 +205,7 @@ def test_moments_are_those_of_the_sky_and_add_up(ball):
     for lights in (sky(skies[0], 0.0), sky(0.0, skies[1]), sky(skies[0], skies[1])):
         scene.lights = [lights]
         baked.update()
-        facts.append(baked._arrived.facts[:, GRAY:SEES_SKY])
+        facts.append(baked._exchange.arrived.facts[:, GRAY:SEES_SKY])
     assert facts[0] + facts[1] == pytest.approx(facts[2], abs=1e-5)
     assert np.abs(facts[2]).max() > 0.1
     w, flux = hemisphere(np.array([0.0, 0.0, 1.0]))
@@ -213,7 +213,7 @@ def test_moments_are_those_of_the_sky_and_add_up(ball):
     radiance.lights = [sky(*skies)]
     up = w[:, 2:]
     seen = (1 - up) * skies[1] + up * skies[0]
-    rows = baked._sides[1, 1].span
+    rows = baked._exchange.sides[1, 1].span
     want = values_of(seen, w, flux, np.array([0.0, 0.0, 1.0]))[6:]
     assert np.median(facts[2][rows], axis=0) == pytest.approx(want, abs=0.02)
 
@@ -226,9 +226,9 @@ def test_moments_are_those_of_a_bright_spot_of_the_sky(ball):
     scene.add(ball, material=pr.Diffuse(0.0))
     scene.lights = [pr.EnvironmentLight(image=image)]
     baked = pr.bake(scene)
-    span = baked._sides[0, 1].span
-    light, facts = baked._arrived.indirect[span], baked._arrived.facts[span, GRAY:SEES_SKY]
-    normals = baked._transport.normals[span].astype(float)
+    span = baked._exchange.sides[0, 1].span
+    light, facts = baked._exchange.arrived.indirect[span], baked._exchange.arrived.facts[span, GRAY:SEES_SKY]
+    normals = baked._exchange.transport.normals[span].astype(float)
     lit = light[:, 0] > 0.2 * light[:, 0].max()
     spot = _unit(np.linalg.lstsq(normals[lit], light[lit, 0], rcond=None)[0])
     more = harmonics(spot) - harmonics(normals[lit]) * np.repeat([2 / 3, 1 / 4], [3, 5])

@@ -204,6 +204,7 @@ def test_the_command_line_says_that_the_disk_is_full(tmp_path, name):
     folder = tmp_path / "out"
     folder.mkdir()
     arguments = ["render", str(tmp_path / "scan.ply"), "-o", str(folder / name), "--size", "48x32", "--spp", "1"]
+    arguments += ["--light", "headlight"]  # nothing is said of it
     assert execute(arguments) == 0
     size = (folder / name).stat().st_size
     for limit in (0, size // 2, size - 1):

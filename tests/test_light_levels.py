@@ -50,7 +50,7 @@ def full():
     scene = room()
     baked = pr.bake(scene, QUICK)
     assert set(baked.levels.values()) == {0} and baked.coarser == ""
-    assert (4, -1) in baked._sides  # the sheet's back is lit
+    assert (4, -1) in baked._exchange.sides  # the sheet's back is lit
     return baked, picture(scene, baked)
 
 
@@ -102,8 +102,8 @@ def budget_of(full, level):
     total = planes_of(full)
     for id in range(5):
         for sign in (1, -1):
-            if (id, sign) in full._sides:
-                total += 16 * in_fours(len(knots_at(level, full._sides[id, sign].size)))
+            if (id, sign) in full._exchange.sides:
+                total += 16 * in_fours(len(knots_at(level, full._exchange.sides[id, sign].size)))
     return total + 32 * sum(len(model.tree.order) // 4 for model in (STATUE, SHEET))
 
 
@@ -188,7 +188,7 @@ def test_the_number_of_patches_has_a_bound():
         scene.add(ball, pr.transform(translate=(3 * (k % 10), 3 * (k // 10), 0)))
     scene.add_light(SKY)
     baked = pr.bake(scene, pr.BakeSettings(patches=2000, links=4, noise=1.0, max_depth=1))
-    assert len(baked._transport) <= 2000
+    assert len(baked._exchange.transport) <= 2000
 
 
 def put(index, value):

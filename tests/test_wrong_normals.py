@@ -299,7 +299,7 @@ def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
         monkeypatch.setattr("pointray.viewer.loading.WORTH", 8_000)
     shared, plain = SharedScene("a"), {"surface": None, "samples": 4, "radius_scale": 1.0}
     shown: list[pr.Scene] = []
-    monkeypatch.setattr(shared, "show", lambda scene, home=None: shown.append(scene))
+    monkeypatch.setattr(shared, "show", lambda scene, home=None, coarse=False: shown.append(scene))
     for choice in ("auto", "file"):
         Files([file], plain, lambda scene: (0.0, 0.0, 1.0), False, choice)(shared)
         assert len(shown) == 1 + coarse

@@ -1,4 +1,4 @@
-"""Baked light: what `bake` returns, and the stages in which it is made."""
+"""Baked light: what `bake` returns. It is made in `exchange.py`."""
 
 from __future__ import annotations
 
@@ -12,31 +12,21 @@ from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind, check_path, wrong
 from ..jit import Array
-from ..kernels.records import INSTANCE, KIND, MODEL
-from ..kernels.vec import LUMINANCE
 from ..model import Model
-from ..progress import Progress, part_of, tell
+from ..progress import Progress, tell
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
-from .bounces import VARIANCE
-from .budget import coarseness, levels_of, spreads_within
+from .budget import coarseness, levels_of
+from .exchange import Exchange
 from .file import Stored, read_light, write_light
 from .kept import Kept
-from .keys import keys_of, lacks_levels, lights_of, materials_of, shape_of
+from .keys import keys_of, lacks_levels, lights_of, shape_of
 from .planes import Grid
 from .settings import BakeSettings
-from .sky import Sky, look_at_sky
-from .solve import Arrived, find_lights, smoothed, solve
 from .store import AtSplats, at_points, dark, from_patches, from_records, make_records, seen_skies, unit_of
-from .surfaces import Sheet, coarser, find_sheets, leveled, recolored
-from .transport import ALL_SIDES, Transport
+from .transport import ALL_SIDES
 
-LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
-PROBES, PROBE_LINKS = 1 << 13, 16  # patches and links of the rough light that tells which sides are dark
-DARK = 0.02  # a back side with less than this share of the light of the brightest side is kept as black
 NO_LEVELS = "levels of detail were made after the bake: call update(), or bake again"
-MOST_ROUNDS = 3  # of further links where there is noise
-DIM = 0.1  # share of the mean light: noise counts as a share of no less than this
 
 Floats = NDArray[np.float32]
 
@@ -60,55 +50,26 @@ class Baked:
         self._bake(scene.snapshot().without_camera_lights(), progress)
 
     def _bake(self, snapshot: Snapshot, progress: Progress | None) -> None:
-        self._sheets = find_sheets(snapshot, _chosen(snapshot, self._settings), self._settings.albedo_scale)
-        self._materials = materials_of(snapshot)
-        tell(progress, 0.1)
-        sky = look_at_sky(snapshot.world)
-        self._probe = _probe(snapshot, self._sheets, self._settings)
-        lit = _lit_sides(snapshot, sky, self._probe, self._settings)
-        self._light(snapshot, self._gather(snapshot, sky, lit, part_of(progress, 0.1, 0.9)))
+        self._exchange = Exchange(snapshot, self._settings, progress)
+        self._shape = shape_of(snapshot)
+        self._write(snapshot)
         tell(progress, 1.0)
 
-    def _gather(self, snapshot: Snapshot, sky: Sky, lit: list[tuple[int, int]], progress: Progress | None) -> Arrived:
-        """Find the links of the sides that are lit, more where there is noise; and the light along them."""
-        settings, self._lit = self._settings, lit
-        transport = Transport(snapshot, self._sheets, self._lit, settings.seed, settings.threads)
-        self._sheets = transport.shared_sheets()
-        found = spreads_within(snapshot, transport.sides, settings.memory)
-        rows = np.arange(len(transport), dtype=np.int32)
-        transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))
-        seen = find_lights(snapshot.world, sky, transport)
-        arrived = solve(snapshot.world, transport, settings, seen)
-        noisy = _noisy(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
-        for k in range(MOST_ROUNDS):
-            rows = np.flatnonzero(noisy > 1.0 + k).astype(np.int32)
-            if len(rows):
-                transport.send(rows, settings.links, part_of(progress, 0.7 + 0.1 * k, 0.8 + 0.1 * k))
-        if len(transport.links) > 1:
-            transport.meet(snapshot.world)
-            arrived = solve(snapshot.world, transport, settings, seen)
-        self._transport = transport
-        self._levels, self._spreads = found
-        self._shape = shape_of(snapshot)
-        return arrived
-
-    def _light(self, snapshot: Snapshot, arrived: Arrived) -> None:
+    def _write(self, snapshot: Snapshot) -> None:
         """Write the records of the light that arrives."""
-        settings, transport = self._settings, self._transport
-        self._arrived, _ = smoothed(transport, arrived, settings.threads)
-        if not self._arrived.direct.any() and not self._arrived.indirect.any():
+        exchange, arrived = self._exchange, self._exchange.arrived
+        if not arrived.direct.any() and not arrived.indirect.any():
             warnings.warn("the scene has no light: what is baked is black", stacklevel=5)
-        unit, numbers, records = unit_of(self._arrived), snapshot.numbers, {}
-        self._sides = {(int(numbers[side.sheet.instance]), side.sign): side for side in transport.sides}
-        for (number, sign), side in self._sides.items():
-            spread = self._spreads.get(number)
+        unit, records = unit_of(arrived), {}
+        for (number, sign), side in exchange.sides.items():
+            spread = exchange.spreads.get(number)
             for level in range(levels_of(side)) if spread is None else (0,):
                 of = level if spread is None else spread
-                records[number, sign, level] = make_records(side, of, self._arrived, unit, settings.threads)
-        patches = {number: side.sheet.patches for (number, _), side in self._sides.items()}
+                records[number, sign, level] = make_records(side, of, arrived, unit, self._settings.threads)
+        patches = {number: side.sheet.patches for (number, _), side in exchange.sides.items()}
         grids = {number: grid for number, grid in patches.items() if isinstance(grid, Grid)}
-        blocks = {number: spread.blocks for number, spread in self._spreads.items()}
-        self._begin(snapshot, lights_of(snapshot), Kept(unit, records, grids, blocks, self._levels))
+        blocks = {number: spread.blocks for number, spread in exchange.spreads.items()}
+        self._begin(snapshot, lights_of(snapshot), Kept(unit, records, grids, blocks, exchange.levels))
 
     def _begin(self, snapshot: Snapshot, lights: bytes, kept: Kept, stored: Stored | None = None) -> None:
         """Keep light, the scene that it is of, and the file's contents if it is from one."""
@@ -164,25 +125,9 @@ class Baked:
         if self._stored is not None:
             self._bake(snapshot, progress)
             return
-        others = shape != self._shape
-        if others:
-            self._sheets, self._shape = leveled(snapshot, self._sheets), shape
-        if materials_of(snapshot) != self._materials:
-            self._materials = materials_of(snapshot)
-            self._sheets = recolored(snapshot, self._sheets, self._settings.albedo_scale)
-        # Links are shared with light for other materials, see `relit`.
-        self._probe.recolor(_few(self._sheets))
-        self._transport.recolor(self._sheets)
-        if others:
-            self._levels, self._spreads = spreads_within(snapshot, self._transport.sides, self._settings.memory)
-        sky = look_at_sky(snapshot.world)
-        lit = _lit_sides(snapshot, sky, self._probe, self._settings)
-        if lit != self._lit:
-            arrived = self._gather(snapshot, sky, lit, progress)
-        else:
-            seen = find_lights(snapshot.world, sky, self._transport)
-            arrived = solve(snapshot.world, self._transport, self._settings, seen)
-        self._light(snapshot, arrived)
+        self._exchange.follow(snapshot, shape != self._shape, progress)
+        self._shape = shape
+        self._write(snapshot)
         tell(progress, 1.0)
 
     def relit(self, scene: Scene) -> Baked | None:
@@ -195,6 +140,8 @@ class Baked:
             return None
         twin = copy.copy(self)
         twin._scene = scene
+        if self._stored is None:
+            twin._exchange = copy.copy(self._exchange)
         twin.update()
         return twin
 
@@ -240,7 +187,7 @@ class Baked:
         if records is None:
             at = dark(slots)
         elif self._stored is None:
-            at = from_patches(self._sides[id, sign], self._arrived)
+            at = from_patches(self._exchange.sides[id, sign], self._exchange.arrived)
         else:
             blocks = self._kept.spreads.get(id, (None,))[0]
             at = from_records(records, self._kept.unit, self._stored.skies[id], blocks)
@@ -269,9 +216,8 @@ class Baked:
         """What a file holds."""
         if shape_of(self._baked_of) != self._shape:
             raise ValueError("the light cannot be saved: levels of detail were made after the bake: bake again")
-        return Stored(
-            self._settings, keys_of(self._baked_of), self._kept, seen_skies(self._sides, self._arrived, self._spreads)
-        )
+        skies = seen_skies(self._exchange.sides, self._exchange.arrived, self._exchange.spreads)
+        return Stored(self._settings, keys_of(self._baked_of), self._kept, skies)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], scene: Scene) -> Baked:
@@ -322,7 +268,7 @@ class Baked:
         return coarseness(self._kept.levels)
 
     def __repr__(self) -> str:
-        whence = "from a file" if self._stored is not None else f"{len(self._transport):,} patches"
+        whence = "from a file" if self._stored is not None else f"{len(self._exchange.transport):,} patches"
         ending = f", {self.coarser}" if self.coarser else ""
         return f"<Baked: {whence}, {self.nbytes / 2**20:.0f} MiB{ending}>"
 
@@ -353,44 +299,3 @@ def bake(scene: Scene, settings: BakeSettings | None = None, progress: Progress 
     if not scene.shapes:
         raise ValueError("the scene is empty: there is nothing to bake")
     return Baked(scene, settings, progress)
-
-
-def _chosen(scene: Snapshot, settings: BakeSettings) -> int:
-    """About how many patches there are."""
-    if settings.patches is not None:
-        return settings.patches
-    records = scene.world.instances.reshape(-1, INSTANCE)
-    shapes = records[records[:, KIND] == MODEL, 1].astype(int)
-    splats = sum(len(scene.models[k].points) for k in shapes)
-    return int(np.clip(splats // 2, LEAST_CHOSEN, MOST_CHOSEN))
-
-
-def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> Transport:
-    """Few patches on both sides of all sheets, with few links."""
-    sides = [(k, sign) for k in range(len(sheets)) for sign in ALL_SIDES]
-    probe = Transport(scene, _few(sheets), sides, settings.seed, settings.threads)
-    probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)
-    return probe
-
-
-def _few(sheets: list[Sheet]) -> list[Sheet]:
-    return coarser(sheets, max(PROBES // len(sheets), 16))
-
-
-def _lit_sides(scene: Snapshot, sky: Sky, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:
-    """The fronts of all sheets, and the backs that are lit, as the light at few patches tells: (sheet, sign)."""
-    arrived = solve(scene.world, probe, settings, find_lights(scene.world, sky, probe))
-    light = (arrived.direct + arrived.indirect) @ np.array(LUMINANCE, np.float32)
-    means = [float(light[side.span].mean()) for side in probe.sides]
-    limit = DARK * max(means)
-    lit = [side.sign > 0 or (mean > limit and limit > 0.0) for side, mean in zip(probe.sides, means, strict=True)]
-    return [(k // 2, side.sign) for k, side in enumerate(probe.sides) if lit[k]]
-
-
-def _noisy(transport: Transport, arrived: Arrived, count: Floats, noise: float) -> Floats:
-    """By how much the variance of each patch's light is above what is aimed at."""
-    weights = np.array(LUMINANCE, np.float32)
-    light = (arrived.direct + arrived.indirect) @ weights
-    least = DIM * float(light.mean())
-    aim = noise * np.maximum(light, max(least, 1e-15))
-    return np.asarray(arrived.facts[:, VARIANCE] / np.maximum(count, 1.0) / (aim * aim), np.float32)
