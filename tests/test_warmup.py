@@ -106,7 +106,7 @@ if __name__ == "__main__":
         scene.baked = pr.bake(scene, pr.BakeSettings(links=1, patches=64))
     image = pr.render(scene, pr.frame(scene, size=(32, 24)), settings)
     scene.intersect([0, 0, 5], [0, 0, -1])
-    known = {*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES, *warmup.BAKE, *warmup.BLEND}
+    known = {*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES, *warmup.RAYS, *warmup.BAKE, *warmup.BLEND}
     known.add("rendering.baked.baked_frame")
     done = {name.removeprefix("pointray.") for name, kernel in KERNELS.items() if is_compiled(kernel)}
     states = [state for state in seen if state]
@@ -134,7 +134,8 @@ def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path, integrator
     """On the next start nothing is compiled, and nothing is told."""
     first = run(COLD % integrator, tmp_path)
     count = len(warmup.BUILD) + len(warmup.NORMALS) + 2
-    count += len(warmup.BAKE) - 1 + len(warmup.BLEND) if integrator == "baked" else 0  # clicks and bakes share a kernel
+    if integrator == "baked":  # clicks and bakes share a kernel
+        count += len(warmup.RAYS) - 1 + len(warmup.BAKE) + len(warmup.BLEND)
     cold, compiled, covered = first[0].split()
     assert cold == "True" and int(covered) > 100
     assert first[1] == "[] []"
