@@ -3,9 +3,10 @@
 surfaces : sides of instances, cut into patches (patches: of models, planes: of planes)
 transport, gather : links, what each patch receives light from; directions: of their rays
 solve, bounces : lights -> light at the patches; sky: texels that links lead to; smooth: noise
-store : light at the patches -> the records that pictures read, see `shade/baked.py`; kept : all records of a scene
+store, pack : light at the patches -> the records that pictures read, see `shade/baked.py`; kept : all of a scene's
 keys : what tells that a scene has changed; file : baked light as a file
-baked : `bake`, `Baked`; settings : `BakeSettings`
+levels, budget : coarser light, and which instances get it
+exchange : the stages of a bake; baked : `bake`, `Baked`; settings : `BakeSettings`
 
 Begin with baked.
 """

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..jit import inline, uncompiled
 from ..kernels.sampling import hash32, on_disc
-from ..kernels.vec import Vec3, add, scale, tangents, unit
+from ..kernels.vec import Vec3, tangents, turned, unit
 
 SKY_EDGE = 64  # texels a side of the octahedral map of the sky
 SKY_TEXELS = SKY_EDGE * SKY_EDGE
@@ -78,7 +78,7 @@ def link_direction(normal: Vec3, patch: int, link: int, parts: tuple[int, int], 
     x, y = on_disc((link // columns + u * TO_ONE) / rows, (link % columns + v * TO_ONE) / columns)
     first, second = tangents(normal)
     z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
-    return add(scale(normal, z), add(scale(first, x), scale(second, y)))
+    return turned((x, y, z), (first, second, normal))
 
 
 @inline

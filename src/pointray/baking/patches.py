@@ -141,10 +141,14 @@ def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray
     x, n = splats
     slots = blocks[:, None] * BLOCK_SPLATS + np.arange(BLOCK_SPLATS)
     slots = np.where(x[slots, 0] < FAR, slots, slots[:, :1]).reshape(-1)
-    _, near = finder.query(FARTHER, x[slots])
-    away = np.einsum("nc,nkc->nk", n[slots], normals[near]) <= 0.0
-    nearest = np.argsort(away, axis=1, kind="stable")[:, : AROUND // BLOCK_SPLATS]
-    return np.take_along_axis(near, nearest, axis=1).reshape(-1, AROUND)
+    out = np.empty((len(slots), AROUND // BLOCK_SPLATS), np.int32)
+    for first in range(0, len(slots), PIECE):
+        part = slots[first : first + PIECE]
+        _, near = finder.query(FARTHER, x[part])
+        away = np.einsum("nc,nkc->nk", n[part], normals[near]) <= 0.0
+        nearest = np.argsort(away, axis=1, kind="stable")[:, : out.shape[1]]
+        out[first : first + PIECE] = np.take_along_axis(near, nearest, axis=1)
+    return out.reshape(-1, AROUND)
 
 
 def _neighbors_within(finder: NeighborTree, positions: Floats) -> Rows:

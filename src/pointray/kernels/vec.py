@@ -110,7 +110,7 @@ def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
 @inline
 def turned(v: Vec3, frame: tuple[Vec3, Vec3, Vec3]) -> Vec3:
     """A vector whose coordinates are along the axes of a frame."""
-    return add(scale(frame[0], v[0]), add(scale(frame[1], v[1]), scale(frame[2], v[2])))
+    return add(scale(frame[2], v[2]), add(scale(frame[0], v[0]), scale(frame[1], v[1])))
 
 
 @inline
@@ -143,7 +143,7 @@ def around(axis: Vec3, cosine: float, turn: float) -> Vec3:
     """The unit vector at an angle of that cosine from a unit vector; turn : 0..1, how far around it."""
     s, t = tangents(axis)
     sine, angle = math.sqrt(max(1.0 - cosine * cosine, 0.0)), 2.0 * math.pi * turn
-    return add(scale(axis, cosine), add(scale(s, sine * math.cos(angle)), scale(t, sine * math.sin(angle))))
+    return turned((sine * math.cos(angle), sine * math.sin(angle), cosine), (s, t, axis))
 
 
 @inline

@@ -27,7 +27,7 @@ from ..kernels.records import (
     World,
 )
 from ..kernels.sampling import on_disc
-from ..kernels.vec import BLACK, Vec3, add, dot, length, load3_flat, scale, sub, tangents
+from ..kernels.vec import BLACK, Vec3, add, dot, length, load3_flat, scale, sub, tangents, turned
 
 TINY = 1e-300
 
@@ -59,7 +59,7 @@ def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
     drop = missing * square  # 1 - cosine, without cancellation
     wide = math.sqrt(max(missing * (2.0 - drop), 0.0))
     first, second = tangents(axis)
-    return add(scale(axis, 1.0 - drop), add(scale(first, wide * x), scale(second, wide * y)))
+    return turned((wide * x, wide * y, 1.0 - drop), (first, second, axis))
 
 
 @inline
