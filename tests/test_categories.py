@@ -5,9 +5,10 @@ import pytest
 from PIL import Image
 
 import pointray as pr
+from pointray.data import categories_of
 from pointray.image.legend import draw_legend
 from pointray.image.tone import linear_to_srgb
-from pointray.shade.attributes import categories_of, category_colors, category_name
+from pointray.shade.attributes import category_colors, category_name
 
 
 @pytest.fixture(scope="module")

@@ -32,31 +32,42 @@ ROOT = Path(pr.__file__).parent
 BRASS = (0.9, 0.7, 0.3)
 CAMERA = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(24, 16))
 
-XYZ = """
+CUBES = """
 import numpy as np
-from pointray.data import Points
+from pointray.points.formats._source import NO, SURE, Chunk, Format, Listing, Whole
 
-
-def read(path, progress=None):
-    rows = np.loadtxt(path, ndmin=2)
+def rows_of(path):
+    rows = np.loadtxt(path, ndmin=2, skiprows=1)
     if rows.shape[1:] != (3,):
         raise ValueError("has rows of other than three numbers")
-    return Points(rows)
+    return Chunk(rows)
 
+def open_cubes(path, request):
+    return Whole(Listing(None, 24), lambda: rows_of(path))
 
-def write(file, points):
+def write(file, points, progress=None):
+    file.write(b"cubes\\n")
     np.savetxt(file, points.world)
+    return ["cannot hold normals"]
+
+FORMAT = Format("Cubes", (".cubes",), lambda head, path: SURE if head.startswith(b"cubes") else NO, open_cubes,
+                {"positions": "all"}, write=write)
 """
 
 CONVERT = """
 import sys
+import warnings
 import numpy as np
 import pointray as pr
 from pointray.cli import execute
 
 scan, again, broken = sys.argv[1:]
 assert execute(["info", scan]) == 0
-pr.write(again, pr.read(scan))
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    pr.write(again, pr.read(scan))
+print(said[0].message)
+assert [x.name for x in pr.formats() if x.writes and ".cubes" in x.extensions] == ["Cubes"]
 try:
     pr.read(broken)
 except ValueError as error:
@@ -167,17 +178,16 @@ def run(package: Path, code: str, *arguments: str) -> str:
 
 
 def test_a_format_is_its_own_file(tmp_path: Path, package: Path) -> None:
-    scan, again, broken = (tmp_path / f"{name}.xyz" for name in ("scan", "again", "broken"))
+    scan, again, broken = (tmp_path / f"{name}.cubes" for name in ("scan", "again", "broken"))
     rows = sphere_points(500)
-    np.savetxt(scan, rows)
-    broken.write_text("1 2\n")
-    with pytest.raises(ValueError, match=r"cannot read \.xyz; can read \.ply$"):
-        pr.read(scan)
-    (package / "points" / "formats" / "xyz.py").write_text(XYZ)
+    np.savetxt(scan, rows, header="cubes", comments="")
+    broken.write_text("cubes\n1 2\n")
+    (package / "points" / "formats" / "cubes.py").write_text(CUBES)
     said = run(package, CONVERT, str(scan), str(again), str(broken))
     assert "500" in said
+    assert f"{again}: cannot hold normals" in said
     assert said.endswith(f"{broken}: has rows of other than three numbers\n")
-    np.testing.assert_allclose(np.loadtxt(again), rows, atol=1e-6)
+    np.testing.assert_allclose(np.loadtxt(again, skiprows=1), rows, atol=1e-6)
 
 
 @inline

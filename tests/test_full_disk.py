@@ -20,7 +20,7 @@ from pointray.image.frames import Frames
 from pointray.image.mp4 import _check_whole as check_mp4_whole
 from pointray.image.mp4 import write_mp4
 from pointray.points import files
-from pointray.points.files import replacing
+from pointray.points.replacing import replacing
 
 if os.name == "posix":
     import resource
@@ -249,7 +249,7 @@ def test_an_error_that_a_library_swallows_is_raised_all_the_same(tmp_path, monke
 WAITS = """
 import sys, time
 from pathlib import Path
-from pointray.points.files import replacing
+from pointray.points.replacing import replacing
 
 with replacing(sys.argv[1]) as beside:
     Path(beside.path).write_bytes(b"half")  # as a writer does that takes a path only
@@ -276,7 +276,9 @@ def names(folder):
 
 def write_anew(file):
     """Write in a process of its own, because each process cleans up a folder only once."""
-    code = "import sys; from pointray.points.files import replacing\nwith replacing(sys.argv[1]) as f: f.write(b'new')"
+    code = (
+        "import sys; from pointray.points.replacing import replacing\nwith replacing(sys.argv[1]) as f: f.write(b'new')"
+    )
     subprocess.run([sys.executable, "-c", code, str(file)], check=True)
 
 

@@ -15,7 +15,7 @@ PACKAGE = Path(pointray.__file__).parent
 # From the ground up: a room imports only from rooms before it and from itself. A room is a folder, or a file at the
 # top.
 TOWER = [
-    *("jit", "simd", "arguments", "choices", "extras", "progress", "memory", "kernels", "data"),
+    *("jit", "simd", "arguments", "choices", "extras", "progress", "memory", "kernels", "survey", "data"),
     *("neighbors", "points", "tree", "splats", "intersect", "trace", "array_file", "model_file", "model"),
     *("shade", "image", "scene", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),

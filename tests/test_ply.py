@@ -13,8 +13,8 @@ from conftest import shared_model
 from pointray.cli import BAD_INPUT, execute
 from pointray.data import Points
 from pointray.points import read, write
-from pointray.points.files import check_writable, replacing
 from pointray.points.formats import ply
+from pointray.points.replacing import check_writable, replacing
 
 RNG = np.random.default_rng(2)
 XYZ = RNG.random((50, 3)).astype(np.float32)
@@ -264,7 +264,7 @@ HEADER += "property float x\nproperty float y\nproperty float z\nend_header\n"
     ("content", "words"),
     [
         (b"", "is empty"),
-        (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "not a PLY file"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "no PLY file"),
         (b"ply\n" + bytes(range(256)) * 4, "no line 'end_header'"),
         (b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n", "no line 'end_header'"),
         (b"ply\nformat ascii 1.0\nelement face 0\nend_header\n", "no element 'vertex'.*face"),
@@ -338,12 +338,15 @@ def test_what_cannot_be_opened_is_an_oserror(tmp_path):
             read(tmp_path / "pipe.ply")
 
 
-def test_an_unknown_extension_lists_what_can_be_read(tmp_path):
-    (tmp_path / "a.stl").touch()
-    with pytest.raises(ValueError, match=r"cannot read \.stl; can read .*\.ply"):
-        read(tmp_path / "a.stl")
-    with pytest.raises(ValueError, match=r"cannot write \.stl"):
-        write(tmp_path / "a.stl", Points(XYZ))
+def test_an_unknown_file_lists_what_can_be_read(tmp_path):
+    (tmp_path / "a.nothing").touch()
+    with pytest.raises(ValueError, match=r"a\.nothing: is empty"):
+        read(tmp_path / "a.nothing")
+    (tmp_path / "a.nothing").write_bytes(bytes(range(250, 256)) * 9)
+    with pytest.raises(ValueError, match=r"cannot read \.nothing: it begins with .*; can read .*\.ply"):
+        read(tmp_path / "a.nothing")
+    with pytest.raises(ValueError, match=r"cannot write \.nothing; can write .*\.ply"):
+        write(tmp_path / "a.nothing", Points(XYZ))
 
 
 @pytest.mark.parametrize("name", ["x", "two words", "größe"])

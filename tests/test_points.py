@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pointray.data import Points
+from pointray.survey import Survey
 
 RNG = np.random.default_rng(1)
 CLOUD = RNG.random((1000, 3))
@@ -77,13 +78,39 @@ def test_colors_are_bytes_or_floats_and_alpha_goes():
         np.testing.assert_array_equal(stored, expected)
 
 
-def test_attributes_are_float32_rows():
-    points = Points(CLOUD, attributes={"a": np.arange(1000), "b": np.ones((1000, 2)), "c": CLOUD[:, 0] > 0.5})
-    assert {name: (a.shape, a.dtype.name) for name, a in points.attributes.items()} == {
-        "a": ((1000,), "float32"),
-        "b": ((1000, 2), "float32"),
-        "c": ((1000,), "float32"),
+def test_attributes_keep_their_dtypes_and_values():
+    times = np.arange(1000) * 1e-7 + 3e8
+    given = {
+        "a": np.arange(1000),
+        "b": np.ones((1000, 2)),
+        "c": CLOUD[:, 0] > 0.5,
+        "time": times,
+        "class": np.arange(1000).astype(">u2"),
+        "half": np.arange(1000).astype(np.float16),
     }
+    points = Points(CLOUD, attributes=given)
+    assert {name: (a.shape, a.dtype.name) for name, a in points.attributes.items()} == {
+        "a": ((1000,), "int64"),
+        "b": ((1000, 2), "float64"),
+        "c": ((1000,), "bool"),
+        "time": ((1000,), "float64"),
+        "class": ((1000,), "uint16"),
+        "half": ((1000,), "float32"),
+    }
+    for name, values in given.items():
+        np.testing.assert_array_equal(points.attributes[name], values)
+
+
+def test_a_survey_goes_along():
+    survey = Survey("EPSG:25832", "metre", (0.01, 0.01, 0.001), (5e5, 0, 0), ((1, 2, 3),))
+    points = Points(UTM + CLOUD, survey=survey)
+    for other in (points.select(np.arange(5)), points.with_normals(CLOUD), pickle.loads(pickle.dumps(points))):
+        assert other.survey == survey
+        assert other.crs == "EPSG:25832"
+    assert Survey(**survey.facts) == survey
+    for wrong in ({"crs": 4}, {"scale": (1, 1, 1)}, {"scale": (0, 1, 1), "offset": (0, 0, 0)}, {"stations": ((1, 2),)}):
+        with pytest.raises(ValueError, match="survey"):
+            Survey(**wrong)
 
 
 def test_select_takes_rows_of_everything():

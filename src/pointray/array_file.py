@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from .points.files import check_regular, replacing
+from .points.replacing import check_regular, replacing
 
 ALIGN = 64  # bytes: arrays begin at multiples of it, and as much follows the last one, for loads past its end
 CHUNK = 1 << 24  # items that are written between two progress reports

@@ -12,9 +12,9 @@ from pathlib import Path
 
 AUTO = "auto"
 
-# Extensions of scans: points/formats/ has a file of this name for each.
+# Formats of scans: points/formats/ has a file of this name for each.
 _FILES = pkgutil.iter_modules([str(Path(__file__).parent / "points" / "formats")])
-FORMATS = sorted(f".{file.name}" for file in _FILES if not file.name.startswith("_"))
+FORMAT_FILES = sorted(file.name for file in _FILES if not file.name.startswith("_"))
 
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 

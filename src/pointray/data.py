@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_mapping, vector
+from .arguments import check_kind, check_mapping, vector
+from .survey import Survey
 
 FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
 MOST = 2**31 - 1  # the most rows: their numbers are int32 in trees
 SAMPLE = 20_000  # rows from which the spacing is estimated
+MOST_CATEGORIES = 32  # distinct values
+FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole numbers tell nothing
+PROBE = 1000  # rows that are tested first
 
 
 @dataclass(frozen=True, slots=True, init=False, repr=False, eq=False)
@@ -32,10 +36,12 @@ class Points:
         sRGB, uint8 (0 to 255), uint16 (0 to 65535) or float (0 to 1); alpha is dropped. Some formats (LAS) keep 8 bits
         in uint16: give these as uint8.
     attributes : dict of str to (n,) or (n, k) array_like, optional
-        Any other values of each point.
+        Any other values of each point: whole numbers, floats or bools.
     origin : (3,) array_like, optional
         The point that stored positions are relative to. None: zero, unless float32 would lose a ten-thousandth of the
         spacing (maps: millions of metres); then a rounded point near the middle.
+    survey : Survey, optional
+        What is known of the coordinates: their reference system and unit, the scanners' places.
 
     Attributes
     ----------
@@ -44,7 +50,9 @@ class Points:
     origin : (3,) float64
     normals : (n, 3) float32 or None
     colors : (n, 3) uint8 or None
-    attributes : dict of str to (n,) or (n, k) float32
+    attributes : dict of str to (n,) or (n, k) array
+        Of the dtypes given, native; only floats of other than 4 or 8 bytes become float32 or float64.
+    survey : Survey
 
     Raises
     ------
@@ -56,7 +64,8 @@ class Points:
     origin: NDArray[np.float64]
     normals: NDArray[np.float32] | None
     colors: NDArray[np.uint8] | None
-    attributes: dict[str, NDArray[np.float32]]
+    attributes: dict[str, NDArray[Any]]
+    survey: Survey
 
     def __init__(
         self,
@@ -65,10 +74,11 @@ class Points:
         colors: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
         origin: ArrayLike | None = None,
+        survey: Survey | None = None,
     ) -> None:
         world = _check_positions(positions)
-        about = _choose_origin(world) if origin is None else vector(origin, "origin")
-        self._fill(_localise(world, about), about, normals, colors, attributes)
+        about = choose_origin(world) if origin is None else vector(origin, "origin")
+        self._fill(_localise(world, about), about, normals, colors, attributes, survey)
 
     @classmethod
     def about(
@@ -78,11 +88,12 @@ class Points:
         normals: ArrayLike | None = None,
         colors: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
+        survey: Survey | None = None,
     ) -> Points:
         """Points whose (n, 3) float32 positions are already relative to `origin`."""
         points = cls.__new__(cls)
         positions = _check_positions(positions)
-        points._fill(_localise(positions, np.zeros(3)), vector(origin, "origin"), normals, colors, attributes)
+        points._fill(_localise(positions, np.zeros(3)), vector(origin, "origin"), normals, colors, attributes, survey)
         return points
 
     def _fill(
@@ -92,6 +103,7 @@ class Points:
         normals: ArrayLike | None,
         colors: ArrayLike | None,
         attributes: Mapping[str, ArrayLike] | None,
+        survey: Survey | None,
     ) -> None:
         n = len(positions)
         fields = {
@@ -100,11 +112,17 @@ class Points:
             "normals": None if normals is None else _check_normals(normals, n),
             "colors": None if colors is None else _check_colors(colors, n),
             "attributes": _check_attributes(attributes, n),
+            "survey": Survey() if survey is None else check_kind(survey, "survey", Survey, "a Survey"),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
         if not self.finite.any():
             raise ValueError(f"positions: none of the {n:,} rows is finite and below {FARTHEST:g}")
+
+    @property
+    def crs(self) -> str | None:
+        """The coordinate reference system, as well-known text or as a code like "EPSG:25832"; None if unknown."""
+        return self.survey.crs
 
     @property
     def world(self) -> NDArray[np.float64]:
@@ -134,18 +152,25 @@ class Points:
             None if self.normals is None else self.normals[rows],
             None if self.colors is None else self.colors[rows],
             {name: values[rows] for name, values in self.attributes.items()},
+            self.survey,
         )
+
+    def changed(self, **fields: Any) -> Points:
+        """The same points with other normals, colors, attributes, survey or positions; the other arrays are shared."""
+        kept = {name: getattr(self, name) for name in ("positions", "normals", "colors", "attributes", "survey")}
+        return Points.about(self.origin, **{**kept, **fields})
 
     def with_normals(self, normals: ArrayLike | None) -> Points:
         """The same points with other normals, or without any if None; the other arrays are shared."""
-        return Points.about(self.origin, self.positions, normals, self.colors, self.attributes)
+        return self.changed(normals=normals)
 
     def __len__(self) -> int:
         return len(self.positions)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles and copies hold the arrays, which are checked again."""
-        return Points.about, (self.origin, self.positions, self.normals, self.colors, self.attributes)
+        arrays = self.origin, self.positions, self.normals, self.colors, self.attributes
+        return Points.about, (*arrays, self.survey)
 
     def __repr__(self) -> str:
         low, high = self.bounds
@@ -205,15 +230,18 @@ def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.fl
     return _float32(np.subtract(world, origin, dtype=np.float64) if origin.any() else world)
 
 
-def _choose_origin(world: NDArray[Any]) -> NDArray[np.float64]:
-    """Zero, unless float32 about zero is too coarse for the spacing of the points."""
+def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.float64]:
+    """Zero, unless float32 about zero is too coarse for the spacing of the points.
+
+    count : the number of points, if only some of them are given
+    """
     rows = world[:: -(-len(world) // SAMPLE)].astype(np.float64)
     rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1)]
     if len(rows) == 0:
         return np.zeros(3)
     # The inner 96%, as a stray point (often at 0, 0, 0) must not decide the size of the model.
     low, high = np.quantile(rows, [0.02, 0.98], axis=0)
-    spacing = _spacing(high - low, len(world))
+    spacing = _spacing(high - low, count or len(world))
     rounding = np.maximum(-low, high).max() * 2.0**-24
     if rounding <= 1e-4 * spacing:
         return np.zeros(3)
@@ -253,13 +281,13 @@ def _check_colors(colors: ArrayLike, n: int) -> NDArray[np.uint8]:
     return np.require(array, np.uint8, ["C", "W"])
 
 
-def _check_attributes(attributes: Mapping[str, ArrayLike] | None, n: int) -> dict[str, NDArray[np.float32]]:
+def _check_attributes(attributes: Mapping[str, ArrayLike] | None, n: int) -> dict[str, NDArray[Any]]:
     if attributes is None:
         return {}
     return {name: _check_attribute(name, values, n) for name, values in check_mapping(attributes, "attributes").items()}
 
 
-def _check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[np.float32]:
+def _check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
     if not isinstance(name, str) or not name:
         raise ValueError(f"attributes: the name of one must be a string with letters in it, not {name!r}")
     array = _numbers(values, f"attributes: attribute {name!r}")
@@ -268,4 +296,20 @@ def _check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[np.float32
             f"attributes: attribute {name!r} must have the shape ({n},) or ({n}, k), a row for each position, "
             f"not {array.shape}"
         )
-    return _float32(array)
+    dtype = array.dtype.newbyteorder("=")
+    if dtype.kind == "f" and dtype not in (np.float32, np.float64):
+        dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)
+    return np.require(array, dtype, ["C", "W", "A"])
+
+
+def categories_of(values: NDArray[Any]) -> tuple[int, ...] | None:
+    """The categories of a column of values: whole numbers, few different ones; None if the values are no categories."""
+    if values.ndim != 1:
+        return None
+    for rows in (values[:: max(len(values) // PROBE, 1)], values):
+        if rows.dtype.kind == "f" and not (np.isfinite(rows).all() and (rows == np.rint(rows)).all()):
+            return None
+        found = np.unique(rows)
+        if len(found) > MOST_CATEGORIES:
+            return None
+    return tuple(map(int, found)) if len(values) >= FEWEST_ROWS * len(found) else None

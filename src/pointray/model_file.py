@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
 from .data import FARTHEST, Points
 from .kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STEP, Tree
+from .survey import Survey
 from .tree.indices import check_indices
 
 SAVED = ".pointray"  # the usual end of such a file's name
@@ -55,7 +56,8 @@ def write_model(path: str | os.PathLike[str], parts: Sequence[Part], say: Say) -
     """
     named = {f"{_prefix(k)}{name}": array for k, part in enumerate(parts) for name, array in _arrays_of(part).items()}
     settings = [part.settings for part in parts]
-    write_arrays(path, KIND, {"settings": settings[0], "levels": settings[1:]}, named, say)
+    about = {"settings": settings[0], "levels": settings[1:], "survey": parts[0].points.survey.facts}
+    write_arrays(path, KIND, about, named, say)
 
 
 def _prefix(k: int) -> str:
@@ -85,7 +87,8 @@ def read_model(path: str | os.PathLike[str]) -> list[Part]:
     """
     try:
         about, found = read_arrays(path, KIND)
-        parts = [_take_part(settings, found, _prefix(k)) for k, settings in enumerate(_settings_in(about))]
+        survey = _survey_in(about)
+        parts = [_take_part(settings, found, _prefix(k), survey) for k, settings in enumerate(_settings_in(about))]
         for part in parts[1:]:
             if _columns_of(part.points) != _columns_of(parts[0].points):
                 raise ValueError("the model is damaged: a level of detail has other attributes or colors")
@@ -102,6 +105,14 @@ def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
     return settings
 
 
+def _survey_in(about: dict[str, Any]) -> Survey:
+    """What is known of the coordinates; an older file says nothing."""
+    try:
+        return Survey(**about.get("survey", {}))
+    except TypeError as error:
+        raise ValueError("the model is damaged: its survey is none") from error
+
+
 def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
@@ -111,10 +122,10 @@ def _columns_of(points: Points) -> dict[str, Any]:
     return {"": points.colors is None, **{name: values.shape[1:] for name, values in points.attributes.items()}}
 
 
-def _take_part(settings: dict[str, Any], found: Arrays, prefix: str) -> Part:
+def _take_part(settings: dict[str, Any], found: Arrays, prefix: str, survey: Survey) -> Part:
     """The part whose arrays' names begin with a prefix, checked."""
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
-    points = _take_points(mine)
+    points = _take_points(mine, survey)
     radii, bounds = (
         take_array(mine, "radii", np.float32, (len(points),)),
         take_array(mine, "bounds", np.float64, (2, 3)),
@@ -129,13 +140,13 @@ def _take_part(settings: dict[str, Any], found: Arrays, prefix: str) -> Part:
     return part
 
 
-def _take_points(found: Arrays) -> Points:
+def _take_points(found: Arrays, survey: Survey) -> Points:
     positions = take_array(found, "points.positions", np.float32, (-1, 3))
     origin = take_array(found, "points.origin", np.float64, (3,))
     names = [name for name in found if name.startswith("attribute.")]
     attributes = {name.removeprefix("attribute."): found.pop(name) for name in names}
     normals, colors = found.pop("points.normals", None), found.pop("points.colors", None)
-    return Points.about(origin, positions, normals, colors, attributes)
+    return Points.about(origin, positions, normals, colors, attributes, survey)
 
 
 def _take_tree(found: Arrays) -> Tree:

@@ -96,7 +96,7 @@ def film_output(output: Path, background: str) -> FilmOutput:
     """The output that -o names; raises an error if the film cannot be written there."""
     from ..image.frames import check_pattern, note_of
     from ..image.mp4 import check_mp4
-    from ..points.files import sweep
+    from ..points.replacing import sweep
 
     if output.suffix.lower() == ".mp4" and not output.is_dir():
         check_mp4(output)

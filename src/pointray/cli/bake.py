@@ -49,7 +49,8 @@ class BakeOutput(NamedTuple):
 
 def check_output(file: Path, output: BakeOutput, force: bool) -> None:
     """Raise an error, before any work is done, if the result cannot be written or would overwrite the input."""
-    from ..points.files import check_writable, written
+    from ..points.files import written
+    from ..points.replacing import check_writable
 
     path, points = output.path, ", ".join(written())
     if path.suffix.lower() not in (*written(), LIGHT):
@@ -132,7 +133,7 @@ def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, c
         colors, exposure, curve = lit_colors(points, irradiance, color)
         soft = ", highlights softened" if curve == "soft" else ""
         ending = f", colours in that light, exposure {exposure:g}{soft}"
-    lit = pr.Points.about(points.origin, points.positions, points.normals, colors, attributes)
+    lit = points.changed(colors=colors, attributes=attributes)
     with writing(output.path):
         pr.write(output.path, lit)
     return f"{output.path}: {len(points):,} points with {OCCLUSION} and irradiance{ending}"

@@ -69,7 +69,7 @@ class LightSource:
 def light_source(settings: Any, file: Path | None, quick: bool = False) -> LightSource | None:
     """Where pictures with these settings get baked light from; None if they show none. The file must be there."""
     from ..baking.settings import BakeSettings
-    from ..points.files import check_regular
+    from ..points.replacing import check_regular
 
     if settings.integrator != "baked":
         return None

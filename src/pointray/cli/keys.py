@@ -15,7 +15,7 @@ KNOWN = (*NEEDED, "up", "fov")
 
 def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
     """The (seconds, Camera) of each key; the view gives size and lens, and up and fov if a key has none."""
-    from ..points.files import check_regular
+    from ..points.replacing import check_regular
 
     rows = _rows(check_regular(file))
     keys = []

@@ -15,7 +15,6 @@ from ..choices import (
     AUTO,
     EXPOSED,
     FILTERS,
-    FORMATS,
     INTEGRATORS,
     LIGHTS,
     MATERIALS,
@@ -37,9 +36,9 @@ Look = StrEnum("Look", list(MATERIALS))  # type: ignore[misc]
 Normals = StrEnum("Normals", list(NORMALS))  # type: ignore[misc]
 Filter = StrEnum("Filter", list(FILTERS))  # type: ignore[misc]
 
-SCANS = ", ".join(FORMATS)
+SCANS = "a file of points: .ply, .las, .laz, .e57, .pcd, .xyz and more (docs/formats.md)"
 SubjectArgument = Annotated[
-    Path, typer.Argument(help=f"A scan: {SCANS}, a model that prepare has saved: .pointray, or a scene: .toml.")
+    Path, typer.Argument(help=f"A scan, {SCANS}; a model that prepare has saved: .pointray; or a scene: .toml.")
 ]
 EyeOption = Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")]
 TargetOption = Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")]

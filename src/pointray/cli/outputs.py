@@ -20,7 +20,7 @@ def is_layered(output: Path) -> bool:
 def check_output(output: Path, exposed: bool, legend: bool) -> None:
     """Raise an error, before any work is done, if the result cannot be written."""
     from ..image.write import LAYERED, SHOWN, check_layers_path
-    from ..points.files import check_writable
+    from ..points.replacing import check_writable
 
     if is_layered(output):
         check_layers_path(output)

@@ -33,7 +33,8 @@ def tolerance_of(text: str) -> tuple[float, bool]:
 
 def check_output(file: Path, output: Path, force: bool) -> None:
     """Raise an error, before any work is done, if the result cannot be written or would overwrite the input."""
-    from ..points.files import check_writable, written
+    from ..points.files import written
+    from ..points.replacing import check_writable
 
     if output.suffix.lower() not in (*written(), SAVED):
         extension = output.suffix or "a file without extension"
@@ -48,7 +49,7 @@ def read_scan(file: Path, progress: Progress) -> tuple[Any, Any]:
     import pointray as pr
 
     if file.suffix.lower() != SAVED:
-        return pr.read(file, partial(progress.show, "reading")), None
+        return pr.read(file, progress=partial(progress.show, "reading")), None
     model = pr.Model.load(file)
     return model.points, model
 
@@ -131,8 +132,7 @@ def _prepared(
         found = find_subsample(points, limit, options["count"], show)
         if found.message:
             warnings.warn(found.message, stacklevel=2)
-        kept, attributes = found.points, {**found.points.attributes, "radius": found.radii}
-        points = pr.Points.about(kept.origin, kept.positions, kept.normals, kept.colors, attributes)
+        points = found.points.changed(attributes={**found.points.attributes, "radius": found.radii})
         done.append(f"of {before:,}{_fit_of(found, limit)}")
     return points, done
 

@@ -28,7 +28,8 @@ HEIGHT = "height"  # a value of --color-by: the coordinate along --up
 
 def check_scan(file: Path) -> None:
     """Raise an error if a scan or a saved model cannot be opened."""
-    from ..points.files import check_readable, check_regular
+    from ..points.files import check_readable
+    from ..points.replacing import check_regular
 
     (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
 
@@ -204,7 +205,7 @@ class ScanScene:
         progress.show("reading", 0.0)
         if file.suffix.lower() == SAVED:
             return in_background(lambda: pr.Model.load(file))
-        points = self.read = in_background(lambda: pr.read(file, partial(progress.show, "reading")))
+        points = self.read = in_background(lambda: pr.read(file, progress=partial(progress.show, "reading")))
         if points.normals is None or self._normals == "fit":
             expect(NORMALS)
         self._material.build(points, self._choice.up)  # raises ValueError if an option is wrong

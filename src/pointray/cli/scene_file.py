@@ -62,7 +62,7 @@ class DescribedScene:
         parsed |= {"integrator": "baked"} if light is not None else {}
         plain = {name: getattr(value, "value", value) for name, value in options.items()} | parsed
         from ..image.denoise import check_denoise
-        from ..points.files import check_regular
+        from ..points.replacing import check_regular
         from ..scenefile import Plan
         from ..scenefile.light import BakePlan
 

@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from ..points.files import check_writable, replacing
+from ..points.replacing import check_writable, replacing
 from .tone import Backdrop
 from .write import SHOWN, write_image
 

@@ -8,7 +8,7 @@ import subprocess
 from pathlib import Path
 
 from ..extras import require
-from ..points.files import check_writable, replacing
+from ..points.replacing import check_writable, replacing
 
 CRF = "18"  # x264's quality: no difference to the pictures is seen
 

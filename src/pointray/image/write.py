@@ -14,7 +14,7 @@ from PIL import Image
 from ..arguments import check_mapping, check_path
 from ..choices import AUTO
 from ..memory import check_memory
-from ..points.files import check_writable, replacing
+from ..points.replacing import check_writable, replacing
 from ..shade.attributes import Attribute
 from .exposure import tone_of
 from .exr import channels_of, check_exr, write_exr

@@ -27,7 +27,7 @@ ROOT = Path(__file__).parent.parent  # of the package
 # Files that files with kernels import: an edit to one of them recompiles all kernels. An edit to any other file
 # recompiles the kernels in it.
 SHARED = (
-    *("arguments.py", "choices.py", "data.py", "neighbors.py", "progress.py"),
+    *("arguments.py", "choices.py", "data.py", "neighbors.py", "progress.py", "survey.py"),
     *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),
     *("points/normals/orientation.py", "points/normals/planes.py"),
     *("tree/blocks.py", "tree/cells.py", "tree/columns.py"),

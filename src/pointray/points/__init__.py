@@ -1,6 +1,8 @@
 """A file -> `Points`, with normals, cleaned; or models made by formula.
 
-files : `read` and `write`, and how a file is replaced; formats : a file for each format
+files : `read` and `write`; formats : a file for each format; unpacking : .gz and .zst
+selection, gather, colors : which rows become points, and how those of several files become one cloud
+replacing : how a file is replaced
 normals : estimated ones, and whether given ones are the surface's
 cleaning, rounding : duplicates and outliers; coordinates that were rounded
 trust : which normals of a file are used, and which warnings are given
@@ -10,9 +12,9 @@ procedural : models made by formula
 Begin with files, then normals/estimate.
 """
 
-from .files import read, write
+from .files import formats, read, write
 from .normals.estimate import estimate_normals
 from .normals.given import check_normals
 from .procedural import procedural, procedural_distance
 
-__all__ = ["check_normals", "estimate_normals", "procedural", "procedural_distance", "read", "write"]
+__all__ = ["check_normals", "estimate_normals", "formats", "procedural", "procedural_distance", "read", "write"]

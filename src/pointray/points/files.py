@@ -1,254 +1,297 @@
-"""Which reader reads which file, and how a file is replaced."""
+"""Reading and writing: which format a file has, and from one file or several to one cloud."""
 
 from __future__ import annotations
 
-import errno
-import io
 import os
-import re
-import secrets
-import stat
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..arguments import check_callback, check_kind, check_path
-from ..choices import FORMATS
+from numpy.typing import ArrayLike
+
+from ..arguments import check_callback, check_kind, check_number, check_path, check_positive, check_whole
+from ..choices import FORMAT_FILES
 from ..data import Points
+from ..extras import require
 from ..progress import Progress
+from .formats._source import HEAD, NO, Format, Request
+from .gather import Opener, gather
+from .replacing import check_regular, replacing
+from .selection import Selection, checked_bounds
+from .unpacking import PACKED, packing_of, unpacked
 
-if sys.platform != "win32":
-    import fcntl
-if TYPE_CHECKING:
-    from _typeshed import ReadableBuffer
-
-BESIDE = re.compile(r"\.pointray-[0-9a-f]{16}(\..*)?")  # names of files that are to replace others
-BUFFER = 1 << 20  # bytes
-_swept: set[Path] = set()
+Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
-def read(path: str | os.PathLike[str], progress: Progress | None = None) -> Points:
-    """Read a point cloud.
+def read(
+    path: Paths,
+    *,
+    columns: str | Sequence[str] | None = None,
+    every: int = 1,
+    max_points: int | None = None,
+    bounds: ArrayLike | None = None,
+    keep: Mapping[str, ArrayLike] | None = None,
+    drop: Mapping[str, ArrayLike] | None = None,
+    resolution: float | None = None,
+    sample: int | None = None,
+    opacity: float = 0.1,
+    intrinsics: Sequence[float] | None = None,
+    progress: Progress | None = None,
+) -> Points:
+    """Read a point cloud: one file, or several files as one cloud.
+
+    What a file is its contents tell, not its name; see `formats`. Files that end in .gz or .zst are unpacked first.
 
     Parameters
     ----------
-    path : str or path
-        A file that ends in .ply: ascii or binary, with or without normals, colours and other properties.
+    path : path, or sequence of paths
+    columns : sequence of str, or str with commas, optional
+        What the columns of a text file are: x, y, z, nx, ny, nz, r, g, b, other names; "-" leaves one out. None: found.
+    every : int
+        Take every so manieth row.
+    max_points : int, optional
+        At most so many points, evenly spread over the rows.
+    bounds : (2, 3) or (6,) array_like, optional
+        World box of the points to take. COPC files read only what it needs.
+    keep, drop : dict of str to number or sequence of numbers, optional
+        Take, or leave out, rows whose attribute has one of these values: ``keep={"classification": [2, 6]}``.
+    resolution : float, optional
+        The coarsest spacing that will do: COPC files stop at this level of detail. None: all points.
+    sample : int, optional
+        Scatter so many points on the triangles of a mesh, instead of its vertices.
+    opacity : float
+        Gaussian splats of less opacity than this, 0 to 1, are left out.
+    intrinsics : sequence of float, optional
+        fx, fy, cx, cy of a depth picture in pixels, perhaps followed by the number of its steps in a unit of length.
     progress : callable, optional
         Called with the share done.
 
     Returns
     -------
     Points
-        The rows are those of the file, in its order.
+        The chosen rows, in the order of the files. `survey` has the coordinate system and the scanners' places.
 
     Raises
     ------
     OSError
-        If the file cannot be opened.
+        If a file cannot be opened.
     ValueError
-        If there is no reader for the extension, or the contents are damaged or hold no points.
+        If no format knows a file, its contents are damaged or hold no points, or memory does not suffice.
     """
-    file = check_path(path)
     check_callback(progress)
-    reader = check_readable(file)
-    try:
-        return reader(file, progress)
-    except ValueError as error:
-        raise ValueError(f"{file}: {' '.join(str(error).split())}") from error
+    request = request_of(columns, bounds, resolution, sample, opacity, intrinsics)
+    selection = Selection(every, max_points, request.bounds, keep, drop)  # type: ignore[arg-type]  # it checks them
+    files = paths_of(path)
+    before = [stamp(file) for file in files]
+    with ExitStack() as stack:
+        openers = [_opener(file, request, stack) for file in files]
+        try:
+            points = gather(openers, selection, progress)
+        except ValueError as error:
+            _check_unchanged(files, before, error)
+            raise
+    _check_unchanged(files, before)
+    return points
 
 
-def check_regular(path: str | os.PathLike[str]) -> Path:
-    """The path of an existing regular file; OSError for others, such as a folder, or a pipe that would block."""
-    file = Path(path)
-    if not stat.S_ISREG(file.stat().st_mode):
-        number = errno.EISDIR if file.is_dir() else errno.EINVAL
-        raise OSError(number, "not a regular file", str(file))
-    return file
+def paths_of(path: Any) -> list[Path]:
+    """The files that a caller names: one, or several; OSError for those that cannot be opened."""
+    several = isinstance(path, Sequence) and not isinstance(path, str | bytes)
+    files = [check_path(one) for one in path] if several else [check_path(path)]
+    if not files:
+        raise ValueError("path: no file is given")
+    return [check_regular(file) for file in files]
 
 
-def check_readable(path: str | os.PathLike[str]) -> Callable[[Path, Progress | None], Points]:
-    """The reader of a file; OSError or ValueError if it cannot be opened, or no reader knows its extension."""
+def request_of(
+    columns: Any = None,
+    bounds: Any = None,
+    resolution: Any = None,
+    sample: Any = None,
+    opacity: Any = 0.1,
+    intrinsics: Any = None,
+) -> Request:
+    """What a caller asks of formats, checked."""
+    names = columns.split(",") if isinstance(columns, str) else columns
+    if names is not None:
+        if not isinstance(names, Sequence) or not names or not all(isinstance(n, str) and n.strip() for n in names):
+            raise ValueError(f"columns must be names like x,y,z,r,g,b, not {columns!r}")
+        names = tuple(name.strip() for name in names)
+        for axis in "xyz":
+            if [name.lower() for name in names].count(axis) != 1:
+                raise ValueError(f"columns must name {axis} once: {','.join(names)}")
+    numbers = None
+    if intrinsics is not None:
+        numbers = tuple(check_number(x, "intrinsics", "finite numbers") for x in intrinsics)
+        if len(numbers) not in (4, 5) or min(numbers[0], numbers[1], numbers[-1] if len(numbers) == 5 else 1) <= 0:
+            raise ValueError(f"intrinsics must be fx,fy,cx,cy, perhaps steps in a unit, not {numbers}")
+    return Request(
+        names,
+        None if bounds is None else checked_bounds(bounds),
+        None if resolution is None else check_positive(resolution, "resolution"),
+        None if sample is None else check_whole(sample, "sample", 1, or_none=True),
+        check_number(opacity, "opacity", "a number from 0 to 1", lambda x: 0 <= x <= 1),
+        numbers,
+    )
+
+
+def stamp(file: Path) -> tuple[int, int]:
+    """What changes when a file is written to: its size, and when it was written."""
+    facts = file.stat()
+    return facts.st_size, facts.st_mtime_ns
+
+
+def _check_unchanged(files: Sequence[Path], before: Sequence[tuple[int, int]], error: ValueError | None = None) -> None:
+    """ValueError if a file has been written to since."""
+    for file, known in zip(files, before, strict=True):
+        if stamp(file) != known:
+            why = f" ({error})" if error else ""
+            raise ValueError(f"{file}: is being written just now: read it when that has ended{why}")
+
+
+def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
+    """What opens a file, unpacked until the stack is left."""
+    path = file
+    if packing_of(file):
+        path = stack.enter_context(unpacked(file))
+    format = format_of(path, file)
+    return Opener(str(file), partial(format.open, path, request))
+
+
+# ------------------------------------------------------------------------------------------------------- formats
+
+
+@cache
+def _formats() -> dict[str, Format]:
+    """All formats, by the names of their files."""
+    return {name: import_module(f"{__package__}.formats.{name}").FORMAT for name in FORMAT_FILES}
+
+
+def format_of(path: Path, named: Path | None = None) -> Format:
+    """The format of a file. ValueError if none knows it.
+
+    named : the file as its user calls it, if it is read from another place
+    """
+    file = named or path
+    with path.open("rb") as stream:
+        head = stream.read(HEAD)
+    if not head:
+        raise ValueError(f"{file}: is empty")
+    inner = Path(file.stem) if file.suffix.lower() in PACKED else file
+    certain = {name: format.recognise(head, inner) for name, format in _formats().items()}
+    best = max(certain, key=lambda name: certain[name])
+    if certain[best] == NO:
+        meant = [x for x in _formats().values() if inner.suffix.lower() in x.extensions]
+        what = f"is no {meant[0].name} file" if meant else f"cannot read {inner.suffix or 'a file without extension'}"
+        raise ValueError(f"{file}: {what}: it begins with {head[:12]!r}; can read {', '.join(extensions())}")
+    found = _formats()[best]
+    if found.extra is not None:
+        require(found.extra[0], found.extra[1], str(file))
+    return found
+
+
+def check_readable(path: str | os.PathLike[str]) -> None:
+    """OSError or ValueError if a file cannot be opened, or no format knows it."""
     file = check_regular(path)
-    if file.suffix.lower() not in FORMATS:
-        known = ", ".join(FORMATS)
-        raise ValueError(f"{file}: cannot read {file.suffix or 'a file without extension'}; can read {known}")
-    reader: Callable[[Path, Progress | None], Points] = _format(file.suffix.lower()).read
-    return reader
+    if not packing_of(file):
+        format_of(file)
 
 
-def _format(extension: str) -> Any:
-    """The module that reads an extension, such as `formats/ply.py`, imported when it is needed."""
-    return import_module(f"{__package__}.formats{extension}")
+def extensions() -> list[str]:
+    """The extensions of files that can be read."""
+    return sorted({extension for format in _formats().values() for extension in format.extensions})
 
 
 def written() -> list[str]:
-    """The extensions of formats that can be written."""
-    return [extension for extension in FORMATS if hasattr(_format(extension), "write")]
+    """The extensions of files that can be written."""
+    return sorted({x for format in _formats().values() if format.write is not None for x in format.extensions})
 
 
-def write(path: str | os.PathLike[str], points: Points) -> None:
-    """Write a point cloud with all its arrays, as binary PLY.
+@dataclass(frozen=True)
+class FormatFacts:
+    """What is known of a format.
+
+    Attributes
+    ----------
+    name : str
+    extensions : tuple of str
+    writes : bool
+        Whether it can be written too.
+    extra : str or None
+        The extra of pointray that it needs: pip install 'pointray[extra]'.
+    keeps : dict of str to str
+        What is kept of a file, in words.
+    """
+
+    name: str
+    extensions: tuple[str, ...]
+    writes: bool
+    extra: str | None
+    keeps: Mapping[str, str]
+
+
+def formats() -> list[FormatFacts]:
+    """What can be read and written, and what each format keeps."""
+    return [
+        FormatFacts(x.name, x.extensions, x.write is not None, x.extra[1] if x.extra else None, dict(x.keeps))
+        for x in sorted(_formats().values(), key=lambda x: x.name.lower())
+    ]
+
+
+def writer_of(path: str | os.PathLike[str]) -> Callable[[Any, Points, Progress | None], list[str]]:
+    """The writer of the format that a file's extension names; ValueError if there is none."""
+    file = check_path(path)
+    for format in _formats().values():
+        if format.write is not None and file.suffix.lower() in format.extensions:
+            if format.extra is not None:
+                require(format.extra[0], format.extra[1], str(file))
+            return format.write
+    known = ", ".join(written())
+    raise ValueError(f"{file}: cannot write {file.suffix or 'a file without extension'}; can write {known}")
+
+
+def write(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> None:
+    """Write a point cloud with all its arrays, in the format that the extension names; see `formats`.
 
     Parameters
     ----------
     path : str or path
-        Ends in .ply; an existing file is replaced when all is written.
+        An existing file is replaced when all is written.
     points : Points
-        Positions are written as float64 if they are relative to an origin, else as float32. An attribute of k columns
-        becomes the properties name_0, name_1 and so on.
+        World coordinates are written; what the format cannot hold, a warning tells.
+    progress : callable, optional
+        Called with the share done.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     ValueError
-        If the extension is not .ply, or PLY cannot hold the name of an attribute.
+        If no format with this extension can be written, or it cannot hold the name of an attribute.
     """
-    file = check_path(path)
+    for lost in write_points(path, points, progress):
+        warnings.warn(f"{path}: {lost}", stacklevel=2)
+
+
+def write_points(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> list[str]:
+    """Write as `write` does; returns what the format cannot hold, in words."""
     check_kind(points, "points", Points, "Points")
-    if file.suffix.lower() not in written():
-        known = ", ".join(written())
-        raise ValueError(f"{file}: cannot write {file.suffix or 'a file without extension'}; can write {known}")
-    with replacing(file) as beside:
-        _format(file.suffix.lower()).write(beside, points)
+    check_callback(progress)
+    writer = writer_of(path)
+    with replacing(path) as beside:
+        return writer(beside, points, progress)
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise the OSError that writing `path` would raise, before the work is done."""
-    file = Path(path)
-    folder = file.parent
-    if not folder.is_dir():
-        raise FileNotFoundError(errno.ENOENT, f"cannot write {file.name}: there is no such folder", str(folder))
-    if file.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "cannot write: it is a folder", str(file))
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(errno.EACCES, f"cannot write {file.name}: no permission in the folder", str(folder))
-
-
-class Replacement(io.BufferedIOBase):
-    """A new file beside the one that it will replace: a stream to write to, and its path for writers that need one.
-
-    An error is remembered and raised at the end too, even if a library hid it. There is no file descriptor: Pillow
-    would write to it, and takes a truncated write for a complete one. A caller that writes to the path must check by
-    itself that all of it was written.
-
-    A lock is held until the file has its name: an unlocked file was left by a process that has been killed.
-
-    Attributes
-    ----------
-    path : path
-    """
-
-    def __init__(self, file: Path) -> None:
-        self.path, self._lock = _new_beside(file)
-        self._file = self.path.open("r+b", BUFFER)
-        self._error: OSError | None = None
-
-    def writable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def write(self, data: ReadableBuffer, /) -> int:
-        with self._remembering():
-            return self._file.write(data)
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        with self._remembering():  # it writes the buffer
-            return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._file.tell()
-
-    def flush(self) -> None:
-        if not self._file.closed:
-            with self._remembering():
-                self._file.flush()
-
-    def take_place_of(self, file: Path) -> None:
-        """Replace the file once all data has reached the disk; OSError if any of it has not."""
-        self.flush()
-        with self._remembering():
-            os.fsync(self._file.fileno())
-            self._file.close()
-        if self._error is not None:
-            raise self._error
-        if sys.platform == "win32":  # an open file cannot be replaced there
-            os.close(self._lock)
-        self.path.replace(file)
-        if sys.platform != "win32":
-            os.close(self._lock)
-
-    def discard(self) -> None:
-        """Remove the new file."""
-        for close in (self._file.close, lambda: os.close(self._lock)):
-            with suppress(OSError):  # the disk may be full, but the file is removed anyway
-                close()
-        self.path.unlink(missing_ok=True)
-
-    @contextmanager
-    def _remembering(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            self._error = self._error or error
-            raise
-
-
-@contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
-    """A file in the same folder to write to: it replaces `path` at the end, or is removed if anything is raised."""
-    check_writable(path)
-    file = Path(os.path.realpath(path))  # the file that a link points to, not the link
-    sweep(file.parent)
-    beside = Replacement(file)
-    try:
-        yield beside
-        beside.take_place_of(file)
-    except BaseException:  # Ctrl-C too
-        beside.discard()
-        raise
-
-
-def sweep(folder: Path) -> None:
-    """Remove unfinished new files that killed processes have left; once for each folder."""
-    if folder in _swept:
-        return
-    _swept.add(folder)
-    with suppress(OSError), os.scandir(folder) as entries:
-        for path in [entry.path for entry in entries if BESIDE.fullmatch(entry.name)]:
-            with suppress(OSError):  # a process holds it, or it is another user's
-                _remove_left(path)
-
-
-def _new_beside(file: Path) -> tuple[Path, int]:
-    """A new empty file in the same folder, and the descriptor that holds its lock."""
-    while True:
-        path = file.with_name(f".pointray-{secrets.token_hex(8)}{file.suffix}")
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-        if sys.platform == "win32":
-            return path, lock
-        with suppress(OSError):  # without locks on a file system, left files are not removed
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        with suppress(FileNotFoundError):  # another process removed it before it was locked
-            if os.path.samestat(os.fstat(lock), path.stat()):
-                return path, lock
-        os.close(lock)
-
-
-def _remove_left(path: str) -> None:
-    """Remove an unfinished new file; OSError if a process holds it, here or on another machine."""
-    if sys.platform == "win32":
-        os.unlink(path)  # fails while it is open
-        return
-    lock = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.unlink(path)
-    finally:
-        os.close(lock)
+def headers(path: Paths, request: Request | None = None) -> Iterator[tuple[Path, Format, Any]]:
+    """Each file with its format and its listing, for `info`."""
+    for file in paths_of(path):
+        with ExitStack() as stack:
+            inner = stack.enter_context(unpacked(file)) if packing_of(file) else file
+            format = format_of(inner, file)
+            with format.open(inner, request or Request()) as source:
+                yield file, format, source.listing

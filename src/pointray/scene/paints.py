@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import Points
+from ..data import Points, categories_of
 from ..image.tone import srgb_to_linear
 from ..kernels.records import (
     BLENDED,
@@ -26,7 +26,7 @@ from ..kernels.records import (
     PAINT_START,
 )
 from ..model import Model
-from ..shade.attributes import COORDINATES, Attribute, categories_of, category_colors
+from ..shade.attributes import COORDINATES, Attribute, category_colors
 from ..shade.colormaps import colormap, shows_classes
 
 LOW, HIGH = 2, 98  # percentiles between which a range lies if none is given

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..baking.baked import Baked
 from ..baking.settings import BakeSettings
-from ..points.files import check_regular
+from ..points.replacing import check_regular
 from ..scene.scene import Scene
 from .lines import Key
 from .source import Source

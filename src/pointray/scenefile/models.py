@@ -13,8 +13,9 @@ from ..choices import NORMALS
 from ..model import SURFACE, Model, _check_settings
 from ..model_file import SAVED
 from ..points import procedural, read
-from ..points.files import check_readable, check_regular
+from ..points.files import check_readable
 from ..points.procedural import MOST, NAMES
+from ..points.replacing import check_regular
 from ..points.trust import trusted
 from ..splats.radii import radii_in
 from .lines import Key
@@ -115,7 +116,7 @@ def _load(source: Source, recipe: Recipe, say: Say) -> Model:
     with source.errors_at((*recipe.key, "file")):
         if file.suffix.lower() == SAVED:
             return Model.load(file)
-        points = read(file, partial(say, "reading"))
+        points = read(file, progress=partial(say, "reading"))
     say("normals", 0.0)
     with source.errors_at((*recipe.key, "normals") if recipe.normals == "file" else recipe.key):
         points = trusted(points, recipe.normals, 'normals = "file"', partial(say, "normals"))

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..points.files import check_regular
+from ..points.replacing import check_regular
 from .lines import Key, line_of
 
 

@@ -13,9 +13,6 @@ from .colormaps import colormap, shows_classes
 
 COORDINATES = ("x", "y", "z")
 USUAL = "viridis"
-MOST_CATEGORIES = 32  # distinct values
-FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole numbers tell nothing
-PROBE = 1000  # rows that are tested first
 FIRST_MANY = 11  # categories: from this number on they need tab20, not tab10
 # The meaning of classes in LAS files (ASPRS LAS 1.4, table 17), in the colours of QGIS.
 ASPRS = {
@@ -129,19 +126,6 @@ def category_name(attribute: Attribute, value: int) -> str:
 def is_classification(name: str) -> bool:
     """Whether an attribute has the name of classes in LAS files, which PLY files made of them may use too."""
     return name.lower().removeprefix("scalar_") == "classification"
-
-
-def categories_of(values: NDArray[Any]) -> tuple[int, ...] | None:
-    """The categories of a column of values: whole numbers, few different ones; None if the values are no categories."""
-    if values.ndim != 1:
-        return None
-    for rows in (values[:: max(len(values) // PROBE, 1)], values):
-        if not np.isfinite(rows).all() or not (rows == np.rint(rows)).all():
-            return None
-        found = np.unique(rows)
-        if len(found) > MOST_CATEGORIES:
-            return None
-    return tuple(map(int, found)) if len(values) >= FEWEST_ROWS * len(found) else None
 
 
 def _checked_categories(values: Any) -> tuple[int, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points
+from .averages import attribute_averages
 
 LEAST_POINTS = 700  # 200 points no longer show the statue's shape or shading: pictures are 9% brighter
 LEAST_GAIN = 1.5  # a level has at least this many times fewer points than the one before
@@ -41,7 +42,7 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
     -------
     points : Points
         About the same origin, in the order of the cells. Colours are means of squares, which is nearly the mean of
-        light. Attributes are means of finite values; NaN where less than half of the values are finite.
+        light. Attributes are means of finite values, NaN where less than half are finite; categories the commonest.
     limits : (m,) float32
         Upper limit of each point's support: as far as the supports extend that it stands for, at least SUPPORT.
     """
@@ -52,11 +53,6 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
     def mean(values: NDArray[Any]) -> NDArray[np.float64]:
         total = np.add.reduceat(values[order].astype(np.float64), starts, axis=0)
         return np.asarray(total / counts.reshape(-1, *[1] * (values.ndim - 1)))
-
-    def known(values: NDArray[Any]) -> NDArray[np.float64]:
-        finite = np.isfinite(values)
-        share, total = mean(finite), mean(np.where(finite, values, 0.0))
-        return np.where(share >= 0.5, total / np.maximum(share, 0.5), np.nan)
 
     normals = mean(points.normals)
     colors = None
@@ -69,7 +65,8 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
         middles,
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
         colors,
-        {name: known(values) for name, values in points.attributes.items()},
+        attribute_averages(points.attributes, order, starts),
+        points.survey,
     )
     return coarse, np.maximum(np.maximum.reduceat(away, starts), np.float32(SUPPORT * cell))
 

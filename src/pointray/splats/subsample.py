@@ -12,6 +12,8 @@ from ..arguments import check_callback, check_kind, check_positive, check_whole
 from ..data import Points
 from ..neighbors import distinct, morton_order, neighbors
 from ..points.normals.estimate import mend_normals
+from ..survey import RESIDUAL
+from .averages import attribute_averages
 from .cover import relax
 from .grow import Cloud, Floats, Splats, join
 from .radii import NEIGHBORS, choose_radii
@@ -86,7 +88,8 @@ def subsample(
     Returns
     -------
     points : Points
-        In no order. Each position lies amid the points that it stands for; colours and attributes are their means.
+        In no order. Each position lies amid the points that it stands for; colours and attributes are their means,
+        categories the commonest.
     radii : (m,) float32
         Supports, for `pr.Model(points, radii)`.
 
@@ -277,15 +280,10 @@ def _averaged(points: Points, subset: Subset) -> Points:
     """The splats as points, with the mean colours and attributes of the points that each covers."""
     splats, at = subset.splats, subset.splats.starts[:-1]
 
-    def mean(values: Floats) -> Floats:
-        rows = values[splats.members].astype(np.float64)
-        known = np.isfinite(rows)
-        number = np.add.reduceat(known, at, axis=0, dtype=np.float64)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.add.reduceat(np.where(known, rows, 0), at, axis=0) / number, np.float32)
-
     colors = None
     if points.colors is not None:  # the mean of squares is nearly the mean of light, as sRGB is nearly a square root
-        colors = np.rint(np.sqrt(mean(points.colors.astype(np.float32) ** 2))).astype(np.uint8)
-    attributes = {name: mean(values) for name, values in points.attributes.items()}
-    return Points.about(points.origin, subset.positions, subset.normals, colors, attributes)
+        squares = {"": points.colors.astype(np.float32) ** 2}
+        colors = np.rint(np.sqrt(attribute_averages(squares, splats.members, at)[""])).astype(np.uint8)
+    kept = {name: values for name, values in points.attributes.items() if name != RESIDUAL}
+    attributes = attribute_averages(kept, splats.members, at, 0.0)
+    return Points.about(points.origin, subset.positions, subset.normals, colors, attributes, points.survey)

@@ -109,7 +109,7 @@ class Files:
         shared.say(stage, None)
         if path.suffix.lower() == SAVED:
             return Model.load(path)
-        points = read(path, partial(shared.say, stage))
+        points = read(path, progress=partial(shared.say, stage))
         with _named(path):
             check_normals_choice(points, self.normals)
         return points

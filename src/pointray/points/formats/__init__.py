@@ -1,10 +1,10 @@
-"""Files -> Points and back: one file a format, whose name is the extension.
+"""Files -> `Points` and back: one file a format.
 
-Each has `read(path, progress)`, which returns Points, and perhaps `write(file, points)`; both raise ValueError.
-Files whose names begin with _ are parts of formats. A new format is a file here and nothing else; a second extension of
-it is a file that imports both functions.
+Each has a `FORMAT` (`_source.Format`), which says how a file is recognised, opened and perhaps written. Files whose
+names begin with _ are parts of formats. A new format is a file here and nothing else.
 
+_source : what a reader gives
 ply : binary and text; _ply_header : what a file announces; _ply_lists : rows that hold lists of varying length
 
-Begin with `read` of ply.
+Begin with _source, then ply.
 """

@@ -22,6 +22,7 @@ class Header(NamedTuple):
     counts: Sequence[int]
     format: str
     size: int  # bytes
+    comments: Sequence[str]
 
 
 def read_header(file: BinaryIO) -> Header:
@@ -36,9 +37,10 @@ def read_header(file: BinaryIO) -> Header:
     if last is None:
         raise ValueError("the header is cut off: there is no line 'end_header'")
     lines = [line.strip() for line in start[: last.end()].decode("latin-1").splitlines()]
+    comments = [line.split(None, 1)[1] for line in lines if re.match(r"(comment|obj_info)\s+\S", line)]
     lines = [line for line in lines if line and line.split()[0] not in ("comment", "obj_info")]
     counts = [_count(line) for line in lines if line.split()[0] == "element"]
-    return Header(_parse_elements(lines), counts, lines[1].split()[1], last.end())
+    return Header(_parse_elements(lines), counts, lines[1].split()[1], last.end(), comments)
 
 
 def _count(line: str) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,49 +17,66 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement, PlyListProperty
 
-from ...data import Points, check_count
-from ...progress import Progress, part_of, tell
+from ...data import Points
+from ...progress import Progress, tell
+from ...survey import Survey
 from ._ply_header import Header, read_header
+from ._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
 
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 TEXT_BYTES = 1 << 20  # bytes of ascii that are parsed together
-STACKED = 1 << 18  # rows that are copied together
 SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or LF, so that CR LF ends a blank line too
 LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
 
 Columns = dict[str, NDArray[Any]]
 
 
-class _Watched(io.FileIO):
-    """A file that tells how much of it has been read."""
-
-    def __init__(self, path: Path, progress: Progress | None) -> None:
-        super().__init__(path, "rb")
-        self._progress, self._size = progress, max(path.stat().st_size, 1)
-
-    def readinto(self, buffer: Any) -> int | None:
-        tell(self._progress, min(self.tell() / self._size, 1.0))
-        return super().readinto(buffer)
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file is a PLY file."""
+    return SURE if re.match(rb"ply[ \t]*[\r\n]", head) else NO
 
 
-def read(path: Path, progress: Progress | None = None) -> Points:
-    """Read the vertices of a PLY file; ValueError says what is wrong with its contents."""
-    with io.BufferedReader(_Watched(path, progress), TEXT_BYTES) as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
-        header = read_header(file)
-        found = [i for i, element in enumerate(header.elements) if element.name == "vertex"]
-        if not found:
-            names = ", ".join(element.name for element in header.elements)
-            raise ValueError(f"has no element 'vertex', only: {names or 'nothing'}")
-        vertex, count = header.elements[found[0]], header.counts[found[0]]
-        _check_vertex(vertex, count)
-        file.seek(header.size)
+class PlySource(Source):
+    """The vertices of a PLY file; ValueError says what is wrong with its contents."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        self._path = path
+        with path.open("rb") as file:
+            self._header = header = read_header(file)
+            found = [i for i, element in enumerate(header.elements) if element.name == "vertex"]
+            if not found:
+                names = ", ".join(element.name for element in header.elements)
+                raise ValueError(f"has no element 'vertex', only: {names or 'nothing'}")
+            self._index = found[0]
+            self._vertex, count = header.elements[self._index], header.counts[self._index]
+            _check_vertex(self._vertex, count)
+            least = sum(_least_size(p) for p in self._vertex.properties)
+            if header.format == "ascii":
+                least = 2 * len(self._vertex.properties) - 1  # a digit and a space, but for the file's last
+            file.seek(header.size)
+            _check_size(file, self._vertex, count, least)
+        self._scalars = [p for p in self._vertex.properties if not isinstance(p, PlyListProperty)]
+        row = 36 + sum(np.dtype(p.dtype()).itemsize for p in self._scalars)
+        crs = next((text[4:].strip() for text in header.comments if text.startswith("crs ")), None)
+        facts = {
+            "encoding": header.format,
+            "comments": [text for text in header.comments if not text.startswith("crs ")],
+        }
+        self.listing = Listing(count, row, survey=Survey(crs or None), facts=facts)
+
+    def chunks(self) -> Iterator[Chunk]:
+        header = self._header
         rows = _read_ascii if header.format == "ascii" else _read_binary
-        columns = rows(file, header, found[0])
-    copied = progress if header.format != "ascii" else None
-    return _to_points(columns, {p.name: np.dtype(p.dtype()) for p in vertex.properties}, copied)
+        types = {p.name: np.dtype(p.dtype()) for p in self._scalars}
+        done, count = 0, header.counts[self._index]
+        with self._path.open("rb") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
+            file.seek(header.size)
+            for columns in rows(file, header, self._index):
+                done += len(columns["x"])
+                yield _to_chunk(columns, types, done / count)
 
 
 def _check_vertex(vertex: Any, count: int) -> None:
@@ -85,12 +102,6 @@ def _check_size(file: BinaryIO, element: Any, count: int, row: int) -> None:
         raise ValueError(f"is cut off: {count:,} {rows} of {row} bytes or more are announced, {left:,} bytes are there")
 
 
-def _check_rows(file: BinaryIO, vertex: Any, count: int, row: int) -> None:
-    """ValueError if vertices are missing, or if there are more than can be held."""
-    _check_size(file, vertex, count, row)
-    check_count(count)
-
-
 def _has_lists(element: Any) -> bool:
     return any(isinstance(p, PlyListProperty) for p in element.properties)
 
@@ -98,17 +109,21 @@ def _has_lists(element: Any) -> bool:
 # ------------------------------------------------------------------------------------------------------ binary
 
 
-def _read_binary(file: BinaryIO, header: Header, index: int) -> Columns:
+def _read_binary(file: BinaryIO, header: Header, index: int) -> Iterator[Columns]:
     order = ORDERS[header.format]
     for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         _skip(file, element, count, order)
     vertex, count = header.elements[index], header.counts[index]
     if _has_lists(vertex):
-        return _read_beside_lists(file, vertex, count, order)
+        yield _read_beside_lists(file, vertex, count, order)
+        return
     dtype = np.dtype([(p.name, p.dtype(order)) for p in vertex.properties])
-    _check_rows(file, vertex, count, dtype.itemsize)
-    rows = np.memmap(file, dtype, "r", offset=file.tell(), shape=(count,))
-    return {name: rows[name] for name in dtype.names or ()}
+    _check_size(file, vertex, count, dtype.itemsize)
+    for start in range(0, count, CHUNK):
+        rows = np.fromfile(file, dtype, min(CHUNK, count - start))
+        if len(rows) < min(CHUNK, count - start):
+            raise ValueError(f"is cut off at vertex {start + len(rows):,} of {count:,}")
+        yield {name: rows[name] for name in dtype.names or ()}
 
 
 def _skip(file: BinaryIO, element: Any, count: int, order: str) -> None:
@@ -127,7 +142,7 @@ def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str) -> C
     """Vertices with lists, which are dropped."""
     from ._ply_lists import scalars_at, walk_rows
 
-    _check_rows(file, vertex, count, sum(_least_size(p) for p in vertex.properties))
+    _check_size(file, vertex, count, sum(_least_size(p) for p in vertex.properties))
     scalars = [p for p in vertex.properties if not isinstance(p, PlyListProperty)]
     (data, start), offsets = _bytes_from(file), np.empty((count, len(scalars)), np.int64)
     walk_rows(data, start, count, vertex, order, offsets)
@@ -147,17 +162,18 @@ def _least_size(p: Any) -> int:
 # ------------------------------------------------------------------------------------------------------- ascii
 
 
-def _read_ascii(file: BinaryIO, header: Header, index: int) -> Columns:
+def _read_ascii(file: BinaryIO, header: Header, index: int) -> Iterator[Columns]:
     for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         if element.properties and count:
             _skip_lines(file, element, count)
     vertex, count = header.elements[index], header.counts[index]
     names = [p.name for p in vertex.properties]
-    _check_rows(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
+    _check_size(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
     lines = io.TextIOWrapper(file, "latin-1")
     try:
         if _has_lists(vertex):
-            return _numbers_beside_lists(lines, vertex, count)
+            yield _numbers_beside_lists(lines, vertex, count)
+            return
         rows = np.loadtxt(lines, np.float64, comments=None, max_rows=count, ndmin=2)
     finally:
         lines.detach()
@@ -165,7 +181,7 @@ def _read_ascii(file: BinaryIO, header: Header, index: int) -> Columns:
         raise ValueError(
             f"{count:,} lines of {len(names)} numbers are announced, {rows.shape[0]:,} of {rows.shape[1]} are there"
         )
-    return dict(zip(names, rows.T, strict=True))
+    yield dict(zip(names, rows.T, strict=True))
 
 
 def _skip_lines(file: BinaryIO, element: Any, count: int) -> None:
@@ -218,65 +234,76 @@ def _length_of(text: str) -> int:
 # ------------------------------------------------------------------------------------------------ to Points and back
 
 
-def _to_points(columns: Columns, types: dict[str, np.dtype[Any]], progress: Progress | None) -> Points:
-    first = part_of(progress, 0.0, 0.6)  # the first column reads everything from the disk
-    positions = _stack([columns.pop(name) for name in "xyz"], first)
+def _to_chunk(columns: Columns, types: dict[str, np.dtype[Any]], share: float) -> Chunk:
+    positions = _stack([columns.pop(name) for name in "xyz"])
     normals = next((names for names in NORMALS if columns.keys() >= set(names)), ())
     colors = next((names for names in COLORS if columns.keys() >= set(names)), ())
-    return Points(
-        positions,
-        _stack([columns.pop(name) for name in normals], part_of(progress, 0.6, 0.8)) if normals else None,
-        _to_uint8(_stack([columns.pop(name) for name in colors]), types[colors[0]]) if colors else None,
-        columns,
-    )
+    stacked = [
+        _stack([_typed(columns.pop(n), types[n]) for n in names]) if names else None for names in (normals, colors)
+    ]
+    attributes = {name: np.array(_typed(column, types[name])) for name, column in columns.items()}
+    return Chunk(positions, stacked[0], stacked[1], attributes, share)
 
 
-def _stack(columns: Sequence[NDArray[Any]], progress: Progress | None = None) -> NDArray[Any]:
-    dtype = np.result_type(*(column.dtype.newbyteorder("=") for column in columns))
-    rows = np.empty((len(columns[0]), len(columns)), dtype)
-    for start in range(0, len(rows), STACKED):
-        part = slice(start, start + STACKED)
-        for i, column in enumerate(columns):
-            rows[part, i] = column[part]
-        tell(progress, min(part.stop / len(rows), 1.0))
-    return rows
+def _typed(column: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
+    """Numbers of an ascii file as what the header says they are; those that do not fit stay floats."""
+    if column.dtype.kind != "f" or stored.kind == "f":
+        return column.astype(stored, copy=False)
+    limits = np.iinfo(stored)
+    whole = np.isfinite(column).all() and (column == np.rint(column)).all()
+    fits = whole and column.min() >= limits.min and column.max() <= limits.max
+    return column.astype(stored) if fits else column
 
 
-def _to_uint8(colors: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
-    """8-bit colours from a file's: 8 or 16 bits, 8 bits in a wider integer or float, or floats from 0 to 1."""
-    if colors.dtype == np.uint8:
-        return colors
-    if stored == np.int8 and colors.min() < 0:
-        return colors.astype(np.int8).view(np.uint8)
-    low, high = colors.min(), colors.max()
-    if stored.kind == "f":
-        eight_bits = 2 < high <= 255 and low >= 0
-        return np.rint(colors).astype(np.uint8) if eight_bits else colors
-    if not (low >= 0 and high <= 65535):
-        raise ValueError(f"its colours reach from {low} to {high}, not 0 to 255 or 65535")
-    return np.rint(colors / (1 if high <= 255 else 257)).astype(np.uint8)
+def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    return np.stack(columns, axis=1).astype(np.result_type(*(c.dtype.newbyteorder("=") for c in columns)), copy=False)
 
 
-def write(file: io.BufferedIOBase, points: Points) -> None:
-    """Write all that the points hold, binary little-endian."""
+def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
+    """Write all that the points hold, binary little-endian; returns what PLY cannot hold."""
     columns: Columns = {}
-    positions = points.world if points.origin.any() else points.positions
-    _add(columns, "xyz", positions)
+    _add(columns, "xyz", points.positions)
     if points.normals is not None:
         _add(columns, NORMALS[0], points.normals)
     if points.colors is not None:
         _add(columns, COLORS[0], points.colors)
+    words: list[str] = []
     for name, values in points.attributes.items():
-        flat = values.ndim == 1
-        _add(
-            columns,
-            [name] if flat else [f"{name}_{i}" for i in range(values.shape[1])],
-            values.reshape(len(points), -1),
-        )
-    rows = np.empty(len(points), [(name, column.dtype) for name, column in columns.items()])
-    for name, column in columns.items():
-        rows[name] = column
-    PlyData([PlyElement.describe(rows, "vertex")], byte_order="<").write(file)
+        flat = _fitting(values, name, words).reshape(len(points), -1)
+        _add(columns, [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(flat.shape[1])], flat)
+    dtype = np.dtype([(name, column.dtype) for name, column in columns.items()])
+    moved = bool(points.origin.any())
+    if moved:
+        dtype = np.dtype([(n, np.float64 if n in ("x", "y", "z") else dtype[n]) for n in columns])
+    comments = [f"crs {' '.join(points.crs.split())}"] if points.crs else []
+    if points.survey.stations and len(points.survey.stations) > 0:
+        words.append("cannot hold where the scanners stood")
+    empty = PlyElement.describe(np.empty(0, dtype), "vertex")
+    header = PlyData([empty], byte_order="<", comments=comments).header
+    file.write(re.sub(r"(?m)^element vertex 0$", f"element vertex {len(points)}", header).encode("ascii") + b"\n")
+    for start in range(0, len(points), CHUNK):
+        part = slice(start, start + CHUNK)
+        rows = np.empty(len(points.positions[part]), dtype.newbyteorder("<"))
+        for k, (name, column) in enumerate(columns.items()):
+            rows[name] = column[part] + points.origin[k] if moved and k < 3 else column[part]
+        file.write(rows.data)
+        tell(progress, min(part.stop / len(points), 1.0))
+    return words
+
+
+def _fitting(values: NDArray[Any], name: str, words: list[str]) -> NDArray[Any]:
+    """Values of a type that PLY has: it has no bools and no whole numbers of 8 bytes."""
+    if values.dtype == np.bool_:
+        return values.astype(np.uint8)
+    if values.dtype not in (np.int64, np.uint64):
+        return values
+    for dtype in (np.int32, np.uint32):
+        if len(values) and values.min() >= np.iinfo(dtype).min and values.max() <= np.iinfo(dtype).max:
+            return values.astype(dtype)
+    floats = values.astype(np.float64)
+    if (np.abs(floats) > 2**53).any():
+        words.append(f"keeps {name} as floats of 8 bytes, which round its largest numbers")
+    return floats
 
 
 def _add(columns: Columns, names: Sequence[str], values: NDArray[Any]) -> None:
@@ -285,3 +312,19 @@ def _add(columns: Columns, names: Sequence[str], values: NDArray[Any]) -> None:
             reason = "it stands for something else" if name in columns else "only ASCII without spaces is allowed"
             raise ValueError(f"a PLY file cannot hold an attribute named {name!r}: {reason}")
         columns[name] = column
+
+
+FORMAT = Format(
+    "PLY",
+    (".ply",),
+    recognise,
+    PlySource,
+    {
+        "positions": "x, y, z of the vertices",
+        "normals": "nx, ny, nz or normal_x, normal_y, normal_z",
+        "colors": "red, green, blue, or r, g, b, or diffuse_red, diffuse_green, diffuse_blue",
+        "attributes": "all other properties but lists, with their types",
+        "survey": "the coordinate system, as a comment that begins with crs",
+    },
+    write=write,
+)

@@ -1,0 +1,278 @@
+"""Gathering: the chunks of one file or of several become one cloud."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import SAMPLE, Points, check_count, choose_origin
+from ..memory import check_memory
+from ..progress import Progress, part_of, tell
+from ..survey import RESIDUAL, SCAN, Survey
+from .colors import to_uint8
+from .formats._source import Chunk, Listing, Source
+from .selection import Selection, Thinning, lengths
+
+READ = 0.8  # the share of the time after which files are read, and their chunks are joined
+GREY = 128  # sRGB of points whose file has no colours, beside files that have
+SAFE = 2**22  # of whole numbers as large float32 loses nothing
+WAYS_OUT = "read fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
+
+Arrays = list[NDArray[Any]]
+
+
+class Part(NamedTuple):
+    """What is read of a file."""
+
+    name: str
+    chunks: list[Chunk]
+    survey: Survey
+
+
+class Opener(NamedTuple):
+    """A file: its name for messages, and what opens it."""
+
+    name: str
+    open: Callable[[], Source]
+
+
+def gather(files: Sequence[Opener], selection: Selection, progress: Progress | None) -> Points:
+    """Read files one after the other into one cloud.
+
+    Columns that only some files have are filled in the others: NaN in floats, 0 in whole numbers, grey, and the
+    normal 0, which stands for one that is missing; a warning tells.
+
+    Raises
+    ------
+    ValueError
+        If a file is damaged, the files have different coordinate systems, nothing is chosen, or more memory is needed
+        than is available.
+    """
+    listings = [_named(file.name, partial(_listing_of, file)) for file in files]
+    _check_memory(listings, selection)
+    known = not selection.filters and all(listing.count is not None for listing in listings)
+    total = sum(listing.rows for listing in listings)
+    thinning = Thinning(selection.max_points, sum(_every(x.rows, selection.every) for x in listings) if known else None)
+    parts: list[Part] = []
+    done = 0.0
+    for file, listing in zip(files, listings, strict=True):
+        share = READ * (listing.rows / total if total else 1 / len(files))
+        watch = part_of(progress, done, done + share)
+        parts.append(_named(file.name, partial(_read, file, selection, thinning, parts, watch)))
+        done += share
+    if not any(len(chunk.positions) for part in parts for chunk in part.chunks):
+        what = "holds no points" if selection.is_all else "holds no points that are chosen"
+        raise ValueError(
+            f"{files[0].name}: {what}" if len(files) == 1 else f"none of the {len(files)} files {what[6:]}"
+        )
+    work = partial(_joined, parts, part_of(progress, READ, 1.0))
+    return _named(files[0].name, work) if len(files) == 1 else work()
+
+
+def _named(name: str, work: Callable[[], Any]) -> Any:
+    """What work returns; its ValueError gets a file's name, in one line."""
+    try:
+        return work()
+    except ValueError as error:
+        raise ValueError(f"{name}: {' '.join(str(error).split())}") from error
+
+
+def _listing_of(file: Opener) -> Listing:
+    with file.open() as source:
+        return source.listing
+
+
+def _every(rows: int, every: int) -> int:
+    return -(-rows // every)
+
+
+def _check_memory(listings: Sequence[Listing], selection: Selection) -> None:
+    """ValueError if the chosen rows do not fit into memory."""
+    rows = [_every(listing.rows, selection.every) for listing in listings]
+    if selection.filters:
+        return  # how many are chosen is not known
+    chosen = min(sum(rows), selection.max_points or sum(rows))
+    check_count(chosen)
+    need = int(chosen / max(sum(rows), 1) * sum(n * x.row for n, x in zip(rows, listings, strict=True)))
+    try:
+        check_memory(need, f"to read {chosen:,} points")
+    except ValueError as error:
+        raise ValueError(f"{error}; {WAYS_OUT}") from None
+
+
+def _read(
+    file: Opener, selection: Selection, thinning: Thinning, before: list[Part], progress: Progress | None
+) -> Part:
+    """The chosen rows of a file; `before`, the parts of earlier files, is thinned with it if there are too many."""
+    chunks: list[Chunk] = []
+    with file.open() as source:
+        for chunk, start in lengths(source.chunks()):
+            tell(progress, min(chunk.share, 1.0))
+            chosen = thinning.apply(selection.apply(chunk, start))
+            if len(chosen.positions) or not chunks:
+                chunks.append(chosen)
+            if thinning.is_over(len(chosen.positions)):
+                every = [c for part in before for c in part.chunks] + chunks
+                every = thinning.halve(every)
+                for part in before:
+                    part.chunks[:], every = every[: len(part.chunks)], every[len(part.chunks) :]
+                chunks = every
+        return Part(file.name, chunks, source.listing.survey)
+
+
+# -------------------------------------------------------------------------------------------------------- joining
+
+
+def _joined(parts: list[Part], progress: Progress | None) -> Points:
+    """One cloud of all parts, whose chunks are freed on the way."""
+    parts = [part for part in parts if part.chunks]
+    survey = _common(parts)
+    scans = _scans(parts)
+    counts = [[len(chunk.positions) for chunk in part.chunks] for part in parts]
+    check_count(sum(map(sum, counts)))
+    normals = _column(parts, "normals", [chunk.normals for part in parts for chunk in part.chunks], counts, 0.0)
+    colors = _colors(parts, counts)
+    names = dict.fromkeys(name for part in parts for name in part.chunks[0].attributes)
+    attributes = {}
+    for k, name in enumerate(names):
+        tell(progress, k / (len(names) + 2))
+        columns = [chunk.attributes.get(name) for part in parts for chunk in part.chunks]
+        column = _column(parts, name, columns, counts, np.nan)
+        assert column is not None
+        attributes[name] = column
+    if scans is not None:
+        attributes[SCAN] = scans
+    positions = [chunk.positions for part in parts for chunk in part.chunks]
+    for part in parts:
+        part.chunks.clear()
+    tell(progress, 0.9)
+    origin, local, residual = _about_origin(positions, survey)
+    if residual is not None:
+        attributes[RESIDUAL] = residual
+    return Points.about(origin, local, normals, colors, attributes, survey)
+
+
+def _column(
+    parts: list[Part], name: str, columns: list[NDArray[Any] | None], counts: list[list[int]], missing: float
+) -> NDArray[Any] | None:
+    """The column of all chunks; chunks without it get a value that says so. None if no chunk has it."""
+    some = [column for column in columns if column is not None]
+    if not some:
+        return None
+    shapes = {column.shape[1:] for column in some}
+    if len(shapes) > 1:
+        raise ValueError(f"the attribute {name!r} has different numbers of columns in the files")
+    dtype = np.result_type(*(column.dtype.newbyteorder("=") for column in some))
+    flat = [count for part in counts for count in part]
+    if len(some) < len(columns):
+        without = ", ".join(
+            part.name
+            for part in parts
+            if getattr(part.chunks[0], name, None) is None and (name not in part.chunks[0].attributes)
+        )
+        warnings.warn(f"without {name}, which other files have: {without}", stacklevel=2)
+    if len(some) == len(columns) == 1 and some[0].dtype == dtype:
+        return some[0]
+    out = np.empty((sum(flat), *shapes.pop()), dtype)
+    start = 0
+    for k, count in enumerate(flat):
+        column, columns[k] = columns[k], None
+        out[start : start + count] = column if column is not None else missing if dtype.kind == "f" else 0
+        start += count
+    return out
+
+
+def _colors(parts: list[Part], counts: list[list[int]]) -> NDArray[np.uint8] | None:
+    columns = [chunk.colors for part in parts for chunk in part.chunks]
+    made = iter(to_uint8([column[:, :3] for column in columns if column is not None]))
+    bytes_or_none: list[NDArray[Any] | None] = [None if column is None else next(made) for column in columns]
+    if all(column is None for column in columns):
+        return None
+    for k, (column, count) in enumerate(zip(columns, [n for part in counts for n in part], strict=True)):
+        if column is None:
+            bytes_or_none[k] = np.full((count, 3), GREY, np.uint8)
+    without = ", ".join(part.name for part in parts if part.chunks[0].colors is None)
+    if without:
+        warnings.warn(f"without colors, which other files have: grey: {without}", stacklevel=2)
+    return np.concatenate([column for column in bytes_or_none if column is not None])
+
+
+def _about_origin(
+    positions: Arrays, survey: Survey
+) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[Any] | None]:
+    """The origin, positions about it, and what these lose of a file's whole numbers, None if nothing."""
+    total = sum(map(len, positions))
+    step, start, sample = -(-total // SAMPLE), 0, []
+    for chunk in positions:
+        sample.append(chunk[-start % step :: step])
+        start += len(chunk)
+    origin = choose_origin(np.concatenate(sample), total)
+    if len(positions) == 1 and positions[0].dtype == np.float32 and not origin.any():
+        return origin, positions[0], None
+    local, residual, start = np.empty((total, 3), np.float32), None, 0
+    for k, chunk in enumerate(positions):
+        rows = slice(start, start + len(chunk))
+        with np.errstate(over="ignore"):  # too large a number becomes infinite: the row is not finite
+            local[rows] = np.subtract(chunk, origin, dtype=np.float64) if origin.any() else chunk
+        lost = _lost(chunk, local[rows] + origin, origin, survey)
+        if lost is not None:
+            residual = np.zeros((total, 3), np.int32) if residual is None else residual
+            residual[rows] = lost
+        positions[k] = chunk[:0]
+        start += len(chunk)
+    return origin, local, residual
+
+
+def _lost(
+    chunk: NDArray[Any], world: NDArray[np.float64], origin: NDArray[np.float64], survey: Survey
+) -> NDArray[np.int64] | None:
+    """What float32 loses of a chunk's whole numbers, (n, 3); None if nothing, or if the file has none."""
+    if survey.scale is None or not len(chunk):
+        return None
+    if (np.abs(world - origin).max(axis=0) < SAFE * np.array(survey.scale)).all():
+        return None
+    lost = survey.numbers_of(chunk) - survey.numbers_of(world)
+    return lost if lost.any() else None
+
+
+def _common(parts: list[Part]) -> Survey:
+    """What all parts say of their coordinates; ValueError if they say different things."""
+    for name, noun in (("crs", "coordinate systems"), ("unit", "units")):
+        said = {getattr(part.survey, name): part.name for part in reversed(parts) if getattr(part.survey, name)}
+        if len(said) > 1:
+            (a, first), (b, second) = list(said.items())[:2]
+            raise ValueError(
+                f"{first} and {second} have different {noun}, {a[:60]!r} and {b[:60]!r}: convert one of them"
+            )
+    crs, unit = (next((getattr(p.survey, n) for p in parts if getattr(p.survey, n)), None) for n in ("crs", "unit"))
+    stations = tuple(station for part in parts for station in part.survey.stations)
+    first = parts[0].survey
+    alike = first.scale is not None and all(_same_grid(first, part.survey) for part in parts[1:])
+    grid = (first.scale, first.offset) if alike else (None, None)
+    return Survey(crs, unit, *grid, stations)
+
+
+def _same_grid(one: Survey, other: Survey) -> bool:
+    """Whether the whole numbers of one file are whole numbers of the other."""
+    if one.scale is None or one.scale != other.scale:
+        return False
+    steps = (np.array(other.offset) - np.array(one.offset)) / np.array(one.scale)
+    return bool((np.abs(steps - np.rint(steps)) < 1e-4).all())
+
+
+def _scans(parts: list[Part]) -> NDArray[Any] | None:
+    """The station of each row where several parts have stations, counted over all parts; None if parts are as read."""
+    if len(parts) == 1 or not any(part.survey.stations for part in parts):
+        return None
+    rows, start = [], 0
+    for part in parts:
+        for chunk in part.chunks:
+            own = chunk.attributes.get(SCAN, np.zeros(len(chunk.positions), np.int64))
+            rows.append(np.asarray(own, np.int64) + start if part.survey.stations else np.full(len(own), -1))
+        start += len(part.survey.stations)
+    return np.concatenate(rows).astype(np.int32)

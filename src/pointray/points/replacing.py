@@ -1,0 +1,170 @@
+"""How a file is replaced: what is new is written beside it, and gets its name when all is written."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import re
+import secrets
+import stat
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if sys.platform != "win32":
+    import fcntl
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+BESIDE = re.compile(r"\.pointray-[0-9a-f]{16}(\..*)?")  # names of files that are to replace others
+BUFFER = 1 << 20  # bytes
+_swept: set[Path] = set()
+
+
+def check_regular(path: str | os.PathLike[str]) -> Path:
+    """The path of an existing regular file; OSError for others, such as a folder, or a pipe that would block."""
+    file = Path(path)
+    if not stat.S_ISREG(file.stat().st_mode):
+        number = errno.EISDIR if file.is_dir() else errno.EINVAL
+        raise OSError(number, "not a regular file", str(file))
+    return file
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Raise the OSError that writing `path` would raise, before the work is done."""
+    file = Path(path)
+    folder = file.parent
+    if not folder.is_dir():
+        raise FileNotFoundError(errno.ENOENT, f"cannot write {file.name}: there is no such folder", str(folder))
+    if file.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "cannot write: it is a folder", str(file))
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, f"cannot write {file.name}: no permission in the folder", str(folder))
+
+
+class Replacement(io.BufferedIOBase):
+    """A new file beside the one that it will replace: a stream to write to, and its path for writers that need one.
+
+    An error is remembered and raised at the end too, even if a library hid it. There is no file descriptor: Pillow
+    would write to it, and takes a truncated write for a complete one. A caller that writes to the path must check by
+    itself that all of it was written.
+
+    A lock is held until the file has its name: an unlocked file was left by a process that has been killed.
+
+    Attributes
+    ----------
+    path : path
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.path, self._lock = _new_beside(file)
+        self._file = self.path.open("r+b", BUFFER)
+        self._error: OSError | None = None
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        with self._remembering():
+            return self._file.write(data)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        with self._remembering():  # it writes the buffer
+            return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def flush(self) -> None:
+        if not self._file.closed:
+            with self._remembering():
+                self._file.flush()
+
+    def take_place_of(self, file: Path) -> None:
+        """Replace the file once all data has reached the disk; OSError if any of it has not."""
+        self.flush()
+        with self._remembering():
+            os.fsync(self._file.fileno())
+            self._file.close()
+        if self._error is not None:
+            raise self._error
+        if sys.platform == "win32":  # an open file cannot be replaced there
+            os.close(self._lock)
+        self.path.replace(file)
+        if sys.platform != "win32":
+            os.close(self._lock)
+
+    def discard(self) -> None:
+        """Remove the new file."""
+        for close in (self._file.close, lambda: os.close(self._lock)):
+            with suppress(OSError):  # the disk may be full, but the file is removed anyway
+                close()
+        self.path.unlink(missing_ok=True)
+
+    @contextmanager
+    def _remembering(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self._error = self._error or error
+            raise
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
+    """A file in the same folder to write to: it replaces `path` at the end, or is removed if anything is raised."""
+    check_writable(path)
+    file = Path(os.path.realpath(path))  # the file that a link points to, not the link
+    sweep(file.parent)
+    beside = Replacement(file)
+    try:
+        yield beside
+        beside.take_place_of(file)
+    except BaseException:  # Ctrl-C too
+        beside.discard()
+        raise
+
+
+def sweep(folder: Path) -> None:
+    """Remove unfinished new files that killed processes have left; once for each folder."""
+    if folder in _swept:
+        return
+    _swept.add(folder)
+    with suppress(OSError), os.scandir(folder) as entries:
+        for path in [entry.path for entry in entries if BESIDE.fullmatch(entry.name)]:
+            with suppress(OSError):  # a process holds it, or it is another user's
+                _remove_left(path)
+
+
+def _new_beside(file: Path) -> tuple[Path, int]:
+    """A new empty file in the same folder, and the descriptor that holds its lock."""
+    while True:
+        path = file.with_name(f".pointray-{secrets.token_hex(8)}{file.suffix}")
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        if sys.platform == "win32":
+            return path, lock
+        with suppress(OSError):  # without locks on a file system, left files are not removed
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        with suppress(FileNotFoundError):  # another process removed it before it was locked
+            if os.path.samestat(os.fstat(lock), path.stat()):
+                return path, lock
+        os.close(lock)
+
+
+def _remove_left(path: str) -> None:
+    """Remove an unfinished new file; OSError if a process holds it, here or on another machine."""
+    if sys.platform == "win32":
+        os.unlink(path)  # fails while it is open
+        return
+    lock = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.unlink(path)
+    finally:
+        os.close(lock)

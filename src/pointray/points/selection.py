@@ -1,0 +1,177 @@
+"""Selection: which rows of a file become points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import check_whole
+from .formats._source import Chunk
+
+Values = Mapping[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which rows of a file become points: all of these conditions hold.
+
+    Attributes
+    ----------
+    every : int
+        Every so many rows one: the first, and so on. It counts rows of the file, whatever else is left out.
+    max_points : int or None
+        At most so many, evenly spread over the rows.
+    bounds : (2, 3) float64 or None
+        World box, its faces included.
+    keep, drop : dict of str to tuple of float
+        Values of an attribute: rows with one of these, rows with none of these.
+    """
+
+    every: int = 1
+    max_points: int | None = None
+    bounds: NDArray[np.float64] | None = None
+    keep: Values | None = None
+    drop: Values | None = None
+
+    def __post_init__(self) -> None:
+        check_whole(self.every, "every", 1)
+        if self.max_points is not None:
+            check_whole(self.max_points, "max_points", 1, or_none=True)
+        if self.bounds is not None:
+            object.__setattr__(self, "bounds", checked_bounds(self.bounds))
+        for name in ("keep", "drop"):
+            object.__setattr__(self, name, _checked_values(getattr(self, name), name))
+
+    @property
+    def filters(self) -> bool:
+        """Whether the number of rows is unknown until they are read."""
+        return self.bounds is not None or bool(self.keep) or bool(self.drop)
+
+    @property
+    def is_all(self) -> bool:
+        """Whether all rows become points."""
+        return self.every == 1 and self.max_points is None and not self.filters
+
+    def apply(self, chunk: Chunk, start: int) -> Chunk:
+        """The rows of a chunk that are chosen by all but `max_points`; start : the number of its first row."""
+        if self.every > 1:
+            chunk = chunk.select(slice(-start % self.every, None, self.every))
+        if not self.filters or not len(chunk.positions):
+            return chunk
+        rows = np.ones(len(chunk.positions), np.bool_)
+        if self.bounds is not None:
+            low, high = self.bounds
+            for axis in range(3):
+                column = chunk.positions[:, axis]
+                rows &= (column >= low[axis]) & (column <= high[axis])
+        for values, wanted in ((self.keep, True), (self.drop, False)):
+            for name, some in (values or {}).items():
+                rows &= np.isin(_column(chunk, name), some) == wanted
+        return chunk if rows.all() else chunk.select(rows)
+
+
+def checked_bounds(value: Any) -> NDArray[np.float64]:
+    """Two opposite corners of a box, (2, 3) float64, as an array or as six numbers: the least ones, the greatest."""
+    try:
+        box = np.asarray(value, np.float64).reshape(2, 3)
+    except (TypeError, ValueError):
+        raise ValueError(f"bounds must be x0,y0,z0,x1,y1,z1, not {value!r}") from None
+    if np.isnan(box).any() or not (box[0] <= box[1]).all():
+        raise ValueError(f"bounds must be x0,y0,z0,x1,y1,z1, the least ones first, not {box.reshape(-1).tolist()}")
+    return box
+
+
+class Thinning:
+    """Keeps at most so many of the chunks' rows, evenly spread, however many come.
+
+    With a known number of rows exactly `limit` are kept. Otherwise every so manieth row is; whenever there are too
+    many, every second one of them goes.
+
+    Parameters
+    ----------
+    limit : int or None
+    count : int or None
+        The number of rows that will come.
+    """
+
+    def __init__(self, limit: int | None, count: int | None) -> None:
+        self.limit = limit
+        self._count = None if limit is None or count is None or count <= limit else count
+        self._whole = limit is None or (count is not None and count <= limit)
+        self._step, self._seen, self._kept = 1, 0, 0
+
+    def apply(self, chunk: Chunk) -> Chunk:
+        """The rows of the next chunk that stay."""
+        n, start = len(chunk.positions), self._seen
+        self._seen += n
+        if self._whole or not n:
+            return chunk
+        if self._count is not None:
+            assert self.limit is not None
+            rows = np.arange(start, start + n) * self.limit
+            return chunk.select((rows + self.limit) // self._count > rows // self._count)
+        return chunk.select(slice(-start % self._step, None, self._step))
+
+    def is_over(self, more: int) -> bool:
+        """Whether there are too many rows, with so many more that are kept: `halve` is due."""
+        self._kept += more
+        return not self._whole and self._count is None and self.limit is not None and self._kept > self.limit
+
+    def halve(self, chunks: list[Chunk]) -> list[Chunk]:
+        """All chunks so far, thinned until they fit."""
+        assert self.limit is not None
+        while self._kept > self.limit:
+            self._step *= 2
+            thinner, start = [], 0
+            for chunk in chunks:
+                thinner.append(_copied(chunk.select(slice(start % 2, None, 2))))
+                start += len(chunk.positions)
+            chunks, self._kept = thinner, -(-start // 2)
+        return chunks
+
+
+def _copied(chunk: Chunk) -> Chunk:
+    """The chunk with arrays of its own, so that larger ones become free."""
+    normals, colors = (None if a is None else a.copy() for a in (chunk.normals, chunk.colors))
+    attributes = {name: values.copy() for name, values in chunk.attributes.items()}
+    return Chunk(chunk.positions.copy(), normals, colors, attributes, chunk.share)
+
+
+def _column(chunk: Chunk, name: str) -> NDArray[Any]:
+    if name not in chunk.attributes:
+        known = ", ".join(sorted(chunk.attributes)) or "none"
+        raise ValueError(f"has no attribute {name!r} to choose by; there are: {known}")
+    values = chunk.attributes[name]
+    if values.ndim > 1:
+        raise ValueError(f"cannot choose by the attribute {name!r}: it has {values.shape[1]} columns")
+    return values
+
+
+def _checked_values(values: Any, name: str) -> dict[str, tuple[float, ...]] | None:
+    if values is None:
+        return None
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{name} must be a dict of attributes to values, not {values!r}")
+    return {str(key): _numbers(some, f"{name}: {key}") for key, some in values.items()}
+
+
+def _numbers(some: Any, name: str) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(x) for x in np.atleast_1d(np.asarray(some, np.float64)).reshape(-1))
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be numbers, not {some!r}") from None
+    if not numbers:
+        raise ValueError(f"{name} must be at least one number")
+    return numbers
+
+
+def lengths(chunks: Iterator[Chunk]) -> Iterator[tuple[Chunk, int]]:
+    """Chunks with the number of the row that each begins with."""
+    start = 0
+    for chunk in chunks:
+        yield chunk, start
+        start += len(chunk.positions)

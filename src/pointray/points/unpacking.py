@@ -1,0 +1,51 @@
+"""Packed files, .gz and .zst: unpacked into a temporary file, as readers need to seek."""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from ..extras import require
+
+PACKED = {".gz": b"\x1f\x8b", ".zst": b"\x28\xb5\x2f\xfd"}  # by the usual extension: the first bytes
+BLOCK = 1 << 20  # bytes
+SPARE = 1 << 28  # bytes of the disk that stay free
+
+
+def packing_of(file: Path) -> str | None:
+    """How a file is packed, as an extension; None if it is not, or cannot be opened."""
+    with file.open("rb") as stream:
+        head = stream.read(4)
+    return next((name for name, magic in PACKED.items() if head.startswith(magic)), None)
+
+
+@contextmanager
+def unpacked(file: Path) -> Iterator[Path]:
+    """A temporary file with the contents of a packed one; ValueError if these are damaged or do not fit on the disk."""
+    packing = packing_of(file)
+    with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
+        path = Path(folder) / (file.stem if file.suffix.lower() in PACKED else file.name)
+        try:
+            with file.open("rb") as raw, _reader(raw, packing, file) as stream, path.open("wb") as out:
+                while block := stream.read(BLOCK):
+                    if shutil.disk_usage(folder).free < len(block) + SPARE:
+                        raise ValueError(f"{file}: is too large to unpack: the disk of {folder} is full")
+                    out.write(block)
+        except (EOFError, gzip.BadGzipFile) as error:
+            raise ValueError(f"{file}: is damaged or cut off: {error}") from error
+        except Exception as error:
+            if isinstance(error, OSError | ValueError):
+                raise
+            raise ValueError(f"{file}: is damaged or cut off: {error}") from error  # zlib.error, ZstdError
+        yield path
+
+
+def _reader(raw: IO[bytes], packing: str | None, file: Path) -> Any:
+    if packing == ".gz":
+        return gzip.GzipFile(fileobj=raw)
+    return require("backports.zstd", "files", str(file)).ZstdFile(raw)

@@ -1,0 +1,75 @@
+"""Survey: what a file says of where its points lie on Earth, how they were measured and from where."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+SCAN = "scan"  # the attribute that tells from which station each point was seen: a row of `Survey.stations`
+
+RESIDUAL = "grid_residual"  # the attribute for what float32 loses of a file's whole numbers, in steps of `Survey.scale`
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What a file says of its coordinates, carried along with the points and written again.
+
+    Attributes
+    ----------
+    crs : str or None
+        The coordinate reference system: well-known text, or a code like "EPSG:25832".
+    unit : str or None
+        The unit of the coordinates, in words: "metre".
+    scale, offset : (3,) tuple of float or None
+        The file's coordinates are whole numbers: coordinate = offset + scale * number (LAS).
+    stations : tuple of (3,) tuple of float
+        Where scanners stood, world coordinates. With more than one, the attribute `SCAN` tells each point's.
+
+    Raises
+    ------
+    ValueError
+        If a value has another type, a scale is not positive or a number is not finite.
+    """
+
+    crs: str | None = None
+    unit: str | None = None
+    scale: tuple[float, float, float] | None = None
+    offset: tuple[float, float, float] | None = None
+    stations: tuple[tuple[float, float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("crs", "unit"):
+            if not isinstance(getattr(self, name), str | None):
+                raise ValueError(f"survey: {name} must be a text or None, not {getattr(self, name)!r}")
+        for name in ("scale", "offset"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _triple(value, name))
+        if (self.scale is None) != (self.offset is None):
+            raise ValueError("survey: scale and offset are given together, or not at all")
+        if self.scale is not None and min(self.scale) <= 0:
+            raise ValueError(f"survey: scale must be positive, not {self.scale}")
+        object.__setattr__(self, "stations", tuple(_triple(station, "a station") for station in self.stations))
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What it holds, as values of JSON, for `Survey(**facts)`."""
+        return {name: value for name, value in asdict(self).items() if value not in (None, ())}
+
+    def numbers_of(self, world: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The whole numbers that coordinates (n, 3) are in a file with this scale and offset, (n, 3) int64."""
+        numbers = np.rint((world - np.array(self.offset)) / np.array(self.scale))
+        return np.asarray(np.nan_to_num(numbers), np.int64)
+
+
+def _triple(value: Any, name: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in value)
+    except (TypeError, ValueError):
+        raise ValueError(f"survey: {name} must be three numbers, not {value!r}") from None
+    if not np.isfinite((x, y, z)).all():
+        raise ValueError(f"survey: {name} must be finite, not {(x, y, z)}")
+    return x, y, z
