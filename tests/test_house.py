@@ -16,7 +16,18 @@ PACKAGE = Path(pointray.__file__).parent
 # top.
 TOWER = [
     *("jit", "simd", "arguments", "choices", "extras", "progress", "memory", "kernels", "survey", "data"),
-    *("neighbors", "points", "tree", "splats", "intersect", "trace", "array_file", "model_file", "model"),
+    *(
+        "neighbors",
+        "points",
+        "tree",
+        "splats",
+        "intersect",
+        "trace",
+        "array_file",
+        "model_file",
+        "model",
+        "model_cache",
+    ),
     *("shade", "image", "scene", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]

@@ -54,7 +54,7 @@ def gather(files: Sequence[Opener], selection: Selection, progress: Progress | N
         than is available.
     """
     listings = [_named(file.name, partial(_listing_of, file)) for file in files]
-    _check_memory(listings, selection)
+    _named(files[0].name if len(files) == 1 else f"{len(files)} files", partial(_check_memory, listings, selection))
     known = not selection.filters and all(listing.count is not None for listing in listings)
     total = sum(listing.rows for listing in listings)
     thinning = Thinning(selection.max_points, sum(_every(x.rows, selection.every) for x in listings) if known else None)
@@ -99,8 +99,12 @@ def _check_memory(listings: Sequence[Listing], selection: Selection) -> None:
     chosen = min(sum(rows), selection.max_points or sum(rows))
     check_count(chosen)
     need = int(chosen / max(sum(rows), 1) * sum(n * x.row for n, x in zip(rows, listings, strict=True)))
+    _check_bytes(need, f"to read {chosen:,} points")
+
+
+def _check_bytes(need: int, what: str) -> None:
     try:
-        check_memory(need, f"to read {chosen:,} points")
+        check_memory(need, what)
     except ValueError as error:
         raise ValueError(f"{error}; {WAYS_OUT}") from None
 
@@ -111,11 +115,13 @@ def _read(
     """The chosen rows of a file; `before`, the parts of earlier files, is thinned with it if there are too many."""
     chunks: list[Chunk] = []
     with file.open() as source:
+        listing = source.listing
         for chunk, start in lengths(source.chunks()):
             tell(progress, min(chunk.share, 1.0))
             chosen = thinning.apply(selection.apply(chunk, start))
             if len(chosen.positions) or not chunks:
                 chunks.append(chosen)
+            _check_bytes(listing.row * len(chosen.positions), "to read on")
             if thinning.is_over(len(chosen.positions)):
                 every = [c for part in before for c in part.chunks] + chunks
                 every = thinning.halve(every)
@@ -242,19 +248,24 @@ def _lost(
 
 def _common(parts: list[Part]) -> Survey:
     """What all parts say of their coordinates; ValueError if they say different things."""
-    for name, noun in (("crs", "coordinate systems"), ("unit", "units")):
-        said = {getattr(part.survey, name): part.name for part in reversed(parts) if getattr(part.survey, name)}
-        if len(said) > 1:
-            (a, first), (b, second) = list(said.items())[:2]
-            raise ValueError(
-                f"{first} and {second} have different {noun}, {a[:60]!r} and {b[:60]!r}: convert one of them"
-            )
-    crs, unit = (next((getattr(p.survey, n) for p in parts if getattr(p.survey, n)), None) for n in ("crs", "unit"))
+    crs = _agreed({part.name: part.survey.crs for part in parts}, "coordinate systems")
+    unit = _agreed({part.name: part.survey.unit for part in parts}, "units")
     stations = tuple(station for part in parts for station in part.survey.stations)
     first = parts[0].survey
     alike = first.scale is not None and all(_same_grid(first, part.survey) for part in parts[1:])
-    grid = (first.scale, first.offset) if alike else (None, None)
-    return Survey(crs, unit, *grid, stations)
+    return Survey(crs, unit, first.scale if alike else None, first.offset if alike else None, stations)
+
+
+def _agreed(said: dict[str, str | None], noun: str) -> str | None:
+    """The one value that files have, by their names; ValueError if there are two."""
+    known: dict[str, str] = {}
+    for name, value in said.items():
+        if value is not None:
+            known.setdefault(value, name)
+    if len(known) > 1:
+        (one, first), (other, second) = list(known.items())[:2]
+        raise ValueError(f"{first} and {second} have different {noun}, {one[:60]!r} and {other[:60]!r}: convert one")
+    return next(iter(known), None)
 
 
 def _same_grid(one: Survey, other: Survey) -> bool:

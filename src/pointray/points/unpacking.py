@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -48,4 +49,5 @@ def unpacked(file: Path) -> Iterator[Path]:
 def _reader(raw: IO[bytes], packing: str | None, file: Path) -> Any:
     if packing == ".gz":
         return gzip.GzipFile(fileobj=raw)
-    return require("backports.zstd", "files", str(file)).ZstdFile(raw)
+    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return require(module, "files", str(file)).ZstdFile(raw)
