@@ -30,7 +30,8 @@ class Part(NamedTuple):
 
 
 PARTS = {
-    "ply": Part("ply_files", 60_000, 300, 20.0),
+    "ply": Part("ply_files", 40_000, 300, 20.0),
+    "points": Part("point_files", 20_000, 200, 20.0),
     "pointray": Part("model_files", 50_000, 300, 20.0),
     "pointray-checked": Part("model_files", 50_000, 200, 20.0, checked=True),
     "toml": Part("scene_files", 30_000, 150, 30.0),
