@@ -328,13 +328,13 @@ def test_help_and_version_import_nothing_heavy() -> None:
     program = """
 import sys
 from pointray.cli import execute
-commands = "--help", "render --help", "animate --help", "bake --help", "--version"
+commands = "--help", "render --help", "animate --help", "bake --help", "convert --help", "--version"
 status = [execute(arguments.split()) for arguments in commands]
 heavy = {name.split(".")[0] for name in sys.modules} & {"numpy", "numba", "llvmlite", "scipy", "PIL", "plyfile"}
 print(status, sorted(heavy))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-2:] == [pr.__version__, "[0, 0, 0, 0, 0] []"]
+    assert done.stdout.splitlines()[-2:] == [pr.__version__, "[0, 0, 0, 0, 0, 0] []"]
 
 
 # A background job of a shell ignores Ctrl-C; this test needs it in any case.

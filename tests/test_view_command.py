@@ -74,7 +74,7 @@ def test_several_files_and_saved_models_together(scan, start, tmp_path):
     browser = Browser(url, SIZE)
     browser.arrive()
     browser.refined(64)
-    assert browser.last("hello")["title"] == "statue.ply and 1 more"
+    assert browser.last("hello")["title"] == "2 files"
     assert browser.last("place")["bounds"][1] == pytest.approx([4, 4, 4], abs=0.01)
     assert "copy.command" not in browser.controls()
 
@@ -179,8 +179,8 @@ def test_levels_in_the_panel(tmp_path, start, monkeypatch):
     [
         ("nothing.ply", "nothing.ply: No such file or directory"),
         ("note.txt", "note.txt: cannot read .txt"),
-        (".", "not a regular file"),
-        ("scan.ply a.toml", "a scene file is viewed alone"),
+        ("empty", "empty: no file in this folder can be read"),
+        ("scan.ply a.toml", "a.toml: a scene file is taken alone"),
         ("scan.ply --up 0,0,0", "--up must not be zero"),
         ("scan.ply --light moon:1,2,3", "--light must be like"),
         ("scan.ply --background blue", "--background must be three numbers"),
@@ -194,6 +194,7 @@ def test_bad_input(arguments, message, scan, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scan.ply").write_bytes(scan.read_bytes())
     (tmp_path / "note.txt").write_text("x")
+    (tmp_path / "empty").mkdir()
     (tmp_path / "a.toml").write_text("")
     assert execute(["view", *arguments.split()]) == 2
     error = capsys.readouterr().err

@@ -1,11 +1,13 @@
 """The command line: `main`, and the exit status of a run.
 
 commands, options : the commands, a file for each group of them, and the options that several share
+read_options, scan_files : which points of which files are read
 scan_scene, scene_file, views, keys : from a scan or a scene file to a scene and cameras
 outputs, animate : the work of `render` and `animate`
 scan_lights : the lights of a scan, and whether they are baked
 baked_light, bake : where pictures get baked light from, and the work of `bake`
-prepare, report, demo, serve, benchmark : the work of `prepare`, `info`, `demo`, `view` and `bench`
+prepare, convert, demo, serve, benchmark : the work of `prepare`, `convert`, `demo`, `view` and `bench`
+facts, report, tables : the work of `info`: of files, coordinates and attributes, of points, and how they are shown
 waiting : progress bars, and Ctrl-C
 
 Begin with commands.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +17,8 @@ from ..staging import HEADLIGHT
 from ..staging.first_view import ViewChoice
 from .baked_light import LightSource
 from .options import up_axis
-from .scan_scene import APPEARANCE, SURFACE, ScanScene, check_scan
+from .scan_files import ScanFiles, check_result
+from .scan_scene import APPEARANCE, SURFACE, ScanScene
 from .scene_file import DescribedScene
 from .waiting import Progress, in_background, writing
 
@@ -47,27 +47,19 @@ class BakeOutput(NamedTuple):
         return self.path.suffix.lower() == LIGHT
 
 
-def check_output(file: Path, output: BakeOutput, force: bool) -> None:
-    """Raise an error, before any work is done, if the result cannot be written or would overwrite the input."""
+def check_output(output: BakeOutput) -> None:
+    """Raise an error, before any work is done, if the result cannot be written."""
     from ..points.files import written
-    from ..points.replacing import check_writable
 
-    path, points = output.path, ", ".join(written())
-    if path.suffix.lower() not in (*written(), LIGHT):
-        extension = path.suffix or "a file without extension"
-        raise ValueError(f"{path}: cannot write {extension}; can write {points} and {LIGHT}")
     if output.colors and output.is_light:
-        raise ValueError(f"{path}: holds light only; --colors is for {points}")
-    check_writable(path)
-    if not force and path.exists() and file.exists() and os.path.samefile(file, path):
-        raise ValueError(f"{path}: is the input itself; --force overwrites it")
+        raise ValueError(f"{output.path}: holds light only; --colors is for {', '.join(written())}")
+    check_result(output.path, LIGHT)
 
 
-def scan_to_bake(file: Path, options: dict[str, Any]) -> tuple[ScanScene, LightSource]:
+def scan_to_bake(scan: ScanFiles, options: dict[str, Any]) -> tuple[ScanScene, LightSource]:
     """The scene of a scan, and how its light is baked, from all options; a wrong one raises ValueError at once."""
     from ..baking.settings import BakeSettings
 
-    check_scan(file)
     plain = {name: getattr(value, "value", value) for name, value in options.items()}
     for text in plain["light"] or []:
         if text.endswith(",camera") or text == HEADLIGHT:
@@ -78,7 +70,9 @@ def scan_to_bake(file: Path, options: dict[str, Any]) -> tuple[ScanScene, LightS
     surface = {name: plain[name] for name in SURFACE}
     appearance = {name: plain.get(name, AUTO) for name in APPEARANCE}  # of them `background` is no option here
     choice = ViewChoice(up_axis(plain["up"]), azimuth=0.0)  # what is said then names no options of views
-    return ScanScene(file, surface, appearance, choice, normals=plain["normals"], baked=source), source
+    scan_scene = ScanScene(scan, surface, appearance, choice, normals=plain["normals"], baked=source)
+    scan.check()
+    return scan_scene, source
 
 
 def bake_scan(scan_scene: ScanScene, source: LightSource, output: BakeOutput) -> str:

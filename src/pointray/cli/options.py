@@ -37,8 +37,16 @@ Normals = StrEnum("Normals", list(NORMALS))  # type: ignore[misc]
 Filter = StrEnum("Filter", list(FILTERS))  # type: ignore[misc]
 
 SCANS = "a file of points: .ply, .las, .laz, .e57, .pcd, .xyz and more (docs/formats.md)"
+TOGETHER = "Several are one cloud; a folder stands for the scans in it."
 SubjectArgument = Annotated[
-    Path, typer.Argument(help=f"A scan, {SCANS}; a model that prepare has saved: .pointray; or a scene: .toml.")
+    list[Path],
+    typer.Argument(
+        help=f"A scan, {SCANS}. {TOGETHER} Or, alone, a model that prepare has saved: .pointray; or a scene: .toml."
+    ),
+]
+PointsArgument = Annotated[
+    list[Path],
+    typer.Argument(help=f"A scan, {SCANS}. {TOGETHER} Or, alone, a saved model, .pointray: its points."),
 ]
 EyeOption = Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")]
 TargetOption = Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")]

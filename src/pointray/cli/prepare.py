@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 import warnings
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,9 @@ from ..choices import AUTO
 from ..model_file import SAVED
 from ..points.trust import trusted
 from ..splats.radii import radii_in
-from .scan_scene import check_saved, check_scan
+from .read_options import Reading
+from .scan_files import ScanFiles, check_not_input, check_result, scan_of
+from .scan_scene import check_saved
 from .waiting import Progress, in_background, writing
 
 
@@ -31,26 +33,13 @@ def tolerance_of(text: str) -> tuple[float, bool]:
     return (value / 100 if share else value), share
 
 
-def check_output(file: Path, output: Path, force: bool) -> None:
-    """Raise an error, before any work is done, if the result cannot be written or would overwrite the input."""
-    from ..points.files import written
-    from ..points.replacing import check_writable
-
-    if output.suffix.lower() not in (*written(), SAVED):
-        extension = output.suffix or "a file without extension"
-        raise ValueError(f"{output}: cannot write {extension}; can write {', '.join(written())} and {SAVED}")
-    check_writable(output)
-    if not force and output.exists() and file.exists() and os.path.samefile(file, output):
-        raise ValueError(f"{output}: is the input itself; --force overwrites it")
-
-
-def read_scan(file: Path, progress: Progress) -> tuple[Any, Any]:
-    """The points of a file, and its model if it is a saved model, otherwise None."""
+def read_scan(scan: ScanFiles, progress: Progress) -> tuple[Any, Any]:
+    """The points of a scan, and its model if it is a saved model, otherwise None."""
     import pointray as pr
 
-    if file.suffix.lower() != SAVED:
-        return pr.read(file, progress=partial(progress.show, "reading")), None
-    model = pr.Model.load(file)
+    if scan.saved is None:
+        return scan.read(partial(progress.show, "reading")), None
+    model = pr.Model.load(scan.saved)
     return model.points, model
 
 
@@ -60,32 +49,34 @@ def surface_of(settings: Any) -> dict[str, Any]:
     return {"surface": settings.surface, "samples": settings.samples, "refine": settings.refine, "trim": trim}
 
 
-def prepare(file: Path, output: Path, options: dict[str, Any]) -> str:
+def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict[str, Any]) -> str:
     """Do what the options ask for and write the result; returns a line for the user."""
     tolerance = None if options["tolerance"] is None else tolerance_of(options["tolerance"])
     if tolerance is not None and options["count"] is not None:
         raise ValueError("give either --tolerance or --count, not both")
     if options["count"] is not None and options["count"] < 1:
         raise ValueError(f"--count must be 1 or more, not {options['count']}")
-    check_output(file, output, options["force"])
-    check_scan(file)
-    check_saved(file, options["normals"] == AUTO)
+    check_result(output, SAVED)
+    scan = scan_of(paths, reading)
+    check_not_input(scan.files, output, options["force"])
+    check_saved(scan.files[0], options["normals"] == AUTO)
+    scan.check()
     import pointray as pr
 
     with Progress() as progress:
         progress.show("reading", 0.0)
-        read, model = in_background(lambda: read_scan(file, progress))
+        read, model = in_background(lambda: read_scan(scan, progress))
         try:
             points, done = in_background(lambda: _prepared(read, tolerance, options, progress.show, model is None))
         except ValueError as error:
-            raise ValueError(f"{file}: {error}") from error
+            raise ValueError(f"{scan.name}: {error}") from error
         if output.suffix.lower() == SAVED:
             surface = {} if model is None else surface_of(model.settings)
             if model is None or points is not read:
                 try:
                     model = in_background(lambda: pr.Model(points, radii_in(points), **surface, progress=progress.show))
                 except ValueError as error:
-                    raise ValueError(f"{file}: {error}") from error
+                    raise ValueError(f"{scan.name}: {error}") from error
             if not options["levels"]:
                 model.levels = ()
             elif not model.levels:

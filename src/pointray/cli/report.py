@@ -1,8 +1,7 @@
-"""pointray info: facts about a scan or a model, as a table or as JSON."""
+"""pointray info: facts about the points of a scan or of a model."""
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -150,44 +149,3 @@ def _sampled_spacing(positions: Positions) -> tuple[float, int]:
             return spacing, len(queries)
         cell *= 2
     return _spacing(positions)
-
-
-def show_table(facts: dict[str, Any], as_json: bool) -> None:
-    """Print facts, one a line, or as one JSON object."""
-    if as_json:
-        print(json.dumps(facts))
-        return
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in _rows(facts).items():
-        table.add_row(name.replace("_", " "), _text(value))
-    Console().print(table)
-
-
-def _rows(facts: dict[str, Any]) -> dict[str, Any]:
-    """The facts for a table: one line about normals, and no lines for `steps` and `notes` without content."""
-    shown = {name: value for name, value in facts.items() if name not in ("normals_off", "normals_wrong")}
-    if shown.get("normals"):
-        off, verdict = facts["normals_off"], "wrong" if facts["normals_wrong"] else "right"
-        known = "nothing tells whether right" if off is None else f"a median of {off:.1f} degrees off: {verdict}"
-        shown["normals"] = f"yes, {known}"
-    for name in ("steps", "notes"):
-        if name in shown and not any(shown[name]):
-            del shown[name]
-    return shown
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return "not looked for (--deep does)"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int):
-        return f"{value:,}"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, list):
-        return ", ".join(f"{v:.12g}" if isinstance(v, float) else str(v) for v in value) or "none"
-    return str(value)

@@ -12,12 +12,12 @@ import numpy as np
 from ..arguments import check_positive
 from ..choices import AUTO
 from ..data import Points
-from ..model_file import SAVED
 from ..points.trust import trusted
 from ..splats.radii import radii_in
 from ..staging.first_view import ViewChoice
 from .baked_light import FIRST, LightSource, light_source
 from .options import background_of, color_of, numbers, settings_of
+from .scan_files import ScanFiles, is_saved
 from .scan_lights import ScanLights, outlook_of
 from .views import View
 from .waiting import Progress, in_background
@@ -26,17 +26,9 @@ PLAIN = {"surface": None, "samples": 4, "radius_scale": 1.0}  # the surface that
 HEIGHT = "height"  # a value of --color-by: the coordinate along --up
 
 
-def check_scan(file: Path) -> None:
-    """Raise an error if a scan or a saved model cannot be opened."""
-    from ..points.files import check_readable
-    from ..points.replacing import check_regular
-
-    (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
-
-
 def check_saved(file: Path, is_plain: bool) -> None:
     """Raise ValueError if options ask for another surface or other normals than a saved model has."""
-    if file.suffix.lower() == SAVED and not is_plain:
+    if is_saved(file) and not is_plain:
         raise ValueError(f"{file}: --surface, --samples, --radius-scale and --normals are part of a saved model")
 
 
@@ -47,7 +39,7 @@ EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads
 APPEARANCE = ("light", "fill", "background", "ground", "material", "color", "color_by")
 
 
-def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[View, Any, ScanScene]:
+def staged(scan: ScanFiles, options: dict[str, Any], layers: bool = False) -> tuple[View, Any, ScanScene]:
     """The view, settings and scene of a scan from all options of `render` or `animate`, see `picture_options`.
 
     A wrong option raises ValueError at once.
@@ -56,7 +48,6 @@ def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[V
     """
     from ..staging.studio import with_contact
 
-    check_scan(file)
     plain = {name: getattr(value, "value", value) for name, value in options.items()}
     lens, framing, effort, surface, appearance = (
         {k: plain[k] for k in names} for names in (LENS, FRAMING, EFFORT, SURFACE, APPEARANCE)
@@ -64,7 +55,9 @@ def staged(file: Path, options: dict[str, Any], layers: bool = False) -> tuple[V
     view = View(plain["size"], plain["up"], lens, **framing)
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
     baked = light_source(settings, plain["bake"], plain["quick"])
-    return view, settings, ScanScene(file, surface, appearance, view.choice, layers, plain["normals"], baked)
+    scan_scene = ScanScene(scan, surface, appearance, view.choice, layers, plain["normals"], baked)
+    scan.check()
+    return view, settings, scan_scene
 
 
 class ScanScene:
@@ -72,6 +65,7 @@ class ScanScene:
 
     Parameters
     ----------
+    files : ScanFiles
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
     appearance : dict
@@ -94,7 +88,7 @@ class ScanScene:
 
     def __init__(
         self,
-        file: Path,
+        files: ScanFiles,
         surface: dict[str, Any],
         appearance: dict[str, Any],
         choice: ViewChoice,
@@ -105,9 +99,10 @@ class ScanScene:
         import pointray as pr
 
         check_positive(surface["radius_scale"], "--radius-scale")
-        self.file, self._surface, self._appearance, self._choice = file, surface, appearance, choice
+        self.files, self._surface, self._appearance = files, surface, appearance
+        self._choice = choice
         self._normals, self._baked = normals, baked
-        check_saved(file, surface == PLAIN and normals == AUTO)
+        check_saved(files.files[0], surface == PLAIN and normals == AUTO)
         self.read: Points | None = None
         self._lights = ScanLights(appearance["light"], appearance["fill"])
         self._material = ScanMaterial(appearance["material"], appearance.get("color"), appearance.get("color_by"))
@@ -121,10 +116,15 @@ class ScanScene:
     @property
     def inputs(self) -> dict[str, Any]:
         """What the scene depends on, as values of JSON."""
-        facts = self.file.stat()
-        scan = {"scan": str(self.file.resolve()), "scan_bytes": facts.st_size, "scan_written": facts.st_mtime_ns}
         baked = {} if self._baked is None else self._baked.inputs
-        return {**scan, **self._surface, "normals": self._normals, **self._appearance, **asdict(self._choice), **baked}
+        return {
+            **self.files.inputs,
+            **self._surface,
+            "normals": self._normals,
+            **self._appearance,
+            **asdict(self._choice),
+            **baked,
+        }
 
     @property
     def backdrop(self) -> Any:
@@ -196,16 +196,16 @@ class ScanScene:
             self._baked.light(self._scene, progress, told)
 
     def _load(self, progress: Progress) -> Any:
-        """The model of the file, which is a scan or a saved model."""
+        """The model of the files, which are a scan or a saved model."""
         import pointray as pr
 
         from ..rendering.warmup import NORMALS, expect
 
-        file = self.file
+        files, saved = self.files, self.files.saved
         progress.show("reading", 0.0)
-        if file.suffix.lower() == SAVED:
-            return in_background(lambda: pr.Model.load(file))
-        points = self.read = in_background(lambda: pr.read(file, progress=partial(progress.show, "reading")))
+        if saved is not None:
+            return in_background(lambda: pr.Model.load(saved))
+        points = self.read = in_background(lambda: files.read(partial(progress.show, "reading")))
         if points.normals is None or self._normals == "fit":
             expect(NORMALS)
         self._material.build(points, self._choice.up)  # raises ValueError if an option is wrong
@@ -215,7 +215,7 @@ class ScanScene:
             trusty = in_background(lambda: trusted(points, self._normals, progress=partial(progress.show, "normals")))
             return in_background(lambda: pr.Model(trusty, radii, **self._surface, progress=progress.show))
         except ValueError as error:
-            raise ValueError(f"{file}: {error}") from error
+            raise ValueError(f"{files.name}: {error}") from error
 
 
 class ScanMaterial:

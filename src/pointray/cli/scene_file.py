@@ -29,6 +29,14 @@ def is_scene(file: Path) -> bool:
     return file.suffix.lower() == ".toml"
 
 
+def scene_of(files: Sequence[Path]) -> Path | None:
+    """The scene file that a command gets, which is alone; None if it gets scans."""
+    found = next(filter(is_scene, files), None)
+    if found is not None and len(files) > 1:
+        raise ValueError(f"{found}: a scene file is taken alone")
+    return found
+
+
 class DescribedScene:
     """A scene file with the options given beside it. A mistake in either raises ValueError or OSError at once.
 
@@ -44,7 +52,7 @@ class DescribedScene:
 
     def __init__(self, file: Path, options: dict[str, Any], others: Sequence[str] = (), pictures: bool = True) -> None:
         of_pictures = (*CAMERA, *SETTINGS, *ROOT, *LIGHT) if pictures else ()
-        unfit = [name for name in options if name not in ("file", "output", *of_pictures, *others)]
+        unfit = [name for name in options if name not in ("files", "output", *of_pictures, *others)]
         if unfit:
             raise ValueError(f"--{unfit[0].replace('_', '-')} is not for a scene file, which says it itself: {file}")
         parsed: dict[str, Any] = {name: numbers(options[name], f"--{name}") for name in VECTORS if name in options}

@@ -15,9 +15,11 @@ from typing import Any
 from ..choices import AUTO
 from .baked_light import FIRST, light_source
 from .options import background_of
+from .read_options import Reading
+from .scan_files import check_scan, check_unread, files_of
 from .scan_lights import ScanLights, outlook_of
-from .scan_scene import PLAIN, check_saved, check_scan, ground_under
-from .scene_file import DescribedScene, is_scene
+from .scan_scene import PLAIN, check_saved, ground_under
+from .scene_file import DescribedScene, scene_of
 from .views import View
 
 M_ARENA_MAX = -8  # a parameter of glibc's mallopt
@@ -25,7 +27,7 @@ SERVING = ("host", "port", "open_browser")  # options about neither the scene no
 
 
 def shared_scene_of(
-    files: Sequence[Path], typed: dict[str, Any], options: dict[str, Any], surface: dict[str, Any]
+    paths: Sequence[Path], reading: Reading, typed: dict[str, Any], options: dict[str, Any], surface: dict[str, Any]
 ) -> Any:
     """The shared scene to view, and its loader. A wrong file or option raises an error at once.
 
@@ -39,17 +41,15 @@ def shared_scene_of(
     from ..viewer.loading import Described, Files
     from ..viewer.shared_scene import SharedScene
 
-    if any(is_scene(file) for file in files):
-        if len(files) > 1:
-            raise ValueError("a scene file is viewed alone")
-        scene_options = {name: value for name, value in typed.items() if name != "files"}
-        described = DescribedScene(files[0], scene_options, SERVING)
+    scene_file = scene_of(paths)
+    if scene_file is not None:
+        described = DescribedScene(scene_file, typed, SERVING)
         plan = described.plan
         if described.bakes:  # before there is something to see
             _tell(FIRST)
             warm_up(plan.settings, clicks=True, bakes=True)
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
-        return SharedScene(files[0].name, None, tuple(up), plan.settings, str(files[0])), Described(plan)
+        return SharedScene(scene_file.name, None, tuple(up), plan.settings, str(scene_file)), Described(plan)
     choice = View("1x1", options["up"]).choice
     lights = ScanLights(options["light"], options["fill"])
     background = background_of(options["background"])
@@ -72,12 +72,14 @@ def shared_scene_of(
         scene.background = background
         return up
 
+    files = files_of(paths)
+    check_unread(files, reading)
     for file in files:
         check_scan(file)
         check_saved(file, options["normals"] == AUTO)
-    title, source = files[0].name, str(files[0])
+    title, source = files[0].name, str(files[0]) if reading.is_plain else ""
     if len(files) > 1:
-        title, source = f"{title} and {len(files) - 1} more", ""
+        title, source = f"{len(files):,} files", ""
     settings = options["settings"]
     baked = light_source(settings, options["bake"])
     from_file = baked is not None and baked.file is not None
@@ -85,7 +87,7 @@ def shared_scene_of(
         warm_up(settings, clicks=True, bakes=True, before=with_direct_light(settings))
     leveled = settings.levels and surface == PLAIN and not from_file  # the file's light is for all points only
     light = baked.make if baked is not None and from_file else None
-    loader = Files(files, surface, furnish, leveled, options["normals"], choice, light)
+    loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, reading.arguments)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes, shared.look = True, lights.look or ""
     return shared, loader

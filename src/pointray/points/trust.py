@@ -42,23 +42,19 @@ def trusted(points: Points, choice: str = "auto", keep: str = KEEP, progress: Pr
     return replaced(points, progress) if wrong else points
 
 
-def judged(points: Points, choice: str = "auto", keep: str = KEEP, name: str = "") -> tuple[Points, bool]:
-    """The points, perhaps without normals, and whether `replaced` must estimate new ones; warns like `trusted`.
-
-    name : the file's name, if there are several files.
-    """
+def judged(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Points, bool]:
+    """The points, perhaps without normals, and whether `replaced` must estimate new ones; warns like `trusted`."""
     check_normals_choice(points, choice, keep)
-    prefix = f"{name}: " if name else ""
     steps, rounded = find_rounding(points)
     if rounded:
-        warnings.warn(prefix + rounded, stacklevel=3)
+        warnings.warn(rounded, stacklevel=3)
     if choice == "fit":
         return points.with_normals(None), False
     if choice == "file":
         return points, False
     found = compare_normals(points, max(steps))
     if found.wrong:
-        warnings.warn(f"{prefix}{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
+        warnings.warn(f"{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
     return points, found.wrong
 
 

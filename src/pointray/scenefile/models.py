@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import signature
 from pathlib import Path
@@ -15,6 +15,7 @@ from ..model_file import SAVED
 from ..points import procedural, read
 from ..points.files import check_readable
 from ..points.procedural import MOST, NAMES
+from ..points.reading import check_reading
 from ..points.replacing import check_regular
 from ..points.trust import trusted
 from ..splats.radii import radii_in
@@ -25,6 +26,10 @@ from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, 
 WORDS = words_of(Model, "points", "radii")
 LEVELS_OPTION = {"levels": Word(("bool",), False)}
 NORMALS_OPTION = {"normals": Word(("str",), False)}
+READING = {  # the choices of `read`; annotations of some are none that TOML has
+    **words_of(read, "path", "progress"),
+    **{"keep": Word(("dict",), False), "drop": Word(("dict",), False), "intrinsics": Word(("ArrayLike",), False)},
+}
 
 Say = Callable[[str, float], None]
 
@@ -43,6 +48,8 @@ class Recipe(NamedTuple):
         Whether to make levels of detail.
     normals : {"auto", "file", "fit"}
         The normals of a scan, as for `trusted`.
+    reading : dict
+        Arguments of `read`.
     """
 
     key: Key
@@ -51,6 +58,7 @@ class Recipe(NamedTuple):
     arguments: dict[str, Any]
     levels: bool
     normals: str = "auto"
+    reading: Mapping[str, Any] = {}
 
 
 def check_model(source: Source, key: Key) -> Recipe:
@@ -59,10 +67,13 @@ def check_model(source: Source, key: Key) -> Recipe:
     if isinstance(table, dict) and "file" not in table and "procedural" not in table:
         raise source.error(key, "file or procedural is missing")
     if isinstance(table, dict) and "file" in table:
-        values = check_table(source, key, {"file": TEXT, **WORDS, **LEVELS_OPTION, **NORMALS_OPTION})
+        values = check_table(source, key, {"file": TEXT, **WORDS, **LEVELS_OPTION, **NORMALS_OPTION, **READING})
         levels, file = values.pop("levels", False), source.path(values.pop("file"))
         _check_file(source, key, file, values)
-        recipe = Recipe(key, file, ("", 0, 0), values, levels, values.pop("normals", "auto"))
+        reading = {name: values.pop(name) for name in READING if name in values}
+        with source.errors_at(key, reading):
+            check_reading(reading)
+        recipe = Recipe(key, file, ("", 0, 0), values, levels, values.pop("normals", "auto"), reading)
     else:
         words = {"procedural": TEXT, "points": WHOLE, "seed": optional(WHOLE), **WORDS, **LEVELS_OPTION}
         values = check_table(source, key, words)
@@ -116,7 +127,7 @@ def _load(source: Source, recipe: Recipe, say: Say) -> Model:
     with source.errors_at((*recipe.key, "file")):
         if file.suffix.lower() == SAVED:
             return Model.load(file)
-        points = read(file, progress=partial(say, "reading"))
+        points = read(file, progress=partial(say, "reading"), **recipe.reading)
     say("normals", 0.0)
     with source.errors_at((*recipe.key, "normals") if recipe.normals == "file" else recipe.key):
         points = trusted(points, recipe.normals, 'normals = "file"', partial(say, "normals"))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,10 +35,11 @@ WORTH = 4 * COARSE  # points from which a coarse version is worth building
 
 @dataclass(frozen=True)
 class Files:
-    """Scans and saved models, together in one scene: a `shared_scene.Loader`.
+    """Scans, which are one cloud, and saved models beside it, in one scene: a `shared_scene.Loader`.
 
     Parameters
     ----------
+    paths : sequence of Path
     surface : dict
         surface, samples and radius_scale, as `Model` takes them.
     choice : ViewChoice
@@ -51,6 +52,8 @@ class Files:
         Whether normals are the file's or fitted.
     light : callable, optional
         Makes the baked light of a scene, which is shown only with it; its second argument is `SharedScene.say`.
+    reading : dict
+        Arguments of `read` for the scans.
     """
 
     paths: Sequence[Path]
@@ -60,9 +63,16 @@ class Files:
     normals: str = "auto"
     choice: ViewChoice = ViewChoice()
     light: Callable[[Scene, Callable[[str, float | None], None]], Any] | None = None
+    reading: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def _groups(self) -> list[list[Path]]:
+        """The files of each model: all scans together, and each saved model by itself."""
+        scans = [path for path in self.paths if path.suffix.lower() != SAVED]
+        return [*([scans] if scans else []), *([path] for path in self.paths if path not in scans)]
 
     def __call__(self, shared: SharedScene) -> None:
-        clouds = [self._read(path, shared) for path in self.paths]
+        clouds = [self._read(group, shared) for group in self._groups]
         few = [self._some(cloud, k) for k, cloud in enumerate(clouds)]
         self._prepare(clouds, few, shared)
         large = [_is_large(cloud) for cloud in clouds]
@@ -104,13 +114,13 @@ class Files:
             sketch = Sketch(few, [len(_points(cloud)) for cloud in clouds])
             shared.outline(sketch, Scan(sketch.points, self.choice).up)
 
-    def _read(self, path: Path, shared: SharedScene) -> Points | Model:
-        stage = f"reading {path.name}"
+    def _read(self, files: list[Path], shared: SharedScene) -> Points | Model:
+        stage = f"reading {files[0].name if len(files) == 1 else f'{len(files):,} files'}"
         shared.say(stage, None)
-        if path.suffix.lower() == SAVED:
-            return Model.load(path)
-        points = read(path, progress=partial(shared.say, stage))
-        with _named(path):
+        if files[0].suffix.lower() == SAVED:
+            return Model.load(files[0])
+        points = read(files, progress=partial(shared.say, stage), **self.reading)
+        with _named(files):
             check_normals_choice(points, self.normals)
         return points
 
@@ -123,13 +133,13 @@ class Files:
             points = points.select(np.sort(rows))
         if isinstance(cloud, Model):
             return points
-        with _named(self.paths[number]), warnings.catch_warnings():  # warnings are given for all points later
+        with _named(self._groups[number]), warnings.catch_warnings():  # warnings are given for all points later
             warnings.simplefilter("ignore")
             points, wrong = judged(points, self.normals)
         return points.with_normals(None) if wrong else points
 
     def _coarse(self, some: Points, number: int) -> Model:
-        with _named(self.paths[number]), warnings.catch_warnings():
+        with _named(self._groups[number]), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return Model(some, **self.surface)
 
@@ -140,9 +150,8 @@ class Files:
         def say(stage: str, share: float) -> None:
             shared.say(f"building: {stage}", share)
 
-        path = self.paths[number]
-        with _named(path):
-            points, wrong = judged(cloud, self.normals, name=path.name if len(self.paths) > 1 else "")
+        with _named(self._groups[number]):
+            points, wrong = judged(cloud, self.normals)
             points = replaced(points, partial(say, "normals")) if wrong else points
             return Model(points, radii_in(points), **self.surface, progress=say)
 
@@ -163,12 +172,12 @@ def _is_large(cloud: Points | Model) -> bool:
 
 
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Add the file to the errors of a scan."""
+def _named(files: Sequence[Path]) -> Iterator[None]:
+    """Add the file, if it is one, to the errors of a scan."""
     try:
         yield
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(f"{files[0]}: {error}" if len(files) == 1 else f"{len(files):,} files: {error}") from error
 
 
 @dataclass(frozen=True)

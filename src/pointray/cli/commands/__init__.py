@@ -1,7 +1,7 @@
 """The commands, in the order in which `pointray --help` lists them.
 
 pictures : `render`, `animate`, `view`
-files : `bake`, `prepare`, `info`
+files : `bake`, `prepare`, `info`, `convert`
 trials : `demo`, `bench`
 
 Nothing heavy is imported before it is needed, so that --help answers at once.
@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from .files import bake, info, prepare
+from .files import bake, convert, info, prepare
 from .pictures import animate, render, view
 from .trials import bench, demo
 
@@ -30,6 +30,7 @@ app.command()(view)
 app.command()(bake)
 app.command()(prepare)
 app.command()(info)
+app.command()(convert)
 app.command()(demo)
 app.command()(bench)
 

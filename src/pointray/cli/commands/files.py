@@ -1,4 +1,4 @@
-"""The commands about the files of scans: `bake` keeps light in them, `prepare` makes better ones, `info` describes."""
+"""The commands about the files of scans: `bake`, `prepare`, `info`, and `convert` between formats."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer
 from ...choices import AUTO
 from ..options import (
     SCANS,
+    TOGETHER,
     AlbedoScaleOption,
     BakeNoiseOption,
     ColorByOption,
@@ -23,6 +24,7 @@ from ..options import (
     Normals,
     NormalsOption,
     PatchesOption,
+    PointsArgument,
     RadiusScaleOption,
     SamplesOption,
     SeedOption,
@@ -34,12 +36,15 @@ from ..options import (
     numbers,
     use_threads,
 )
-from ..waiting import Progress, in_background
+from ..read_options import Reading, with_reading
+from ..scan_files import check_not_input, scan_of
 
 
+@with_reading
 def bake(
     context: typer.Context,
-    file: SubjectArgument,
+    files: SubjectArgument,
+    reading: Reading,
     output: Annotated[
         Path,
         typer.Option(
@@ -78,21 +83,26 @@ def bake(
     the studio. Light that goes with the camera is not baked.
     """
     from ..bake import BAKING, BakeOutput, bake_scan, bake_scene, check_output, scan_to_bake
-    from ..scene_file import DescribedScene, is_scene
+    from ..scene_file import DescribedScene, scene_of
 
-    wanted = BakeOutput(output, colors)
-    check_output(file, wanted, force)
+    wanted, file = BakeOutput(output, colors), scene_of(files)
+    check_output(wanted)
     use_threads(threads)
-    if not is_scene(file):
-        print(bake_scan(*scan_to_bake(file, context.params), wanted))
+    if file is None:
+        scan = scan_of(files, reading)
+        check_not_input(scan.files, output, force)
+        print(bake_scan(*scan_to_bake(scan, context.params), wanted))
         return
+    check_not_input(files, output, force)
     typed = given(context)
     settings = {name: typed.pop(name) for name in BAKING if name in typed}
     print(bake_scene(DescribedScene(file, typed, ("colors", "force"), pictures=False), settings, wanted))
 
 
+@with_reading
 def prepare(
-    file: Annotated[Path, typer.Argument(help=f"A scan, {SCANS}, or a saved model, .pointray: its points.")],
+    files: PointsArgument,
+    reading: Reading,
     output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply, or .pointray: the model, ready.")],
     tolerance: Annotated[
         str | None,
@@ -130,11 +140,13 @@ def prepare(
         "levels": levels,
         "force": force,
     }
-    print(work(file, output, options))
+    print(work(files, reading, output, options))
 
 
+@with_reading
 def info(
-    file: Annotated[Path, typer.Argument(help=f"A scan, {SCANS}, or a saved model, .pointray.")],
+    files: PointsArgument,
+    reading: Reading,
     deep: Annotated[
         bool, typer.Option("--deep", help="Look at the neighbours of all points: 10 million take a minute and 7 GB.")
     ] = False,
@@ -143,16 +155,27 @@ def info(
     ] = False,
 ) -> None:
     """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
-    from ..prepare import read_scan
-    from ..report import describe, describe_model, show_table
-    from ..scan_scene import check_scan
+    from ..facts import describe_all
+    from ..tables import show_table
 
-    check_scan(file)
-    with Progress() as progress:
-        progress.show("reading", 0.0)
-        points, model = in_background(lambda: read_scan(file, progress))
-        progress.show("looking", 0.0)
-        facts = in_background(lambda: describe(points, deep, lambda share: progress.show("looking", share)))
-    if model is not None:
-        facts |= describe_model(model)
-    show_table({"file": str(file), **facts}, json)
+    scan = scan_of(files, reading)
+    scan.check()
+    show_table(describe_all(scan, deep), json)
+
+
+@with_reading
+def convert(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="IN", help=f"A scan, {SCANS}. {TOGETHER} Or, alone, a saved model, .pointray: its points."
+        ),
+    ],
+    output: Annotated[Path, typer.Argument(metavar="OUT", help="The result, in the format that its extension names.")],
+    reading: Reading,
+    force: Annotated[bool, typer.Option("--force", help="The result may be an input itself: overwrite it.")] = False,
+) -> None:
+    """Write a scan in another format, with all that this can hold, and tell what it cannot."""
+    from ..convert import convert as work
+
+    print(work(files, reading, output, force))

@@ -10,6 +10,7 @@ import typer
 from ...choices import AUTO
 from ..options import (
     SCANS,
+    TOGETHER,
     ApertureOption,
     AzimuthOption,
     BackgroundOption,
@@ -56,13 +57,17 @@ from ..options import (
     given,
     use_threads,
 )
+from ..read_options import Reading, with_reading
+from ..scan_files import scan_of
 from ..scan_lights import picture_options
 from ..waiting import Progress
 
 
+@with_reading
 def render(
     context: typer.Context,
-    file: SubjectArgument,
+    files: SubjectArgument,
+    reading: Reading,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The picture: .png or .jpg; or all its layers: .exr or .npz.")
     ],
@@ -106,17 +111,18 @@ def render(
     """Render a scan to a picture, camera and light place themselves; or what a scene file describes."""
     from ..outputs import Shown, check_fits, check_output, is_layered, write_picture
     from ..scan_scene import staged
-    from ..scene_file import is_scene, render_scene
+    from ..scene_file import render_scene, scene_of
 
     options = picture_options(context)
     stops = exposure_of(exposure, options["integrator"].value)
     check_output(output, exposure != AUTO and stops != 0, legend)
-    if is_scene(file):
-        print(render_scene(file, output, given(context)))
+    scene_file = scene_of(files)
+    if scene_file is not None:
+        print(render_scene(scene_file, output, given(context)))
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
-    scan_view, settings, scan_scene = staged(file, options, is_layered(output))
+    scan_view, settings, scan_scene = staged(scan_of(files, reading), options, is_layered(output))
     check_fits(output, scan_view.size, settings, legend)
     with Progress(settings, scan_scene.bakes) as progress:
         scene, model, scan = scan_scene.build(progress)
@@ -129,9 +135,11 @@ def render(
         print(scan.found)
 
 
+@with_reading
 def animate(
     context: typer.Context,
-    file: SubjectArgument,
+    files: SubjectArgument,
+    reading: Reading,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The film: .mp4; or pictures: a folder, or a name like %04d.png.")
     ],
@@ -185,24 +193,31 @@ def animate(
     from ..animate import CameraPath, film_output, scan_source
     from ..animate import animate as work
     from ..scan_scene import staged
-    from ..scene_file import animate_scene, is_scene
+    from ..scene_file import animate_scene, scene_of
 
     options = picture_options(context)
     checked_output = film_output(output, background)
-    if is_scene(file):
-        print(animate_scene(file, checked_output, given(context), fps))
+    scene_file = scene_of(files)
+    if scene_file is not None:
+        print(animate_scene(scene_file, checked_output, given(context), fps))
         return
-    scan_view, settings, scan_scene = staged(file, options)
+    scan_view, settings, scan_scene = staged(scan_of(files, reading), options)
     camera_path = CameraPath(scan_view, fps, context.params)
     source = scan_source(scan_scene, scan_view, settings, exposure_of(exposure, options["integrator"].value))
     print(work(checked_output, camera_path, source))
 
 
+@with_reading
 def view(
     context: typer.Context,
     files: Annotated[
-        list[Path], typer.Argument(help=f"Scans, {SCANS}, and saved models, .pointray, together; or a scene: .toml.")
+        list[Path],
+        typer.Argument(
+            help=f"A scan, {SCANS}. {TOGETHER} Saved models, .pointray, are shown beside it, each by itself. Or, "
+            "alone, a scene: .toml."
+        ),
     ],
+    reading: Reading,
     host: Annotated[str, typer.Option(help="The address to listen on; another than 127.0.0.1 is seen by others.")] = (
         "127.0.0.1"
     ),
@@ -234,5 +249,5 @@ def view(
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     check_positive(radius_scale, "--radius-scale")
     options["normals"] = normals.value
-    shared, loader = shared_scene_of(files, given(context), options, surface_options)
+    shared, loader = shared_scene_of(files, reading, given(context), options, surface_options)
     serve(shared, loader, host, port, open_browser)

@@ -27,7 +27,7 @@ def demo(
     wanted, count = View(size).size, use_threads(threads)
     from ...rendering.settings import Settings
     from ..demo import run_demo
-    from ..report import show_table
+    from ..tables import show_table
 
     with Progress(Settings()) as progress:
         facts = in_background(lambda: run_demo(output, points, wanted, frames, count, progress.show))

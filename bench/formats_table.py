@@ -1,0 +1,51 @@
+"""Make docs/formats.md from what the readers say of themselves.
+
+python bench/formats_table.py
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pointray as pr
+
+TARGET = Path(__file__).resolve().parents[1] / "docs" / "formats.md"
+COLUMNS = {
+    "positions": "positions",
+    "normals": "normals",
+    "colors": "colours",
+    "attributes": "attributes",
+    "survey": "coordinate system, unit, scanners",
+}
+HEAD = """# File formats
+
+<!-- Made by `python bench/formats_table.py` from what the readers say; tests/test_formats_table.py compares. -->
+
+What a file is its contents tell, not its name. `.gz` and `.zst` are unpacked first. Several files are one cloud, and a
+folder stands for the scans in it; they must not have different coordinate systems. `pointray convert IN... OUT` writes
+the formats marked so, and tells what the target cannot hold. A saved model, `.pointray`, is what `pointray prepare`
+makes of any of them. `pr.formats()` has the same table.
+"""
+
+
+def row(*cells: str) -> str:
+    """A row of a table."""
+    return f"| {' | '.join(cell.replace('|', '/') or ' ' for cell in cells)} |"
+
+
+def formats_page() -> str:
+    """The document."""
+    formats = pr.formats()
+    lines = [HEAD, row("format", "files", "written", "needs"), row(*["---"] * 4)]
+    for x in formats:
+        needs = f"`pip install 'pointray[{x.extra}]'`" if x.extra else ""
+        lines.append(row(x.name, " ".join(f"`{e}`" for e in x.extensions), "yes" if x.writes else "", needs))
+    lines += ["", "## What is kept", "", row("format", *COLUMNS.values()), row(*["---"] * (len(COLUMNS) + 1))]
+    lines += [row(x.name, *(x.keeps.get(name, "") for name in COLUMNS)) for x in formats]
+    notes = [f"- **{x.name}:** {x.keeps['note']}" for x in formats if x.keeps.get("note")]
+    return "\n".join([*lines, *(["", "## Notes", "", *notes] if notes else [])]) + "\n"
+
+
+if __name__ == "__main__":
+    TARGET.write_text(formats_page())
+    print(f"{TARGET}: {len(pr.formats())} formats")

@@ -1,0 +1,35 @@
+"""pointray convert: the points of a scan in a file of another format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from .prepare import read_scan
+from .read_options import Reading
+from .scan_files import check_not_input, check_result, scan_of
+from .waiting import Progress, in_background, writing
+
+
+def convert(paths: Sequence[Path], reading: Reading, output: Path, force: bool) -> str:
+    """Read a scan and write it; returns a line for the user."""
+    check_result(output)
+    scan = scan_of(paths, reading)
+    check_not_input(scan.files, output, force)
+    scan.check()
+    with Progress() as progress:
+        progress.show("reading", 0.0)
+        points, _ = in_background(lambda: read_scan(scan, progress))
+        progress.show("writing", 0.0)
+        with writing(output):
+            lost = in_background(partial(_write, output, points, progress))
+    return "; ".join([f"{output}: {len(points):,} points", *lost])
+
+
+def _write(output: Path, points: Any, progress: Progress) -> list[str]:
+    """Write points; returns what the format cannot hold, in words."""
+    from ..points.files import write_points
+
+    return write_points(output, points, lambda share: progress.show("writing", share))

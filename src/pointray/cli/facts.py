@@ -1,0 +1,111 @@
+"""pointray info: all facts about a scan; here those of files, coordinates and attributes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import Points
+from ..shade.attributes import ASPRS, is_classification
+from ..survey import Survey
+from .prepare import read_scan
+from .report import describe, describe_model
+from .scan_files import ScanFiles
+from .waiting import Progress, in_background
+
+MOST_CLASSES = 256  # of a byte
+
+
+def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
+    """All that info tells, as values of JSON. deep : see `describe`"""
+    with Progress() as progress:
+        progress.show("reading", 0.0)
+        points, model = in_background(lambda: read_scan(scan, progress))
+        progress.show("looking", 0.0)
+        files = in_background(lambda: describe_files(scan))
+        facts = in_background(lambda: describe(points, deep, partial(progress.show, "looking")))
+        ranges = in_background(lambda: describe_attributes(points))
+    formats = dict.fromkeys(file["format"] for file in files)
+    head = {"file": scan.name, "format": ", ".join(formats), **describe_survey(points.survey)}
+    return {**head, **facts, "ranges": ranges, **({} if model is None else describe_model(model)), "files": files}
+
+
+def describe_files(scan: ScanFiles) -> list[dict[str, Any]]:
+    """What the files' headers say: file, format, bytes, rows (None: known only when all are read), and facts."""
+    if scan.saved is not None:
+        return [{"file": str(scan.saved), "format": "saved model", "bytes": scan.saved.stat().st_size}]
+    return list(_headers(scan))
+
+
+def _headers(scan: ScanFiles) -> Iterator[dict[str, Any]]:
+    from ..points.files import headers
+
+    for file, format, listing in headers(scan.files, scan.reading.request):
+        known = {"file": str(file), "format": format.name, "bytes": file.stat().st_size, "rows": listing.count}
+        yield {**known, **{name: value for name, value in listing.facts.items() if name not in known}}
+
+
+def describe_survey(survey: Survey) -> dict[str, Any]:
+    """The coordinate system with its name and unit, the step of the file's coordinates, the scanners' places."""
+    return {
+        "crs": survey.crs,
+        "crs_name": None if survey.crs is None else crs_name(survey.crs),
+        "unit": survey.unit,
+        "scale": None if survey.scale is None else list(survey.scale),
+        "stations": [list(station) for station in survey.stations],
+    }
+
+
+def crs_name(crs: str) -> str:
+    """The name in well-known text, which is its first text in quotes; another code or text as it is."""
+    found = re.search(r'"([^"]+)"', crs)
+    return found[1] if found and "[" in crs[: found.start()] else crs
+
+
+def describe_attributes(points: Points) -> dict[str, dict[str, Any]]:
+    """For each attribute its dtype and least and greatest value, exactly; lists of them where it has columns.
+
+    NaN and infinite values are left out; `not_finite` counts them, where there are any. The classes of LAS files have
+    counts.
+    """
+    return {name: _describe(name, points.attributes[name]) for name in sorted(points.attributes)}
+
+
+def _describe(name: str, values: NDArray[Any]) -> dict[str, Any]:
+    columns = values.T if values.ndim == 2 else [values]
+    ends = [_ends(column) for column in columns]
+    low, high = ([end[k] for end in ends] for k in range(2))
+    is_one = values.ndim == 1
+    facts = {"dtype": str(values.dtype), "low": low[0] if is_one else low, "high": high[0] if is_one else high}
+    if values.dtype.kind == "f":
+        lost = values.size - int(np.isfinite(values).sum())
+        facts |= {"not_finite": lost} if lost else {}
+    if is_one and is_classification(name):
+        found, counts = np.unique(values, return_counts=True)
+        if len(found) <= MOST_CLASSES and (np.isfinite(found) & (found == np.rint(found))).all():
+            facts["counts"] = {str(int(x)): count for x, count in zip(found, counts.tolist(), strict=True)}
+    return facts
+
+
+def _ends(values: NDArray[Any]) -> tuple[Any, Any]:
+    """The least and greatest finite value as numbers of Python; None if no value is finite."""
+    if values.dtype.kind == "f":
+        low, high = np.fmin.reduce(values), np.fmax.reduce(values)  # without NaN, and without copies
+        if not (np.isfinite(low) and np.isfinite(high)):
+            finite = values[np.isfinite(values)]
+            if not len(finite):
+                return None, None
+            low, high = finite.min(), finite.max()
+    else:
+        low, high = values.min(), values.max()
+    return low.item(), high.item()
+
+
+def class_name(value: str) -> str:
+    """A class of LAS files in words."""
+    return ASPRS[int(value)][0] if int(value) in ASPRS else "no name"

@@ -1,0 +1,158 @@
+"""The files of a scan: which ones a command reads, and where its result may go."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..model_file import SAVED
+from .read_options import Reading
+
+FEW = 3  # files that a note names
+
+
+def is_saved(file: Path) -> bool:
+    """Whether a file has the extension of saved models."""
+    return file.suffix.lower() == SAVED
+
+
+@dataclass(frozen=True)
+class ScanFiles:
+    """A scan: one file or several, which are read as one cloud; or a saved model, which is alone.
+
+    Attributes
+    ----------
+    files : tuple of Path
+    reading : Reading
+    """
+
+    files: tuple[Path, ...]
+    reading: Reading = Reading()
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return str(self.files[0]) if len(self.files) == 1 else f"{len(self.files):,} files"
+
+    @property
+    def saved(self) -> Path | None:
+        """The saved model, if it is one."""
+        return self.files[0] if is_saved(self.files[0]) else None
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """What its points depend on, as values of JSON."""
+        facts = [file.stat() for file in self.files]
+        return {
+            "scan": [str(file.resolve()) for file in self.files],
+            "scan_bytes": [fact.st_size for fact in facts],
+            "scan_written": [fact.st_mtime_ns for fact in facts],
+            **self.reading.inputs,
+        }
+
+    def check(self) -> None:
+        """Raise an error if no format knows one of its files."""
+        for file in self.files:
+            check_scan(file)
+
+    def read(self, progress: Callable[[float], None] | None = None) -> Any:
+        """Its points, if it is no saved model."""
+        import pointray as pr
+
+        return pr.read(self.files, progress=progress, **self.reading.arguments)
+
+
+def scan_of(paths: Sequence[Path], reading: Reading) -> ScanFiles:
+    """The scan that a user names; an error if a file is not there, or the files do not go together."""
+    files = files_of(paths)
+    saved = next(filter(is_saved, files), None)
+    if saved is not None and len(files) > 1:
+        raise ValueError(f"{saved}: a saved model is taken alone; only view shows it beside others")
+    check_unread(files, reading)
+    return ScanFiles(tuple(files), reading)
+
+
+def check_unread(files: Sequence[Path], reading: Reading) -> None:
+    """ValueError if options of reading are given for a saved model, whose points have been read."""
+    saved = next(filter(is_saved, files), None)
+    if saved is not None and not reading.is_plain:
+        option = next(iter(reading.arguments)).replace("_", "-")
+        raise ValueError(f"{saved}: --{option} is for reading scans, not for a saved model")
+
+
+def files_of(paths: Sequence[Path]) -> list[Path]:
+    """The files that a user names, for a folder those in it that can be read; an error if one is not there."""
+    from ..points.replacing import check_regular
+
+    files = [file for path in paths for file in (_scans_in(path) if path.is_dir() else [check_regular(path)])]
+    seen: dict[Path, Path] = {}
+    for file in files:
+        other = seen.setdefault(file.resolve(), file)
+        if other is not file:
+            raise ValueError(f"{file}: is given twice" + ("" if file == other else f", as {other} too"))
+    return files
+
+
+def check_scan(file: Path) -> None:
+    """Raise an error if a scan or a saved model cannot be opened."""
+    from ..points.files import check_readable
+    from ..points.replacing import check_regular
+
+    (check_regular if is_saved(file) else check_readable)(file)
+
+
+def _scans_in(folder: Path) -> list[Path]:
+    """The files of a folder that can be read, in the order of their names; a note tells of the others."""
+    from ..points.files import extensions
+    from ..points.unpacking import PACKED
+
+    known, files, left = set(extensions()), [], []
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or not path.is_file():
+            continue
+        inner = Path(path.stem) if path.suffix.lower() in PACKED else path
+        try:
+            if inner.suffix.lower() not in known:
+                raise ValueError
+            check_scan(path)
+            files.append(path)
+        except (OSError, ValueError):
+            left.append(path.name)
+    if not files:
+        raise ValueError(f"{folder}: no file in this folder can be read; can read {', '.join(sorted(known))}")
+    if left:
+        more = f" and {len(left) - FEW:,} more" if len(left) > FEW else ""
+        warnings.warn(f"{folder}: left aside, as no scans: {', '.join(left[:FEW])}{more}", stacklevel=2)
+    return files
+
+
+# ------------------------------------------------------------------------------------------------------- results
+
+
+def check_result(output: Path, *others: str) -> None:
+    """Raise an error, before any work is done, if points cannot be written to a file.
+
+    others : extensions besides those of points that the command writes
+    """
+    from ..points.files import writer_of, written
+    from ..points.replacing import check_writable
+
+    extension = output.suffix.lower()
+    if extension not in (*written(), *others):
+        known = " and ".join([", ".join(written()), *others])
+        raise ValueError(f"{output}: cannot write {output.suffix or 'a file without extension'}; can write {known}")
+    if extension not in others:
+        writer_of(output)  # it may need a package
+    check_writable(output)
+
+
+def check_not_input(files: Sequence[Path], output: Path, force: bool) -> None:
+    """Raise ValueError if the result would overwrite an input."""
+    if force or not output.exists():
+        return
+    if any(file.exists() and os.path.samefile(file, output) for file in files):
+        raise ValueError(f"{output}: is the input itself; --force overwrites it")

@@ -1,0 +1,150 @@
+"""Facts as tables on the terminal, or as JSON."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from .facts import class_name
+
+OF_SURVEY = ("crs", "crs_name", "unit", "scale", "stations")
+APART = ("normals_off", "normals_wrong", "files", "ranges", *OF_SURVEY)  # facts that are no lines of their own
+OF_FILES = ("file", "format", "bytes", "rows")
+MOST_STATIONS = 12  # that the table lists
+
+
+def show_table(facts: dict[str, Any], as_json: bool) -> None:
+    """Print facts, one a line, or as one JSON object."""
+    if as_json:
+        print(json.dumps(facts))
+        return
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(_table([[name.replace("_", " "), _text(value)] for name, value in _rows(facts).items()]))
+    if len(facts.get("files", ())) > 1:
+        console.print("\n", _files(facts["files"]), sep="")
+    if facts.get("ranges"):
+        console.print("\n", _ranges(facts["ranges"]), sep="")
+    for name, about in facts.get("ranges", {}).items():
+        if "counts" in about:
+            rows = [[value, class_name(value), f"{count:,}"] for value, count in about["counts"].items()]
+            console.print("\n", _table([[name, "", "points"], *rows], right=(0, 2), heads=True), sep="")
+
+
+def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = False) -> Any:
+    """A table of texts. right : columns that are aligned there; heads : whether the first row is one of heads"""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for k in range(len(rows[0])):
+        table.add_column(justify="right" if k in right else "left", overflow="fold")
+    for k, row in enumerate(rows):
+        table.add_row(*(Text(cell, "dim" if heads and k == 0 else "") for cell in row))
+    return table
+
+
+def _files(files: list[dict[str, Any]]) -> Any:
+    """The table of several files."""
+    rows = [[file["file"], file["format"], _count(file.get("rows")), _said(file)] for file in files]
+    return _table([["file", "format", "rows", ""], *rows], right=(2,), heads=True)
+
+
+def _ranges(ranges: dict[str, dict[str, Any]]) -> Any:
+    """The table of attributes."""
+    rows = []
+    for name, about in ranges.items():
+        low, high = (_exact(about[end], about["dtype"]) for end in ("low", "high"))
+        lost = about.get("not_finite")
+        rows.append([name, about["dtype"], low, high, f"{lost:,} not finite" if lost else ""])
+    return _table([["attribute", "", "from", "to", ""], *rows], right=(2, 3), heads=True)
+
+
+def _exact(value: Any, dtype: str) -> str:
+    """A value with all its digits."""
+    if isinstance(value, list):
+        return ", ".join(_exact(one, dtype) for one in value)
+    if value is None:
+        return "-"
+    if dtype == "float32":
+        import numpy as np
+
+        return str(np.float32(value))
+    return str(value)
+
+
+def _count(rows: int | None) -> str:
+    return "" if rows is None else f"{rows:,}"
+
+
+def _said(file: dict[str, Any]) -> str:
+    """What a header says besides, in a line."""
+    return "; ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in file.items() if name not in OF_FILES)
+
+
+def _rows(facts: dict[str, Any]) -> dict[str, Any]:
+    """The facts for a table: one line about normals, and no lines for `steps` and `notes` without content."""
+    shown: dict[str, Any] = {}
+    for name, value in facts.items():
+        if name == "points":
+            shown |= _of_the_file(facts) | _of_the_survey(facts)
+        if name not in APART:
+            shown[name] = value
+    if shown.get("normals"):
+        off, verdict = facts["normals_off"], "wrong" if facts["normals_wrong"] else "right"
+        known = "nothing tells whether right" if off is None else f"a median of {off:.1f} degrees off: {verdict}"
+        shown["normals"] = f"yes, {known}"
+    for name in ("steps", "notes"):
+        if name in shown and not any(shown[name]):
+            del shown[name]
+    if facts.get("ranges"):  # they have a table of their own
+        del shown["attributes"]
+    return shown
+
+
+def _of_the_file(facts: dict[str, Any]) -> dict[str, Any]:
+    """What the header says, if there is one file."""
+    if len(facts.get("files", ())) != 1:
+        return {}
+    file = facts["files"][0]
+    rows = {} if file.get("rows") in (None, facts["points"]) else {"rows of the file": file["rows"]}
+    return {**{name: value for name, value in file.items() if name not in OF_FILES}, **rows}
+
+
+def _of_the_survey(facts: dict[str, Any]) -> dict[str, Any]:
+    """Coordinate system, unit and scanners, as far as they are known."""
+    shown = {}
+    if facts.get("crs_name"):
+        shown["coordinate system"] = facts["crs_name"]
+    if facts.get("unit"):
+        shown["unit"] = facts["unit"]
+    if facts.get("scale"):
+        shown["step of the file"] = facts["scale"]
+    stations = facts.get("stations") or []
+    if stations:
+        lines = ["; ".join(f"{x:.12g}, {y:.12g}, {z:.12g}" for x, y, z in stations[:MOST_STATIONS])]
+        lines += [f"and {len(stations) - MOST_STATIONS:,} more"] if len(stations) > MOST_STATIONS else []
+        shown["scanner at" if len(stations) == 1 else f"{len(stations):,} scanners at"] = " ".join(lines)
+    return shown
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "not looked for (--deep does)"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{name.replace('_', ' ')} {_text(one)}" for name, one in value.items()) or "none"
+    if isinstance(value, list | tuple):
+        between = "; " if any(isinstance(one, dict | list) for one in value) else ", "
+        return between.join(f"{v:.12g}" if isinstance(v, float) else _part(v) for v in value) or "none"
+    return str(value)
+
+
+def _part(value: Any) -> str:
+    return _text(value) if isinstance(value, dict | list) else str(value)

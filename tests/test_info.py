@@ -1,0 +1,108 @@
+"""pointray info: files, coordinate system, ranges of attributes, scanners."""
+
+import json
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from conftest import sphere_points
+from pointray.cli import execute
+from pointray.cli.facts import crs_name, describe_attributes, describe_survey
+from pointray.cli.tables import show_table
+
+WKT = 'PROJCS["ETRS89 / UTM zone 32N",GEOGCS["ETRS89",DATUM["European Terrestrial"]],UNIT["metre",1]]'
+TIME = 311_417_063.123456
+ROWS = sphere_points(100)
+
+
+@pytest.fixture
+def scan(tmp_path):
+    """A map with a coordinate system and attributes of several types."""
+    attributes = {
+        "gps_time": np.linspace(TIME, TIME + 5, 100),
+        "classification": np.where(np.arange(100) < 60, 2, np.where(np.arange(100) < 99, 6, 77)).astype(np.uint8),
+        "reflectance": np.linspace(-1.1, 0.3, 100, dtype=np.float32),
+    }
+    path = tmp_path / "a.ply"
+    pr.write(path, pr.Points(ROWS + [5e5, 5.4e6, 100], ROWS, attributes=attributes, survey=pr.Survey(crs=WKT)))
+    return path
+
+
+def test_as_json(scan, capsys):
+    assert execute(["info", str(scan), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["format"] == "PLY" and facts["crs"] == WKT and facts["crs_name"] == "ETRS89 / UTM zone 32N"
+    assert facts["files"][0]["bytes"] == scan.stat().st_size and facts["files"][0]["rows"] == 100
+    assert facts["stations"] == [] and facts["attributes"] == sorted(facts["ranges"])
+    ranges = facts["ranges"]
+    assert ranges["gps_time"] == {"dtype": "float64", "low": TIME, "high": TIME + 5}
+    assert ranges["classification"]["counts"] == {"2": 60, "6": 39, "77": 1}
+    assert (ranges["classification"]["low"], ranges["classification"]["high"]) == (2, 77)
+    assert ranges["reflectance"]["low"] == float(np.float32(-1.1))
+
+
+def test_as_a_table(scan, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    assert execute(["info", str(scan)]) == 0
+    out = capsys.readouterr().out
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    assert "coordinate system ETRS89 / UTM zone 32N" in lines
+    assert f"gps_time float64 {TIME!r} {TIME + 5!r}" in lines  # all digits
+    assert "reflectance float32 -1.1 0.3" in lines
+    assert "2 ground 60" in lines and "6 building 39" in lines and "77 no name 1" in lines
+    assert WKT not in out and "crs" not in out
+
+
+def test_the_rows_of_the_file_are_told_if_fewer_are_read(scan, capsys):
+    assert execute(["info", str(scan), "--every", "4"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "rows of the file 100" in lines and "points 25" in lines
+
+
+def test_names_of_coordinate_systems():
+    assert crs_name(WKT) == "ETRS89 / UTM zone 32N"
+    assert crs_name("EPSG:25832") == "EPSG:25832"
+    assert crs_name('COMPD_CS["NAD83 + NAVD88",PROJCS["NAD83"]]') == "NAD83 + NAVD88"
+    assert crs_name('a "local" one') == 'a "local" one'
+    assert crs_name("") == ""
+
+
+def test_ranges_are_exact():
+    n = 5
+    values = {
+        "big": np.array([2**63 + 1, 0, 1, 2, 2**64 - 1], np.uint64),
+        "flag": np.array([True, False, True, True, True]),
+        "lost": np.array([np.nan, 1.5, np.inf, -2, 0]),
+        "none": np.full(n, np.nan, np.float32),
+        "pair": np.array([[1, -1], [2, -2], [3, -3], [4, -4], [5, -5]], np.int16),
+        "scalar_Classification": np.array([2, 2, 6, 6, 6], np.float32),
+        "Classification": np.array([2, 2, 6.5, 6, 6], np.float32),
+    }
+    found = describe_attributes(pr.Points(ROWS[:n], attributes=values))
+    assert found["big"] == {"dtype": "uint64", "low": 0, "high": 2**64 - 1}
+    assert found["flag"] == {"dtype": "bool", "low": False, "high": True}
+    assert found["lost"] == {"dtype": "float64", "low": -2.0, "high": 1.5, "not_finite": 2}
+    assert found["none"] == {"dtype": "float32", "low": None, "high": None, "not_finite": 5}
+    assert found["pair"] == {"dtype": "int16", "low": [1, -5], "high": [5, -1]}
+    assert found["scalar_Classification"]["counts"] == {"2": 2, "6": 3}
+    assert "counts" not in found["Classification"]
+    assert json.loads(json.dumps(found)) == found
+
+
+def test_scanners_are_listed(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    stations = [(float(k), 2.0, 3.25) for k in range(20)]
+    facts = describe_survey(pr.Survey(unit="metre", stations=tuple(stations)))
+    assert facts["stations"] == [list(s) for s in stations] and facts["unit"] == "metre"
+    show_table({"file": "a", "points": 3, **facts}, False)
+    out = " ".join(capsys.readouterr().out.split())
+    assert "20 scanners at 0, 2, 3.25; 1, 2, 3.25;" in out and "and 8 more" in out and "unit metre" in out
+
+
+def test_facts_of_headers_of_several_kinds(capsys):
+    scans = [{"name": "one", "points": 1200}, {"name": "two", "points": 7}]
+    file = {"file": "a.e57", "format": "E57", "bytes": 1, "rows": 3, "scans": scans, "version": "1.0"}
+    show_table({"file": "a.e57", "points": 3, "files": [file]}, False)
+    out = " ".join(capsys.readouterr().out.split())
+    assert "scans name one, points 1,200; name two, points 7" in out and "version 1.0" in out
