@@ -26,6 +26,9 @@ KEEPS = {
 }
 
 
+Floats = NDArray[np.floating[Any]]
+
+
 class Splats(NamedTuple):
     """Some splats of a file.
 
@@ -45,10 +48,10 @@ class Splats(NamedTuple):
     """
 
     positions: NDArray[Any]
-    colors: NDArray[np.float32]
-    opacity: NDArray[np.float32]
-    scale: NDArray[np.float32]
-    rotation: NDArray[np.float32]
+    colors: Floats
+    opacity: Floats
+    scale: Floats
+    rotation: Floats
     others: Mapping[str, NDArray[Any]] = {}
 
 
@@ -81,11 +84,12 @@ def opaque_chunks(
         facts["transparent"] = seen - kept
     if seen and not kept:
         raise ValueError(
-            f"none of its {seen:,} splats has an opacity of {opacity:g}: the greatest is {greatest:.3g}; "
+            f"none of its {seen:,} splats has an opacity of {opacity:g}: the greatest is {greatest:g}; "
             "a lower threshold keeps more"
         )
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _to_chunk(splats: Splats, rows: NDArray[np.bool_], share: float) -> Chunk:
     scale = splats.scale[rows]
     attributes = {"opacity": splats.opacity[rows], "scale": scale}
@@ -94,7 +98,7 @@ def _to_chunk(splats: Splats, rows: NDArray[np.bool_], share: float) -> Chunk:
     return Chunk(splats.positions[rows], normals, _to_bytes(splats.colors[rows]), attributes, share)
 
 
-def shortest_axes(scale: NDArray[np.float32], rotation: NDArray[np.float32]) -> NDArray[np.float32]:
+def shortest_axes(scale: Floats, rotation: Floats) -> NDArray[np.float32]:
     """The unit vector along each splat's shortest axis, (m, 3) float32; 0 where the quaternion is 0 or not finite.
 
     Parameters
@@ -120,14 +124,14 @@ def shortest_axes(scale: NDArray[np.float32], rotation: NDArray[np.float32]) -> 
     return turned.astype(np.float32)
 
 
-def _to_bytes(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _to_bytes(colors: Floats) -> NDArray[np.uint8]:
     """Colours from 0 to 1 as 8 bits; what lies beyond is clipped."""
     shades = np.clip(np.rint(colors * np.float32(255)), 0, 255)
     shades[np.isnan(shades)] = UNKNOWN
     return shades.astype(np.uint8)
 
 
-def smallest_three(largest: NDArray[Any], rest: NDArray[np.float32]) -> NDArray[np.float32]:
+def smallest_three(largest: NDArray[Any], rest: Floats) -> NDArray[np.float32]:
     """Unit quaternions whose largest component is not stored, (m, 4) float32.
 
     Parameters

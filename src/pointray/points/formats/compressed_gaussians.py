@@ -10,7 +10,7 @@ import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ class Table(NamedTuple):
     """Where the rows of an element lie in a file."""
 
     start: int
-    count: int
+    rows: int
     dtype: np.dtype[Any]
 
 
@@ -59,13 +59,12 @@ class CompressedSource(Source):
             boxes = _checked(tables, "chunk", PLACE + SCALE)
             _check_counts(self._vertices, boxes, file.seek(0, io.SEEK_END))
             file.seek(boxes.start)
-            self._boxes = np.fromfile(file, boxes.dtype, boxes.count)
-        self._facts = {"encoding": header.format, "comments": list(header.comments), "splats": self._vertices.count}
-        self.listing = listing_of(self._vertices.count, self._opacity, self._facts)
+            self._boxes = np.fromfile(file, boxes.dtype, boxes.rows)
+        self._facts = {"encoding": header.format, "comments": list(header.comments), "splats": self._vertices.rows}
+        self.listing = listing_of(self._vertices.rows, self._opacity, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
-        with np.errstate(over="ignore", invalid="ignore"):
-            yield from opaque_chunks(self._splats(), self._opacity, self._facts)
+        return opaque_chunks(self._splats(), self._opacity, self._facts)
 
     def _splats(self) -> Iterator[tuple[Splats, float]]:
         start, count, dtype = self._vertices
@@ -111,21 +110,22 @@ def _checked(tables: dict[str, Table], name: str, needed: tuple[str, ...]) -> Ta
 
 def _check_counts(vertices: Table, boxes: Table, size: int) -> None:
     """Check the header's counts against each other and against the file's size in bytes."""
-    if vertices.count == 0:
+    if vertices.rows == 0:
         raise ValueError("holds no points: the header announces 0 vertices")
-    if boxes.count != -(-vertices.count // IN_BOX):
+    if boxes.rows != -(-vertices.rows // IN_BOX):
         raise ValueError(
-            f"is damaged: {vertices.count:,} splats need {-(-vertices.count // IN_BOX):,} chunks of {IN_BOX}, "
-            f"the header announces {boxes.count:,}"
+            f"is damaged: {vertices.rows:,} splats need {-(-vertices.rows // IN_BOX):,} chunks of {IN_BOX}, "
+            f"the header announces {boxes.rows:,}"
         )
-    end = max(table.start + table.count * table.dtype.itemsize for table in (vertices, boxes))
+    end = max(table.start + table.rows * table.dtype.itemsize for table in (vertices, boxes))
     if end > size:
-        raise ValueError(f"is cut off: {vertices.count:,} splats reach to byte {end:,}, {size:,} bytes are there")
+        raise ValueError(f"is cut off: {vertices.rows:,} splats reach to byte {end:,}, {size:,} bytes are there")
 
 
 # ------------------------------------------------------------------------------------------------------ unpacking
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _unpack(rows: NDArray[Any], boxes: NDArray[Any]) -> Splats:
     """Splats of packed rows, each with its box."""
     place, turn, scale, color = (rows[name].astype(np.uint32) for name in WORDS)

@@ -50,13 +50,13 @@ class GaussianSource(PlySource):
         self.listing = replace(listing, survey=self.listing.survey)
 
     def chunks(self) -> Iterator[Chunk]:
-        with np.errstate(over="ignore", invalid="ignore"):
-            yield from opaque_chunks(self._splats(), self._opacity, self._facts)
+        return opaque_chunks(self._splats(), self._opacity, self._facts)
 
     def _splats(self) -> Iterator[tuple[Splats, float]]:
         for columns, share in self._columns():
             yield self._to_splats(columns, share), share
 
+    @np.errstate(over="ignore", invalid="ignore")
     def _to_splats(self, columns: Columns, share: float) -> Splats:
         plain = self._to_chunk({name: columns[name] for name in (*CENTERS, *self._others)}, share)
         return Splats(
@@ -76,6 +76,10 @@ def _floats(columns: Columns, names: Sequence[str]) -> NDArray[np.float32]:
     return out
 
 
-KEPT = {**KEEPS, "attributes": f"{KEEPS['attributes']}; all other properties but f_rest", "survey": "the coordinate system"}
+KEPT = {
+    **KEEPS,
+    "attributes": f"{KEEPS['attributes']}; all other properties but f_rest",
+    "survey": "the coordinate system",
+}
 
 FORMAT = Format("3D Gaussian splatting", (".ply",), recognise, GaussianSource, KEPT)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._source import MAYBE, NO, Chunk, Format, Request, Source
-from ._splats import KEEPS, ROWS, Splats, listing_of, opaque_chunks
+from ._splats import KEEPS, ROWS, Floats, Splats, listing_of, opaque_chunks
 
 ROW = np.dtype([("place", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
 LARGEST = 1e6  # coordinates and scales of splats that are taken for such
@@ -36,7 +36,7 @@ def _is_plausible(head: bytes) -> bool:
     return bool(good.mean() >= PLAUSIBLE)
 
 
-def _quaternions(turn: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _quaternions(turn: NDArray[np.uint8]) -> Floats:
     return (turn.astype(np.float32) - 128) / 128
 
 
@@ -57,8 +57,7 @@ class SplatSource(Source):
         self.listing = listing_of(self._count, self._opacity, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
-        with np.errstate(over="ignore", invalid="ignore"):
-            yield from opaque_chunks(self._splats(), self._opacity, self._facts)
+        return opaque_chunks(self._splats(), self._opacity, self._facts)
 
     def _splats(self) -> Iterator[tuple[Splats, float]]:
         with self._path.open("rb") as file:

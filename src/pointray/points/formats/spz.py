@@ -1,7 +1,7 @@
 """SPZ: Niantic's compressed 3D Gaussian splatting, 20 bytes a splat or less.
 
-Columns lie one after the other. Versions 1 to 3 are packed with gzip as a whole, and are unpacked before they come here;
-in version 4 each column is packed with zstd, behind a table of their sizes. Axes are kept as they are stored: x to the
+Columns lie one after the other. Versions 1 to 3 are packed with gzip as a whole, and are unpacked before they come
+here; in version 4 each column is packed with zstd, behind a table of their sizes. Axes are kept as they are: x to the
 right, y up, z backwards.
 """
 
@@ -39,7 +39,7 @@ class Header(NamedTuple):
     """What a file announces."""
 
     version: int
-    count: int
+    splats: int
     degree: int
     bits: int  # of the coordinates' fractions
     flags: int
@@ -69,24 +69,23 @@ class SpzSource(Source):
             require("backports.zstd", "files", "an SPZ file of version 4")
         self._facts: dict[str, Any] = {
             "version": header.version,
-            "splats": header.count,
+            "splats": header.splats,
             "harmonics": header.degree,
             "antialiased": bool(header.flags & ANTIALIASED),
         }
-        self.listing = listing_of(header.count, self._opacity, self._facts)
+        self.listing = listing_of(header.splats, self._opacity, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
-        with np.errstate(over="ignore", invalid="ignore"):
-            yield from opaque_chunks(self._splats(), self._opacity, self._facts)
+        return opaque_chunks(self._splats(), self._opacity, self._facts)
 
     def _splats(self) -> Iterator[tuple[Splats, float]]:
         header = self._header
         with ExitStack() as stack:
             files = [_column(self._path, part, header.version > 3, stack) for part in self._parts]
-            for first in range(0, header.count, ROWS):
-                n = min(ROWS, header.count - first)
+            for first in range(0, header.splats, ROWS):
+                n = min(ROWS, header.splats - first)
                 columns = [_read(f, n, w, first) for f, w in zip(files, header.widths, strict=False)]
-                yield _unpack(header, columns), (first + n) / header.count
+                yield _unpack(header, columns), (first + n) / header.splats
 
 
 # --------------------------------------------------------------------------------------------------------- header
@@ -103,7 +102,7 @@ def _read_header(file: BinaryIO) -> Header:
     header = Header(*fields)
     if not 1 <= header.version <= 4:
         raise ValueError(f"is of SPZ's version {header.version}; can read 1 to 4")
-    if header.count == 0:
+    if header.splats == 0:
         raise ValueError("holds no points: the header announces 0 splats")
     if header.degree >= len(HARMONICS):
         raise ValueError(f"is damaged: its harmonics have the degree {header.degree}, more than {len(HARMONICS) - 1}")
@@ -116,24 +115,24 @@ def _plain_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
     """Where the columns begin, and their bytes."""
     size, end, parts = file.seek(0, io.SEEK_END), OLD, []
     for width in header.widths:
-        parts.append((end, header.count * width))
-        end += header.count * width
+        parts.append((end, header.splats * width))
+        end += header.splats * width
     if end > size:
-        raise ValueError(f"is cut off: {header.count:,} splats reach to byte {end:,}, {size:,} bytes are there")
+        raise ValueError(f"is cut off: {header.splats:,} splats reach to byte {end:,}, {size:,} bytes are there")
     return parts[:-1]
 
 
 def _packed_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
     """Where the packed columns begin, and their packed bytes."""
     size = file.seek(0, io.SEEK_END)
-    needed = [header.count * width for width in header.widths if width]
+    needed = [header.splats * width for width in header.widths if width]
     if header.columns != len(needed):
         raise ValueError(f"is damaged: it has {header.columns} columns, not {len(needed)}")
     end = header.table + header.columns * TABLE_ROW.size
     if header.table < HEADER.size or end > size:
         raise ValueError(f"is cut off: its table of columns is at byte {header.table:,} of {size:,}")
     file.seek(header.table)
-    parts = []
+    parts: list[tuple[int, int]] = []
     for length, unpacked in TABLE_ROW.iter_unpack(file.read(header.columns * TABLE_ROW.size)):
         if unpacked != needed[len(parts)]:
             raise ValueError(f"is damaged: column {len(parts)} has {unpacked:,} bytes, not {needed[len(parts)]:,}")
@@ -142,7 +141,7 @@ def _packed_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
     if end > size:
         raise ValueError(f"is cut off: its columns reach to byte {end:,}, {size:,} bytes are there")
     if needed[0] > ZSTD_RATIO * size:
-        raise ValueError(f"is damaged: {header.count:,} splats cannot be in {size:,} bytes")
+        raise ValueError(f"is damaged: {header.splats:,} splats cannot be in {size:,} bytes")
     return parts[:5]
 
 
@@ -194,6 +193,7 @@ def _read(file: Any, n: int, width: int, first: int) -> Bytes:
 # ------------------------------------------------------------------------------------------------------ unpacking
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _unpack(header: Header, columns: list[Bytes]) -> Splats:
     places, opacity, shades, scales, turns = columns
     return Splats(
