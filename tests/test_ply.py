@@ -411,11 +411,6 @@ def test_real_map_coordinates_and_labels():
     np.testing.assert_array_equal(points.attributes["label"], truth["label"])
 
 
-def test_compressed_gaussians_are_refused_with_what_they_hold():
-    with pytest.raises(ValueError, match=r"no properties x, y, z, only: packed_position"):
-        read(shared_model("raw/3dgs_biker.compressed.ply"))
-
-
 def test_more_vertices_than_can_be_held_are_refused(tmp_path):
     """The sparse file does have them all."""
     path = tmp_path / "huge.ply"

@@ -187,6 +187,7 @@ def format_of(path: Path, named: Path | None = None) -> Format:
     best = max(certain, key=lambda name: certain[name])
     if certain[best] == NO:
         meant = [x for x in _formats().values() if inner.suffix.lower() in x.extensions]
+        meant.sort(key=lambda x: x.write is None)  # splats are PLY files too, of a kind that is only read
         what = f"is no {meant[0].name} file" if meant else f"cannot read {inner.suffix or 'a file without extension'}"
         raise ValueError(f"{file}: {what}: it begins with {head[:12]!r}; can read {', '.join(extensions())}")
     found = _formats()[best]

@@ -5,6 +5,7 @@ names begin with _ are parts of formats. A new format is a file here and nothing
 
 _source : what a reader gives
 ply : binary and text; _ply_header : what a file announces; _ply_lists : rows that hold lists of varying length
+gaussians, compressed_gaussians, spz, splat : 3D Gaussian splatting; _splats : what they share
 
 Begin with _source, then ply.
 """

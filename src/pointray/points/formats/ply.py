@@ -26,6 +26,7 @@ from ._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+CHUNK_BYTES = 1 << 25  # bytes of a chunk's rows at most: a splat has 248
 TEXT_BYTES = 1 << 20  # bytes of ascii that are parsed together
 SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or LF, so that CR LF ends a blank line too
 LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
@@ -58,6 +59,7 @@ class PlySource(Source):
             file.seek(header.size)
             _check_size(file, self._vertex, count, least)
         self._scalars = [p for p in self._vertex.properties if not isinstance(p, PlyListProperty)]
+        self._types = {p.name: np.dtype(p.dtype()) for p in self._scalars}
         row = 36 + sum(np.dtype(p.dtype()).itemsize for p in self._scalars)
         crs = next((text[4:].strip() for text in header.comments if text.startswith("crs ")), None)
         facts = {
@@ -67,16 +69,23 @@ class PlySource(Source):
         self.listing = Listing(count, row, survey=Survey(crs or None), facts=facts)
 
     def chunks(self) -> Iterator[Chunk]:
+        for columns, share in self._columns():
+            yield self._to_chunk(columns, share)
+
+    def _to_chunk(self, columns: Columns, share: float) -> Chunk:
+        return _to_chunk(columns, self._types, share)
+
+    def _columns(self) -> Iterator[tuple[Columns, float]]:
+        """The columns of some vertices after those of others, and the share that has been read."""
         header = self._header
         rows = _read_ascii if header.format == "ascii" else _read_binary
-        types = {p.name: np.dtype(p.dtype()) for p in self._scalars}
         done, count = 0, header.counts[self._index]
         with self._path.open("rb") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
             file.seek(header.size)
             for columns in rows(file, header, self._index):
                 done += len(columns["x"])
-                yield _to_chunk(columns, types, done / count)
+                yield columns, done / count
 
 
 def _check_vertex(vertex: Any, count: int) -> None:
@@ -119,9 +128,10 @@ def _read_binary(file: BinaryIO, header: Header, index: int) -> Iterator[Columns
         return
     dtype = np.dtype([(p.name, p.dtype(order)) for p in vertex.properties])
     _check_size(file, vertex, count, dtype.itemsize)
-    for start in range(0, count, CHUNK):
-        rows = np.fromfile(file, dtype, min(CHUNK, count - start))
-        if len(rows) < min(CHUNK, count - start):
+    step = max(min(CHUNK, CHUNK_BYTES // dtype.itemsize), 1)
+    for start in range(0, count, step):
+        rows = np.fromfile(file, dtype, min(step, count - start))
+        if len(rows) < min(step, count - start):
             raise ValueError(f"is cut off at vertex {start + len(rows):,} of {count:,}")
         yield {name: rows[name] for name in dtype.names or ()}
 
