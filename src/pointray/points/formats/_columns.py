@@ -36,7 +36,7 @@ class Roles(NamedTuple):
         taken = {name for names in self for name in names}
         attributes = {name: own(column) for name, column in columns.items() if name not in taken}
         positions, normals, colors = (
-            _stack([columns[name] for name in names]) if names else None
+            stack([columns[name] for name in names]) if names else None
             for names in (self.positions, self.normals, self.colors)
         )
         assert positions is not None
@@ -69,7 +69,8 @@ def roles_of(types: Mapping[str, tuple[np.dtype[Any], int]]) -> Roles:
 
     positions = find(POSITIONS, AXES, (3,))
     if not positions:
-        raise ValueError(f"has no columns x, y, z, only: {', '.join(list(types)[:20]) or 'none'}")
+        names = ", ".join(repr(name[:30])[1:-1] for name in list(types)[:20])
+        raise ValueError(f"has no columns x, y, z, only: {names or 'none'}")
     return Roles(positions, find(NORMALS, NORMAL_AXES, (3,)), find(COLORS, CHANNELS, (3, 4)))
 
 
@@ -78,7 +79,7 @@ def own(column: NDArray[Any]) -> NDArray[Any]:
     return np.array(column, column.dtype.newbyteorder("="), order="C")
 
 
-def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def stack(columns: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
     """(m, 3) array of three columns, or of the first three of a wider one, in 4 or 8 bytes if they are floats."""
     dtype = np.result_type(*(column.dtype.newbyteorder("=") for column in columns))
     if dtype.kind == "f" and dtype.itemsize not in (4, 8):

@@ -46,7 +46,7 @@ def opened(path: Path) -> Iterator[zipfile.ZipFile]:
         with zipfile.ZipFile(path) as archive:
             yield archive
     except DAMAGE as error:
-        raise ValueError(f"is damaged or cut off: {error}") from error
+        raise ValueError(f"is damaged or cut off: {str(error) or 'an array ends too early'}") from error
     except OSError as error:
         if error.errno != errno.EINVAL:  # a place before the file's beginning
             raise

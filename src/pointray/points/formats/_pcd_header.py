@@ -84,7 +84,7 @@ def read_header(file: BinaryIO) -> Header:
     lines = _lines(text)
     encoding = " ".join(lines["DATA"].values).lower()
     if encoding not in ENCODINGS:
-        raise ValueError(f"line {lines['DATA'].number}: the data are {encoding!r}, not {', '.join(ENCODINGS)}")
+        raise ValueError(f"line {lines['DATA'].number}: the data are {encoding[:30]!r}, not {', '.join(ENCODINGS)}")
     fields = _fields(lines)
     count, shape = _count(lines)
     version = " ".join(lines["VERSION"].values) if "VERSION" in lines else ""
@@ -122,12 +122,14 @@ def _fields(lines: dict[str, Line]) -> list[Field]:
     fields = []
     for name, size, kind, count in zip(names, sizes.values, types.values, counts.values, strict=True):
         if name in seen:
-            raise ValueError(f"line {lines['FIELDS'].number}: there are two fields {name!r}")
+            raise ValueError(f"line {lines['FIELDS'].number}: there are two fields {name[:30]!r}")
         if kind not in KINDS or size not in ("1", "2", "4", "8") or (kind, size) == ("F", "1"):
-            raise ValueError(f"line {types.number}: the field {name!r} has no known type: {kind} {size}")
+            raise ValueError(
+                f"line {types.number}: the field {name[:30]!r} has no known type: {(kind + ' ' + size)[:30]!r}"
+            )
         many = _whole(count, counts.number)
         if many == 0:
-            raise ValueError(f"line {counts.number}: the field {name!r} has no values")
+            raise ValueError(f"line {counts.number}: the field {name[:30]!r} has no values")
         seen |= {name} - {PADDING}
         fields.append(Field(name, np.dtype(f"<{KINDS[kind]}{size}"), many))
     return fields

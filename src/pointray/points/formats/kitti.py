@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...survey import Survey
-from ._columns import own
+from ._columns import own, stack
 from ._source import CHUNK, MAYBE, NO, Chunk, Format, Listing, Request, Source
 
 LAYOUTS = {4: ("KITTI", ("reflectance",)), 5: ("nuScenes", ("intensity", "ring"))}
@@ -72,7 +72,7 @@ class KittiSource(Source):
                 rows = rows.reshape(-1, self._width)
                 done += len(rows)
                 attributes = {name: own(rows[:, 3 + k]) for k, name in enumerate(self._attributes)}
-                yield Chunk(own(rows[:, :3]), attributes=attributes, share=done / total)
+                yield Chunk(stack(rows[:, :3].T), attributes=attributes, share=done / total)
 
 
 def _width(path: Path, size: int, head: bytes) -> int:

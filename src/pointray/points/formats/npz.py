@@ -58,7 +58,10 @@ class NpzSource(Source):
 
     def chunks(self) -> Iterator[Chunk]:
         if self._left_out:
-            warnings.warn(f"left out, as they are no columns of numbers: {', '.join(self._left_out)}", stacklevel=2)
+            warnings.warn(
+                f"left out, as they are no columns of numbers: {', '.join(map(repr, self._left_out[:20]))}",
+                stacklevel=2,
+            )
         names = self._table_names()
         roles, done = self._types_and_roles(names), 0
         for blocks in self._blocks(list(self._members)):
@@ -123,7 +126,7 @@ def _first(members: dict[str, Member]) -> tuple[str, str]:
         return lower["x"], ""
     tables = [name for name, m in members.items() if m.header.dtype.fields or m.header.width >= 3]
     if len(tables) != 1:
-        names = ", ".join(list(members)[:20])
+        names = ", ".join(repr(name[:30])[1:-1] for name in list(members)[:20])
         raise ValueError(f"has no array called positions, points or xyz, and no arrays x, y, z, only: {names}")
     return tables[0], tables[0]
 
