@@ -1,0 +1,92 @@
+"""Named columns -> chunks: which names stand for positions, normals and colours; all others are attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._source import Chunk
+
+# Names of one array with three columns, and of three arrays with one; the first that are there count.
+POSITIONS = ("positions", "position", "points", "xyz", "pos", "pts", "coords", "coord")
+NORMALS = ("normals", "normal")
+COLORS = ("colors", "colours", "color", "colour", "rgb", "rgba")
+AXES = (("x", "y", "z"),)
+NORMAL_AXES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
+CHANNELS = (("red", "green", "blue"), ("r", "g", "b"))
+SPECIAL = frozenset(
+    (*POSITIONS, *NORMALS, *COLORS, *(name for triples in (AXES, NORMAL_AXES, CHANNELS) for t in triples for name in t))
+)
+
+Columns = dict[str, NDArray[Any]]
+
+
+class Roles(NamedTuple):
+    """Which columns are what: one name of an array with three columns, three names, or none."""
+
+    positions: tuple[str, ...]
+    normals: tuple[str, ...]
+    colors: tuple[str, ...]
+
+    def chunk(self, columns: Mapping[str, NDArray[Any]], share: float) -> Chunk:
+        """Columns, (m,) or (m, k) arrays, as a chunk with contiguous arrays of its own."""
+        taken = {name for names in self for name in names}
+        attributes = {name: own(column) for name, column in columns.items() if name not in taken}
+        positions, normals, colors = (
+            stack([columns[name] for name in names]) if names else None
+            for names in (self.positions, self.normals, self.colors)
+        )
+        assert positions is not None
+        return Chunk(positions, normals, colors, attributes, share)
+
+
+def roles_of(types: Mapping[str, tuple[np.dtype[Any], int]]) -> Roles:
+    """What columns are by their names, in capitals or not.
+
+    Parameters
+    ----------
+    types : dict of str to (dtype, int)
+        The dtype of each column, and its width: 0 for (n,) arrays.
+
+    Raises
+    ------
+    ValueError
+        If there are no positions.
+    """
+    numbers = {name.lower(): (name, width) for name, (dtype, width) in types.items() if dtype.kind in "iuf"}
+
+    def find(arrays: Sequence[str], triples: Sequence[tuple[str, ...]], widths: tuple[int, ...]) -> tuple[str, ...]:
+        for name in arrays:
+            if name in numbers and numbers[name][1] in widths:
+                return (numbers[name][0],)
+        for names in triples:
+            if all(numbers.get(name, ("", -1))[1] in (0, 1) for name in names):
+                return tuple(numbers[name][0] for name in names)
+        return ()
+
+    positions = find(POSITIONS, AXES, (3,))
+    if not positions:
+        names = ", ".join(repr(name[:30])[1:-1] for name in list(types)[:20])
+        raise ValueError(f"has no columns x, y, z, only: {names or 'none'}")
+    return Roles(positions, find(NORMALS, NORMAL_AXES, (3,)), find(COLORS, CHANNELS, (3, 4)))
+
+
+def own(column: NDArray[Any]) -> NDArray[Any]:
+    """A contiguous copy in the machine's byte order."""
+    return np.array(column, column.dtype.newbyteorder("="), order="C")
+
+
+def stack(columns: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
+    """(m, 3) array of three columns, or of the first three of a wider one, in 4 or 8 bytes if they are floats."""
+    dtype = np.result_type(*(column.dtype.newbyteorder("=") for column in columns))
+    if dtype.kind == "f" and dtype.itemsize not in (4, 8):
+        dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)
+    if len(columns) == 1:
+        return np.array(columns[0][:, :3], dtype, order="C")
+    out = np.empty((len(columns[0]), 3), dtype)
+    for k, column in enumerate(columns):
+        out[:, k] = column.reshape(len(out))
+    return out

@@ -1,0 +1,183 @@
+"""The header of a PCD file: its fields, how many points there are, how they are stored and where they begin."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+
+LONGEST_HEADER = 1 << 20
+PADDING = "_"
+KINDS = {"I": "i", "U": "u", "F": "f"}
+ENCODINGS = ("ascii", "binary", "binary_compressed")
+WORDS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+class Field(NamedTuple):
+    """A field: `width` numbers of each point."""
+
+    name: str
+    dtype: np.dtype[Any]
+    width: int
+
+    @property
+    def size(self) -> int:
+        """Bytes of it in a row."""
+        return self.dtype.itemsize * self.width
+
+
+class Header(NamedTuple):
+    """What a header announces.
+
+    Attributes
+    ----------
+    fields : sequence of Field
+        Padding too, in the file's order.
+    points : int
+        How many there are.
+    shape : (int, int)
+        Width and height: of an organised cloud, pixels.
+    station : (3,) tuple of float or None
+        Where the scanner stood; None if nothing is said.
+    encoding : str
+    size, lines : int
+        Bytes and lines of the header.
+    """
+
+    version: str
+    fields: Sequence[Field]
+    points: int
+    shape: tuple[int, int]
+    station: tuple[float, float, float] | None
+    encoding: str
+    size: int
+    lines: int
+
+    @property
+    def row(self) -> int:
+        """Bytes of a row."""
+        return sum(field.size for field in self.fields)
+
+    @property
+    def kept(self) -> list[Field]:
+        """The fields that are no padding."""
+        return [field for field in self.fields if field.name != PADDING]
+
+
+class Line(NamedTuple):
+    """A line of the header. number : from 1"""
+
+    number: int
+    values: list[str]
+
+
+def read_header(file: BinaryIO) -> Header:
+    """The header at the start of a file; ValueError says what is wrong with it."""
+    start = file.read(LONGEST_HEADER)
+    last = re.search(rb"(?m)^[ \t]*DATA\b[^\n]*\n", start)
+    if last is None:
+        raise ValueError("the header is cut off: there is no line 'DATA'")
+    text = start[: last.end()].decode("latin-1")
+    lines = _lines(text)
+    encoding = " ".join(lines["DATA"].values).lower()
+    if encoding not in ENCODINGS:
+        raise ValueError(f"line {lines['DATA'].number}: the data are {encoding[:30]!r}, not {', '.join(ENCODINGS)}")
+    fields = _fields(lines)
+    count, shape = _count(lines)
+    version = " ".join(lines["VERSION"].values) if "VERSION" in lines else ""
+    return Header(version, fields, count, shape, _station(lines), encoding, last.end(), text.count("\n"))
+
+
+def _lines(text: str) -> dict[str, Line]:
+    """The lines of a header by their first words."""
+    lines: dict[str, Line] = {}
+    for number, line in enumerate(text.split("\n"), 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        word = "FIELDS" if words[0] == "COLUMNS" else words[0]
+        if word not in WORDS:
+            raise ValueError(f"line {number}: {line.strip()[:40]!r} is no line of a PCD header")
+        if word in lines:
+            raise ValueError(f"line {number}: there are two lines {word}")
+        lines[word] = Line(number, words[1:])
+    return lines
+
+
+def _whole(text: str, number: int) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) <= 15):
+        raise ValueError(f"line {number}: {text[:40]!r} is no whole number")
+    return int(text)
+
+
+def _fields(lines: dict[str, Line]) -> list[Field]:
+    if "FIELDS" not in lines:
+        raise ValueError("the header has no line FIELDS")
+    names = lines["FIELDS"].values
+    sizes, types, counts = (_row_of(lines, *one, len(names)) for one in (("SIZE", "4"), ("TYPE", "F"), ("COUNT", "1")))
+    seen: set[str] = set()
+    fields = []
+    for name, size, kind, count in zip(names, sizes.values, types.values, counts.values, strict=True):
+        if name in seen:
+            raise ValueError(f"line {lines['FIELDS'].number}: there are two fields {name[:30]!r}")
+        if kind not in KINDS or size not in ("1", "2", "4", "8") or (kind, size) == ("F", "1"):
+            raise ValueError(
+                f"line {types.number}: the field {name[:30]!r} has no known type: {(kind + ' ' + size)[:30]!r}"
+            )
+        many = _whole(count, counts.number)
+        if many == 0:
+            raise ValueError(f"line {counts.number}: the field {name[:30]!r} has no values")
+        seen |= {name} - {PADDING}
+        fields.append(Field(name, np.dtype(f"<{KINDS[kind]}{size}"), many))
+    return fields
+
+
+def _row_of(lines: dict[str, Line], word: str, default: str, length: int) -> Line:
+    """The line with a value for each field."""
+    line = lines.get(word)
+    if line is None:
+        return Line(0, [default] * length)
+    if len(line.values) != length:
+        raise ValueError(f"line {line.number}: {word} has {len(line.values)} values for {length} fields")
+    return line
+
+
+def _count(lines: dict[str, Line]) -> tuple[int, tuple[int, int]]:
+    """How many points there are, and width and height. Old files have no height, some have neither."""
+
+    def one(word: str, default: int) -> int:
+        line = lines.get(word)
+        if line is not None and len(line.values) != 1:
+            raise ValueError(f"line {line.number}: {word} has {len(line.values)} values, not 1")
+        return default if line is None else _whole(line.values[0], line.number)
+
+    points, width, height = one("POINTS", -1), one("WIDTH", 0), one("HEIGHT", 0)
+    if width == 0 and height <= 1:
+        width = max(points, 0)
+    height = height or 1
+    if points < 0 and "WIDTH" not in lines:
+        raise ValueError("the header has neither a line POINTS nor a line WIDTH")
+    if points >= 0 and width * height != points:
+        where = f"line {lines['POINTS'].number}"
+        raise ValueError(f"{where}: {points:,} points are announced, WIDTH x HEIGHT are {width:,} x {height:,}")
+    if width * height == 0:
+        raise ValueError("holds no points: the header announces 0")
+    return width * height, (width, height)
+
+
+def _station(lines: dict[str, Line]) -> tuple[float, float, float] | None:
+    """Where the scanner stood; None at zero and looking along the axes, as programs write that know nothing."""
+    line = lines.get("VIEWPOINT")
+    if line is None:
+        return None
+    try:
+        x, y, z, *turn = (float(value) for value in line.values)
+        if len(turn) != 4:
+            raise ValueError
+    except ValueError:
+        raise ValueError(f"line {line.number}: VIEWPOINT must be 7 numbers, tx ty tz qw qx qy qz") from None
+    known = any((x, y, z)) or (tuple(turn) != IDENTITY and any(turn))
+    return (x, y, z) if known and np.isfinite((x, y, z)).all() else None

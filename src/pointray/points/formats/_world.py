@@ -1,0 +1,36 @@
+"""World coordinates of points, as they are written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...data import Points
+from ...survey import RESIDUAL
+
+
+def is_float64(points: Points) -> bool:
+    """Whether world coordinates need 8 bytes."""
+    return bool(points.origin.any()) or _has_grid(points)
+
+
+def world_rows(points: Points, part: slice) -> NDArray[Any]:
+    """World coordinates of some rows, (m, 3) float64, or float32 where that loses nothing.
+
+    What float32 lost of a file's whole numbers is put back, so that these are the file's again.
+    """
+    if not is_float64(points):
+        return points.positions[part]
+    world = points.positions[part] + points.origin
+    if _has_grid(points):
+        survey, finite = points.survey, points.finite[part]
+        numbers = survey.numbers_of(world) + points.attributes[RESIDUAL][part]
+        world[finite] = (np.array(survey.offset) + np.array(survey.scale) * numbers)[finite]
+    return world
+
+
+def _has_grid(points: Points) -> bool:
+    residual = points.attributes.get(RESIDUAL)
+    return points.survey.scale is not None and residual is not None and residual.shape == points.positions.shape

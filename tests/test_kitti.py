@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from pointray.points import read
+from pointray.points.formats import kitti
+
+RNG = np.random.default_rng(9)
+N = 80  # a file of so many rows of 16 bytes, or of 64 of 20, has the same size
+XYZ = RNG.normal(size=(N, 3)).astype(np.float32) * 20
+REFLECTANCE = RNG.random((N, 1)).astype(np.float32)
+RINGS = (np.arange(N)[:, None] % 32).astype(np.float32)
+
+
+def save(path, *columns):
+    np.concatenate(columns, axis=1).tofile(path)
+    return path
+
+
+@pytest.mark.parametrize("rows", [1 << 20, 7])
+def test_kitti(tmp_path, monkeypatch, rows):
+    monkeypatch.setattr(kitti, "CHUNK", rows)
+    points = read(save(tmp_path / "000001.bin", XYZ, REFLECTANCE))
+    np.testing.assert_array_equal(points.positions, XYZ)
+    assert list(points.attributes) == ["reflectance"]
+    np.testing.assert_array_equal(points.attributes["reflectance"], REFLECTANCE[:, 0])
+    assert points.attributes["reflectance"].dtype == np.float32
+    assert points.survey.stations == ((0.0, 0.0, 0.0),)
+
+
+@pytest.mark.parametrize("name", ["a.pcd.bin", "a.bin", "A.PCD.BIN"])
+@pytest.mark.parametrize("n", [N, N - 1])
+def test_nuscenes(tmp_path, name, n):
+    points = read(save(tmp_path / name, XYZ[:n], REFLECTANCE[:n] * 255, RINGS[:n]))
+    np.testing.assert_array_equal(points.positions, XYZ[:n])
+    np.testing.assert_array_equal(points.attributes["intensity"], REFLECTANCE[:n, 0] * 255)
+    np.testing.assert_array_equal(points.attributes["ring"], RINGS[:n, 0])
+
+
+def test_rows_that_are_not_finite_are_kept(tmp_path):
+    xyz = np.tile(XYZ, (10, 1))
+    xyz[-3] = np.nan
+    points = read(save(tmp_path / "a.bin", xyz, np.tile(REFLECTANCE, (10, 1))))
+    np.testing.assert_array_equal(points.positions, xyz)
+
+
+@pytest.mark.parametrize("name", ["a.bin", "a.pcd.bin"])
+def test_a_file_that_is_cut_off_is_refused(tmp_path, name):
+    data = save(tmp_path / name, XYZ, REFLECTANCE, RINGS).read_bytes()
+    (tmp_path / name).write_bytes(data[:-3])
+    with pytest.raises(ValueError, match=r"cut off, or no sweep .*: its 1,597 bytes are no rows of"):
+        read(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        bytes(1600),
+        np.full(400, 1e6, "<f4").tobytes(),
+        np.full(400, np.nan, "<f4").tobytes(),
+        b"some text that is no sweep of a laser scanner " * 32,
+        RNG.integers(0, 256, 1600).astype(np.uint8).tobytes(),
+        b"\x7fELF" + bytes(range(12)) * 100,
+    ],
+)
+def test_other_files_of_this_extension_are_refused(tmp_path, data):
+    (tmp_path / "a.bin").write_bytes(data)
+    with pytest.raises(ValueError, match="is no KITTI, nuScenes file"):
+        read(tmp_path / "a.bin")
+
+
+def test_the_extension_is_needed(tmp_path):
+    with pytest.raises(ValueError, match="cannot read"):
+        read(save(tmp_path / "a.dat", XYZ, REFLECTANCE))
+
+
+def test_mutated_files_are_read_or_refused(tmp_path):
+    data = save(tmp_path / "a.bin", XYZ, REFLECTANCE).read_bytes()
+    for _ in range(60):
+        changed = bytearray(data)
+        at = int(RNG.integers(0, len(data)))
+        changed[at] = int(RNG.integers(0, 256))
+        if RNG.random() < 0.5:
+            del changed[at:]
+        (tmp_path / "a.bin").write_bytes(changed)
+        try:
+            found = len(read(tmp_path / "a.bin"))
+        except ValueError as error:
+            assert "\n" not in str(error)
+        else:
+            assert found in (len(changed) // 16, len(changed) // 20)
