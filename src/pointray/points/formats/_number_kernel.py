@@ -134,6 +134,17 @@ def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, in
 
 
 @inline
+def _few_digits(data: Array, at: int, w: int) -> tuple[int, int]:
+    """Reads digits, at most 19 of which count: where they end, and w with them."""
+    d = i64(data[at]) - 48
+    while 0 <= d <= 9:
+        w = w * u64(10) + u64(d)
+        at += 1
+        d = i64(data[at]) - 48
+    return at, w
+
+
+@inline
 def _word(data: Array, at: int) -> int:
     """What three letters are."""
     a, b, c = i64(data[at]) | 32, 0, 0
@@ -166,16 +177,21 @@ def _token(data: Array, at: int, table: Array) -> Number:
     first = i64(data[at])
     negative = first == 45
     at += 1 if negative or first == 43 else 0
-    begin = at
-    at, w, kept, q, cut = _digits(data, at, u64(0), 0, 0)
-    count, form = at - begin, WHOLE
+    begin, q, form, cut = at, 0, WHOLE, False
+    at, w = _few_digits(data, at, u64(0))
+    count = at - begin
     if table[data[at]] == DOT:
-        form = REAL
-        begin = at + 1
-        at, w, kept, lost, more = _digits(data, begin, w, kept, 0)
-        q -= at - begin - lost
-        count += at - begin
-        cut = cut or more
+        form, dot = REAL, at
+        at, w = _few_digits(data, dot + 1, w)
+        q = dot + 1 - at
+        count -= q
+    if count > DIGITS:
+        q, (at, w, kept, lost, cut) = 0, _digits(data, begin, u64(0), 0, 0)
+        if form == REAL:
+            dot, (at, w, kept, lost, more) = at, _digits(data, at + 1, w, kept, lost)
+            cut = cut or more
+            q = dot + 1 - at
+        q += lost
     if count == 0:
         form = _word(data, at) if form == WHOLE else BAD
         at += 3 if form != BAD else 0
@@ -231,8 +247,14 @@ def _line(
             return at, COLUMNS, begin, odd
         else:
             start, awaited = at, kind == DELIMITER
-            number = empty if awaited else _token(data, at, table)
-            at = at + 1 if awaited else number[0]
+            if modes[column] == SKIP and not awaited:
+                number = empty
+                while kind != BLANK and kind != DELIMITER and kind != END:
+                    at += 1
+                    kind = table[data[at]]
+            else:
+                number = empty if awaited else _token(data, at, table)
+                at = at + 1 if awaited else number[0]
             stored = _store(number, start, modes[column], powers, stats[column], out, item + column)
             if stored < 0:
                 return at, NOT_WHOLE, start, odd
@@ -264,7 +286,7 @@ def parse_pieces(
         row, odd, why, where = 0, 0, FINE, end
         while at < end:
             kind = setting[data[at]]
-            if kind == BLANK or kind == END:
+            if kind == BLANK or kind == END:  # noqa: SIM109  # a tuple would be made
                 at += 1
             elif setting[256] != 0 and (data[at] == 35 or (data[at] == 47 and data[at + 1] == 47)):
                 while setting[data[at]] != END:

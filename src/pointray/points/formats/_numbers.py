@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import run
+from ._lines import SHOWN, shortened
 from ._number_kernel import (
     BLANK,
     COLUMNS,
@@ -52,8 +53,7 @@ BLOCK = 1 << 22  # bytes of text that are parsed together
 FIRST = 1 << 16  # bytes of the first block behind a line that interrupts the rows: many of these may be close together
 PIECE = 1 << 18  # bytes of it that a thread parses at a time
 LONGEST = 1 << 20  # bytes of a line
-SHOWN = 60  # characters of a line in a message
-NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII)
+NUMBER = re.compile(r"[+-]?((\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII)
 # What Microsoft's library wrote for NaN and infinity.
 MICROSOFT = re.compile(r"([+-]?)1\.#(QNAN|SNAN|IND|INF)0*", re.IGNORECASE)
 
@@ -267,12 +267,6 @@ def fields_of(line: str, dialect: Dialect) -> list[str]:
     return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
 
 
-def shortened(text: str) -> str:
-    """A text for a message."""
-    text = text.strip()
-    return repr(text if len(text) <= SHOWN else text[:SHOWN] + "...")
-
-
 def line_at(file: BinaryIO, offset: int) -> tuple[int, str, int]:
     """The number, from 1, and the text of the line that an offset is in, and the offset's place in it."""
     file.seek(0)
@@ -297,11 +291,6 @@ def smallest(low: int, high: int) -> np.dtype[Any]:
         if np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max:
             return np.dtype(dtype)
     return np.dtype(np.int64)
-
-
-def lines_of(text: bytes) -> list[tuple[int, str]]:
-    """The lines of a text that are not blank, with their offsets; the last one may be cut off."""
-    return [(m.start(), m[0].decode("latin-1")) for m in re.finditer(rb"[^\r\n]*[^\r\n \t][^\r\n]*", text)]
 
 
 def stream_of(text: bytes) -> BinaryIO:
