@@ -18,7 +18,7 @@ ROWS = 200  # rows by which the separators are told
 MOST_COLUMNS = 1000
 LONGEST_HEADER = 1 << 14  # letters
 HOW = "say what they are: --columns x,y,z,... (- leaves one out)"
-MIXED = "its rows have commas and semicolons: which of them separates numbers cannot be told"
+MIXED = "its rows have commas, and semicolons or blanks: which of them separates numbers cannot be told"
 
 
 class Look(NamedTuple):
@@ -89,8 +89,9 @@ def dialect_of(rows: Sequence[str]) -> Dialect:
     decimal = all(re.fullmatch(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?|[+-]?[nN][aA][nN]|", f) for row in fields for f in row)
     if decimal and all(len(row) >= 3 for row in fields):
         return Dialect(b";" if semicolons else b"", b",")
-    if semicolons:
-        raise ValueError(f"{MIXED}: {shortened(rows[0])}")
+    mixed = next((row for row in rows if ";" in row or re.search(r"[\d.][ \t]+[-+.\d]", row)), None)
+    if mixed is not None:
+        raise ValueError(f"{MIXED}: {shortened(mixed)}")
     if re.search(r'"[^",\n]*,[^",\n]*"', re.sub(r'"\s*,\s*"', '";"', text)):
         raise ValueError(f"its numbers have decimal commas, and commas between them: {shortened(rows[0])}")
     return Dialect(b",")

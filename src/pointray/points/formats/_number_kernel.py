@@ -100,19 +100,14 @@ def _float_bits(w: int, q: int, powers: Array) -> int:
 def _bits(number: Number, powers: Array) -> int:
     """The bits of a token as float64; -1 if Python must read it."""
     _, form, w, q, negative, cut = number
-    bits = NOT_A_NUMBER
-    if form == BAD:
-        return -1
-    if form == INFINITE:
-        bits = INFINITY
-    elif form != NAN:
-        bits = 0
+    bits = NOT_A_NUMBER if form == NAN else INFINITY if form == INFINITE else 0
+    if form == WHOLE or form == REAL:  # noqa: SIM109  # a tuple would be made
         if w != u64(0):
             bits = _float_bits(w, q, powers)
-            if cut and bits != _float_bits(w + u64(1), q, powers):
-                bits = -1
-            if bits == -1:
-                return -1
+        if cut and bits != _float_bits(w + u64(1), q, powers):
+            bits = -1
+    if form == BAD or bits == -1:
+        return -1
     return bits | SIGN_BIT if negative else bits
 
 

@@ -47,7 +47,7 @@ class Scan(NamedTuple):
     fields: int
 
     @property
-    def count(self) -> int:
+    def total(self) -> int:
         """Rows, those without a return too."""
         return self.shape[0] * self.shape[1]
 
@@ -71,7 +71,7 @@ class PtxSource(Source):
         row = 40 + 6 * self._has_colors + 4 * (len(scans) > 1)
         told = [{"columns": scan.shape[0], "rows": scan.shape[1]} for scan in scans]
         survey = Survey(stations=tuple(scan.matrix[3][:3] for scan in scans))  # type: ignore[misc]  # three numbers
-        self.listing = Listing(None, row, sum(scan.count for scan in scans), survey, {"scans": told})
+        self.listing = Listing(None, row, sum(scan.total for scan in scans), survey, {"scans": told})
 
     def chunks(self) -> Iterator[Chunk]:
         grey = sum(scan.fields == 4 for scan in self._scans) if self._has_colors else 0
@@ -94,22 +94,22 @@ class PtxSource(Source):
     def _rows(self, file: BinaryIO, scan: Scan, number: int) -> Iterator[Chunk]:
         from ._numbers import FLOAT, INT, Dialect, Reader, line_at
 
-        if not scan.count:
+        if not scan.total:
             return
         dialect = Dialect(comments=False, newline=_newline(file))
         reader = Reader(file, dialect, [FLOAT] * 4 + [INT] * (scan.fields - 4), scan.start)
         done = 0
         for block in reader.blocks():
             done += len(block)
-            if done > scan.count or not len(block):
+            if done > scan.total or not len(block):
                 break
             colors = block.take(range(4, 7), np.int64) if scan.fields == 7 else None
             rows = block.take(range(4), np.float64)
             yield self._chunk(rows, colors, scan, number, block.end / self._size)
-        if done != scan.count:
+        if done != scan.total:
             line, text, _ = line_at(file, min(reader.at, self._size - 1))
             raise ValueError(
-                f"scan {number + 1} ends at line {line:,}, {shortened(text)}: {scan.count:,} rows are announced, "
+                f"scan {number + 1} ends at line {line:,}, {shortened(text)}: {scan.total:,} rows are announced, "
                 f"{done:,} are there"
             )
 
@@ -125,9 +125,8 @@ class PtxSource(Source):
         if colors is None and self._has_colors:
             colors = np.full((len(rows), 3), GREY)
         if colors is not None and colors.size and not (colors.min() >= 0 and colors.max() <= 255):
-            raise ValueError(
-                f"the colours of scan {number + 1} reach from {colors.min()} to {colors.max()}, not 0 to 255"
-            )
+            low, high = colors.min(), colors.max()
+            raise ValueError(f"the colours of scan {number + 1} reach from {low} to {high}, not 0 to 255")
         world = _placed(rows[:, :3], np.array(scan.matrix))
         return Chunk(world, None, None if colors is None else colors.astype(np.uint8), attributes, share)
 
@@ -162,7 +161,7 @@ def _scans(path: Path, size: int, time: int) -> list[Scan]:
                 raise ValueError(f"has more than {MOST_SCANS:,} scans")
             scans.append(header)
             offset = _skip_lines(file, header, size, newline, len(scans))
-            line = header.line + header.count
+            line = header.line + header.total
     if not scans:
         raise ValueError("is no PTX file: it has no header of ten lines")
     return scans
@@ -230,15 +229,15 @@ def _matrix(rows: Sequence[Sequence[float]], number: int) -> tuple[tuple[float, 
 
 def _skip_lines(file: BinaryIO, scan: Scan, size: int, newline: bytes, number: int) -> int:
     """The offset behind a scan's rows."""
-    left, offset = scan.count, scan.start
+    left, offset = scan.total, scan.start
     while left > 0:
         file.seek(offset)
         text = file.read(LINES)
         if not text:
-            line = scan.line + scan.count - left
+            line = scan.line + scan.total - left
             raise ValueError(
                 f"is cut off at line {line:,}: scan {number} of {scan.shape[0]:,} x {scan.shape[1]:,} has "
-                f"{scan.count - left:,} of {scan.count:,} rows"
+                f"{scan.total - left:,} of {scan.total:,} rows"
             )
         ends = np.flatnonzero(np.frombuffer(text, np.uint8) == newline[0])
         if offset + len(text) >= size and text[-1:] != newline:  # the last line has no end
