@@ -6,6 +6,9 @@ names begin with _ are parts of formats. A new format is a file here and nothing
 _source : what a reader gives
 ply : binary and text; _ply_header : what a file announces; _ply_lists : rows that hold lists of varying length
 gaussians, compressed_gaussians, spz, splat : 3D Gaussian splatting; _splats : what they share
+text : .xyz, .csv, .pts and the like; ptx : scans in grids
+_lines, _first_look, _text_columns, _text_source : what the columns of a text are, and its rows
+_numbers, _number_kernel : numbers in text, exactly and fast
 
 Begin with _source, then ply.
 """

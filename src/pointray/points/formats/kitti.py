@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...survey import Survey
-from ._columns import own, stack
+from ._named_columns import own, stack
 from ._source import CHUNK, MAYBE, NO, Chunk, Format, Listing, Request, Source
 
 LAYOUTS = {4: ("KITTI", ("reflectance",)), 5: ("nuScenes", ("intensity", "ring"))}

@@ -23,7 +23,7 @@ from ._arrays import (
     read_header,
     step_of,
 )
-from ._columns import CHANNELS, NORMAL_AXES, Columns, roles_of
+from ._named_columns import CHANNELS, NORMAL_AXES, Columns, roles_of
 from ._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
 from ._world import is_float64, world_rows
 

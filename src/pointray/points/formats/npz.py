@@ -16,7 +16,7 @@ from ...data import Points
 from ...progress import Progress, tell
 from ...survey import RESIDUAL
 from ._arrays import blocks_of, check_dtype, check_table, fields_of, judged, step_of
-from ._columns import POSITIONS, SPECIAL, Columns, Roles, roles_of
+from ._named_columns import POSITIONS, SPECIAL, Columns, Roles, roles_of
 from ._npz_members import SUFFIX, Member, members_of, opened, survey_of, taken_facts
 from ._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
 from ._world import is_float64, world_rows

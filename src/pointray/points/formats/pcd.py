@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...survey import Survey
-from ._columns import Columns, Roles, roles_of
+from ._named_columns import Columns, Roles, roles_of
 from ._pcd_header import PADDING, Field, Header, read_header
 from ._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
 

@@ -1,0 +1,74 @@
+"""The lines of a text file's beginning: which hold numbers, and which come before them."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+COMMENT = re.compile(r"\s*(#|//)")
+FIELDS = re.compile(r'[\s,;"]+')
+PLAIN = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|[+-]?(nan|inf)|[+-]?1\.#\w+", re.IGNORECASE)
+UTF8, UTF16 = b"\xef\xbb\xbf", (b"\xff\xfe", b"\xfe\xff")
+BINARY = bytes({*range(32)} - {9, 10, 11, 12, 13, 26})
+SHOWN = 60  # characters of a line in a message
+
+
+class Top(NamedTuple):
+    """The lines before the rows."""
+
+    comments: list[str]
+    header: str | None
+    announced: int | None
+    rows: list[tuple[int, str]]  # offsets and texts of the lines from the first row on
+
+
+def numbers_in(line: str) -> list[bool]:
+    """For each field of a line, whether it looks like a number."""
+    return [PLAIN.fullmatch(field) is not None for field in FIELDS.split(line.strip(' \t,;"')) if field]
+
+
+def is_row(line: str) -> bool:
+    """Whether a line has at least three numbers: it may have words too."""
+    return sum(numbers_in(line)) >= 3
+
+
+def top_of(text: bytes, begin: int = 0) -> Top:
+    """The lines of a file's beginning, sorted; those of rows are missing if there are none."""
+    comments: list[str] = []
+    header: str | None = None
+    announced: int | None = None
+    lines = lines_of(text[begin:])
+    for k, (_, line) in enumerate(lines):
+        if COMMENT.match(line):
+            comments.append(line)
+        elif is_row(line):
+            return Top(comments, header, announced, [(at + begin, line) for at, line in lines[k:]])
+        elif announced is None and re.fullmatch(r"\s*\d{1,18}\s*", line):
+            announced = int(line)
+        elif header is None:
+            header = line
+        else:
+            break
+    return Top(comments, header, announced, [])
+
+
+def lines_of(text: bytes) -> list[tuple[int, str]]:
+    """The lines of a text that are not blank, with their offsets; the last one may be cut off."""
+    found = re.finditer(rb"[^\r\n]+", text)
+    return [(m.start(), m[0].decode("latin-1")) for m in found if m[0].strip(b" \t")]
+
+
+def shortened(text: str) -> str:
+    """A text for a message."""
+    text = text.strip()
+    return repr(text if len(text) <= SHOWN else text[:SHOWN] + "...")
+
+
+def is_binary(head: bytes) -> bool:
+    """Whether a file's beginning is no text of one byte a letter."""
+    return len(head.translate(None, BINARY)) < len(head)
+
+
+def is_ptx(head: bytes) -> bool:
+    """Whether a file begins as PTX does: two lines with a whole number each, then three numbers."""
+    return re.match(rb"(\s*\d+[ \t]*(\r\n|\r|\n)){2}[ \t]*\S+[ \t]+\S+[ \t]+\S+[ \t]*[\r\n]", head) is not None
