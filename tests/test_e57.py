@@ -3,6 +3,7 @@
 import re
 import struct
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -72,26 +73,38 @@ def pose(rotation=TURN, at=AT):
     }
 
 
-def save(path, *scans):
+def save(path, *scans, crs=""):
     """Write scans, each a dict of columns and a dict of what else is said of it."""
-    with pye57.E57(str(path), mode="w") as out:
-        file = out.image_file
-        file.extensionsAdd("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")
-        for columns, facts in scans:
-            scan = structure(file, {"guid": "{1}", **facts})
-            prototype = libe57.StructureNode(file)
-            buffers = libe57.VectorSourceDestBuffer()
-            arrays = [column.array() for column in columns.values()]
-            for (name, column), array in zip(columns.items(), arrays, strict=True):
-                prototype.set(name, column.node(file))
-                buffers.append(libe57.SourceDestBuffer(file, name, array, len(array), True, False))
-            points = libe57.CompressedVectorNode(file, prototype, libe57.VectorNode(file, True))
-            scan.set("points", points)
-            out.data3d.append(scan)
-            writer = points.writer(buffers)
-            writer.write(len(arrays[0]))
-            writer.close()
+    file = libe57.ImageFile(str(path), "w")
+    file.extensionsAdd("", libe57.E57_V1_0_URI)
+    file.extensionsAdd("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")
+    root, data3d = file.root(), libe57.VectorNode(file, True)
+    texts = {"formatName": "ASTM E57 3D Imaging Data File", "guid": "{0}", "e57LibraryVersion": "a test"}
+    for name, text in (texts | {"coordinateMetadata": crs}).items():
+        root.set(name, libe57.StringNode(file, text))
+    root.set("versionMajor", libe57.IntegerNode(file, libe57.E57_FORMAT_MAJOR))
+    root.set("versionMinor", libe57.IntegerNode(file, libe57.E57_FORMAT_MINOR))
+    root.set("data3D", data3d)
+    for columns, facts in scans:
+        save_scan(file, data3d, columns, facts)
+    file.close()
     return path
+
+
+def save_scan(file, data3d, columns, facts):
+    scan = structure(file, {"guid": "{1}", **facts})
+    prototype = libe57.StructureNode(file)
+    buffers = libe57.VectorSourceDestBuffer()
+    arrays = [column.array() for column in columns.values()]
+    for (name, column), array in zip(columns.items(), arrays, strict=True):
+        prototype.set(name, column.node(file))
+        buffers.append(libe57.SourceDestBuffer(file, name, array, N, True, False))
+    points = libe57.CompressedVectorNode(file, prototype, libe57.VectorNode(file, True))
+    scan.set("points", points)
+    data3d.append(scan)
+    writer = points.writer(buffers)
+    writer.write(N)
+    writer.close()
 
 
 def turned(xyz):
@@ -217,6 +230,20 @@ def test_whole_numbers_with_a_scale_are_kept(tmp_path):
     np.testing.assert_array_equal(survey.numbers_of(points.world) + residual, whole)
 
 
+def test_what_is_said_of_the_file_and_its_scans(tmp_path):
+    sensor = {"name": "yard", "sensorVendor": "Acme", "sensorModel": "X1"}
+    limits = {"intensityLimits": {"intensityMinimum": 0, "intensityMaximum": 4095}}
+    path = save(tmp_path / "a.e57", (xyz_columns(), sensor | limits | pose()), crs="EPSG:25832")
+    (_, format, listing) = next(files.headers(path))
+    assert (format.name, listing.count) == ("E57", N)
+    assert listing.facts["software"] == "a test"
+    (scan,) = listing.facts["scans"]
+    assert (scan["name"], scan["sensor"], scan["points"]) == ("yard", "Acme X1", N)
+    assert (scan["station"], scan["intensityLimits"]) == (list(AT), [0, 4095])
+    np.testing.assert_allclose(scan["rotation"], TURN)
+    assert read(path).crs == "EPSG:25832"
+
+
 def test_many_blocks_are_one_file(tmp_path, monkeypatch):
     path = save(tmp_path / "a.e57", (xyz_columns(kind="single") | {"intensity": Column(np.arange(N), "int")}, {}))
     monkeypatch.setattr(e57, "BLOCK", 64)
@@ -244,7 +271,9 @@ def with_xml(path, old, new):
     path.write_bytes(b"".join(row + struct.pack(">I", crc32c(row)) for row in rows))
 
 
+@cache
 def crc32c(row):
+    """The checksum of a page; most pages of changed files are alike."""
     crc = 0xFFFFFFFF
     for byte in row:
         crc ^= byte
@@ -304,6 +333,25 @@ def test_xml_is_never_followed():
     ]:
         with pytest.raises(ValueError, match=words):
             _e57_header._parse(text)
+
+
+def test_mutated_files_are_read_or_refused(tmp_path):
+    """With valid checksums, so that the library sees the changes."""
+    path = save(tmp_path / "a.e57", (xyz_columns() | color_columns(RGB), pose()), (xyz_columns(), {}))
+    data, random = path.read_bytes(), np.random.default_rng(1)
+    read_whole = 0
+    for _ in range(60):
+        changed = bytearray(data)
+        for at in random.integers(0, len(data), random.integers(1, 5)):
+            changed[at] = random.integers(256)
+        rows = [bytes(changed[at : at + 1020]) for at in range(0, len(changed), 1024)]
+        path.write_bytes(b"".join(row + struct.pack(">I", crc32c(row)) for row in rows))
+        try:
+            assert len(read(path)) == 2 * N
+            read_whole += 1
+        except ValueError as error:
+            assert "\n" not in str(error)
+    assert 10 < read_whole < 60
 
 
 def test_a_missing_package_is_named(tmp_path, monkeypatch):

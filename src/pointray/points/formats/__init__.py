@@ -5,6 +5,9 @@ names begin with _ are parts of formats. A new format is a file here and nothing
 
 _source : what a reader gives
 ply : binary and text; _ply_header : what a file announces; _ply_lists : rows that hold lists of varying length
+e57 : scans with poses; _e57_header : its XML, which is checked before libE57 sees the file; _e57_scan : its scans
+mesh : OBJ, STL, glTF, OFF; _mesh_load : what trimesh makes of them; _mesh_points : vertices, or points on triangles
+depth : depth pictures
 
 Begin with _source, then ply.
 """

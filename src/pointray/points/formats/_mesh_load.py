@@ -108,6 +108,15 @@ def _check_lines(data: bytes) -> None:
         raise ValueError(f"line {number:,} is {line!r}")
 
 
+def _check_off(data: bytes) -> None:
+    """ValueError for fewer lines than an OFF file announces: trimesh takes those that are there."""
+    lines = [line for line in re.sub(rb"#[^\n]*", b"", data).partition(b"OFF")[2].splitlines() if line.strip()]
+    vertices, faces = (int(word) for word in (lines[0] if lines else b"").split()[:2])
+    if len(lines) <= vertices + faces:
+        what = f"{vertices:,} vertices and {faces:,} faces"
+        raise ValueError(f"is cut off: {what} are announced, which is more than {len(lines):,} lines")
+
+
 def _bytes_of(path: Path, kind: str) -> bytes:
     """The file, with letters beyond ASCII as trimesh wants them: it reads UTF-8 only."""
     data = path.read_bytes()
@@ -129,7 +138,10 @@ def _load_scene(path: Path, kind: str) -> list[Part]:
     if kind in ("glb", "gltf"):
         _check_gltf(path, kind)
     options: dict[str, Any] = {"process": False} | ({"maintain_order": True} if kind == "obj" else {})
-    file = io.BytesIO(_bytes_of(path, kind))
+    data = _bytes_of(path, kind)
+    if kind == "off":
+        _check_off(data)
+    file = io.BytesIO(data)
     scene = trimesh.load_scene(file, file_type=kind, resolver=_beside(path), allow_remote=False, **options)
     nodes: list[Any] = [scene.graph[name] for name in scene.graph.nodes_geometry]
     placed: list[tuple[Any, Any]] = [(matrix, scene.geometry[name]) for matrix, name in nodes]

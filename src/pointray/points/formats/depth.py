@@ -27,7 +27,7 @@ MILLIMETRES = 1000.0
 
 def recognise(head: bytes, path: Path) -> int:
     """Whether a file is a depth picture. An array is one if it has many columns: more certain than any array."""
-    if head.startswith(PNG):
+    if head.startswith(PNG) and head[12:16] == b"IHDR":
         return SURE
     return SURE + 1 if head.startswith(NPY) and _is_picture(head) else NO
 
