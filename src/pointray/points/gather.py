@@ -215,7 +215,7 @@ def _about_origin(
     total = sum(map(len, positions))
     step, start, sample = -(-total // SAMPLE), 0, []
     for chunk in positions:
-        sample.append(chunk[-start % step :: step])
+        sample.append(chunk[-start % step :: step].copy())  # a view would keep the chunk
         start += len(chunk)
     origin = choose_origin(np.concatenate(sample), total)
     if len(positions) == 1 and positions[0].dtype == np.float32 and not origin.any():
@@ -229,7 +229,7 @@ def _about_origin(
         if lost is not None:
             residual = np.zeros((total, 3), np.int32) if residual is None else residual
             residual[rows] = lost
-        positions[k] = chunk[:0]
+        positions[k] = chunk[:0].copy()  # not a view, which would keep the chunk
         start += len(chunk)
     return origin, local, residual
 

@@ -9,6 +9,9 @@ gaussians, compressed_gaussians, spz, splat : 3D Gaussian splatting; _splats : w
 text : .xyz, .csv, .pts and the like; ptx : scans in grids
 _lines, _first_look, _text_columns, _text_source : what the columns of a text are, and its rows
 _numbers, _number_kernel : numbers in text, exactly and fast
+e57 : scans with poses; _e57_header : its XML, which is checked before libE57 sees the file; _e57_scan : its scans
+mesh : OBJ, STL, glTF, OFF; _mesh_load : what trimesh makes of them; _mesh_points : vertices, or points on triangles
+depth : depth pictures
 
 Begin with _source, then ply.
 """

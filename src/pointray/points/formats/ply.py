@@ -324,11 +324,20 @@ def _add(columns: Columns, names: Sequence[str], values: NDArray[Any]) -> None:
         columns[name] = column
 
 
+def _open(path: Path, request: Request) -> Source:
+    """The vertices, or points on the triangles if these are asked for."""
+    if request.sample is None:
+        return PlySource(path, request)
+    from .mesh import on_triangles
+
+    return on_triangles(path, request)
+
+
 FORMAT = Format(
     "PLY",
     (".ply",),
     recognise,
-    PlySource,
+    _open,
     {
         "positions": "x, y, z of the vertices",
         "normals": "nx, ny, nz or normal_x, normal_y, normal_z",

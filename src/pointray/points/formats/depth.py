@@ -1,0 +1,138 @@
+"""Depth pictures: PNG of 16 bits, or NPY. A pixel becomes the point that the camera saw there.
+
+The camera looks along z, with x to the right and y down, as in OpenCV; the middle of the first pixel is (0, 0).
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...survey import Survey
+from ._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
+
+PNG, NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
+IHDR = slice(16, 26)  # width, height, bits of a channel, kind of colour
+GREY = 0
+SQUEEZED = 1032  # the most bytes that deflate makes of one
+SMALLEST = 17  # rows and columns of an array that is taken for a picture: fewer may be columns of points
+MILLIMETRES = 1000.0
+
+
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file is a depth picture. An array is one if it has many columns: more certain than any array."""
+    if head.startswith(PNG) and head[12:16] == b"IHDR":
+        return SURE
+    return SURE + 1 if head.startswith(NPY) and _is_picture(head) else NO
+
+
+def _is_picture(head: bytes) -> bool:
+    try:
+        file = io.BytesIO(head)
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
+    except Exception:  # its header is evaluated as Python, which may end in anything
+        return False
+    return len(shape) == 2 and min(shape) >= SMALLEST and dtype.kind in "uif"
+
+
+class DepthSource(Source):
+    """The points that a camera saw; ValueError says what is wrong with the picture or with what is asked."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        self._path = path
+        with path.open("rb") as file:
+            head = file.read(32)
+        self._png = head.startswith(PNG)
+        if self._png:
+            _check_png(head, path.stat().st_size)
+        if request.intrinsics is None:
+            raise ValueError("is a depth picture: say --intrinsics fx,fy,cx,cy of its camera in pixels")
+        self._fx, self._fy, self._cx, self._cy, *steps = request.intrinsics
+        height, width, dtype = _size_of(head, path) if self._png else _array(path)
+        self._whole = dtype.kind != "f"
+        self._steps = steps[0] if steps else MILLIMETRES if self._whole else 1.0
+        self._dtype = np.dtype("f4" if dtype.itemsize <= (2 if self._whole else 4) else "f8")
+        self._facts: dict[str, Any] = {"width": width, "height": height, "type": str(dtype), "steps": self._steps}
+        survey = Survey(stations=((0.0, 0.0, 0.0),))
+        self.listing = Listing(None, 12 + 3 * self._dtype.itemsize, height * width, survey, self._facts)
+
+    def chunks(self) -> Iterator[Chunk]:
+        picture = _picture(self._path) if self._png else np.load(self._path, mmap_mode="r", allow_pickle=False)
+        height, width = picture.shape
+        rows, left_out = max(CHUNK // width, 1), 0
+        for start in range(0, height, rows):
+            depth = np.asarray(picture[start : start + rows], np.float64) / self._steps
+            seen = (depth > 0) & (depth < np.inf)
+            left_out += int(seen.size - np.count_nonzero(seen))
+            v, u = np.nonzero(seen)
+            z = depth[seen]
+            x, y = (u - self._cx) * z / self._fx, (v + start - self._cy) * z / self._fy
+            yield Chunk(np.stack([x, y, z], axis=1).astype(self._dtype), share=min((start + rows) / height, 1.0))
+        if left_out:
+            self._facts["left_out"] = left_out
+
+
+def _check_png(head: bytes, size: int) -> None:
+    """ValueError if a PNG file is none of depths, or cannot hold as many pixels as it says."""
+    if len(head) < IHDR.stop:
+        raise ValueError(f"is cut off: it has {size} bytes")
+    width, height = (int.from_bytes(head[IHDR][k : k + 4], "big") for k in (0, 4))
+    bits, color = head[IHDR][8:]
+    if color != GREY or bits != 16:
+        what = f"a grey picture of {bits} bits" if color == GREY else "a picture of colours"
+        raise ValueError(f"is {what}, not of depths: these are grey, of 16 bits")
+    if not 0 < width * height * 2 <= size * SQUEEZED:
+        raise ValueError(f"is damaged or cut off: {width:,} x {height:,} pixels are announced, it has {size:,} bytes")
+
+
+def _size_of(head: bytes, path: Path) -> tuple[int, int, np.dtype[Any]]:
+    width, height = (int.from_bytes(head[IHDR][k : k + 4], "big") for k in (0, 4))
+    return height, width, np.dtype(np.uint16)
+
+
+def _array(path: Path) -> tuple[int, int, np.dtype[Any]]:
+    try:
+        picture = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as error:  # its header is evaluated as Python, which may end in anything
+        raise ValueError(f"is damaged or cut off: {error}") from error
+    height, width = picture.shape
+    return height, width, picture.dtype
+
+
+def _picture(path: Path) -> NDArray[Any]:
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings(), Image.open(path, formats=["PNG"]) as image:
+            warnings.simplefilter("ignore")  # of many pixels, which are fewer than the file can hold
+            picture = np.asarray(image)
+    except Exception as error:
+        raise ValueError(f"is damaged or cut off: {error}") from error
+    if picture.ndim != 2:
+        raise ValueError(f"is no picture of one channel: its shape is {picture.shape}")
+    return picture
+
+
+FORMAT = Format(
+    "Depth picture",
+    (".png", ".npy"),
+    recognise,
+    DepthSource,
+    {
+        "positions": "pixels, with --intrinsics fx,fy,cx,cy and perhaps the depth's steps in a unit (1000 for whole "
+        "numbers, 1 for floats): x right, y down, z along the view; 0, NaN and infinite are left out",
+        "normals": "none",
+        "colors": "none",
+        "attributes": "none",
+        "survey": "the camera as the station, at 0, 0, 0",
+        "note": "PNG of 16 bits in grey, or an array of more than 16 rows and columns",
+    },
+)
