@@ -12,6 +12,8 @@ _numbers, _number_kernel : numbers in text, exactly and fast
 e57 : scans with poses; _e57_header : its XML, which is checked before libE57 sees the file; _e57_scan : its scans
 mesh : OBJ, STL, glTF, OFF; _mesh_load : what trimesh makes of them; _mesh_points : vertices, or points on triangles
 depth : depth pictures
+las : LAS, LAZ and COPC; _las_header : what a file announces; _las_rows : rows as columns; _las_laz : compressed chunks;
+    _las_copc : nodes of an octree; _las_crs : coordinate systems; _las_write : writing
 
 Begin with _source, then ply.
 """

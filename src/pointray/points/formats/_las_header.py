@@ -1,0 +1,168 @@
+"""What a LAS file announces: its header and its records, each number checked against the file's size.
+
+laspy's own reader of headers believes them: it walks as many records as one announces (four thousand million, for
+minutes), and reads the whole file if the points begin inside the header.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from datetime import date, timedelta
+from typing import Any, BinaryIO, NamedTuple
+
+SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}  # bytes of a header, by the minor version
+LARGEST = 1 << 24  # bytes of a record behind the points that is read
+WANTED = {"LASF_Projection", "LASF_Spec", "laszip encoded", "copc"}
+
+
+class Record(NamedTuple):
+    """A variable length record: who defined it, its number, where its data lie and the data, if they are wanted."""
+
+    user: str
+    id: int
+    start: int
+    size: int
+    data: bytes
+
+
+class Header(NamedTuple):
+    """What a file announces.
+
+    Attributes
+    ----------
+    minor : int
+        Of the version: 4 in 1.4.
+    format, row, total : int
+        The points' format, the bytes of one and how many there are.
+    compressed : bool
+    start, end : int
+        Bytes at which the points begin, and before which they end.
+    returns : tuple of int
+        How many points are first returns, second ones and so on.
+    scale, offset, low, high : tuple of float
+    records : tuple of Record
+    said : dict
+        What the header says of the file's making, for `info`.
+    """
+
+    minor: int
+    format: int
+    row: int
+    total: int
+    compressed: bool
+    start: int
+    end: int
+    returns: tuple[int, ...]
+    scale: tuple[float, float, float]
+    offset: tuple[float, float, float]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    records: tuple[Record, ...]
+    said: dict[str, Any]
+
+    def data_of(self, user: str, id: int) -> bytes | None:
+        """The data of the first record of a kind, None if there is none."""
+        return next((record.data for record in self.records if (record.user, record.id) == (user, id)), None)
+
+
+def read_header(file: BinaryIO, size: int) -> Header:
+    """The header of a file of `size` bytes, checked."""
+    file.seek(0)
+    head = file.read(max(SIZES.values()))
+    if len(head) < SIZES[0]:
+        raise ValueError(f"is cut off in its header: {len(head)} bytes of {SIZES[0]}")
+    major, minor = head[24], head[25]
+    if major != 1 or minor not in SIZES:
+        raise ValueError(f"is a LAS file of version {major}.{minor} (byte 24): 1.0 to 1.5 can be read")
+    said_size, start, records = struct.unpack_from("<HII", head, 94)
+    if said_size < SIZES[minor]:
+        raise ValueError(f"is damaged: its header has {said_size} bytes (byte 94), not {SIZES[minor]} or more")
+    if not said_size <= start <= size or len(head) < SIZES[minor]:
+        raise ValueError(f"is cut off or damaged: its points begin at byte {start:,} (byte 96) of {size:,}")
+    found = [*_walk(file, said_size, start, records, 54)]
+    end, waves = size, 0
+    if minor >= 3:
+        (waves,) = struct.unpack_from("<Q", head, 227)
+    if minor >= 4:
+        behind, number = struct.unpack_from("<QI", head, 235)
+        if number:
+            if behind < start:
+                raise ValueError(f"is damaged: the records behind its points begin at byte {behind:,} (byte 235)")
+            found += _walk(file, behind, size, number, 60)
+            end = behind
+    return _filled(head, minor, start, min(end, waves) if start < waves <= size else end, tuple(found))
+
+
+def _filled(head: bytes, minor: int, start: int, end: int, records: tuple[Record, ...]) -> Header:
+    kind, row, count, *returns = struct.unpack_from("<BHI5I", head, 104)
+    if minor >= 4:
+        newer, *newer_returns = struct.unpack_from("<Q15Q", head, 247)
+        if newer:
+            count, returns = newer, newer_returns
+    numbers = struct.unpack_from("<12d", head, 131)
+    scale, offset = numbers[:3], numbers[3:6]
+    for name, triple, good in (("scale", scale, 0 < min(scale)), ("offset", offset, True)):
+        if not (good and all(abs(x) < float("inf") for x in triple)):  # false for NaN
+            raise ValueError(f"is damaged: the {name} of its coordinates is {triple} (byte 131)")
+    return Header(
+        minor,
+        kind & 0x3F,
+        row,
+        count,
+        bool(kind & 0x80),
+        start,
+        end,
+        tuple(returns),
+        scale,
+        offset,
+        numbers[7::2],
+        numbers[6::2],
+        records,
+        {
+            "version": f"1.{minor}",
+            "system": _text(head[26:58]),
+            "software": _text(head[58:90]),
+            "date": _date(*struct.unpack_from("<HH", head, 90)),
+        },
+    )
+
+
+def _walk(file: BinaryIO, start: int, end: int, number: int, head: int) -> Iterator[Record]:
+    """The records between two bytes; `head` is the bytes before a record's data: 54, or 60 behind the points."""
+    if number * head > end - start:
+        raise ValueError(
+            f"is cut off or damaged: {number:,} records of {head} bytes or more from byte {start:,} end beyond {end:,}"
+        )
+    for k in range(number):
+        file.seek(start)
+        raw = file.read(head)
+        if len(raw) < head:
+            raise ValueError(f"is cut off in record {k + 1} of {number:,}, at byte {start:,}")
+        user, id = _text(raw[2:18]), struct.unpack_from("<H", raw, 18)[0]
+        (size,) = struct.unpack_from("<H" if head == 54 else "<Q", raw, 20)
+        if size > end - start - head:
+            raise ValueError(
+                f"is cut off or damaged: record {k + 1} of {number:,}, at byte {start:,}, "
+                f"has {size:,} bytes and ends beyond byte {end:,}"
+            )
+        wanted = user in WANTED and size <= LARGEST
+        yield Record(user, id, start + head, size, file.read(size) if wanted else b"")
+        start += head + size
+
+
+def _text(raw: bytes) -> str:
+    """A text that ends at the first zero; letters that are not UTF-8 are what they are in Latin-1."""
+    raw = raw.split(b"\0")[0]
+    try:
+        return raw.decode().strip()
+    except UnicodeDecodeError:
+        return raw.decode("latin-1").strip()
+
+
+def _date(day: int, year: int) -> str | None:
+    """The day of a year as text; None where there is none."""
+    try:
+        return str(date(year, 1, 1) + timedelta(day - 1)) if day else None
+    except (ValueError, OverflowError):
+        return None
