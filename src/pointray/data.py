@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_kind, check_mapping, vector
-from .survey import Survey
+from .survey import SCAN, Survey
 
 FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
 MOST = 2**31 - 1  # the most rows: their numbers are int32 in trees
 SAMPLE = 20_000  # rows from which the spacing is estimated
 MOST_CATEGORIES = 32  # distinct values
 FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole numbers tell nothing
+LABELS = "classification", "point_source_id", SCAN  # names whose whole numbers are categories, however few points
+MOST_LABELS = 256  # distinct ones: as many classes as LAS has
 PROBE = 1000  # rows that are tested first
 
 
@@ -302,14 +304,25 @@ def _check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
     return np.require(array, dtype, ["C", "W", "A"])
 
 
-def categories_of(values: NDArray[Any]) -> tuple[int, ...] | None:
-    """The categories of a column of values: whole numbers, few different ones; None if the values are no categories."""
+def is_label(name: str) -> bool:
+    """Whether an attribute's name says that its whole numbers are categories."""
+    return name.lower().removeprefix("scalar_") in LABELS
+
+
+def categories_of(values: NDArray[Any], name: str = "") -> tuple[int, ...] | None:
+    """The categories of a column of values, None if it has none: bools, and whole numbers of few different values.
+
+    name : of the attribute; that of a label allows more values, and fewer points
+    """
     if values.ndim != 1:
         return None
+    sure = values.dtype == np.bool_ or is_label(name)
     for rows in (values[:: max(len(values) // PROBE, 1)], values):
         if rows.dtype.kind == "f" and not (np.isfinite(rows).all() and (rows == np.rint(rows)).all()):
             return None
         found = np.unique(rows)
-        if len(found) > MOST_CATEGORIES:
+        if len(found) > (MOST_LABELS if sure else MOST_CATEGORIES):
             return None
-    return tuple(map(int, found)) if len(values) >= FEWEST_ROWS * len(found) else None
+    if not sure and len(values) < FEWEST_ROWS * len(found):
+        return None
+    return tuple(found.tolist() if values.dtype == np.bool_ else map(int, found))

@@ -12,6 +12,7 @@ from ..data import Points
 from ..progress import Progress
 from .normals.estimate import estimate_normals
 from .normals.given import NormalsCheck, compare_normals
+from .normals.stations import eyes_of
 from .rounding import find_rounding
 
 KEEP = "--normals file"  # the option that keeps the file's normals
@@ -71,9 +72,11 @@ def told(found: NormalsCheck) -> str:
 
 
 def replaced(points: Points, progress: Progress | None = None) -> Points:
-    """The points with fitted normals; if the old ones clearly face the other side, all are turned."""
+    """The points with fitted normals; if the old ones clearly face the other side, all are turned, but no station's."""
     fitted = estimate_normals(points, progress=progress).normals
     assert fitted is not None and points.normals is not None
+    if eyes_of(points) is not None:
+        return points.with_normals(fitted)
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(points.normals, axis=1)
         side = np.einsum("ij,ij->i", fitted, points.normals)

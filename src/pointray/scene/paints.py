@@ -36,22 +36,27 @@ NEUTRAL = (128, 128, 128)  # sRGB, for what has no value
 Range = tuple[float, float]
 
 
-def values_of(points: Points, name: str) -> NDArray[np.float64]:
-    """The values that `Attribute` calls by this name, (n,) float64; ValueError if there are none."""
+def column_of(points: Points, name: str) -> NDArray[Any]:
+    """The values that `Attribute` calls by this name, (n,), lengths as float64; ValueError if there are none."""
     column = None if name in points.attributes else re.fullmatch(r"(.+)\[(\d+)\]", name)
     found = points.attributes.get(column[1] if column else name)
     if found is None or (column and (found.ndim == 1 or int(column[2]) >= found.shape[1])):
         known = [n if v.ndim == 1 else f"{n}[0..{v.shape[1] - 1}]" for n, v in points.attributes.items()]
         names = ", ".join([*sorted(known), *COORDINATES])
         raise ValueError(f"the points have no attribute {name!r}; there are: {names}")
-    values = (found[:, int(column[2])] if column else found).astype(np.float64)
-    return values if values.ndim == 1 else np.asarray(np.linalg.norm(values, axis=1))
+    values = found[:, int(column[2])] if column else found
+    return values if values.ndim == 1 else np.asarray(np.linalg.norm(values.astype(np.float64), axis=1))
+
+
+def values_of(points: Points, name: str) -> NDArray[np.float64]:
+    """The same as float64."""
+    return column_of(points, name).astype(np.float64)
 
 
 def check_attribute(points: Points, attribute: Attribute) -> None:
     """ValueError if the attribute cannot colour the points."""
     if attribute.name not in COORDINATES:
-        values_of(points, attribute.name)
+        column_of(points, attribute.name)
 
 
 _CATEGORIES: WeakKeyDictionary[Model, dict[str, tuple[int, ...] | None]] = WeakKeyDictionary()  # it reads all values
@@ -61,7 +66,7 @@ def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
     """The categories of an attribute of a model's points; None if it has none."""
     known = _CATEGORIES.setdefault(model, {})
     if name not in known:
-        known[name] = categories_of(values_of(model.points, name))
+        known[name] = categories_of(column_of(model.points, name), name)
     return known[name]
 
 
@@ -207,14 +212,15 @@ def _widest(ranges: list[Range]) -> Range:
 def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
     """Positions in the colour map for the values of a model's splats, in the tree's order."""
     order = model.tree.order
-    values = values_of(model.points, attribute.name)
     if attribute.values:
+        values = column_of(model.points, attribute.name)
         known = np.array(attribute.values)
         row = np.minimum(np.searchsorted(known, values), len(known) - 1)
         found = np.where(known[row] == values, row, np.nan)
         return np.where(order >= 0, found[order], 0).astype(np.float32)
     assert attribute.range is not None
     low, high = attribute.range
+    values = values_of(model.points, attribute.name)
     count = len(colormap(attribute.colormap))
     if shows_classes(attribute.colormap):
         found = np.mod(np.rint(np.clip(values, low, high) - low), count)

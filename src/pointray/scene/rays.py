@@ -35,10 +35,12 @@ class Hits:
         nearest one in radii); -1 for a miss and for a plane.
     instance : (...) int32
         What `Scene.add` returned; -1 for a miss.
-    attributes : dict of str to (...) or (..., k) float32
-        The attributes asked for, blended. Categories (whole numbers, at most 32 different ones, 10 points each on
-        average) are not: a hit has the one of the splat of greatest weight. NaN for a miss and where the model has no
-        such attribute.
+    attributes : dict of str to (...) or (..., k) array
+        The attributes asked for, blended: float32, or float64 where float32 does not hold all values of the points'
+        dtype (float64, whole numbers of 4 and 8 bytes). Categories (bools; whole numbers, at most 32 different ones, 10
+        points each on average; the classes, sources and scans of `Attribute`, at most 256) are not: a hit has the one
+        of the splat of greatest weight, with the points' dtype. Where nothing is hit, and where the model has no such
+        attribute, floats are NaN, whole numbers 0 and bools False.
     """
 
     t: NDArray[np.float32]
@@ -47,7 +49,7 @@ class Hits:
     color: NDArray[np.float32]
     point: NDArray[np.int64]
     instance: NDArray[np.int32]
-    attributes: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def check_rays(

@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_mapping, rgb, wrong
-from ..kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from ..model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights
 from ..shade.lights import Light
 from ..shade.materials.base import Material
-from ..trace.cast import blend_attribute, closest_hits, occlusions
+from ..trace.cast import closest_hits, occlusions
+from .blend import blend
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
-from .paints import categories_in
 from .rays import Hits, Rays, check_rays
 from .world import BakedLight, Snapshot, bounds_of, take_snapshot
 
@@ -262,8 +261,9 @@ class Scene:
         t_min, t_max : (...) array_like
             The part of the ray that counts, in lengths of the direction.
         attributes : str or sequence of str
-            Which of the points' attributes to blend at the hits; a string is one name. Categories (at most 32 different
-            whole numbers) are not blended: a hit has the value of the splat of greatest weight.
+            Which of the points' attributes to blend at the hits; a string is one name. Categories (bools, at most 32
+            different whole numbers, classes) are not blended: a hit has the value of the splat of greatest weight. See
+            `Hits.attributes` for the dtypes.
 
         Raises
         ------
@@ -310,31 +310,5 @@ def intersect_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, attr
         found["color"].reshape(*shape, 3),
         found["point"].reshape(shape),
         scene.numbers[found["instance"]].reshape(shape),
-        {name: _blend(scene, name, found, shape) for name in attributes},
+        {name: blend(scene, name, found, shape) for name in attributes},
     )
-
-
-def _blend(scene: Snapshot, name: str, found: dict[str, Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """An attribute at hits, blended; NaN where there is none."""
-    models = scene.models
-    known = {a for m in models for a in m.points.attributes}
-    if name not in known:
-        raise ValueError(
-            f"attributes: no model has an attribute {name!r}; there are: {', '.join(sorted(known)) or 'none'}"
-        )
-    widths = {m.points.attributes[name].shape[1:] for m in models if name in m.points.attributes}
-    if len(widths) > 1:
-        raise ValueError(f"attribute {name!r} has not the same number of columns in all models")
-    out = np.full((len(found["t"]), *widths.pop()), np.nan, np.float32)
-    records = scene.world.instances.reshape(-1, INSTANCE)
-    shapes = np.append(np.where(records[:, KIND] == MODEL, records[:, SHAPE_ROW], -1), -1)
-    of_model = shapes[found["instance"]]
-    for k, model in enumerate(models):
-        rows = np.flatnonzero(of_model == k)
-        if len(rows) and name in model.points.attributes:
-            values = model.points.attributes[name]
-            if values.ndim == 1 and categories_in(model, name) is not None:
-                out[rows] = values[found["point"][rows]]  # values between categories 2 and 6 would be no categories
-            else:
-                out[rows] = blend_attribute(scene.world, found, rows, k, values)
-    return out.reshape(shape + out.shape[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from colorsys import hsv_to_rgb
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,8 @@ from .colormaps import colormap, shows_classes
 COORDINATES = ("x", "y", "z")
 USUAL = "viridis"
 FIRST_MANY = 11  # categories: from this number on they need tab20, not tab10
+HUE = 0.618034  # of the circle: from one of many categories to the next of the same tone, so that no two are alike
+TONES = (0.55, 0.95), (0.9, 0.75), (0.4, 0.7), (0.75, 0.5)  # saturation and value, by turns
 # The meaning of classes in LAS files (ASPRS LAS 1.4, table 17), in the colours of QGIS.
 ASPRS = {
     0: ("never classified", 0xBABABA),
@@ -62,7 +65,8 @@ class Attribute:
         For a map of classes the first and the last class; None: class k shows colour k, and the colours repeat.
     categories : sequence of int, or False, optional
         The values that are categories, never blended; other values show a neutral grey. None: found, where all values
-        are whole numbers, at most 32 different ones, and no range is given. False: none, values are blended.
+        are whole numbers, at most 32 different ones (256 of "classification", "point_source_id" and "scan"), or bools,
+        and no range is given; bools are called no and yes. False: none, values are blended.
 
     Notes
     -----
@@ -107,18 +111,28 @@ def category_colors(attribute: Attribute) -> NDArray[np.uint8]:
         table = colormap(attribute.colormap)
         sampled: NDArray[np.uint8] = table[np.linspace(0, len(table) - 1, len(values)).round().astype(int)]
         return sampled
-    table = colormap("tab10" if len(values) < FIRST_MANY else "tab20")
-    colors = table[np.arange(len(values)) % len(table)].copy()
-    if is_classification(attribute.name):
-        for row, value in zip(colors, values, strict=True):
-            if value in ASPRS:
-                code = ASPRS[value][1]
-                row[:] = code >> 16, (code >> 8) & 255, code & 255
-    return colors
+    classes = is_classification(attribute.name)
+    own = [value for value in values if not (classes and value in ASPRS)]
+    free = iter(_distinct_colors(len(own)))
+    codes = [ASPRS[value][1] if classes and value in ASPRS else None for value in values]
+    rows = [next(free) if code is None else (code >> 16, (code >> 8) & 255, code & 255) for code in codes]
+    return np.array(rows, np.uint8).reshape(-1, 3)
+
+
+def _distinct_colors(count: int) -> list[tuple[int, ...]]:
+    """Colours that are all different: those of tab10 or tab20 if they are enough."""
+    table = colormap("tab10" if count < FIRST_MANY else "tab20")
+    if count <= len(table):
+        return [tuple(color) for color in table[:count].tolist()]
+    turns = (divmod(k, len(TONES)) for k in range(count))
+    colors = (hsv_to_rgb((k * HUE + tone / len(TONES)) % 1, *TONES[tone]) for k, tone in turns)
+    return [tuple(round(255 * part) for part in color) for color in colors]
 
 
 def category_name(attribute: Attribute, value: int) -> str:
-    """The name of a category in legends."""
+    """The name of a category, in legends and for a click."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     known = is_classification(attribute.name) and value in ASPRS
     return f"{value} {ASPRS[value][0]}" if known else str(value)
 
@@ -129,6 +143,8 @@ def is_classification(name: str) -> bool:
 
 
 def _checked_categories(values: Any) -> tuple[int, ...]:
+    if isinstance(values, tuple) and values and all(isinstance(value, bool) for value in values):
+        return tuple(sorted(set(values)))
     numbers = check_numbers(values, "categories", "whole numbers, or False")
     if values is True or numbers.ndim != 1 or not len(numbers) or not (numbers == np.rint(numbers)).all():
         raise wrong("categories", "whole numbers, or False", values)

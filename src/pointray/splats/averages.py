@@ -1,4 +1,4 @@
-"""One value for several points: the mean of attributes, and of categories the commonest."""
+"""One value for several points: the mean of an attribute; of bools, labels and other categories the commonest."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import categories_of
+from ..data import categories_of, is_label
 
 KNOWN = 0.5  # share of the values that must be finite, or the mean is NaN
 
@@ -18,7 +18,7 @@ def attribute_averages(
     starts: NDArray[np.integer[Any]],
     least: float = KNOWN,
 ) -> dict[str, NDArray[Any]]:
-    """The attributes of groups of points, with the dtypes that they have.
+    """The attributes of groups of points, with the dtypes that they have; whole numbers' means are rounded.
 
     Parameters
     ----------
@@ -29,25 +29,43 @@ def attribute_averages(
     least : float
         Share of a group's values that must be finite; where fewer are, the mean is NaN.
     """
-    return {name: _average(values, order, starts, least) for name, values in attributes.items()}
+    averages = {}
+    for name, values in attributes.items():
+        whole = has_categories(name, values)
+        averages[name] = commonest(values[order], starts) if whole else _means(values, order, starts, least)
+    return averages
 
 
-def _average(
+def has_categories(name: str, values: NDArray[Any]) -> bool:
+    """Whether a mean of values would be none of them: the mean of classes, say, or of numbers of stations."""
+    if values.ndim == 1 and values.dtype.kind != "f" and is_label(name):
+        return True
+    return categories_of(values, name) is not None
+
+
+def _means(
     values: NDArray[Any], order: NDArray[np.integer[Any]], starts: NDArray[np.integer[Any]], least: float
 ) -> NDArray[Any]:
-    if values.dtype.kind != "f" and (values.dtype == np.bool_ or categories_of(values) is not None):
-        return commonest(values[order], starts)
-    counts = np.diff(np.append(starts, len(order))).reshape(-1, *[1] * (values.ndim - 1))
-    rows = values[order].astype(np.float64)
-    if values.dtype.kind != "f":
-        means = np.rint(np.add.reduceat(rows, starts, axis=0) / counts)
-        limits = np.iinfo(values.dtype)
-        return np.asarray(np.clip(means, limits.min, limits.max).astype(values.dtype))
+    if values.dtype == np.bool_:
+        return _means(values.view(np.uint8), order, starts, least).astype(np.bool_)
+    rows = values[order]
     finite = np.isfinite(rows)
     known = np.add.reduceat(finite, starts, axis=0, dtype=np.float64)
-    total = np.add.reduceat(np.where(finite, rows, 0.0), starts, axis=0)
+    mean = np.add.reduceat(np.where(finite, rows, 0), starts, axis=0, dtype=np.float64) / np.maximum(known, 1)
+    if values.dtype.kind != "f":
+        limits = np.minimum.reduceat(rows, starts, axis=0), np.maximum.reduceat(rows, starts, axis=0)
+        return _between(np.rint(mean), *limits)
+    low = np.minimum.reduceat(np.where(finite, rows, np.inf), starts, axis=0)
+    high = np.maximum.reduceat(np.where(finite, rows, -np.inf), starts, axis=0)
+    counts = np.diff(np.append(starts, len(order))).reshape(-1, *[1] * (values.ndim - 1))
     enough = (known > 0) & (known >= least * counts)
-    return np.where(enough, total / np.maximum(known, 1), np.nan).astype(values.dtype)
+    return np.where(enough, _between(mean, low, high), np.nan).astype(values.dtype)
+
+
+def _between(mean: NDArray[np.float64], low: NDArray[Any], high: NDArray[Any]) -> NDArray[Any]:
+    """Means, with the dtype of the least and greatest values: rounding takes none beyond these."""
+    inside = (mean > low) & (mean < high)
+    return np.where(inside, np.where(inside, mean, 0).astype(low.dtype), np.where(mean <= low, low, high))
 
 
 def commonest(rows: NDArray[Any], starts: NDArray[np.integer[Any]]) -> NDArray[Any]:

@@ -182,7 +182,7 @@ def _occluded(
 def _blend_attribute(
     work: Array, world: World, found: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
 ) -> int:
-    """Blend one attribute, (n * k,) float32 in the caller's order, at hits; without weights take the hit point's value.
+    """Blend one attribute, (n * k,) float64 in the caller's order, at hits; without weights take the hit point's value.
 
     found : hits, model, leaf, local, point
     """
@@ -262,10 +262,10 @@ def occlusions(
 
 
 def blend_attribute(world: World, hits: dict[str, Array], rows: Array, model: int, values: Array) -> Array:
-    """One attribute, (n,) or (n, k), blended at the hits `rows` of `closest_hits`, all on one model: float32."""
-    out = np.empty((len(rows), *values.shape[1:]), np.float32)
+    """One attribute, (n,) or (n, k), blended at the hits `rows` of `closest_hits`, all on one model: float64."""
+    out = np.empty((len(rows), *values.shape[1:]))
     found = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])
     width = values.size // len(values)
-    args = (world, found, np.ascontiguousarray(values).reshape(-1), width, out.reshape(-1))
+    args = (world, found, np.ascontiguousarray(values, np.float64).reshape(-1), width, out.reshape(-1))
     run(_blend_attribute, -(-len(rows) // BATCH), *args)
     return out

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 from ..model import Model
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
+from ..shade.attributes import Attribute, category_name
+from ..survey import RESIDUAL
 
 MOST_LINES = 24
+WHOLE = 1e15  # floats below it that are whole numbers are written without decimals and exponent
 
 
 @dataclass(frozen=True)
@@ -53,15 +56,22 @@ def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
     if points.colors is not None:
         lines.append("colour " + " ".join(str(c) for c in points.colors[row]))
     for name, values in points.attributes.items():
-        lines.append(f"{name} {_said(values[row])}")
+        if name != RESIDUAL:
+            lines.append(f"{name} {_said(name, values[row])}")
     if len(lines) > MOST_LINES:
         lines = [*lines[:MOST_LINES], f"and {len(lines) - MOST_LINES} more"]
     return lines
 
 
-def _said(value: Any) -> str:
-    """The text of a number, or of several."""
-    return " ".join(f"{float(x):.7g}" for x in np.atleast_1d(value))
+def _said(name: str, value: Any) -> str:
+    """The text of an attribute's value: exact, as short as it can be, and with the names of classes."""
+    return " ".join(_text(name, number) for number in np.atleast_1d(value))
+
+
+def _text(name: str, number: Any) -> str:
+    if number.dtype.kind == "f" and not (number == np.rint(number) and abs(number) < WHOLE):
+        return str(number)
+    return category_name(Attribute(name), bool(number) if number.dtype == np.bool_ else int(number))
 
 
 def _rounded(value: float, pixel: float) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import check_callback, check_kind, check_whole, vector
+from ...arguments import check_callback, check_kind, check_whole
 from ...data import Points
 from ...neighbors import distinct, morton_order, neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
@@ -15,6 +15,7 @@ from .checks import agreement_share, looks_inward
 from .jets import fit_normals
 from .orientation import NEAR, orient
 from .sheets import part_sheets
+from .stations import check_eyes, eyes_of, faced, is_known, settle_unknown
 
 MENDING = 8  # good normals that stand in for a missing one
 UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
@@ -39,10 +40,13 @@ def estimate_normals(
     neighbors : int, optional
         How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, chosen by
         the point's noise and detail and the distance of scan lines.
-    viewpoint : (3,) array_like, optional
-        World position of the scanner: every normal agrees with the plane through its neighbours, turned towards the
-        scanner. None: signs pass from point to point and from part to part; a connected group is turned outward, or
-        up if it has no outside.
+    viewpoint : (3,) or (n, 3) array_like, optional
+        World position of the scanner, or of the one that saw each point, NaN where that is unknown: every normal agrees
+        with the plane through its neighbours, turned towards the scanner. Of equal positions the first row's scanner
+        counts. None: the stations of `points.survey`, where the attribute "scan" tells which of them saw each point (a
+        single one without that attribute saw all). Where the scanner is unknown signs pass from point to point and from
+        part to part, from those that are known; a connected group without any is turned outward, or up if it has no
+        outside.
     progress : callable, optional
         Called with the share done.
 
@@ -54,8 +58,8 @@ def estimate_normals(
     Raises
     ------
     ValueError
-        If there are fewer than three distinct positions, `neighbors` is less than 3, or the viewpoint is not three
-        numbers.
+        If there are fewer than three distinct positions, `neighbors` is less than 3, or the viewpoint has another
+        shape, or three numbers that are not finite.
 
     References
     ----------
@@ -68,30 +72,45 @@ def estimate_normals(
     check_callback(progress)
     if neighbors is not None:
         neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))
-    eye = None if viewpoint is None else vector(viewpoint, "viewpoint") - points.origin
-    path, ids = _path(points)
+    eyes = eyes_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
+    path, ids, rows = _path(points)
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
-    if eye is None:
+    eye = None if eyes is None else _seen_from(points, eyes, rows)
+    known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye)
+    if not known.any():
         unit, near, residuals = fit_normals(path, neighbors, NEAR, progress=part_of(progress, 0.0, FITTED))
         unit *= orient(path, unit, near)[:, None]
         tell(progress, ORIENTED)
         part_sheets(path, unit, near, residuals)
+    elif known.all():
+        unit, _, _ = fit_normals(path, neighbors, 1, eye, progress)
     else:
-        unit, _, _ = fit_normals(path, neighbors, 1, eye.astype(np.float32), progress)
+        unit, near, _ = fit_normals(path, neighbors, NEAR, eye, part_of(progress, 0.0, FITTED))
+        settle_unknown(path, unit, near, known)
     normals = np.zeros_like(points.positions)
     normals[points.finite] = unit[ids]
     return points.with_normals(normals)
 
 
-def _path(points: Points) -> tuple[Floats, NDArray[np.int64]]:
-    """The distinct positions of the finite rows along a Morton curve, and the number of each row's position."""
-    positions = points.positions[points.finite]
+def _seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int64]) -> Floats:
+    """The eyes of some rows, (m, 3), about the origin."""
+    chosen = eyes if eyes.ndim == 1 else eyes[rows]
+    return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
+
+
+def _path(points: Points) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """The distinct positions of the finite rows along a Morton curve, the number of each row's, the first row of each.
+
+    The second has an entry for each finite row.
+    """
+    finite = np.flatnonzero(points.finite)
+    positions = points.positions[finite]
     rows, ids = distinct(positions)
     order = morton_order(positions[rows])
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return positions[rows[order]], rank[ids]
+    return positions[rows[order]], rank[ids], finite[rows[order]]
 
 
 def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Points, str | None]:
@@ -105,8 +124,9 @@ def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Poin
     -------
     points : Points
         A missing normal (zero, NaN or infinite) becomes the mean of the nearest good ones; if none is good, all are
-        estimated. If neighbours all over face opposite sides, directions are kept and signs are recomputed. Normals
-        that all face inwards are kept. Rows that are not finite have the normal 0.
+        estimated. If neighbours all over face opposite sides, directions are kept and signs are recomputed, with the
+        stations of `points.survey` as in `estimate_normals`. Normals that all face inwards are kept. Rows that are not
+        finite have the normal 0.
     message : str or None
         One line; None if all normals were good.
     """
@@ -131,11 +151,13 @@ def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Poin
         said.append(f"{odd:,} of {len(points):,} normals are not of unit length: made so")
     share = agreement_share(points.positions[sound], unit[sound])
     if share > DISAGREE:
-        said.append(
-            f"{100 * share:.0f}% of neighbouring normals look to opposite sides: directions kept, signs set anew "
-            "(pass viewpoint= to estimate_normals where it is known)"
-        )
-        unit = _reorient(points, unit)
+        eyes = eyes_of(points)
+        known = "" if eyes is not None else " (pass viewpoint= to estimate_normals where it is known)"
+        turned = unit
+        unit = _reorient(points, unit, eyes)
+        if not np.array_equal(unit, turned):
+            opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
+            said.append(f"{opposite}: directions kept, signs set anew{known}")
     elif looks_inward(points.positions[sound], unit[sound]):
         said.append(
             "the normals look inwards: used as they are; unless this is a room seen from inside, turn them with "
@@ -152,15 +174,22 @@ def _odd_lengths(length: NDArray[np.float64]) -> int:
     return int((np.abs(length - 1) > UNIT).sum())
 
 
-def _reorient(points: Points, unit: Floats) -> Floats:
-    """The same directions with recomputed signs; rows with equal positions face the same side."""
-    path, ids = _path(points)
+def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None) -> Floats:
+    """The same directions with recomputed signs; rows with equal positions face the same side, or their stations."""
+    if eyes is not None and np.isfinite(eyes).all():
+        out = unit.copy()
+        out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
+        return out
+    path, ids, first = _path(points)
     finite = np.flatnonzero(points.finite)
-    first = np.empty(len(path), np.int64)
-    first[ids[::-1]] = finite[::-1]
     directions = unit[first]
     near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])
-    directions *= orient(path, directions, near)[:, None]
+    if eyes is None:
+        directions *= orient(path, directions, near)[:, None]
+    else:
+        eye = _seen_from(points, eyes, first)
+        directions[~faced(path, directions, eye)] *= -1
+        settle_unknown(path, directions, near, is_known(eye))
     out = unit.copy()
     against = np.einsum("ij,ij->i", unit[finite], directions[ids]) < 0
     out[finite[against]] *= -1

@@ -1,0 +1,68 @@
+"""Stations: where scanners stood tells to which side normals face."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import check_numbers, vector
+from ...data import Points
+from ...survey import SCAN
+from .orientation import agree, orient
+
+Floats = NDArray[np.float32]
+
+
+def eyes_of(points: Points) -> NDArray[np.float64] | None:
+    """The station that saw each point, world: (n, 3) float64, NaN where unknown, or (3,); None if all are unknown.
+
+    The attribute `SCAN` tells each point's. Without it a single station saw all points.
+    """
+    stations = np.array(points.survey.stations, np.float64).reshape(-1, 3)
+    scans = points.attributes.get(SCAN)
+    if scans is None or scans.ndim != 1:
+        return stations[0] if len(stations) == 1 else None
+    with np.errstate(invalid="ignore"):
+        known = (scans >= 0) & (scans < len(stations)) & (scans == np.rint(scans))
+    if not known.any():
+        return None
+    eyes = np.full((len(points), 3), np.nan)
+    eyes[known] = stations[scans[known].astype(np.int64)]
+    return eyes
+
+
+def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
+    """A viewpoint as a caller gives it: (3,), or (n, 3) with NaN where it is unknown."""
+    if np.ndim(viewpoint) != 2:
+        return vector(viewpoint, "viewpoint")
+    eyes = check_numbers(viewpoint, "viewpoint", "three numbers, or three for each point").astype(np.float64)
+    if eyes.shape != (n, 3):
+        raise ValueError(f"viewpoint must have the shape (3,) or ({n}, 3), a row for each point, not {eyes.shape}")
+    return eyes
+
+
+def is_known(eyes: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which rows of (n, 3) eyes have one: (n,) bool."""
+    return np.asarray(np.isfinite(eyes).all(axis=1))
+
+
+def faced(positions: Floats, normals: Floats, eyes: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which normals do not face away from their eyes: (n,) bool, true where the eye is unknown."""
+    return ~(np.einsum("ij,ij->i", normals, eyes - positions) < 0)
+
+
+def settle_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: NDArray[np.bool_]) -> None:
+    """Turn the normals that no eye has turned so that they agree with those that one has, in place.
+
+    In each connected group the known normals vote; a group without any faces outward, as in `orient`.
+    """
+    signs, groups = agree(positions, normals, near)
+    votes = np.bincount(groups[known], signs[known], groups.max() + 1)
+    seen = np.bincount(groups[known], minlength=len(votes)) > 0
+    turn = np.where(seen, np.where(votes < 0, -1, 1), 0)[groups] * signs
+    alone = turn == 0
+    if alone.any():
+        turn[alone] = orient(positions, normals, near)[alone]
+    normals[~known] *= turn[~known, None]

@@ -1,0 +1,50 @@
+"""Attributes at hits: blended with the surface's weights, or those of the splat of greatest weight."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
+from ..model import Model
+from ..trace.cast import blend_attribute
+from .paints import categories_in
+from .world import Snapshot
+
+
+def blend(scene: Snapshot, name: str, found: dict[str, Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """An attribute at hits, blended unless it has categories; see `Hits` for what is where there is none."""
+    having = {k: model for k, model in enumerate(scene.models) if name in model.points.attributes}
+    if not having:
+        known = sorted({a for m in scene.models for a in m.points.attributes})
+        raise ValueError(f"attributes: no model has an attribute {name!r}; there are: {', '.join(known) or 'none'}")
+    columns = {k: model.points.attributes[name] for k, model in having.items()}
+    widths = {values.shape[1:] for values in columns.values()}
+    if len(widths) > 1:
+        raise ValueError(f"attribute {name!r} has not the same number of columns in all models")
+    # Values between categories 2 and 6 would be no categories.
+    whole = {k for k, model in having.items() if _is_whole(model, name)}
+    dtype = np.result_type(*(v.dtype if k in whole else _blended_dtype(v) for k, v in columns.items()))
+    out = np.full((len(found["t"]), *widths.pop()), np.nan if dtype.kind == "f" else 0, dtype)
+    records = scene.world.instances.reshape(-1, INSTANCE)
+    shapes = np.append(np.where(records[:, KIND] == MODEL, records[:, SHAPE_ROW], -1), -1)
+    of_model = shapes[found["instance"]]
+    for k, values in columns.items():
+        rows = np.flatnonzero(of_model == k)
+        if len(rows):
+            blended = None if k in whole else blend_attribute(scene.world, found, rows, k, values)
+            out[rows] = values[found["point"][rows]] if blended is None else blended
+    return out.reshape(shape + out.shape[1:])
+
+
+def _is_whole(model: Model, name: str) -> bool:
+    """Whether an attribute is never blended."""
+    values = model.points.attributes[name]
+    return values.dtype == np.bool_ or (values.ndim == 1 and categories_in(model, name) is not None)
+
+
+def _blended_dtype(values: NDArray[Any]) -> np.dtype[Any]:
+    """float32, or float64 where float32 does not hold all values of the dtype."""
+    return np.result_type(values.dtype, np.float32)
