@@ -102,6 +102,16 @@ def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
     return Entry(folder() / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}{SAVED}", about)
 
 
+def built(build: Callable[[], Model]) -> tuple[Model, list[str]]:
+    """A model that is built, and the notes that this gave, which are given as usual."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        model = build()
+    for one in said:
+        warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+    return model, [str(one.message) for one in said if issubclass(one.category, UserWarning)]
+
+
 def folder() -> Path:
     """Where models are kept: in POINTRAY_CACHE, else in the user's cache."""
     base = os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False)

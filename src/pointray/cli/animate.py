@@ -156,6 +156,7 @@ def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: floa
 
     def build(progress: Progress) -> tuple[Any, Any, Any]:
         scene, _, scan = scan_scene.build(progress)
+        scan_scene.keep(progress)
         return scene, view.turning(scan), scan_scene.shown_with(settings)
 
     def light(progress: Progress) -> None:

@@ -144,6 +144,13 @@ AlbedoScaleOption = Annotated[
         help="Factor for the points' colours where light bounces, 0 to 1: colours of photographs hold light already."
     ),
 ]
+CacheOption = Annotated[
+    bool,
+    typer.Option(
+        "--cache/--no-cache",
+        help="Keep the model of a scan that was built, and take it the next time: pointray cache tells of them.",
+    ),
+]
 LegendOption = Annotated[bool, typer.Option("--legend/--no-legend", help="Draw what the colors of --color-by mean.")]
 
 FILL = 0.3  # see `staging.studio.fill`

@@ -28,10 +28,13 @@ class ScanFiles:
     ----------
     files : tuple of Path
     reading : Reading
+    cached : bool
+        Whether its model may come from the cache, and is kept there.
     """
 
     files: tuple[Path, ...]
     reading: Reading = Reading()
+    cached: bool = False
 
     @property
     def name(self) -> str:
@@ -54,6 +57,12 @@ class ScanFiles:
             **self.reading.inputs,
         }
 
+    def entry(self, **made: Any) -> Any:
+        """The place of its model in the cache, if it may be there; made : how the model is made"""
+        from ..model_cache import entry_of
+
+        return entry_of(self.files, {"reading": self.reading.inputs, **made}) if self.cached else None
+
     def check(self) -> None:
         """Raise an error if no format knows one of its files."""
         for file in self.files:
@@ -66,14 +75,14 @@ class ScanFiles:
         return pr.read(self.files, progress=progress, **self.reading.arguments)
 
 
-def scan_of(paths: Sequence[Path], reading: Reading) -> ScanFiles:
+def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> ScanFiles:
     """The scan that a user names; an error if a file is not there, or the files do not go together."""
     files = files_of(paths)
     saved = next(filter(is_saved, files), None)
     if saved is not None and len(files) > 1:
         raise ValueError(f"{saved}: a saved model is taken alone; only view shows it beside others")
     check_unread(files, reading)
-    return ScanFiles(tuple(files), reading)
+    return ScanFiles(tuple(files), reading, cached)
 
 
 def check_unread(files: Sequence[Path], reading: Reading) -> None:

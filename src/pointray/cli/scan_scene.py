@@ -104,6 +104,7 @@ class ScanScene:
         self._normals, self._baked = normals, baked
         check_saved(files.files[0], surface == PLAIN and normals == AUTO)
         self.read: Points | None = None
+        self._unkept: tuple[Any, Any, list[str]] | None = None  # what `keep` keeps
         self._lights = ScanLights(appearance["light"], appearance["fill"])
         self._material = ScanMaterial(appearance["material"], appearance.get("color"), appearance.get("color_by"))
         self._scene = pr.Scene()
@@ -199,12 +200,36 @@ class ScanScene:
         """The model of the files, which are a scan or a saved model."""
         import pointray as pr
 
-        from ..rendering.warmup import NORMALS, expect
+        from ..model_cache import built
 
         files, saved = self.files, self.files.saved
         progress.show("reading", 0.0)
         if saved is not None:
             return in_background(lambda: pr.Model.load(saved))
+        entry = files.entry(normals=self._normals, **self._surface)
+        found = entry and in_background(entry.load)
+        if found is not None:
+            found.levels = ()  # a picture is the same whether its model was kept or built
+            self._material.build(found.points, self._choice.up)
+            return found
+        model, notes = built(lambda: self._built(progress))
+        self._unkept = None if entry is None else (entry, model, notes)
+        return model
+
+    def keep(self, progress: Progress) -> None:
+        """Keep a model that was built for the next time, if that is wanted: after the picture."""
+        if self._unkept is not None:
+            entry, model, notes = self._unkept
+            self._unkept = None
+            in_background(lambda: entry.store(model, notes, partial(progress.show, "keeping the model for next time")))
+
+    def _built(self, progress: Progress) -> Any:
+        """The model of a scan, read and built."""
+        import pointray as pr
+
+        from ..rendering.warmup import NORMALS, expect
+
+        files = self.files
         points = self.read = in_background(lambda: files.read(partial(progress.show, "reading")))
         if points.normals is None or self._normals == "fit":
             expect(NORMALS)

@@ -16,7 +16,7 @@ from ..choices import AUTO
 from .baked_light import FIRST, light_source
 from .options import background_of
 from .read_options import Reading
-from .scan_files import check_scan, check_unread, files_of
+from .scan_files import ScanFiles, check_scan, check_unread, files_of, is_saved
 from .scan_lights import ScanLights, outlook_of
 from .scan_scene import PLAIN, check_saved, ground_under
 from .scene_file import DescribedScene, scene_of
@@ -27,12 +27,18 @@ SERVING = ("host", "port", "open_browser")  # options about neither the scene no
 
 
 def shared_scene_of(
-    paths: Sequence[Path], reading: Reading, typed: dict[str, Any], options: dict[str, Any], surface: dict[str, Any]
+    paths: Sequence[Path],
+    reading: Reading,
+    typed: dict[str, Any],
+    options: dict[str, Any],
+    surface: dict[str, Any],
+    cached: bool = False,
 ) -> Any:
     """The shared scene to view, and its loader. A wrong file or option raises an error at once.
 
     typed : the options that the user has typed
     options : settings, up, light, fill, background, ground, normals, bake and quick, see `picture_options`
+    cached : whether the scans' model may come from the cache, and is kept there
     surface : as `Model` takes it; only the default surface gets levels of detail
     """
     from ..rendering.warmup import warm_up
@@ -87,7 +93,9 @@ def shared_scene_of(
         warm_up(settings, clicks=True, bakes=True, before=with_direct_light(settings))
     leveled = settings.levels and surface == PLAIN and not from_file  # the file's light is for all points only
     light = baked.make if baked is not None and from_file else None
-    loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, reading.arguments)
+    scans = ScanFiles(tuple(file for file in files if not is_saved(file)), reading, cached)
+    entry = scans.entry(normals=options["normals"], **surface) if scans.files else None
+    loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, reading.arguments, entry)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes, shared.look = True, lights.look or ""
     return shared, loader

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..data import Points
 from ..model import Model
+from ..model_cache import Entry, built
 from ..model_file import SAVED
 from ..points.files import read
 from ..points.trust import check_normals_choice, judged, replaced
@@ -54,6 +55,8 @@ class Files:
         Makes the baked light of a scene, which is shown only with it; its second argument is `SharedScene.say`.
     reading : dict
         Arguments of `read` for the scans.
+    entry : Entry, optional
+        The place of the scans' model in the cache, from which it comes, or where it is kept when all is shown.
     """
 
     paths: Sequence[Path]
@@ -64,6 +67,7 @@ class Files:
     choice: ViewChoice = ViewChoice()
     light: Callable[[Scene, Callable[[str, float | None], None]], Any] | None = None
     reading: Mapping[str, Any] = field(default_factory=dict)
+    entry: Entry | None = None
 
     @property
     def _groups(self) -> list[list[Path]]:
@@ -72,24 +76,30 @@ class Files:
         return [*([scans] if scans else []), *([path] for path in self.paths if path not in scans)]
 
     def __call__(self, shared: SharedScene) -> None:
+        notes: list[str] = []
         clouds = [self._read(group, shared) for group in self._groups]
+        found = bool(self.entry) and isinstance(clouds[0], Model)
         few = [self._some(cloud, k) for k, cloud in enumerate(clouds)]
         self._prepare(clouds, few, shared)
         large = [_is_large(cloud) for cloud in clouds]
         if any(large) and self.light is None:
             shared.say("building a coarse version", None)
             # From here on small scans are models, which are not built again.
-            clouds = [c if _is_large(c) else self._whole(c, k, shared) for k, c in enumerate(clouds)]
+            clouds = [c if _is_large(c) else self._whole(c, k, shared, notes) for k, c in enumerate(clouds)]
             pairs = enumerate(zip(clouds, few, strict=True))
             coarse = [c if isinstance(c, Model) else self._coarse(some, k) for k, (c, some) in pairs]
             self._show(coarse, shared, coarse=True)
-        models = [self._whole(cloud, k, shared) for k, cloud in enumerate(clouds)]
+        models = [self._whole(cloud, k, shared, notes) for k, cloud in enumerate(clouds)]
+        if found and self.leveled and not models[0].levels and len(models[0].points) > WORTH:
+            large[0], found = True, False  # it was kept by a command that needs no levels
         without_levels = [model for model, is_large in zip(models, large, strict=True) if is_large and self.leveled]
         if without_levels and self.light is None:
             self._show(models, shared)
         for model in without_levels:
             yielding(LEVELS, partial(model.make_levels, lambda stage, share: shared.say(f"building: {stage}", share)))
         self._show(models, shared)  # again: an attribute's colours take the levels into account too
+        if self.entry is not None and not found:
+            yielding(LEVELS, partial(self.entry.store, models[0], notes))
 
     def _show(self, models: Sequence[Model], shared: SharedScene, coarse: bool = False) -> None:
         """Replace what is shown by models, as soon as their pictures can be drawn."""
@@ -119,6 +129,10 @@ class Files:
         shared.say(stage, None)
         if files[0].suffix.lower() == SAVED:
             return Model.load(files[0])
+        known = None if self.entry is None else self.entry.load()
+        if known is not None:
+            known.levels = known.levels if self.leveled else ()
+            return known
         points = read(files, progress=partial(shared.say, stage), **self.reading)
         with _named(files):
             check_normals_choice(points, self.normals)
@@ -143,17 +157,22 @@ class Files:
             warnings.simplefilter("ignore")
             return Model(some, **self.surface)
 
-    def _whole(self, cloud: Points | Model, number: int, shared: SharedScene) -> Model:
+    def _whole(self, cloud: Points | Model, number: int, shared: SharedScene, notes: list[str]) -> Model:
         if isinstance(cloud, Model):
             return cloud
 
         def say(stage: str, share: float) -> None:
             shared.say(f"building: {stage}", share)
 
-        with _named(self._groups[number]):
+        def build() -> Model:
             points, wrong = judged(cloud, self.normals)
             points = replaced(points, partial(say, "normals")) if wrong else points
             return Model(points, radii_in(points), **self.surface, progress=say)
+
+        with _named(self._groups[number]):
+            model, said = built(build)
+        notes += said
+        return model
 
     def _scene(self, models: Sequence[Model], shared: SharedScene) -> Scene:
         scene = Scene()

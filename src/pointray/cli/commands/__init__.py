@@ -2,6 +2,7 @@
 
 pictures : `render`, `animate`, `view`
 files : `bake`, `prepare`, `info`, `convert`
+cache : `cache`
 trials : `demo`, `bench`
 
 Nothing heavy is imported before it is needed, so that --help answers at once.
@@ -13,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from .cache import cache
 from .files import bake, convert, info, prepare
 from .pictures import animate, render, view
 from .trials import bench, demo
@@ -31,6 +33,7 @@ app.command()(bake)
 app.command()(prepare)
 app.command()(info)
 app.command()(convert)
+app.command()(cache)
 app.command()(demo)
 app.command()(bench)
 

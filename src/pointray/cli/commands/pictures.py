@@ -15,6 +15,7 @@ from ..options import (
     AzimuthOption,
     BackgroundOption,
     BakeOption,
+    CacheOption,
     ColorByOption,
     ColorOption,
     DenoiseOption,
@@ -93,6 +94,7 @@ def render(
     filter: FilterOption = Filter["blackman-harris"],
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    cache: CacheOption = True,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
@@ -122,7 +124,7 @@ def render(
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
-    scan_view, settings, scan_scene = staged(scan_of(files, reading), options, is_layered(output))
+    scan_view, settings, scan_scene = staged(scan_of(files, reading, cache), options, is_layered(output))
     check_fits(output, scan_view.size, settings, legend)
     with Progress(settings, scan_scene.bakes) as progress:
         scene, model, scan = scan_scene.build(progress)
@@ -130,6 +132,7 @@ def render(
         settings, camera = scan_scene.shown_with(settings), scan_view.camera(scan)
         shown = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop)
         ending = write_picture(output, (scene, camera, settings), shown, progress)
+        scan_scene.keep(progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{ending}")
     if scan_view.framed and scan.found:
         print(scan.found)
@@ -172,6 +175,7 @@ def animate(
     filter: FilterOption = Filter["blackman-harris"],
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    cache: CacheOption = True,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
@@ -201,7 +205,7 @@ def animate(
     if scene_file is not None:
         print(animate_scene(scene_file, checked_output, given(context), fps))
         return
-    scan_view, settings, scan_scene = staged(scan_of(files, reading), options)
+    scan_view, settings, scan_scene = staged(scan_of(files, reading, cache), options)
     camera_path = CameraPath(scan_view, fps, context.params)
     source = scan_source(scan_scene, scan_view, settings, exposure_of(exposure, options["integrator"].value))
     print(work(checked_output, camera_path, source))
@@ -236,6 +240,7 @@ def view(
     fill: FillOption = None,
     ground: GroundOption = False,
     threads: ThreadsOption = None,
+    cache: CacheOption = True,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
     from ...arguments import check_positive
@@ -249,5 +254,5 @@ def view(
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     check_positive(radius_scale, "--radius-scale")
     options["normals"] = normals.value
-    shared, loader = shared_scene_of(files, reading, given(context), options, surface_options)
+    shared, loader = shared_scene_of(files, reading, given(context), options, surface_options, cache)
     serve(shared, loader, host, port, open_browser)

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ._text_columns import Layout, UndecidedError, judged, name_of, names_of, scanning
 from ._lines import COMMENT, FIELDS, UTF8, UTF16, Top, is_row, shortened, top_of
 from ._numbers import FLOAT, SKIP, Dialect, Reader, fields_of, number_of, stream_of
+from ._text_columns import Layout, UndecidedError, judged, name_of, names_of, scanning
 
 LOOK = 1 << 18  # bytes that are looked at
 ROWS = 200  # rows by which the separators are told

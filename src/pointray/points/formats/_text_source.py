@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from ._text_columns import Layout, merged, scanning
 from ._first_look import LOOK, look_at
 from ._lines import shortened
 from ._numbers import Block, Reader, line_at
 from ._source import Chunk, Listing, Request, Source
+from ._text_columns import Layout, merged, scanning
 
 MOST_BLOCKS = 10_000  # blocks of rows, each after a line with their number (PTS)
 
