@@ -48,8 +48,8 @@ def _bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
 
 def _merged(part: Part) -> Part:
     """The same triangles with each place once, and with normals: the file's, or those of the triangles around."""
-    rows = np.ascontiguousarray(part.positions + 0.0)  # -0 is 0
-    _, first, inverse = np.unique(rows.view("V24")[:, 0], return_index=True, return_inverse=True)
+    rows = part.positions + 0.0  # -0 is 0
+    first, inverse = _places(rows)
     if len(first) == len(rows):
         return part if part.normals is not None else part._replace(normals=_normals_of(part.positions, part.faces))
     order = np.argsort(first)
@@ -60,6 +60,19 @@ def _merged(part: Part) -> Part:
     normals = _normals_of(positions, faces) if part.normals is None else _means(part.normals, place, len(chosen))
     colors, uv = (None if column is None else column[chosen] for column in (part.colors, part.uv))
     return Part(positions, faces, normals, colors, uv, part.paint)
+
+
+def _places(rows: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first row of each place, and the place of each row, through a hash: rows as such take ten times as long."""
+    bits = np.ascontiguousarray(rows).view(np.uint64)
+    keys = np.zeros(len(rows), np.uint64)
+    for k in range(3):
+        keys = (keys ^ bits[:, k]) * np.uint64(0x9E3779B97F4A7C15)
+        keys ^= keys >> np.uint64(29)
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    if not (bits[first][inverse] == bits).all():  # two places with one hash
+        _, first, inverse = np.unique(bits.view("V24")[:, 0], return_index=True, return_inverse=True)
+    return first, inverse
 
 
 def _normals_of(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:

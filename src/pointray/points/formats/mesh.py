@@ -16,8 +16,8 @@ from ._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
 STL_HEADER, TRIANGLE = 84, 50  # bytes of binary STL
 OBJ_LINE = re.compile(rb"(v|vn|vt|vp|f|l|p|o|g|s|mtllib|usemtl)[ \t]")
 VERTEX = re.compile(rb"^\s*v[ \t]+[-+.\d]\S*[ \t]+[-+.\d]\S*[ \t]+[-+.\d]", re.MULTILINE)
-BYTES = {"stl": 100, "obj": 40, "off": 40, "glb": 24, "gltf": 24, "ply": 24}  # of a file for a vertex, about
-ROW = 250  # bytes that trimesh takes for a vertex and its triangles, about
+BYTES = {"stl": 100, "obj": 80, "off": 80, "glb": 36, "gltf": 24, "ply": 36}  # of a file for a vertex, about
+FACTOR = {"stl": 14, "obj": 12, "off": 20, "glb": 22, "gltf": 22, "ply": 20}  # bytes that trimesh takes for one of them
 
 
 def recognise(head: bytes, path: Path) -> int:
@@ -58,10 +58,10 @@ class MeshSource(Source):
         size = path.stat().st_size
         if self._kind == "stl" and not head.lstrip().startswith(b"solid"):
             _check_stl(head, size)
-        expected = max(size // BYTES[self._kind], 1)
+        expected = request.sample or max(size // BYTES[self._kind], 1)
         self._facts: dict[str, Any] = {"kind": self._kind}
-        count = request.sample
-        self.listing = Listing(count, 60 if count else ROW, expected, facts=self._facts)
+        row = 60 + size * FACTOR[self._kind] // expected
+        self.listing = Listing(request.sample, row, expected, facts=self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
         from ._mesh_load import load
