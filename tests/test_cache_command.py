@@ -1,0 +1,99 @@
+"""The commands take models from the cache, and keep them there."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+
+import pytest
+
+import pointray as pr
+from pointray import model_cache
+from pointray.cli import execute
+from pointray.viewer import loading
+
+SIZE = ["--size", "64x48", "--spp", "1", "--light", "headlight"]
+
+
+@pytest.fixture
+def scan(tmp_path, monkeypatch):
+    monkeypatch.setattr(model_cache, "folder", lambda: tmp_path / "models")
+    monkeypatch.setattr(model_cache, "WORTH", 1000)
+    path = tmp_path / "scan.ply"
+    pr.write(path, pr.procedural("statue", 5000))
+    os.utime(path, (time.time() - 60,) * 2)
+    return path
+
+
+def kept():
+    return list(model_cache.folder().glob("*.pointray"))
+
+
+def test_a_picture_is_the_same_from_the_cache(scan, tmp_path, monkeypatch):
+    pictures = [tmp_path / f"{k}.png" for k in range(4)]
+    assert execute(["render", str(scan), "-o", str(pictures[0]), "--no-cache", *SIZE]) == 0
+    assert kept() == []
+    assert execute(["render", str(scan), "-o", str(pictures[1]), *SIZE]) == 0
+    assert len(kept()) == 1
+    monkeypatch.setattr("pointray.cli.scan_scene.ScanScene._built", lambda *_: pytest.fail("it is built again"))
+    assert execute(["render", str(scan), "-o", str(pictures[2]), *SIZE]) == 0
+    assert len({path.read_bytes() for path in pictures[:3]}) == 1
+
+
+def test_other_options_of_reading_and_building_are_other_models(scan, tmp_path):
+    for more in ([], ["--every", "2"], ["--samples", "5"], ["--normals", "fit"], ["--samples", "5"]):
+        assert execute(["render", str(scan), "-o", str(tmp_path / "a.png"), *SIZE, *more]) == 0
+    assert len(kept()) == 4
+
+
+def test_cache_tells_and_clears(scan, tmp_path, capsys):
+    assert execute(["render", str(scan), "-o", str(tmp_path / "a.png"), *SIZE]) == 0
+    capsys.readouterr()
+    assert execute(["cache"]) == 0
+    told = capsys.readouterr().out
+    assert "1 models" in told and "5,000 points" in told and str(scan) in told
+    assert execute(["cache", "--info", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["bytes"] == kept()[0].stat().st_size
+    assert facts["models"][0]["files"] == [str(scan)]
+    assert execute(["cache", "--clear", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["removed"] == 1
+    assert kept() == []
+    assert execute(["cache", "--info", "--clear"]) == 2
+
+
+class Shared:
+    """What a loader shows."""
+
+    def __init__(self):
+        self.shown = []
+        self.settings = pr.Settings()
+
+    def say(self, *_):
+        pass
+
+    def show(self, scene, coarse=False):
+        self.shown.append((len(scene.models[0].points), len(scene.models[0].levels), coarse))
+
+
+def test_the_viewer_loads_what_it_has_kept(scan, monkeypatch):
+    monkeypatch.setattr(loading, "is_warm", lambda *_: True)
+    monkeypatch.setattr(loading, "WORTH", 4000)
+    monkeypatch.setattr(loading, "COARSE", 2000)
+    entry = model_cache.entry_of([scan], {"surface": None})
+    surface = {"surface": None, "samples": 4, "radius_scale": 1.0}
+
+    def load(leveled=True):
+        shared = Shared()
+        loading.Files([scan], surface, lambda scene: (0.0, 0.0, 1.0), leveled, entry=entry)(shared)
+        return shared.shown
+
+    first = load()
+    assert first[0] == (2000, 0, True) and first[1] == (5000, 0, False) and first[-1][1] > 0
+    assert load() == [first[-1]]
+    assert load(leveled=False) == [(5000, 0, False)]
+    model_cache.clear()
+    assert entry.store(pr.Model(pr.read(scan)))  # as `render` keeps it
+    assert load()[-1] == first[-1]
+    assert load() == [first[-1]]
