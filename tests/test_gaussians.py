@@ -68,6 +68,15 @@ def test_the_number_of_transparent_splats_is_told(tmp_path):
         assert source.listing.count == 300
 
 
+def test_wide_rows_are_read_in_more_chunks(tmp_path, monkeypatch):
+    monkeypatch.setattr(ply, "CHUNK_BYTES", 104 * 40)
+    made = cloud(100)
+    path = save(tmp_path / "a.ply", trained(made))
+    check(read(path, opacity=0), made)
+    with gaussians.GaussianSource(path, Request(opacity=0)) as source:
+        assert [len(chunk.positions) for chunk in source.chunks()] == [40, 40, 20]
+
+
 def test_flat_splats_have_their_third_axis_as_normal(tmp_path):
     made = cloud(100)
     points = read(save(tmp_path / "a.ply", trained(made, without=["scale_2"])), opacity=0)
