@@ -5,6 +5,10 @@ names begin with _ are parts of formats. A new format is a file here and nothing
 
 _source : what a reader gives
 ply : binary and text; _ply_header : what a file announces; _ply_lists : rows that hold lists of varying length
+pcd : ascii, binary, packed; _pcd_header : what a file announces; _lzf : how it is packed
+npy, npz : arrays; _arrays : one of them; _npz_members : those of an archive
+kitti : sweeps without a header
+_columns : what columns are by their names; _world : coordinates as they are written
 
 Begin with _source, then ply.
 """
