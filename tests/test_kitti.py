@@ -55,6 +55,7 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path, name):
     "data",
     [
         bytes(1600),
+        np.float32(5).tobytes() + np.arange(1, 400, dtype="<i4").tobytes(),
         np.full(400, 1e6, "<f4").tobytes(),
         np.full(400, np.nan, "<f4").tobytes(),
         b"some text that is no sweep of a laser scanner " * 32,

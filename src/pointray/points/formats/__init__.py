@@ -14,6 +14,10 @@ mesh : OBJ, STL, glTF, OFF; _mesh_load : what trimesh makes of them; _mesh_point
 depth : depth pictures
 las : LAS, LAZ and COPC; _las_header : what a file announces; _las_rows : rows as columns; _las_laz : compressed chunks;
     _las_copc : nodes of an octree; _las_crs : coordinate systems; _las_write : writing
+pcd : ascii, binary, packed; _pcd_header : what a file announces; _lzf : how it is packed
+npy, npz : arrays; _arrays : one of them; _npz_members : those of an archive
+kitti : sweeps without a header
+_columns : what columns are by their names; _world : coordinates as they are written
 
 Begin with _source, then ply.
 """

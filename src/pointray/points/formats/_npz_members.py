@@ -127,7 +127,6 @@ def _numbers(archive: zipfile.ZipFile, member: Member, name: str) -> Any:
     """Finite numbers, as nested tuples of floats."""
     with member.open(archive) as stream:
         blocks = [block.astype(np.float64) for block in blocks_of(stream, member.header, MOST_STATIONS)]
-        stream.read(1)
     values = np.concatenate(blocks) if blocks else np.empty((0, 3))
     if not np.isfinite(values).all():
         raise ValueError(f"{name} must be finite, not {values.reshape(-1)[:6].tolist()}")

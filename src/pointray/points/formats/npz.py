@@ -80,8 +80,6 @@ class NpzSource(Source):
             parts = [blocks_of(*one, self._step) for one in zip(streams, headers, strict=True)]
             for blocks in zip(*parts, strict=True):
                 yield dict(zip(names, blocks, strict=True))
-            for stream in streams:
-                stream.read(1)  # at the end the checksum is compared
 
     def _table_names(self) -> tuple[str, ...]:
         """Names of the columns of the array that has several without names; () if there is none."""
