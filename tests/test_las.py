@@ -16,7 +16,6 @@ import pytest
 from laspy.vlrs.known import WktCoordinateSystemVlr
 
 import pointray as pr
-from attack import las_files
 from conftest import shared_model
 from pointray.points.files import headers
 from pointray.points.formats._las_crs import keys_of, records_for, unit_of
@@ -33,12 +32,14 @@ PROJECTED = (
 )
 
 
-def write_random(path: Path, version: str, format: int, n: int = 500, extras: bool = True) -> laspy.LasData:
+def write_random(path: Path, version: str, format: int, n: int = 500) -> laspy.LasData:
     """A file of laspy's with random values in all dimensions."""
     random = np.random.default_rng(format)
     header = laspy.LasHeader(version=version, point_format=format)
     header.scales, header.offsets = np.array([0.001, 0.01, 0.5]), np.array([4e5, 5.4e6, -3])
-    if extras:
+    if path.suffix == ".laz":  # each byte more costs lazrs 10 ms
+        header.add_extra_dim(laspy.ExtraBytesParams("e i2", "i2"))
+    else:
         header.add_extra_dims(
             [laspy.ExtraBytesParams(f"e {t}", t) for t in ("u1", "i2", "u4", "i8", "f4", "f8", "3f4")]
         )
@@ -77,7 +78,7 @@ def test_real_files_as_laspy_reads_them(name: str, tmp_path: Path) -> None:
     check_same(points, las)
     world = np.stack([np.asarray(las[axis]) for axis in "xyz"], axis=1)
     np.testing.assert_allclose(points.bounds, [world.min(axis=0), world.max(axis=0)], atol=1e-3)
-    for suffix in (".las", ".laz"):
+    for suffix in (".las", ".laz") if len(points) < 200_000 else (".laz",):
         pr.write(tmp_path / f"b{suffix}", points)
         again = laspy.read(tmp_path / f"b{suffix}")
         assert again.point_format.id == las.point_format.id
@@ -130,7 +131,7 @@ def test_extra_bytes_of_the_same_name_are_kept_apart(tmp_path: Path) -> None:
     assert (attributes["intensity"] == las["intensity"]).all()
 
 
-@pytest.mark.parametrize("scale", (0.001, 0.01, 1e-7, 0.25, 1 / 3, 7.3e-5))
+@pytest.mark.parametrize("scale", (0.01, 1e-7, 0.25, 7.3e-5))
 @pytest.mark.parametrize("offset", (0.0, 123456.789, -5.4e6))
 @pytest.mark.parametrize("width", (1000, 2**31 - 1))  # so wide that float32 loses digits
 def test_integers_come_back_to_the_last(scale: float, offset: float, width: int, tmp_path: Path) -> None:
@@ -391,6 +392,15 @@ def test_what_a_stream_raises_comes_out(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_same_points_give_the_same_file(tmp_path: Path) -> None:
+    points = pr.Points(np.random.default_rng(0).random((120_000, 3)), attributes={"gps_time": np.arange(120_000.0)})
+    shares: list[float] = []
+    for name in ("a.laz", "b.laz"):
+        pr.write(tmp_path / name, points, progress=shares.append)
+    assert (tmp_path / "a.laz").read_bytes() == (tmp_path / "b.laz").read_bytes()
+    assert shares[-1] == 1.0 and len(pr.read(tmp_path / "a.laz", max_points=1000)) == 1000
+
+
 def test_without_lazrs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_random(tmp_path / "a.laz", "1.2", 3)
     monkeypatch.setitem(sys.modules, "lazrs", None)
@@ -398,10 +408,13 @@ def test_without_lazrs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         pr.read(tmp_path / "a.laz")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
 def test_mutated_files(tmp_path: Path) -> None:
     """In a child process: a crash of a library shows."""
+    from attack import las_files
+
     run = subprocess.run(
-        [sys.executable, las_files.__file__, "40", "1", str(tmp_path)], capture_output=True, text=True, timeout=120
+        [sys.executable, las_files.__file__, "28", "1", str(tmp_path)], capture_output=True, text=True, timeout=120
     )
     assert run.returncode == 0, run.stderr[-2000:]
-    assert json.loads(run.stdout.splitlines()[-1])["refused"] > 10
+    assert json.loads(run.stdout.splitlines()[-1])["refused"] > 8
