@@ -264,6 +264,8 @@ def test_units_of_well_known_text() -> None:
     two += 'CONVERSION["f",PARAMETER["g",1,ANGLEUNIT["degree",1]]],CS[Cartesian,2],AXIS["E",east],'
     two += 'LENGTHUNIT["metre",1]],VERTCRS["v",CS[vertical,1],AXIS["u",up],LENGTHUNIT["foot",1]]]'
     assert unit_of(two) == "metre" and unit_of("]]][[[") is None and unit_of("") is None
+    for part in ("a", '"', '""a', "a[", "]", " ", "a  ", 'UNIT["",'):  # no hang
+        assert unit_of('"' + part * 200_000) is None
 
 
 # --------------------------------------------------------------------------------------------------------- COPC
@@ -289,6 +291,20 @@ def test_nodes_as_laspy_finds_them() -> None:
         assert sum(len(chunk.positions) for chunk in source.chunks()) == source.listing.expected
     with pytest.raises(ValueError, match="no points that are chosen"):
         pr.read(path, bounds=box + 1000)
+
+
+def test_pages_that_name_each_other_are_refused(tmp_path: Path) -> None:
+    data = bytearray(shared_model("raw/lion_takanawa.copc.laz").read_bytes())
+    start, size = struct.unpack_from("<2Q", data, 375 + 54 + 40)
+    struct.pack_into("<4iQ2i", data, start, 0, 0, 0, 0, start, size, -1)
+    path = tmp_path / "a.copc.laz"
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match="a page of its octree"):
+        pr.read(path, resolution=1.0)
+    struct.pack_into("<4iQ2i", data, start, 0, 0, 0, 0, start, 2**30, 100)
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match="a node of its octree"):
+        pr.read(path, resolution=1.0)
 
 
 # -------------------------------------------------------------------------------------------------------- damage
