@@ -54,11 +54,12 @@ def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size:
     """The nodes that a request needs, in the file's order; ValueError if the octree is damaged."""
     if not (np.isfinite(copc.low).all() and 0 < copc.side < math.inf and 0 < copc.spacing < math.inf):
         raise ValueError("is damaged: its octree has no size or spacing")
-    pages, seen = [(copc.start, copc.size)], set()
+    pages, seen, left = [(copc.start, copc.size)], set(), size
     found: list[NDArray[Any]] = []
     while pages:
         start, length = pages.pop()
-        if start in seen or not 0 < length <= size - start or length % ENTRY.itemsize:
+        left -= length  # pages that overlap would take for ever
+        if start in seen or left < 0 or not 0 < length <= size - start or length % ENTRY.itemsize:
             raise ValueError(f"is damaged: a page of its octree, {length:,} bytes at byte {start:,}, cannot be")
         seen.add(start)
         file.seek(start)

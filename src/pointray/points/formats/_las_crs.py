@@ -14,6 +14,7 @@ WKT, KEYS = 2112, 34735  # records
 MODEL, GEOGRAPHIC, ANGLE, PROJECTED, UNIT = 1024, 2048, 2054, 3072, 3076  # keys of GeoTIFF
 CODES = range(1024, 32767)  # of EPSG that keys can hold; 32767 stands for one that a file defines
 UNITS = {9001: "metre", 9002: "foot", 9003: "US survey foot", 9102: "degree"}
+TOKEN = re.compile(r'"([^"]*+)"|\b(\w++)\s*+[\[(]|([\])])')  # ++ and *+: no text takes longer than its length
 PLANE = {"PROJCS", "PROJCRS", "PROJECTEDCRS"}
 OTHERS = {"GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS", "GEODETICCRS", "GEOCCS", "LOCAL_CS", "ENGCRS", "LOCALCRS"}
 WORDS = {
@@ -62,13 +63,14 @@ def unit_of(text: str) -> str | None:
     """The unit of x and y that well-known text states, in words; None if it states none."""
     stack: list[str] = []
     found: dict[bool, str] = {}
-    for quoted, word, bracket in re.findall(r'"((?:[^"]|"")*)"|(\w+)\s*[\[(]|([\])])', text):
+    for quoted, word, bracket in TOKEN.findall(text):
         if word:
             stack.append(word.upper())
         elif bracket:
             del stack[-1:]
         elif stack and stack[-1] in ("UNIT", "LENGTHUNIT", "ANGLEUNIT"):
-            owner = next((name for name in reversed(stack[:-1]) if name != "AXIS"), "")
+            above = stack[-3:-1]
+            owner = "" if not above else above[0] if above[-1] == "AXIS" else above[-1]
             if owner in PLANE | OTHERS:
                 found.setdefault(owner in PLANE, quoted)
     unit = found.get(True, found.get(False))

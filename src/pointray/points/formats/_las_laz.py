@@ -10,6 +10,7 @@ import io
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -40,6 +41,14 @@ class Part(NamedTuple):
     rows: int
 
 
+def require(module: str) -> Any:
+    """A module that a plain install has; ValueError, which says how to install it, if it is absent all the same."""
+    try:
+        return import_module(module)
+    except ImportError:
+        raise ValueError(f"needs {module}: pip install 'laspy[lazrs]'") from None
+
+
 @contextmanager
 def damage(what: str) -> Iterator[None]:
     """What a library raises becomes a ValueError; a panic of Rust is no Exception."""
@@ -54,6 +63,7 @@ def damage(what: str) -> Iterator[None]:
 
 def packing_of(header: Header) -> Packing:
     """How the points are compressed; ValueError if that contradicts the header, or cannot be read."""
+    require("lazrs")
     data = header.data_of("laszip encoded", 22204)
     if data is None or len(data) < 34:
         raise ValueError("is damaged: its points are compressed, but the record that says how is missing")

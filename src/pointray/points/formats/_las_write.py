@@ -16,7 +16,6 @@ from ._source import CHUNK
 
 Words = list[str]
 CANDIDATES = (0, 2, 1, 6, 3, 7, 8)  # point formats, the smallest rows first; those with waveforms are left out
-WIDEST = 2**31 - 2  # of the whole numbers of a file
 MOST_EXTRAS, MOST_BYTES = 65535 // 192, 65535  # extra bytes that a record describes; bytes of a row
 LONGEST_NAME, LONGEST_RECORD = 32, 65535  # bytes
 SHADES = 257  # of 16 bits to one of 8
@@ -56,6 +55,9 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> Words:
         header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
     if points.survey.stations:
         words.append("cannot hold where the scanners stood")
+    missing = len(points) - int(points.finite.sum())
+    if missing:
+        words.append(f"leaves out {missing:,} row{'s' * (missing > 1)} without a finite position")
     stream = _Noting(file)
     try:
         _write_rows(stream, points, (header, standard, extras, grid, behind), progress)
@@ -88,7 +90,8 @@ def _write_rows(stream: Any, points: Points, plan: tuple[Any, ...], progress: Pr
                 for k, name in enumerate(("red", "green", "blue")):
                     rows[name] = points.colors[part, k].astype(np.uint16) * SHADES
             for name in standard:
-                record[name] = points.attributes[name][part]
+                values = points.attributes[name][part]
+                record[name] = values if name in rows.dtype.names else values.astype(np.uint8)  # some bits of a byte
             for name, values in extras:
                 rows[name] = values[part]
             writer.write_points(record if whole else laspy.PackedPointRecord(rows[finite[part]], header.point_format))
@@ -233,37 +236,53 @@ class _Grid:
     def __init__(self, points: Points, words: Words) -> None:
         self._residual: NDArray[Any] | None = None
         self._shift = np.zeros(3, np.int64)
-        known = points.survey
-        if known.scale is not None and known.offset is not None:
-            low, high = (points.bounds - np.array(known.offset)) / np.array(known.scale)
-            if (high - low < WIDEST).all() and (np.abs([low, high]) < 2.0**52).all():
-                self._take(points, known, low, high)
-                return
-            words.append(f"rounds its coordinates: they are too wide for steps of {min(known.scale):g}")
-        size = max(float(np.abs(points.bounds - points.origin).max()), 1e-30)
-        step = float(f"1e{int(np.floor(np.log10(size * 2.0**-24)))}")
-        self._survey = Survey(scale=(step,) * 3, offset=tuple(points.origin.tolist()))
-        self.scale, self.offset = self._survey.scale, self._survey.offset
+        self._survey = points.survey
+        if not self._fits(points):
+            if points.survey.scale is not None:
+                words.append(f"rounds its coordinates: they are too wide for steps of {min(points.survey.scale):g}")
+            self._residual, self._shift = None, np.zeros(3, np.int64)
+            size = max(float(np.abs(points.bounds - points.origin).max()), 1e-30)
+            step = float(f"1e{int(np.floor(np.log10(size * 2.0**-24)))}")  # float32 is no finer there
+            self._survey = Survey(scale=(step,) * 3, offset=tuple(points.origin.tolist()))
+        self.scale = self._survey.scale
+        self.offset = tuple((np.array(self._survey.offset) + self._shift * np.array(self.scale)).tolist())
 
-    def _take(self, points: Points, known: Survey, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
-        """Take the grid of a file, whose offset is moved by whole steps if its numbers would be too large."""
-        self._survey, residual = known, points.attributes.get(RESIDUAL)
+    def _fits(self, points: Points) -> bool:
+        """Whether the numbers of the file that the points are from fit; their offset is moved by whole steps for it."""
+        if self._survey.scale is None:
+            return False
+        residual = points.attributes.get(RESIDUAL)
         if residual is not None and residual.shape == (len(points), 3) and residual.dtype.kind == "i":
             self._residual = residual
-        far = (np.minimum(low, -high) < -(2.0**31) + 2**16).any()
-        if far:
-            self._shift = np.rint((low + high) / 2).astype(np.int64)
-        self.scale = known.scale
-        self.offset = tuple((np.array(known.offset) + self._shift * np.array(known.scale)).tolist())
+        with np.errstate(over="ignore"):
+            farthest = np.abs((points.bounds - np.array(self._survey.offset)) / np.array(self._survey.scale)).max()
+        if farthest < 2.0**31 - 2**12:  # float32 may be wrong by 128 steps there
+            return True
+        if not farthest < 2.0**52:
+            return False
+        finite = points.finite
+        parts = [slice(start, start + CHUNK) for start in range(0, len(points), CHUNK)]
+        limits = [_limits(self._whole(points, part)[finite[part]]) for part in parts if finite[part].any()]
+        low, high = np.min([low for low, _ in limits], axis=0), np.max([high for _, high in limits], axis=0)
+        if low.min() < -(2**31) or high.max() >= 2**31:
+            self._shift = (low + high + 1) // 2
+        return bool((high - low < 2**32).all())
+
+    def _whole(self, points: Points, part: slice) -> NDArray[np.int64]:
+        numbers = self._survey.numbers_of(points.positions[part] + points.origin)
+        if self._residual is not None:
+            numbers += self._residual[part]
+        return numbers
 
     def numbers_of(self, points: Points, part: slice, finite: NDArray[np.bool_]) -> NDArray[np.int64]:
         """The whole numbers of some rows, (m, 3); 0 where a row is not finite."""
-        world = points.positions[part] + points.origin
-        world[~finite[part]] = self.offset
-        numbers = self._survey.numbers_of(world)
-        if self._residual is not None:
-            numbers += self._residual[part]
-        numbers -= self._shift
+        with np.errstate(invalid="ignore"):
+            numbers = self._whole(points, part) - self._shift
+        numbers[~finite[part]] = 0
         if numbers.min() < -(2**31) or numbers.max() >= 2**31:
             raise ValueError("cannot be written: its coordinates are too wide for whole numbers of 4 bytes")
         return numbers
+
+
+def _limits(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    return numbers.min(axis=0), numbers.max(axis=0)
