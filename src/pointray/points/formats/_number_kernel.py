@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...jit import Array, borrow, i64, inline, kernel, next_tile, u64
 
-OTHER, DIGIT, BLANK, DELIMITER, END, DOT = range(6)  # what a byte is
+OTHER, DIGIT, DOT, BLANK, DELIMITER, END = range(6)  # what a byte is; from BLANK on it separates
 SKIP, FLOAT, SCAN, INT = range(4)  # what becomes of a column: nothing, float64, its limits if whole, int64
 WHOLE, REAL, NAN, INFINITE, BAD = range(5)  # what a token is
 FINE, COLUMNS, SINGLE, NOT_WHOLE = range(4)  # why a piece ends
@@ -43,6 +43,17 @@ def powers_of_ten() -> NDArray[np.uint64]:
         value >>= max(value.bit_length() - 128, 0)
         rows += [value >> 64, value & (2**64 - 1)]
     return np.array(rows, np.uint64)
+
+
+@inline
+def _byte(data: Array, at: int) -> int:
+    """A byte; an index without a sign is not checked for counting from the end."""
+    return i64(data[u64(at)])
+
+
+@inline
+def _kind(table: Array, data: Array, at: int) -> int:
+    return i64(table[data[u64(at)]])
 
 
 @inline
@@ -115,7 +126,7 @@ def _bits(number: Number, powers: Array) -> int:
 def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, int, int, int, bool]:
     """Reads digits: where they end, w with them, how many count in it, how many are lost, if one of these is not 0."""
     cut = False
-    d = i64(data[at]) - 48
+    d = _byte(data, at) - 48
     while 0 <= d <= 9:
         if kept < DIGITS:
             w = w * u64(10) + u64(d)
@@ -124,29 +135,29 @@ def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, in
             lost += 1
             cut = cut or d != 0
         at += 1
-        d = i64(data[at]) - 48
+        d = _byte(data, at) - 48
     return at, w, kept, lost, cut
 
 
 @inline
 def _few_digits(data: Array, at: int, w: int) -> tuple[int, int]:
     """Reads digits, at most 19 of which count: where they end, and w with them."""
-    d = i64(data[at]) - 48
+    d = _byte(data, at) - 48
     while 0 <= d <= 9:
         w = w * u64(10) + u64(d)
         at += 1
-        d = i64(data[at]) - 48
+        d = _byte(data, at) - 48
     return at, w
 
 
 @inline
 def _word(data: Array, at: int) -> int:
     """What three letters are."""
-    a, b, c = i64(data[at]) | 32, 0, 0
+    a, b, c = _byte(data, at) | 32, 0, 0
     if a == 110 or a == 105:
-        b = i64(data[at + 1]) | 32
+        b = _byte(data, at + 1) | 32
     if b == 97 or b == 110:
-        c = i64(data[at + 2]) | 32
+        c = _byte(data, at + 2) | 32
     if a == 110 and b == 97 and c == 110:
         return NAN
     return INFINITE if a == 105 and b == 110 and c == 102 else BAD
@@ -155,27 +166,27 @@ def _word(data: Array, at: int) -> int:
 @inline
 def _exponent(data: Array, at: int) -> tuple[int, int]:
     """Reads what follows an e; where it ends, -1 if it has no digits, and its value."""
-    sign = i64(data[at])
+    sign = _byte(data, at)
     at += 1 if sign == 45 or sign == 43 else 0
     begin, value = at, 0
-    d = i64(data[at]) - 48
+    d = _byte(data, at) - 48
     while 0 <= d <= 9:
         value = min(10 * value + d, 99999)
         at += 1
-        d = i64(data[at]) - 48
+        d = _byte(data, at) - 48
     return at if at > begin else -1, -value if sign == 45 else value
 
 
 @inline
 def _token(data: Array, at: int, table: Array) -> Number:
     """Reads a token: where it ends, what it is, w, q, its sign, and whether digits that are not 0 are left out of w."""
-    first = i64(data[at])
+    first = _byte(data, at)
     negative = first == 45
     at += 1 if negative or first == 43 else 0
     begin, q, form, cut = at, 0, WHOLE, False
     at, w = _few_digits(data, at, u64(0))
     count = at - begin
-    if table[data[at]] == DOT:
+    if _kind(table, data, at) == DOT:
         form, dot = REAL, at
         at, w = _few_digits(data, dot + 1, w)
         q = dot + 1 - at
@@ -190,15 +201,15 @@ def _token(data: Array, at: int, table: Array) -> Number:
     if count == 0:
         form = _word(data, at) if form == WHOLE else BAD
         at += 3 if form != BAD else 0
-    elif i64(data[at]) | 32 == 101:
+    elif _byte(data, at) | 32 == 101:
         end, e = _exponent(data, at + 1)
         form, at, q = (REAL, end, q + e) if end >= 0 else (BAD, at, q)
-    kind = table[data[at]]
-    if kind != BLANK and kind != DELIMITER and kind != END:
+    kind = _kind(table, data, at)
+    if kind < BLANK:
         form = BAD
-        while kind != BLANK and kind != DELIMITER and kind != END:
+        while kind < BLANK:
             at += 1
-            kind = table[data[at]]
+            kind = _kind(table, data, at)
     return at, form, w, q, negative, cut
 
 
@@ -231,7 +242,7 @@ def _line(
     empty = (at, NAN, u64(0), 0, False, False)
     begin, column, odd = at, 0, 0
     awaited = False  # whether a delimiter has been read, and nothing behind it
-    kind = table[data[at]]
+    kind = _kind(table, data, at)
     while kind != END:
         if kind == BLANK:
             at += 1
@@ -244,9 +255,9 @@ def _line(
             start, awaited = at, kind == DELIMITER
             if modes[column] == SKIP and not awaited:
                 number = empty
-                while kind != BLANK and kind != DELIMITER and kind != END:
+                while kind < BLANK:
                     at += 1
-                    kind = table[data[at]]
+                    kind = _kind(table, data, at)
             else:
                 number = empty if awaited else _token(data, at, table)
                 at = at + 1 if awaited else number[0]
@@ -255,12 +266,17 @@ def _line(
                 return at, NOT_WHOLE, start, odd
             odd += stored
             column += 1
-        kind = table[data[at]]
+        kind = _kind(table, data, at)
     if awaited and column == k - 1:
         if _store(empty, at, modes[column], powers, stats[column], out, item + column) < 0:
             return at, NOT_WHOLE, at, odd
         column += 1
     return at, FINE if column == k else SINGLE if column == 1 else COLUMNS, begin, odd
+
+
+@inline
+def _is_comment(data: Array, at: int) -> bool:
+    return _byte(data, at) == 35 or (_byte(data, at) == 47 and _byte(data, at + 1) == 47)
 
 
 @kernel
@@ -280,11 +296,11 @@ def parse_pieces(
         at, end = pieces[t], pieces[t + 1]
         row, odd, why, where = 0, 0, FINE, end
         while at < end:
-            kind = setting[data[at]]
+            kind = _kind(setting, data, at)
             if kind == BLANK or kind == END:  # noqa: SIM109  # a tuple would be made
                 at += 1
-            elif setting[256] != 0 and (data[at] == 35 or (data[at] == 47 and data[at + 1] == 47)):
-                while setting[data[at]] != END:
+            elif setting[256] != 0 and _is_comment(data, at):
+                while _kind(setting, data, at) != END:
                     at += 1
             else:
                 at, why, place, more = _line(data, at, setting, powers, stats[t], out, pieces[t] + row * k)
