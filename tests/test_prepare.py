@@ -200,7 +200,8 @@ def test_info_of_a_model(saved, capsys):
     # A file of the points alone gives the same.
     run(capsys, "prepare", file, "-o", file.with_name("out.ply"))
     alone = json.loads(run(capsys, "info", file.with_name("out.ply"), "--json")[1])
-    assert {name for name in alone if facts[name] != alone[name]} == {"file", "format", "files"}
+    assert {name for name in alone if facts[name] != alone[name]} == {"file", "format", "files", "ranges"}
+    assert alone["ranges"]["row"] == {**facts["ranges"]["row"], "dtype": alone["ranges"]["row"]["dtype"]}
 
 
 @pytest.mark.parametrize("command", [["info"], ["prepare", "-o", "{folder}/out.ply"]])

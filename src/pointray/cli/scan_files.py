@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..model_file import SAVED
 from .read_options import Reading
 
 FEW = 3  # files that a note names
@@ -17,6 +16,8 @@ FEW = 3  # files that a note names
 
 def is_saved(file: Path) -> bool:
     """Whether a file has the extension of saved models."""
+    from ..model_file import SAVED
+
     return file.suffix.lower() == SAVED
 
 

@@ -23,13 +23,13 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
     console = Console(highlight=False)
     console.print(_table([[name.replace("_", " "), _text(value)] for name, value in _rows(facts).items()]))
     if len(facts.get("files", ())) > 1:
-        console.print("\n", _files(facts["files"]), sep="")
+        console.print("", _files(facts["files"]), sep="\n")
     if facts.get("ranges"):
-        console.print("\n", _ranges(facts["ranges"]), sep="")
+        console.print("", _ranges(facts["ranges"]), sep="\n")
     for name, about in facts.get("ranges", {}).items():
         if "counts" in about:
             rows = [[value, class_name(value), f"{count:,}"] for value, count in about["counts"].items()]
-            console.print("\n", _table([[name, "", "points"], *rows], right=(0, 2), heads=True), sep="")
+            console.print("", _table([[name, "", "points"], *rows], right=(0, 2), heads=True), sep="\n")
 
 
 def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = False) -> Any:
@@ -80,7 +80,7 @@ def _count(rows: int | None) -> str:
 
 def _said(file: dict[str, Any]) -> str:
     """What a header says besides, in a line."""
-    return "; ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in file.items() if name not in OF_FILES)
+    return "; ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in _others(file).items())
 
 
 def _rows(facts: dict[str, Any]) -> dict[str, Any]:
@@ -109,7 +109,12 @@ def _of_the_file(facts: dict[str, Any]) -> dict[str, Any]:
         return {}
     file = facts["files"][0]
     rows = {} if file.get("rows") in (None, facts["points"]) else {"rows of the file": file["rows"]}
-    return {**{name: value for name, value in file.items() if name not in OF_FILES}, **rows}
+    return {**_others(file), **rows}
+
+
+def _others(file: dict[str, Any]) -> dict[str, Any]:
+    """What a header says besides name, format and size."""
+    return {name: value for name, value in file.items() if name not in OF_FILES and value not in (None, "", [], {})}
 
 
 def _of_the_survey(facts: dict[str, Any]) -> dict[str, Any]:
