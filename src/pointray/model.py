@@ -32,7 +32,7 @@ COARSER = 2.0  # ratio of a level's cell size to that of the level before; for t
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
 SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
-PEAK = 300  # bytes a point beyond the points, while radii are found: 274 to 330 of 500,000, 214 to 299 of a million
+PEAK = 300  # bytes a point beyond the points, while radii are found: 274 to 330 of 500,000, 262 of 2 million
 SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
 WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
 
