@@ -210,3 +210,64 @@ def test_a_legend_is_drawn_into_its_box_only():
     changed = (drawn != light).any(axis=2)
     assert changed.any() and not changed[:, :40].all()
     np.testing.assert_array_equal(drawn[:, :40], light[:, :40])
+
+
+@pytest.fixture
+def little(monkeypatch):
+    """A machine with so little memory left that 100,000 points make no model, but more than 65,535 could be read."""
+    free = 25_000_000
+    monkeypatch.setattr(memory, "available_memory", lambda: free)
+    return free
+
+
+@pytest.mark.parametrize("with_normals", [True, False])
+def test_a_model_that_does_not_fit_is_refused_at_once(little, monkeypatch, with_normals):
+    rows = sphere_points(100_000)
+    monkeypatch.setattr("pointray.model.find_support", lambda *args, **more: pytest.fail("work was begun"))
+    monkeypatch.setattr("pointray.model._unit_normals", lambda *args: pytest.fail("work was begun"))
+    with pytest.raises(
+        ValueError, match=r"29 MiB of memory are needed to make a model of 100,000 points.*--max-points"
+    ):
+        pr.Model(pr.Points(rows, rows if with_normals else None))
+
+
+def test_small_models_ask_for_no_memory(little, monkeypatch):
+    monkeypatch.setattr(memory, "available_memory", lambda: 0)
+    assert len(pr.Model(sphere_points(2000)).points) == 2000
+
+
+def test_a_command_says_so_in_one_line(little, monkeypatch, tmp_path, capsys):
+    rows = sphere_points(100_000)
+    pr.write(tmp_path / "a.ply", pr.Points(rows, rows))
+    assert execute(["render", str(tmp_path / "a.ply"), "-o", str(tmp_path / "a.png")]) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if line]
+    assert "to make a model of 100,000 points" in said[-1] and "--every" in said[-1]
+    assert not (tmp_path / "a.png").exists()
+
+
+MODEL_PEAK = """
+import resource, sys
+import numpy as np
+import pointray as pr
+sphere = pr.procedural("torus", 500_000)
+points = pr.Points(sphere.positions, sphere.normals if sys.argv[1] == "with" else None)
+pr.Model(points.select(np.arange(0, 500_000, 100)))
+open("/proc/self/clear_refs", "w").write("5")
+def size(name):
+    return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith(name)) * 1024
+before = size("VmRSS")
+pr.Model(points)
+print(size("VmHWM") - before)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="how much memory a process took")
+@pytest.mark.parametrize("kind", ["with", "without"])
+def test_models_take_about_what_is_asked_for(kind):
+    from pointray.model import PEAK
+
+    done = subprocess.run([sys.executable, "-c", MODEL_PEAK, kind], capture_output=True, text=True, check=True)
+    a_point = int(done.stdout) / 500_000
+    print(f"{a_point:.0f} bytes a point")
+    assert 0.5 * PEAK < a_point < 1.25 * PEAK

@@ -158,7 +158,7 @@ def test_a_torus_seen_from_two_stations():
     assert wrong(estimate_normals(told).normals[cosine > 0.1], torus.normals[cosine > 0.1]) == 0
 
 
-def test_prepare_and_fit_turn_to_the_stations(tmp_path, monkeypatch):
+def test_fitted_normals_in_place_of_wrong_ones_face_the_stations():
     from pointray.points.trust import replaced
 
     positions, exact, scan = wall(thickness=0.2)

@@ -15,6 +15,7 @@ from .arguments import check_callback, check_choice, check_number, check_path, c
 from .choices import SURFACES
 from .data import FARTHEST, Points
 from .kernels.tree import NODE, WIDTH, Tree
+from .memory import check_memory
 from .model_file import Part, read_model, write_model
 from .points.normals import estimate as point_normals
 from .progress import Progress
@@ -31,6 +32,9 @@ COARSER = 2.0  # ratio of a level's cell size to that of the level before; for t
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
 SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
+PEAK = 300  # bytes a point beyond the points, while radii are found: 274 to 330 of 500,000, 262 of 2 million
+SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
+WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
 
 
 class Model:
@@ -62,7 +66,8 @@ class Model:
     Raises
     ------
     ValueError
-        If a shape, dtype or value is wrong, or all points coincide and no radius is given.
+        If a shape, dtype or value is wrong, all points coincide and no radius is given, or more memory is needed than
+        is available.
     """
 
     def __init__(
@@ -86,6 +91,7 @@ class Model:
         given = None if radii is None else check_radii(radii, len(self.points))
         say = progress or (lambda stage, share: None)
         self.levels: tuple[Model, ...] = ()
+        _check_memory(len(self.points))
         self._build(given, scale, None, say)
 
     def _build(
@@ -283,6 +289,16 @@ def _unit_normals(points: Points, progress: Progress | None = None) -> NDArray[n
         warnings.warn(message, stacklevel=4)
     assert mended.normals is not None
     return mended.normals
+
+
+def _check_memory(count: int) -> None:
+    """ValueError if the memory that so many points take while a model is made of them is not available."""
+    if count < SMALL:
+        return
+    try:
+        check_memory(PEAK * count, f"to make a model of {count:,} points")
+    except ValueError as error:
+        raise ValueError(f"{error}; {WAYS_OUT}") from None
 
 
 def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:

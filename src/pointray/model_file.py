@@ -109,8 +109,8 @@ def _survey_in(about: dict[str, Any]) -> Survey:
     """What is known of the coordinates; an older file says nothing."""
     try:
         return Survey(**about.get("survey", {}))
-    except TypeError as error:
-        raise ValueError("the model is damaged: its survey is none") from error
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the model is damaged: its survey is none: {error}") from error
 
 
 def _listed(value: Any) -> list[Any]:
@@ -119,7 +119,7 @@ def _listed(value: Any) -> list[Any]:
 
 def _columns_of(points: Points) -> dict[str, Any]:
     """The columns that all levels of a model share."""
-    return {"": points.colors is None, **{name: values.shape[1:] for name, values in points.attributes.items()}}
+    return {"": points.colors is None, **{name: (v.dtype, v.shape[1:]) for name, v in points.attributes.items()}}
 
 
 def _take_part(settings: dict[str, Any], found: Arrays, prefix: str, survey: Survey) -> Part:

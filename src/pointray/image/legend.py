@@ -19,6 +19,8 @@ PANEL, INK = (255, 255, 255, 205), (25, 25, 25, 255)  # behind it, and what is w
 LETTERS, SMALLEST = 40, 10.0  # a picture is so many letters high, and these so many pixels at least
 BAR = 0.45  # height of the bar, as a share of the picture's
 MOST_TICKS = 9
+LEAST_ROW = 8.0  # pixels of a category: what does not fit is counted
+NO_FIELD = ()  # the colour of an entry without a field among others that have one
 
 
 def draw_legend(image: NDArray[Any], attribute: Attribute, beside: bool = False) -> NDArray[Any]:
@@ -115,7 +117,7 @@ def labels(values: NDArray[np.float64]) -> list[str]:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A text at a height of the bar, from its top, and the colour of its field, if it has one."""
+    """A text at a height of the bar, from its top, and the colour of its field: None at a tick, NO_FIELD."""
 
     text: str
     y: float
@@ -126,9 +128,13 @@ def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_En
     """What is written beside the bar or the fields, and their height; size : of letters, pixels"""
     if attribute.values:
         kinds, colors = attribute.values[::-1], category_colors(attribute)[::-1]
-        step = min(1.5 * size, 0.8 * height / len(kinds))
+        step = max(min(1.5 * size, 0.8 * height / len(kinds)), LEAST_ROW)
+        fitting = max(int(0.8 * height / step), 2)
         names = [category_name(attribute, value) for value in kinds]
         rows = [_Entry(name, (row + 0.5) * step, tuple(colors[row])) for row, name in enumerate(names)]
+        if len(rows) > fitting:
+            rows = rows[: fitting - 1]
+            rows.append(_Entry(f"and {len(names) - len(rows)} more", (len(rows) + 0.5) * step, NO_FIELD))
         return rows, step * len(rows)
     assert attribute.range is not None
     low, high = attribute.range
@@ -172,7 +178,7 @@ def _layer(width: int, height: int, attribute: Attribute) -> Image.Image:
         if entry.color:
             half = 0.4 * rows
             draw.rectangle((corner[0], y - half, corner[0] + bar, y + half), (*map(int, entry.color), 255), INK)
-        else:
+        elif entry.color is None:
             draw.line((corner[0] + bar, y, corner[0] + bar + gap / 2, y), INK)
         draw.text((corner[0] + bar + gap, y), entry.text, INK, font, anchor="lm")
     return over

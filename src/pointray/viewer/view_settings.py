@@ -31,6 +31,7 @@ from ..shade.materials.specular import Dielectric, Mirror
 from ..staging import HEADLIGHT, STUDIO
 from ..staging.direction import axes_of
 from ..staging.studio import ALBEDO
+from ..survey import RESIDUAL
 from .light_control import Color, LightControl, controls_of, light_controls_of, new_light_control
 from .shared_scene import SharedScene
 
@@ -265,7 +266,7 @@ def colorings(scene: Scene) -> list[str]:
 def _fitting(model: Model) -> list[str]:
     if model not in _FITTING:
         names = []
-        for name in model.points.attributes:
+        for name in (name for name in model.points.attributes if name != RESIDUAL):
             with suppress(ValueError):
                 check_attribute(model.points, Attribute(name))
                 names.append(name)

@@ -311,7 +311,7 @@ def _fitting(values: NDArray[Any], name: str, words: list[str]) -> NDArray[Any]:
         if len(values) and values.min() >= np.iinfo(dtype).min and values.max() <= np.iinfo(dtype).max:
             return values.astype(dtype)
     floats = values.astype(np.float64)
-    if (np.abs(floats) > 2**53).any():
+    if len(values) and (values.max() > 2**53 or values.min() < -(2**53)):
         words.append(f"keeps {name} as floats of 8 bytes, which round its largest numbers")
     return floats
 

@@ -1,0 +1,138 @@
+"""Values that stand for several points, compared with a slow twin that takes group after group."""
+
+from collections import Counter
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from pointray.data import categories_of, is_label
+from pointray.splats.averages import attribute_averages, commonest
+
+RNG = np.random.default_rng(11)
+N, GROUPS = 1500, 200
+DTYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"]
+
+
+def slow_average(name, values, rows, least):
+    """The value of one group: exact sums, one number at a time."""
+    if values.ndim == 2:
+        return [slow_average(name, column, rows, least) for column in values.T]
+    group = values[rows].tolist()
+    whole = values.dtype.kind != "f"
+    if categories_of(values, name) is not None or (whole and is_label(name)):
+        counts = Counter(group)
+        return min(value for value in counts if counts[value] == max(counts.values()))
+    known = group if whole else [x for x in group if np.isfinite(x)]
+    if not known or len(known) < least * len(group):
+        return np.nan
+    mean = sum(map(Fraction, known)) / len(known)
+    return round(mean) if whole else float(mean)
+
+
+def slow_averages(attributes, order, starts, least):
+    ends = [*starts[1:], len(order)]
+    groups = [order[start:end] for start, end in zip(starts, ends, strict=True)]
+    return {
+        name: np.array([slow_average(name, values, rows, least) for rows in groups], values.dtype)
+        for name, values in attributes.items()
+    }
+
+
+def grouped():
+    """Rows in random order, some twice and some never, in groups of 1 to about 20."""
+    order = RNG.integers(0, N, N)
+    return order, np.sort(RNG.choice(np.arange(1, N), GROUPS - 1, replace=False)).tolist()
+
+
+@pytest.fixture(scope="module")
+def groups():
+    order, inner = grouped()
+    return order, np.array([0, *inner])
+
+
+@pytest.mark.parametrize("least", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("dtype", ["f4", "f8"])
+def test_means_of_floats(groups, dtype, least):
+    values = RNG.normal(3e8 if dtype == "f8" else 0, 10, (N, 3)).astype(dtype)
+    values[RNG.random((N, 3)) < 0.4] = np.nan
+    values[RNG.random((N, 3)) < 0.05] = np.inf
+    attributes = {"one": values[:, 0].copy(), "three": values}
+    found, want = attribute_averages(attributes, *groups, least), slow_averages(attributes, *groups, least)
+    for name, array in found.items():
+        assert array.dtype == dtype and array.shape == (GROUPS, *attributes[name].shape[1:])
+        np.testing.assert_allclose(array, want[name], rtol=1e-15 if dtype == "f8" else 1e-6, equal_nan=True)
+
+
+@pytest.mark.parametrize("dtype", [name for name in DTYPES if name[0] != "f"])
+def test_means_of_whole_numbers(groups, dtype):
+    limits = np.iinfo(dtype)
+    attributes = {"all": RNG.integers(limits.min, limits.max, (N, 2), dtype, endpoint=True)}
+    attributes["near"] = attributes["all"][:, 0] // 4
+    found, want = attribute_averages(attributes, *groups), slow_averages(attributes, *groups, 0.5)
+    for name, array in found.items():
+        assert array.dtype == dtype
+        away = np.abs(array.astype(float) - want[name].astype(float))
+        assert (away <= (1 if limits.bits < 64 else 2.0**13)).all()
+        if limits.bits < 64:  # sums of at most a few rows are exact: only halves may round either way
+            np.testing.assert_array_equal(array, want[name])
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("value", [3, 0.1, 2**53 + 1])
+def test_equal_values_stay_exact(dtype, value):
+    value = np.array([value]).astype(np.float64 if isinstance(value, float) else np.int64).astype(dtype)
+    values = np.concatenate([np.tile(value, 60), np.arange(60).astype(dtype)])
+    starts = np.array([0, 1, 4, 10, 33])
+    found = attribute_averages({"a": np.stack([values, values], axis=1)}, np.arange(60), starts)["a"]
+    assert found.dtype == dtype and (found == value).all()
+
+
+@pytest.mark.parametrize("dtype", ["?", "u1", "i8", "f4"])
+def test_categories_take_the_commonest(groups, dtype):
+    values = RNG.choice([0, 1] if dtype == "?" else [2, 6, 9], N).astype(dtype)
+    attributes = {"kind": values}
+    found = attribute_averages(attributes, *groups)["kind"]
+    assert found.dtype == dtype
+    np.testing.assert_array_equal(found, slow_averages(attributes, *groups, 0.5)["kind"])
+
+
+@pytest.mark.parametrize("name", ["classification", "point_source_id", "scan", "scalar_Classification"])
+def test_labels_are_never_averaged_however_many(groups, name):
+    attributes = {name: RNG.integers(0, 5000, N).astype(np.uint16)}
+    found = attribute_averages(attributes, *groups)[name]
+    np.testing.assert_array_equal(found, slow_averages(attributes, *groups, 0.5)[name])
+    assert np.isin(found, attributes[name]).all()
+
+
+def test_bools_of_several_columns_take_the_majority():
+    values = np.array([[1, 0], [1, 0], [0, 1], [1, 1]], np.bool_)
+    found = attribute_averages({"flags": values}, np.arange(4), np.array([0, 3]))["flags"]
+    assert found.dtype == np.bool_ and found.tolist() == [[True, False], [True, True]]
+
+
+def test_of_equally_common_ones_the_least():
+    rows, starts = np.array([5, 2, 2, 5, 9, 7]), np.array([0, 4, 5])
+    assert commonest(rows, starts).tolist() == [2, 9, 7]
+
+
+def test_a_subsample_and_levels_keep_classes_and_dtypes():
+    points = pr.procedural("torus", 6000)
+    kinds = {
+        "classification": np.where(points.positions[:, 2] > 0, 6, 2).astype(np.uint8),
+        "intensity": RNG.integers(0, 60_000, 6000).astype(np.uint16),
+        "gps_time": 3e8 + 1e-7 * np.arange(6000),
+        "withheld": points.positions[:, 0] > 0.3,
+        "scan": (np.arange(6000) % 300).astype(np.int32),
+    }
+    points = points.changed(attributes=kinds)
+    model = pr.Model(points)
+    model.make_levels()
+    for fewer in (pr.subsample(points, count=500)[0], *(level.points for level in model.levels)):
+        assert {name: values.dtype for name, values in fewer.attributes.items()} == {
+            name: values.dtype for name, values in kinds.items()
+        }
+        assert set(np.unique(fewer.attributes["classification"])) == {2, 6}
+        low, high = kinds["gps_time"].min(), kinds["gps_time"].max()
+        assert (fewer.attributes["gps_time"] >= low).all() and (fewer.attributes["gps_time"] <= high).all()
