@@ -7,7 +7,7 @@ _source : what a reader gives
 ply : binary and text; _ply_header : what a file announces; _ply_lists : rows that hold lists of varying length
 text : .xyz, .csv, .pts and the like; ptx : scans in grids
 _lines, _first_look, _columns, _text_source : what the columns of a text are, and its rows
-_numbers, _number_kernel : numbers in text, exactly and fast
+_numbers, _number_kernel, _powers_of_ten : numbers in text, exactly and fast
 
 Begin with _source, then ply.
 """
