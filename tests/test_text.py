@@ -95,6 +95,13 @@ def test_headers_name_columns(tmp_path, header, separator):
     np.testing.assert_array_equal(points.attributes["scan_angle"], INTENSITY[:, 0])
 
 
+def test_two_columns_with_one_name_are_both_kept(tmp_path):
+    (tmp_path / "a.txt").write_text("//X Y Z Scalar_field Scalar_field\n1 2 3 4 5\n")
+    assert {k: v.tolist() for k, v in read(tmp_path / "a.txt").attributes.items()} == {
+        **{"scalar_field": [4], "scalar_field_5": [5]}
+    }
+
+
 @pytest.mark.parametrize("separator", [";", " ", "\t", "; "])
 def test_decimal_commas(tmp_path, separator):
     path = save(tmp_path / "a.csv", XYZ, RGB, separator=separator, decimal=",")

@@ -18,6 +18,8 @@ pcd : ascii, binary, packed; _pcd_header : what a file announces; _lzf : how it 
 npy, npz : arrays; _arrays : one of them; _npz_members : those of an archive
 kitti : sweeps without a header
 _columns : what columns are by their names; _world : coordinates as they are written
+_lines, _first_look, _columns, _text_source : what the columns of a text are, and its rows
+_numbers, _number_kernel, _powers_of_ten : numbers in text, exactly and fast
 
 Begin with _source, then ply.
 """

@@ -8,11 +8,6 @@ Python's float.
 
 from __future__ import annotations
 
-from functools import cache
-
-import numpy as np
-from numpy.typing import NDArray
-
 from ...jit import Array, borrow, i64, inline, kernel, next_tile, u64
 
 OTHER, DIGIT, DOT, BLANK, DELIMITER, END = range(6)  # what a byte is; from BLANK on it separates
@@ -27,22 +22,6 @@ LOWEST, HIGHEST = -342, 308  # powers of ten in the table
 DIGITS = 19  # that a whole number of 64 bits always holds
 
 Number = tuple[int, int, int, int, bool, bool]
-
-
-@cache
-def powers_of_ten() -> NDArray[np.uint64]:
-    """The leading 128 bits of 10^q, as pairs, rounded down; rounded up for q < 0."""
-    rows = []
-    for q in range(LOWEST, HIGHEST + 1):
-        five = 5 ** abs(q)
-        if q >= 0:
-            value = five << 128 >> five.bit_length()
-        else:
-            bits = (five - 1).bit_length()
-            value = (1 << (bits + 127 if q >= -27 else 2 * bits + 128)) // five + 1
-        value >>= max(value.bit_length() - 128, 0)
-        rows += [value >> 64, value & (2**64 - 1)]
-    return np.array(rows, np.uint64)
 
 
 @inline
@@ -80,9 +59,9 @@ def _leading_zeros(w: int) -> int:
 
 @inline
 def _float_bits(w: int, q: int, powers: Array) -> int:
-    """The bits of the float64 nearest to w * 10^q, w > 0; -1 if it is subnormal, infinite or out of the table."""
+    """The bits of the float64 nearest to w * 10^q, w > 0; -1 if it is subnormal."""
     if q < LOWEST or q > HIGHEST:
-        return -1
+        return 0 if q < LOWEST else INFINITY
     zeros = _leading_zeros(w)
     w = w << u64(zeros)
     at = 2 * (q - LOWEST)
@@ -103,7 +82,7 @@ def _float_bits(w: int, q: int, powers: Array) -> int:
         mantissa = mantissa >> u64(1)
         power += 1
     if power <= 0 or power >= 2047:
-        return -1
+        return -1 if power <= 0 else INFINITY
     return i64(mantissa & u64((1 << 52) - 1)) | (power << 52)
 
 
@@ -171,7 +150,7 @@ def _exponent(data: Array, at: int) -> tuple[int, int]:
     begin, value = at, 0
     d = _byte(data, at) - 48
     while 0 <= d <= 9:
-        value = min(10 * value + d, 99999)
+        value = min(10 * value + d, 1 << 30)  # far more than a line has digits
         at += 1
         d = _byte(data, at) - 48
     return at if at > begin else -1, -value if sign == 45 else value

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ._numbers import FLOAT, INT, SCAN, SKIP, Block, smallest
 from ._source import Chunk
 
+LONGEST = 200  # letters of a name
 NONE = "-"  # the name of a column that is left out
 POSITIONS, NORMALS, COLORS = ("x", "y", "z"), ("nx", "ny", "nz"), ("r", "g", "b")
 OTHER_POSITIONS = (
@@ -53,7 +54,7 @@ class UndecidedError(ValueError):
 
 def name_of(text: str) -> str:
     """A column's name as we call it."""
-    text = re.sub(r"[\[(].*?[\])]", "", text.strip().strip('"').lower())  # without units: X [m]
+    text = re.sub(r"[\[(].*?[\])]", "", text.strip().strip('"').lower()[:LONGEST])  # without units: X [m]
     text = re.sub(r"[\s.]+", "_", text.strip()).strip("_")
     return ALIASES.get(text, text)
 
@@ -65,7 +66,9 @@ def names_of(texts: Sequence[str]) -> list[str] | None:
     if axes is None:
         return None
     known = dict(zip(axes, POSITIONS, strict=True))
-    return [known.get(name, name or f"column_{k}") for k, name in enumerate(names, 1)]
+    names = [known.get(name, name or f"column_{k}") for k, name in enumerate(names, 1)]
+    again = [name in names[:k] and name not in POSITIONS for k, name in enumerate(names)]  # two scalar fields
+    return [f"{name}_{k}" if twice else name for k, (name, twice) in enumerate(zip(names, again, strict=True), 1)]
 
 
 def check_names(names: Sequence[str]) -> None:

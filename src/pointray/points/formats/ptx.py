@@ -16,7 +16,7 @@ from ...survey import SCAN, Survey
 from ._lines import is_binary, is_ptx, lines_of, shortened
 from ._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
 
-HEADER = 1 << 14  # bytes that the ten lines of a header may have
+HEADER, SHORT = 1 << 14, 1 << 10  # bytes that the ten lines of a header may have, and usually have
 LINES = 1 << 22  # bytes in which lines are counted at a time
 MOST_SCANS = 10_000
 GREY = 128  # of scans without colours, beside others
@@ -79,8 +79,9 @@ class PtxSource(Source):
             warnings.warn(f"{grey} of {len(self._scans)} scans have no colours: they are grey", stacklevel=2)
         low, high, seen = np.full(3, np.inf), np.full(3, -np.inf), 0
         with self._path.open("rb") as file:
+            newline = _newline(file)
             for k, scan in enumerate(self._scans):
-                for chunk in self._rows(file, scan, k):
+                for chunk in self._rows(file, newline, scan, k):
                     seen += len(chunk.positions)
                     if len(chunk.positions):
                         low = np.fmin(low, chunk.positions.min(axis=0))
@@ -91,13 +92,13 @@ class PtxSource(Source):
         if len(self._scans) == 1 and _is_unplaced(self._scans[0], low, high):
             self.listing = replace(self.listing, survey=Survey())
 
-    def _rows(self, file: BinaryIO, scan: Scan, number: int) -> Iterator[Chunk]:
+    def _rows(self, file: BinaryIO, newline: bytes, scan: Scan, number: int) -> Iterator[Chunk]:
         from ._numbers import FLOAT, INT, Dialect, Reader, line_at
 
         if not scan.total:
             return
-        dialect = Dialect(comments=False, newline=_newline(file))
-        reader = Reader(file, dialect, [FLOAT] * 4 + [INT] * (scan.fields - 4), scan.start)
+        dialect = Dialect(comments=False, newline=newline)
+        reader = Reader(file, dialect, [FLOAT] * 4 + [INT] * (scan.fields - 4), scan.start, scan.total)
         done = 0
         for block in reader.blocks():
             done += len(block)
@@ -176,7 +177,8 @@ def _header(file: BinaryIO, offset: int, line: int, number: int) -> Scan | None:
     """The header at an offset; None at the file's end."""
     file.seek(offset)
     text = file.read(HEADER)
-    lines = lines_of(text)
+    lines = lines_of(text[:SHORT])
+    lines = lines if len(lines) > 11 else lines_of(text)
     if not lines and len(text) < HEADER:
         return None
     rows = [(at, _numbers_of(words)) for at, words in lines[:10]]
@@ -232,7 +234,7 @@ def _skip_lines(file: BinaryIO, scan: Scan, size: int, newline: bytes, number: i
     left, offset = scan.total, scan.start
     while left > 0:
         file.seek(offset)
-        text = file.read(LINES)
+        text = file.read(min(LINES, HEADER + left * 64))
         if not text:
             line = scan.line + scan.total - left
             raise ValueError(

@@ -1,0 +1,26 @@
+"""The powers of ten that `_number_kernel` multiplies with."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._number_kernel import HIGHEST, LOWEST
+
+
+@cache
+def powers_of_ten() -> NDArray[np.uint64]:
+    """The leading 128 bits of 10^q, as pairs, rounded down; rounded up for q < 0."""
+    rows = []
+    for q in range(LOWEST, HIGHEST + 1):
+        five = 5 ** abs(q)
+        if q >= 0:
+            value = five << 128 >> five.bit_length()
+        else:
+            bits = (five - 1).bit_length()
+            value = (1 << (bits + 127 if q >= -27 else 2 * bits + 128)) // five + 1
+        value >>= max(value.bit_length() - 128, 0)
+        rows += [value >> 64, value & (2**64 - 1)]
+    return np.array(rows, np.uint64)
