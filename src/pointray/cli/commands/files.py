@@ -113,7 +113,9 @@ def prepare(
     drop_outliers: Annotated[bool, typer.Option("--drop-outliers", help="Drop what lies far from the rest.")] = False,
     normals: NormalsOption = Normals["auto"],
     estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="The same as --normals fit.")] = False,
-    viewpoint: Annotated[str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it.")] = None,
+    viewpoint: Annotated[
+        str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it, not to the file's stations.")
+    ] = None,
     levels: Annotated[
         bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
     ] = True,
