@@ -10,8 +10,9 @@ import pytest
 
 from conftest import shared_model
 from pointray.points import files, read
-from pointray.points.formats import _e57_header, e57
 from pointray.points.formats._source import Request
+from pointray.points.formats.e57 import _header as _e57_header
+from pointray.points.formats.e57 import e57
 
 pye57 = pytest.importorskip("pye57")
 libe57 = pytest.importorskip("pye57.libe57")

@@ -10,8 +10,9 @@ from plyfile import PlyData, PlyElement
 from conftest import shared_model
 from pointray.points import read, write
 from pointray.points.files import headers
-from pointray.points.formats import compressed_gaussians, gaussians, ply
 from pointray.points.formats._source import HEAD, MAYBE, SURE, Request
+from pointray.points.formats.ply import ply
+from pointray.points.formats.splats import compressed_gaussians, gaussians
 from pointray.points.normals.estimate import mend_normals
 from splats import check, cloud, damaged
 

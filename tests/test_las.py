@@ -18,9 +18,9 @@ from laspy.vlrs.known import WktCoordinateSystemVlr
 import pointray as pr
 from conftest import shared_model
 from pointray.points.files import headers
-from pointray.points.formats._las_crs import keys_of, records_for, unit_of
 from pointray.points.formats._source import Request
-from pointray.points.formats.las import LasSource
+from pointray.points.formats.las._crs import keys_of, records_for, unit_of
+from pointray.points.formats.las.las import LasSource
 from pointray.survey import RESIDUAL, Survey
 
 FILES = ("1.2-with-color.las", "Megaplot.laz", "autzen_trim_rgb.laz", "lion_takanawa.copc.laz")

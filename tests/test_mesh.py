@@ -9,7 +9,7 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 
 from pointray.points import files, read
-from pointray.points.formats import mesh
+from pointray.points.formats.mesh import mesh
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -79,7 +79,7 @@ def test_points_are_even_on_a_triangle(tmp_path):
 
 
 def test_many_points_come_in_blocks(tmp_path, monkeypatch):
-    from pointray.points.formats import _mesh_points
+    from pointray.points.formats.mesh import _points as _mesh_points
 
     path = save(tmp_path, ball(), "stl")
     whole = read(path, sample=1000)

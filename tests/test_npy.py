@@ -8,7 +8,8 @@ import pytest
 from pointray.data import Points
 from pointray.points import read, write
 from pointray.points.files import write_points
-from pointray.points.formats import _arrays, npy
+from pointray.points.formats.arrays import _array as _arrays
+from pointray.points.formats.arrays import npy
 from pointray.survey import RESIDUAL, SCAN, Survey
 
 RNG = np.random.default_rng(7)

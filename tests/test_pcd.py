@@ -6,8 +6,8 @@ import pytest
 
 from conftest import shared_model
 from pointray.points import read
-from pointray.points.formats import pcd
-from pointray.points.formats._lzf import unpack
+from pointray.points.formats.pcd import pcd
+from pointray.points.formats.pcd._lzf import unpack
 
 RNG = np.random.default_rng(5)
 N = 60

@@ -13,7 +13,7 @@ from conftest import shared_model
 from pointray.cli import BAD_INPUT, execute
 from pointray.data import Points
 from pointray.points import read, write
-from pointray.points.formats import ply
+from pointray.points.formats.ply import ply
 from pointray.points.replacing import check_writable, replacing
 
 RNG = np.random.default_rng(2)

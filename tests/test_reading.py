@@ -12,8 +12,8 @@ import pointray as pr
 from pointray import memory
 from pointray.points import files, gather
 from pointray.points.colors import to_uint8
-from pointray.points.formats import ply
 from pointray.points.formats._source import Chunk, Listing, Source
+from pointray.points.formats.ply import ply
 from pointray.points.gather import Opener
 from pointray.points.selection import Selection
 from pointray.survey import RESIDUAL, SCAN, Survey

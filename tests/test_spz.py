@@ -10,7 +10,7 @@ import pytest
 
 from pointray.points import read
 from pointray.points.files import headers
-from pointray.points.formats import splat, spz
+from pointray.points.formats.splats import splat, spz
 from splats import check, cloud, damaged
 
 HARMONICS = [0, 3, 8, 15, 24]

@@ -9,8 +9,8 @@ import pytest
 from conftest import shared_model
 from pointray.points import read
 from pointray.points.files import headers
-from pointray.points.formats import _numbers, text
 from pointray.points.formats._source import MAYBE, NO, SURE
+from pointray.points.formats.text import _numbers, text
 
 RNG = np.random.default_rng(3)
 XYZ = RNG.uniform(-100, 100, (50, 3))

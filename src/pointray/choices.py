@@ -6,15 +6,9 @@ The numbers by which kernels know surfaces, projections, filters and integrators
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Iterable
-from pathlib import Path
 
 AUTO = "auto"
-
-# Formats of scans: points/formats/ has a file of this name for each.
-_FILES = pkgutil.iter_modules([str(Path(__file__).parent / "points" / "formats")])
-FORMAT_FILES = sorted(file.name for file in _FILES if not file.name.startswith("_"))
 
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 

@@ -15,7 +15,6 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..arguments import check_callback, check_kind, check_number, check_path, check_positive, check_whole
-from ..choices import FORMAT_FILES
 from ..data import Points
 from ..extras import require
 from ..progress import Progress
@@ -168,8 +167,11 @@ def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
 
 @cache
 def _formats() -> dict[str, Format]:
-    """All formats, by the names of their files."""
-    return {name: import_module(f"{__package__}.formats.{name}").FORMAT for name in FORMAT_FILES}
+    """All formats, by the names of their files: those in `formats/` and its folders that do not begin with _."""
+    root = Path(__file__).parent
+    files = sorted(path.relative_to(root) for path in (root / "formats").rglob("[!_]*.py"))
+    names = [".".join((__package__, *file.with_suffix("").parts)) for file in files]
+    return {name.rsplit(".", 1)[1]: import_module(name).FORMAT for name in names}
 
 
 def format_of(path: Path, named: Path | None = None) -> Format:

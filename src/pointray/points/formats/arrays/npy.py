@@ -1,0 +1,175 @@
+"""NPY files: one array of NumPy, with names for its columns or without."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....data import Points
+from ....progress import Progress, tell
+from ....survey import RESIDUAL
+from .._named_columns import CHANNELS, NORMAL_AXES, Columns, roles_of
+from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
+from .._world import is_float64, world_rows
+from ._array import (
+    MAGIC,
+    MOST_COLUMNS,
+    blocks_of,
+    check_table,
+    fields_of,
+    judged,
+    read_header,
+    step_of,
+)
+
+
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file is an array of NumPy; one that looks like a picture may be one."""
+    if not head.startswith(MAGIC):
+        return NO
+    try:
+        header = read_header(_Head(head))
+    except ValueError:
+        return SURE  # opening it tells what is wrong
+    return MAYBE if not header.dtype.fields and header.width > MOST_COLUMNS else SURE
+
+
+class _Head:
+    """The beginning of a file, as a stream."""
+
+    def __init__(self, head: bytes) -> None:
+        self._rest = head
+
+    def read(self, size: int = -1, /) -> bytes:
+        taken, self._rest = self._rest[:size], self._rest[size:]
+        return taken
+
+
+class NpySource(Source):
+    """An array; ValueError says what is wrong with it."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        self._path = path
+        with path.open("rb") as file:
+            self._header = header = read_header(file)
+            left = os.fstat(file.fileno()).st_size - header.size
+        if not header.dtype.hasobject and header.nbytes != left:
+            what = "is cut off" if header.nbytes > left else "goes on behind its array"
+            raise ValueError(f"{what}: {header.nbytes:,} bytes of {header.shape} are announced, {left:,} are there")
+        self._names = request.columns
+        if header.dtype.fields:
+            self._roles = roles_of(fields_of(header))
+        else:
+            check_table(header, request.columns)
+        if not header.rows:
+            raise ValueError("holds no points: its array has no rows")
+        facts = {"type": str(header.dtype)} if not header.dtype.fields else {}
+        self._step = step_of(header.nbytes // header.rows)
+        self.listing = Listing(header.rows, 36 + header.nbytes // header.rows, facts=facts)
+
+    def chunks(self) -> Iterator[Chunk]:
+        done = 0
+        for block in self._blocks():
+            done += len(block)
+            yield self._to_chunk(block, done / self._header.rows)
+
+    def _blocks(self) -> Iterator[NDArray[Any]]:
+        with self._path.open("rb") as file:
+            file.seek(self._header.size)
+            yield from blocks_of(file, self._header, self._step)
+
+    def _to_chunk(self, block: NDArray[Any], share: float) -> Chunk:
+        if self._header.dtype.fields:
+            return self._roles.chunk({name: block[name] for name in block.dtype.names or ()}, share)
+        if self._names is None:
+            self._names = judged(self._blocks(), self._header.width)
+        return table_chunk(block, self._names, share)
+
+
+def table_chunk(block: NDArray[Any], names: tuple[str, ...], share: float) -> Chunk:
+    """Named columns of an (m, k) block as a chunk; "-" is left out."""
+    columns: Columns = {name: block[:, k] for k, name in enumerate(names) if name != "-"}
+    roles = roles_of(dict.fromkeys(columns, (block.dtype, 0)))
+    return roles.chunk(columns, share)
+
+
+# ----------------------------------------------------------------------------------------------------- writing
+
+
+def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
+    """Write a structured array of all that the points hold; returns what it cannot hold."""
+    float64 = is_float64(points)
+    fields: list[tuple[Any, ...]] = [(name, "<f8" if float64 else "<f4") for name in "xyz"]
+    if points.normals is not None:
+        fields += [(name, "<f4") for name in NORMAL_AXES[0]]
+    if points.colors is not None:
+        fields += [(name, "u1") for name in CHANNELS[0]]
+    attributes = {name: values for name, values in points.attributes.items() if name != RESIDUAL or not float64}
+    _check_names(attributes, {field[0] for field in fields})
+    fields += [(name, values.dtype.newbyteorder("<"), values.shape[1:]) for name, values in attributes.items()]
+    dtype = np.dtype(fields)
+    file.write(_header_of(dtype, len(points)))
+    for start in range(0, len(points), step_of(dtype.itemsize)):
+        part = slice(start, start + step_of(dtype.itemsize))
+        file.write(_rows(points, attributes, dtype, part).data)
+        tell(progress, min(part.stop / len(points), 1.0))
+    return _lost(points)
+
+
+def _rows(points: Points, attributes: Mapping[str, NDArray[Any]], dtype: np.dtype[Any], part: slice) -> NDArray[Any]:
+    out = np.empty(len(points.positions[part]), dtype)
+    normals, colors = (None if a is None else a[part] for a in (points.normals, points.colors))
+    for names, values in (("xyz", world_rows(points, part)), (NORMAL_AXES[0], normals), (CHANNELS[0], colors)):
+        for name, column in zip(names, () if values is None else values.T, strict=values is not None):
+            out[name] = column
+    for name, values in attributes.items():
+        out[name] = values[part]
+    return out
+
+
+def _check_names(attributes: Mapping[str, NDArray[Any]], taken: set[str]) -> None:
+    lower = {name.lower() for name in taken}
+    for name in attributes:
+        if name.lower() in lower:
+            raise ValueError(f"an NPY file cannot hold an attribute named {name!r}: it stands for something else")
+
+
+def _header_of(dtype: np.dtype[Any], count: int) -> bytes:
+    """The header of a structured array, version 3.0: names may hold any letters."""
+    descr = np.lib.format.dtype_to_descr(dtype)
+    text = repr({"descr": descr, "fortran_order": False, "shape": (count,)}).encode("utf-8", "strict")
+    text += b" " * (-(12 + len(text) + 1) % 64) + b"\n"
+    return MAGIC + bytes((3, 0)) + len(text).to_bytes(4, "little") + text
+
+
+def _lost(points: Points) -> list[str]:
+    survey = points.survey
+    held = {
+        "the coordinate system": survey.crs,
+        "the unit": survey.unit,
+        "scale and offset": survey.scale,
+        "where the scanners stood": survey.stations,
+    }
+    return [f"cannot hold {what}" for what, value in held.items() if value]
+
+
+FORMAT = Format(
+    "NPY",
+    (".npy",),
+    recognise,
+    NpySource,
+    {
+        "positions": "the first three columns, or the fields x, y, z",
+        "normals": "fields nx, ny, nz; columns 4 to 6 (or 7 to 9) of unit length",
+        "colors": "fields r, g, b or red, green, blue; columns 4 to 6 (or 7 to 9) from 0 to 1, or whole to 255",
+        "attributes": "all other columns, with their types; unnamed ones as column_4 and so on",
+        "survey": "",
+        "note": "--columns names the columns",
+    },
+    write=write,
+)

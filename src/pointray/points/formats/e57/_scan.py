@@ -1,0 +1,195 @@
+"""The scans of an E57 file: their columns, where they stood, and how their colours are scaled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._header import HEADER, Node, to_number, to_whole
+
+CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+COLORS = ("colorRed", "colorGreen", "colorBlue")
+NORMALS = ("normalX", "normalY", "normalZ")  # of the extension of surface normals, whatever its prefix
+STATES = ("cartesianInvalidState", "sphericalInvalidState")
+DTYPES = [np.dtype(kind) for kind in ("u1", "i1", "u2", "i2", "u4", "i4")]
+
+
+class Field(NamedTuple):
+    """A column of a scan: its name in the file, the type that holds all its values, bits of a value."""
+
+    name: str
+    dtype: np.dtype[Any]
+    bits: int
+    grid: tuple[float, float] | None = None  # scale and offset of whole numbers
+    largest: float = 0.0  # of the whole numbers, or of the floats
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scan that has points.
+
+    Attributes
+    ----------
+    index : int
+        Its place in the file.
+    rotation : (3, 3) float64
+    station : (3,) tuple of float
+        world = rotation @ own + station
+    turned : bool
+        Whether that changes anything.
+    scale : (3,) tuple of (float, float)
+        Of red, green and blue: the value of black, and 255 over the values from there to white.
+    """
+
+    index: int
+    count: int
+    offset: int
+    fields: dict[str, Field]
+    rotation: NDArray[np.float64]
+    station: tuple[float, float, float]
+    posed: bool
+    turned: bool
+    scale: tuple[tuple[float, float], ...]
+    facts: dict[str, Any]
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The columns that positions are made of."""
+        return CARTESIAN if set(CARTESIAN) <= self.fields.keys() else SPHERICAL
+
+    def named(self, names: tuple[str, ...]) -> list[str]:
+        """The columns of these names, without their prefix; none if not all are there."""
+        found = {name.rpartition(":")[2]: name for name in reversed(self.fields)}
+        return [found[name] for name in names] if found.keys() >= set(names) else []
+
+    @property
+    def normals(self) -> list[str]:
+        return self.named(NORMALS)
+
+    @property
+    def colors(self) -> list[str]:
+        return self.named(COLORS)
+
+
+def scans_of(root: Node, size: int) -> list[Scan]:
+    """The scans that have points; ValueError if their counts do not fit into a file of this size."""
+    nodes = list(root.find("data3D") or ())
+    scans = [scan for k, node in enumerate(nodes) if (scan := _scan(node, k, size)) is not None]
+    if not scans:
+        raise ValueError(f"holds no points: {len(nodes)} scans are there" + (", all empty" if nodes else ""))
+    need = sum(scan.count * max(sum(field.bits for field in scan.fields.values()), 1) for scan in scans)
+    if need > 8 * size:
+        count = sum(scan.count for scan in scans)
+        raise ValueError(f"is damaged: {count:,} points of {need // 8:,} bytes are announced, it has {size:,} bytes")
+    return scans
+
+
+def _scan(node: Node, index: int, size: int) -> Scan | None:
+    points = node.find("points")
+    if points is None or points.attributes.get("type") != "CompressedVector":
+        return None
+    count, offset = to_whole(points, "recordCount"), to_whole(points, "fileOffset")
+    if count == 0:
+        return None
+    if count < 0 or not HEADER.size <= offset < size:
+        raise ValueError(f"is damaged: scan {index} is said to have {count:,} points from byte {offset:,} of {size:,}")
+    fields = {field.name: field for child in points.find("prototype") or () if (field := _field(child)) is not None}
+    if not (set(CARTESIAN) <= fields.keys() or set(SPHERICAL) <= fields.keys()):
+        raise ValueError(f"scan {index} has no positions, only: {', '.join(fields) or 'nothing'}")
+    rotation, station, posed = _pose(node, index)
+    turned = bool(np.any(station) or (rotation != np.eye(3)).any())
+    scale = tuple(_scale(node, name, fields[name]) for name in COLORS if name in fields)
+    return Scan(
+        index,
+        count,
+        offset,
+        fields,
+        rotation,
+        station,
+        posed,
+        turned,
+        scale,
+        _facts(node, count, fields, station if posed else None),
+    )
+
+
+def _field(node: Node) -> Field | None:
+    """A column of numbers; None for a text or for a structure."""
+    kind = node.attributes.get("type")
+    if kind == "Float":
+        single = node.attributes.get("precision", "double") == "single"
+        largest = to_number(node.attributes.get("maximum", "inf"), f"maximum of {node.name}")
+        return Field(node.name, np.dtype("f4" if single else "f8"), 32 if single else 64, None, largest)
+    if kind not in ("Integer", "ScaledInteger"):
+        return None
+    low, high = to_whole(node, "minimum", -(2**63)), to_whole(node, "maximum", 2**63 - 1)
+    if low > high:
+        raise ValueError(f"is damaged: {node.name} reaches from {low} to {high}")
+    bits = (high - low).bit_length()
+    if kind == "Integer":
+        fitting = (t for t in DTYPES if np.iinfo(t).min <= low and high <= np.iinfo(t).max)
+        return Field(node.name, next(fitting, np.dtype("i8")), bits, None, float(high))
+    scale, offset = (
+        to_number(node.attributes.get(key, "1" if key == "scale" else "0"), f"{key} of {node.name}")
+        for key in ("scale", "offset")
+    )
+    if not (np.isfinite((scale, offset)).all() and scale):
+        raise ValueError(f"is damaged: {node.name} has the scale {scale} and the offset {offset}")
+    return Field(node.name, np.dtype("f8"), bits, (scale, offset), float(max(abs(low), abs(high))))
+
+
+def _pose(node: Node, index: int) -> tuple[NDArray[np.float64], tuple[float, float, float], bool]:
+    """The rotation, the translation, and whether the file states them."""
+    pose = node.find("pose")
+    if pose is None:
+        return np.eye(3), (0.0, 0.0, 0.0), False
+    w, x, y, z = (pose.number_at(f"rotation/{axis}", 0.0) for axis in "wxyz")
+    a, b, c = (pose.number_at(f"translation/{axis}", 0.0) for axis in "xyz")
+    length = float(np.linalg.norm((w, x, y, z)))
+    if not np.isfinite((length, a, b, c)).all():
+        raise ValueError(f"is damaged: the pose of scan {index} is not finite: {(w, x, y, z)}, {(a, b, c)}")
+    if length == 0:  # what programs write that know no rotation
+        return np.eye(3), (a, b, c), True
+    w, x, y, z = w / length, x / length, y / length, z / length
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rotation), (a, b, c), True
+
+
+def _scale(node: Node, name: str, field: Field) -> tuple[float, float]:
+    """The value of black, and 255 over the values from there to white.
+
+    The limits are to be those of the camera, but some programs write those of the picture: white is then the next
+    full number of bits, so that a picture of dim colours stays dim.
+    """
+    low = node.number_at(f"colorLimits/{name}Minimum", 0.0)
+    missing = field.largest * field.grid[0] + field.grid[1] if field.grid else field.largest
+    high = node.number_at(f"colorLimits/{name}Maximum", missing)
+    if not high < 2**32:  # no limits at all
+        high = 255.0 if field.dtype.kind != "f" else 1.0
+    if low < 0:
+        return low, 255 / (high - low) if high > low else 1.0
+    if field.dtype.kind == "f" and high <= 1:
+        return 0.0, 255.0
+    return 0.0, 255 / (2 ** max(int(np.ceil(high)).bit_length(), 8) - 1)
+
+
+def _facts(node: Node, count: int, fields: dict[str, Field], station: tuple[float, ...] | None) -> dict[str, Any]:
+    """What `info` tells of a scan."""
+    sensor = " ".join(filter(None, (node.text_at(f"sensor{part}") for part in ("Vendor", "Model", "SerialNumber"))))
+    facts = {"name": node.text_at("name"), "guid": node.text_at("guid"), "sensor": sensor, "points": count}
+    facts |= {"description": node.text_at("description"), "fields": list(fields)}
+    if station is not None:
+        facts["station"] = list(station)
+        facts["rotation"] = [node.number_at(f"pose/rotation/{axis}", 0.0) for axis in "wxyz"]
+    for box, name in (("intensityLimits", "intensity"), ("colorLimits", "colorRed")):
+        if node.find(f"{box}/{name}Maximum") is not None:
+            facts[box] = [node.number_at(f"{box}/{name}{end}", 0.0) for end in ("Minimum", "Maximum")]
+    return {key: value for key, value in facts.items() if value}

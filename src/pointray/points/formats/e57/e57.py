@@ -1,0 +1,251 @@
+"""E57 files, through pye57: several scans, each with its pose.
+
+Positions and normals are turned and moved by the pose of their scan. All scans together are one file: columns that only
+some scans have are filled in the others, as those of several files are.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....survey import SCAN, Survey
+from .._source import NO, SURE, Chunk, Format, Listing, Request, Source
+from ._header import MAGIC, read_xml
+from ._scan import CARTESIAN, SPHERICAL, STATES, Field, Scan, scans_of
+
+GREY = 128  # of a scan without colours, beside scans that have
+BLOCK = 1 << 18  # rows that are read at once: a million take 0.1 GiB more and are no faster
+MOST_STEPS = 2**31  # a file's whole numbers up to here are kept as such
+
+T = TypeVar("T")
+
+
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file is an E57 file."""
+    return SURE if head.startswith(MAGIC) else NO
+
+
+class E57Source(Source):
+    """The points of all scans; ValueError says what is wrong with its contents."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        self._path = path
+        root, size = read_xml(path)
+        self._scans = scans = scans_of(root, size)
+        self._dtype = np.dtype("f4" if all(map(_is_single, scans)) else "f8")
+        self._columns = _columns(scans)
+        facts = {"software": root.text_at("e57LibraryVersion"), "guid": root.text_at("guid")}
+        self._facts: dict[str, Any] = {key: text for key, text in facts.items() if text}
+        self._facts["scans"] = [scan.facts for scan in scans]
+        total = sum(scan.count for scan in scans)
+        invalid = any(name in scan.fields for scan in scans for name in STATES)
+        row = 36 + sum(dtype.itemsize for dtype in self._columns.values())
+        row += 12 * any(scan.normals for scan in scans) + 3 * any(scan.colors for scan in scans)
+        survey = _survey(scans, root.text_at("coordinateMetadata"))
+        self.listing = Listing(None if invalid else total, row, total, survey, self._facts)
+
+    def chunks(self) -> Iterator[Chunk]:
+        from pye57 import libe57
+
+        file = _told("cannot be opened", libe57.ImageFile, os.fspath(self._path), "r")
+        total, done, left_out = sum(scan.count for scan in self._scans), 0, 0
+        try:
+            for number, scan in enumerate(self._scans):
+                for block in _blocks(libe57, file, scan):
+                    done += len(next(iter(block.values())))
+                    chunk, invalid = self._to_chunk(scan, number, block, done / total)
+                    left_out += invalid
+                    yield chunk
+        finally:
+            file.close()
+        if left_out:
+            self._facts["left_out"] = left_out
+
+    def _to_chunk(self, scan: Scan, number: int, block: dict[str, NDArray[Any]], share: float) -> tuple[Chunk, int]:
+        """The valid rows of a block, and how many are not."""
+        before = len(next(iter(block.values())))
+        bad = [block[name] != 0 for name in STATES if name in block]
+        if bad and (invalid := np.any(bad, axis=0)).any():
+            block = {name: values[~invalid] for name, values in block.items()}
+        n = len(next(iter(block.values())))
+        normals, colors = self._normals(scan, block, n), self._colors(scan, block, n)
+        attributes = {}
+        own = {_plain(name): name for name in scan.fields if name in block}
+        for name, dtype in self._columns.items():
+            if name == SCAN:
+                attributes[name] = np.full(n, number, dtype)
+            elif name in own:
+                attributes[name] = block[own[name]].astype(dtype)
+            else:
+                attributes[name] = np.full(n, np.nan if dtype.kind == "f" else 0, dtype)
+        return Chunk(_positions(scan, block, self._dtype), normals, colors, attributes, share), before - n
+
+    def _normals(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> NDArray[np.float32] | None:
+        if not any(other.normals for other in self._scans):
+            return None
+        if not scan.normals:
+            return np.zeros((n, 3), np.float32)
+        return _turned([block[name] for name in scan.normals], scan, np.float32, (0, 0, 0))
+
+    def _colors(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> NDArray[np.uint8] | None:
+        if not any(other.colors for other in self._scans):
+            return None
+        out = np.full((n, 3), GREY, np.uint8)
+        for k, (name, (black, gain)) in enumerate(zip(scan.colors, scan.scale, strict=True)):
+            if gain == 1 and black == 0 and block[name].dtype == np.uint8:
+                out[:, k] = block[name]
+            else:
+                out[:, k] = np.clip(np.rint(np.nan_to_num((block[name] - black) * gain)), 0, 255)
+        return out
+
+
+def _is_single(scan: Scan) -> bool:
+    """Whether float32 holds all of the positions."""
+    fields = [scan.fields[name] for name in scan.places]
+    return not scan.turned and scan.places is CARTESIAN and all(field.dtype == np.float32 for field in fields)
+
+
+def _columns(scans: list[Scan]) -> dict[str, np.dtype[Any]]:
+    """The attributes of all scans."""
+    found: dict[str, list[np.dtype[Any]]] = {}
+    for scan in scans:
+        for name in _others(scan):
+            found.setdefault(_plain(name), []).append(scan.fields[name].dtype)
+    columns = {name: np.result_type(*dtypes) for name, dtypes in found.items()}
+    if len(scans) > 1:
+        columns[SCAN] = np.dtype(np.int32)
+    return columns
+
+
+def _others(scan: Scan) -> list[str]:
+    used = {*CARTESIAN, *SPHERICAL, *STATES, *scan.normals, *scan.colors}
+    return [name for name in scan.fields if name not in used]
+
+
+def _plain(name: str) -> str:
+    """An attribute's name: "rowIndex" is row_index; an extension's prefix is dropped."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name.rpartition(":")[2]).lower()
+
+
+def _survey(scans: list[Scan], crs: str) -> Survey:
+    """The unit of E57 is the metre; scans whose pose is unknown are said to stand at 0 where others' are known."""
+    stations = tuple(scan.station for scan in scans) if any(scan.posed for scan in scans) else ()
+    scale, offset = _grid(scans)
+    return Survey(crs or None, "metre", scale, offset, stations)
+
+
+def _grid(scans: list[Scan]) -> tuple[Any, Any]:
+    """The scale and offset of whole numbers that all coordinates are, as they stand in the file; else None, None."""
+    first = [scans[0].fields[name] for name in scans[0].places]
+    for scan in scans:
+        fields = [scan.fields[name] for name in scan.places]
+        if scan.turned or scan.places is SPHERICAL or [f.grid for f in fields] != [f.grid for f in first]:
+            return None, None
+        if any(field.grid is None or field.grid[0] <= 0 or field.largest > MOST_STEPS for field in fields):
+            return None, None
+    scale, offset = zip(*(field.grid for field in first if field.grid), strict=True)
+    return scale, offset
+
+
+# ----------------------------------------------------------------------------------------------------------- rows
+
+
+def _told(what: str, call: Callable[..., T], *args: Any) -> T:
+    """What a call of libE57 returns; its errors, whose first line says what is wrong, become ValueError."""
+    try:
+        return call(*args)
+    except Exception as error:
+        words = re.sub(r" *\(Error\w+\)$", "", (str(error) or type(error).__name__).strip().splitlines()[0])
+        raise ValueError(f"{what}: {words}") from error
+
+
+def _blocks(libe57: Any, file: Any, scan: Scan) -> Iterator[dict[str, NDArray[Any]]]:
+    """The columns of a scan, `BLOCK` rows at a time; they are overwritten by the next ones."""
+    wanted = [*scan.places, *scan.normals, *scan.colors, *_others(scan), *(n for n in STATES if n in scan.fields)]
+    fields = [scan.fields[name] for name in dict.fromkeys(wanted)]
+    capacity, done = min(BLOCK, scan.count), 0
+    arrays = [np.empty(capacity, _buffer(field.dtype)) for field in fields]
+    buffers = libe57.VectorSourceDestBuffer()
+    for field, array in zip(fields, arrays, strict=True):
+        buffers.append(libe57.SourceDestBuffer(file, field.name, array, capacity, True, True))
+    where = f"is damaged in scan {scan.index}"
+    reader = _told(where, lambda: file.root()["data3D"][scan.index]["points"].reader(buffers))
+    while done < scan.count:
+        n = _told(f"{where} behind point {done:,}", reader.read)
+        if not 0 < n <= min(capacity, scan.count - done):
+            raise ValueError(
+                f"is cut off in scan {scan.index}: {scan.count:,} points are announced, {done:,} are there"
+            )
+        done += n
+        yield {f.name: _fitted(f, array[:n]) for f, array in zip(fields, arrays, strict=True)}
+    reader.close()
+
+
+def _buffer(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """A type that pye57 can fill.
+
+    Of whole numbers beyond 16 bits that is only "q": it takes NumPy's int64, "l" on Linux, for one of 32 bits.
+    """
+    return np.dtype("q") if dtype.kind in "iu" and dtype.itemsize > 2 else dtype
+
+
+def _fitted(field: Field, values: NDArray[Any]) -> NDArray[Any]:
+    """Values in the column's own type; ValueError if they lie beyond it."""
+    if values.dtype == field.dtype:
+        return values
+    limits = np.iinfo(field.dtype)
+    if values.min() < limits.min or values.max() > limits.max:
+        raise ValueError(f"is damaged: {field.name} holds values beyond the limits that are announced")
+    return values.astype(field.dtype)
+
+
+def _positions(scan: Scan, block: dict[str, NDArray[Any]], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """World coordinates of the rows."""
+    columns = [block[name] for name in scan.places]
+    if scan.places is SPHERICAL:
+        distance, azimuth, elevation = (np.asarray(column, np.float64) for column in columns)
+        flat = distance * np.cos(elevation)
+        columns = [flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)]
+    return _turned(columns, scan, dtype, scan.station)
+
+
+def _turned(columns: Sequence[NDArray[Any]], scan: Scan, dtype: Any, shift: Sequence[float]) -> NDArray[Any]:
+    """Vectors turned by the scan's pose and moved: column by column, as a product of small matrices takes thrice as
+    long."""
+    out = np.empty((len(columns[0]), 3), dtype)
+    for k, axis in enumerate(scan.rotation):
+        terms = [(factor, column) for factor, column in zip(axis, columns, strict=True) if factor]
+        if not scan.turned:
+            out[:, k] = columns[k]
+            continue
+        total = np.multiply(terms[0][1], terms[0][0], dtype=np.float64)
+        for factor, column in terms[1:]:
+            total += np.multiply(column, factor, dtype=np.float64)
+        out[:, k] = total + shift[k]
+    return out
+
+
+FORMAT = Format(
+    "E57",
+    (".e57",),
+    recognise,
+    E57Source,
+    {
+        "positions": "cartesian or spherical, turned and moved by the pose of their scan; rows that are said to be "
+        "invalid are left out",
+        "normals": "normalX, normalY, normalZ of the extension, turned by the pose",
+        "colors": "colorRed, colorGreen, colorBlue, from the scan's colour limits to 8 bits",
+        "attributes": "intensity, row_index, column_index, time_stamp, return_index and all other columns of numbers, "
+        "in the smallest type for the limits in the file; whole numbers with a scale become float64; scan: which scan",
+        "survey": "coordinateMetadata as the coordinate system, metres, where the scans stood",
+        "note": "pictures are left out",
+    },
+    extra=("pye57", "e57"),
+)

@@ -1,0 +1,112 @@
+"""COPC: a LAZ file whose chunks are the nodes of an octree, coarse ones first; only those that are asked for are read.
+
+laspy's `CopcReader` reads all that it finds at once, and walks pages that name each other for ever; the pages are read
+here, and tests compare what is found.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._source import Request
+from ._header import Header
+from ._laz import Part
+
+ENTRY = np.dtype([("key", "<i4", 4), ("start", "<u8"), ("size", "<i4"), ("rows", "<i4")])
+DEEPEST = 31  # levels: a node's place is int32
+
+
+class Copc(NamedTuple):
+    """What the record of an octree says.
+
+    Attributes
+    ----------
+    low : (3,) float64
+        The least corner of the root.
+    side, spacing : float
+        The root's size, and the distance of its points; both are halved at each level.
+    start, size : int
+        Where the first page of nodes lies.
+    """
+
+    low: NDArray[np.float64]
+    side: float
+    spacing: float
+    start: int
+    size: int
+
+
+def copc_of(header: Header) -> Copc | None:
+    """What a file says of its octree; None if it has none."""
+    data = header.data_of("copc", 1)
+    if data is None or len(data) < 72 or not header.compressed:
+        return None
+    x, y, z, half, spacing, start, size = struct.unpack_from("<5d2Q", data)
+    return Copc(np.array([x, y, z]) - half, 2 * half, spacing, start, size)
+
+
+def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size: int) -> list[Part]:
+    """The nodes that a request needs, in the file's order; ValueError if the octree is damaged."""
+    if not (np.isfinite(copc.low).all() and 0 < copc.side < math.inf and 0 < copc.spacing < math.inf):
+        raise ValueError("is damaged: its octree has no size or spacing")
+    pages, seen, left = [(copc.start, copc.size)], set(), size
+    found: list[NDArray[Any]] = []
+    while pages:
+        start, length = pages.pop()
+        left -= length  # pages that overlap would take for ever
+        if start in seen or left < 0 or not 0 < length <= size - start or length % ENTRY.itemsize:
+            raise ValueError(f"is damaged: a page of its octree, {length:,} bytes at byte {start:,}, cannot be")
+        seen.add(start)
+        file.seek(start)
+        page = np.frombuffer(file.read(length), ENTRY)
+        page = page[_wanted(page["key"], header, copc, request)]
+        more = page["rows"] == -1
+        pages += [(int(entry["start"]), int(entry["size"])) for entry in page[more]]
+        found.append(page[(page["rows"] != 0) & ~more])
+    nodes = np.concatenate(found)
+    nodes = nodes[np.argsort(nodes["start"], kind="stable")]
+    _check_nodes(nodes, header)
+    return [Part(int(n["start"]), int(n["size"]), int(n["rows"])) for n in nodes]
+
+
+def _check_nodes(nodes: NDArray[Any], header: Header) -> None:
+    ends = nodes["start"] + nodes["size"].astype(np.uint64)
+    good = (nodes["rows"] > 0) & (nodes["size"] >= header.row) & (nodes["start"] >= header.start + 8)
+    good &= (nodes["start"] < header.end) & (ends <= header.end)
+    good[1:] &= nodes["start"][1:] >= ends[:-1]
+    if not good.all():
+        node = nodes[np.flatnonzero(~good)[0]]
+        raise ValueError(
+            f"is damaged: a node of its octree, {node['rows']:,} rows in {node['size']:,} bytes "
+            f"at byte {node['start']:,}, cannot be"
+        )
+    if nodes["rows"].sum(dtype=np.int64) > header.total:
+        raise ValueError(f"is damaged: its octree holds more than the {header.total:,} rows that the header announces")
+
+
+def _wanted(keys: NDArray[np.int32], header: Header, copc: Copc, request: Request) -> NDArray[np.bool_]:
+    """Which nodes have points that a request asks for."""
+    level = keys[:, 0]
+    if ((level < 0) | (level > DEEPEST) | (keys[:, 1:] < 0).any(axis=1)).any():
+        raise ValueError("is damaged: a node of its octree lies outside of it")
+    wanted = level < levels_for(copc, request.resolution)
+    if request.bounds is not None:
+        side = copc.side / 2.0**level
+        low = copc.low + keys[:, 1:] * side[:, None]
+        slack = np.array(header.scale)  # a point on the border of two nodes may be in either
+        inside = (low - slack <= request.bounds[1]) & (low + side[:, None] + slack >= request.bounds[0])
+        wanted &= inside.all(axis=1)
+    return np.asarray(wanted)
+
+
+def levels_for(copc: Copc, resolution: float | None) -> int:
+    """How many levels are as coarse as `resolution`, and the next one, which is not."""
+    if resolution is None:
+        return DEEPEST + 1
+    ratio = copc.spacing / resolution
+    return max(1, math.ceil(math.log2(ratio)) + 1) if 0 < ratio < math.inf else DEEPEST + 1

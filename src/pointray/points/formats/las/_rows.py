@@ -1,0 +1,168 @@
+"""The points of a LAS file as columns: which a point format has, and taking them out of rows of bytes."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....survey import RESIDUAL
+from .._source import Chunk
+from ._header import Header, _text
+
+FORMATS = 11  # point formats 0 to 10
+TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")  # of extra bytes, from 1; then two each, three
+EXTRA, SCALED, MOVED = 192, 8, 16  # bytes of a description of extra bytes, and its flags
+NORMALS = (("normalx", "normaly", "normalz"), ("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
+COLORS = ("red", "green", "blue")
+
+
+class Column(NamedTuple):
+    """A column: its name, the field of a row that holds it, its bits there, and what makes numbers of them."""
+
+    name: str
+    field: str
+    mask: int = 0
+    scale: Any = None
+    offset: Any = None
+
+
+class Layout(NamedTuple):
+    """How a row is laid out.
+
+    Attributes
+    ----------
+    dtype : dtype
+        Of a row.
+    columns : tuple of Column
+        The attributes.
+    normals : tuple of Column
+        Three or none.
+    colors : bool
+    """
+
+    dtype: np.dtype[Any]
+    columns: tuple[Column, ...]
+    normals: tuple[Column, ...]
+    colors: bool
+
+    @property
+    def size(self) -> int:
+        """Bytes of a row as columns."""
+        return 24 + 6 * self.colors + 12 * bool(self.normals) + sum(_size(c, self.dtype) for c in self.columns)
+
+
+def layout_of(header: Header) -> Layout:
+    """The layout of a file's rows; ValueError if its header contradicts itself."""
+    from laspy.point.dims import COMPOSED_FIELDS, POINT_FORMATS_DTYPE
+
+    if header.format >= FORMATS:
+        raise ValueError(f"has the unknown point format {header.format} (byte 104): 0 to 10 can be read")
+    standard, parts = POINT_FORMATS_DTYPE[header.format], COMPOSED_FIELDS[header.format]
+    spare = header.row - standard.itemsize
+    if spare < 0:
+        raise ValueError(
+            f"is damaged: its rows have {header.row} bytes (byte 105), "
+            f"those of point format {header.format} have {standard.itemsize} or more"
+        )
+    columns = [
+        column
+        for field in standard.names
+        for column in (
+            [Column(p.name, field, p.mask) for p in parts[field]] if field in parts else [Column(field, field)]
+        )
+        if field not in ("X", "Y", "Z", *COLORS)
+    ]
+    fields = [(name, standard[name].newbyteorder("<")) for name in standard.names]
+    taken = {column.name for column in columns} | {RESIDUAL}
+    extras = _extras_of(header.data_of("LASF_Spec", 4) if spare else None, spare, taken)
+    for k, (column, dtype) in enumerate(extras):
+        fields.append((f"extra {k}", dtype))
+        if dtype.itemsize:
+            columns.append(column._replace(field=f"extra {k}"))
+    normals = _normals_of(columns, np.dtype(fields))
+    rest = tuple(column for column in columns if column not in normals)
+    return Layout(np.dtype(fields), rest, normals, "red" in standard.names)
+
+
+def _extras_of(data: bytes | None, spare: int, taken: set[str]) -> list[tuple[Column, np.dtype[Any]]]:
+    """The extra bytes of a row, as their record describes them; those that it does not describe come last."""
+    extras: list[tuple[Column, np.dtype[Any]]] = []
+    for at in range(0, len(data or b"") - EXTRA + 1, EXTRA):
+        assert data is not None
+        kind, flags = data[at + 2 : at + 4]
+        if kind > 3 * len(TYPES):
+            raise ValueError(f"is damaged: extra bytes {len(extras)} have the unknown type {kind}")
+        count = (kind - 1) // len(TYPES) + 1 if kind else flags
+        base = np.dtype("<" + TYPES[(kind - 1) % len(TYPES)]) if kind else np.dtype("u1")
+        name = _unique(_text(data[at + 4 : at + 36]) or "extra", taken)
+        scale = np.frombuffer(data, "<f8", count, at + 112) if kind and flags & SCALED else None
+        offset = np.frombuffer(data, "<f8", count, at + 136) if kind and flags & MOVED else None
+        extras.append((Column(name, "", 0, scale, offset), base if count == 1 else np.dtype((base, (count,)))))
+        spare -= base.itemsize * count
+    if spare < 0:
+        raise ValueError(f"is damaged: its extra bytes have {-spare} bytes more than its rows")
+    if spare:
+        extras.append((Column(_unique("ExtraBytes", taken), ""), np.dtype(("u1", (spare,)) if spare > 1 else "u1")))
+    return extras
+
+
+def _unique(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+def _normals_of(columns: list[Column], dtype: np.dtype[Any]) -> tuple[Column, ...]:
+    """The columns that are normals, three or none."""
+    known = {c.name.lower(): c for c in columns if dtype[c.field].ndim == 0}
+    found = next((tuple(known[name] for name in names) for names in NORMALS if known.keys() >= set(names)), ())
+    floats = all(dtype[c.field].kind == "f" or c.scale is not None for c in found)
+    return found if floats else ()
+
+
+def _size(column: Column, dtype: np.dtype[Any]) -> int:
+    field = dtype[column.field]
+    scaled = column.scale is not None or column.offset is not None
+    return 8 * field.itemsize // field.base.itemsize if scaled else field.itemsize
+
+
+def chunk_of(rows: NDArray[Any], header: Header, layout: Layout, share: float) -> Chunk:
+    """Rows as columns, each an array of its own."""
+    positions = np.empty((len(rows), 3))
+    for k, name in enumerate("XYZ"):  # offset + scale * number, rounded as laspy does
+        np.multiply(rows[name], header.scale[k], out=positions[:, k])
+        positions[:, k] += header.offset[k]
+    normals = colors = None
+    if layout.normals:
+        normals = np.stack([_taken(rows, column) for column in layout.normals], axis=1)
+    if layout.colors:
+        colors = np.empty((len(rows), 3), np.uint16)
+        for k, name in enumerate(COLORS):
+            colors[:, k] = rows[name]
+    attributes = {column.name: _taken(rows, column) for column in layout.columns}
+    return Chunk(positions, normals, colors, attributes, share)
+
+
+def _taken(rows: NDArray[Any], column: Column) -> NDArray[Any]:
+    values = rows[column.field]
+    if column.mask:
+        low = (column.mask & -column.mask).bit_length() - 1
+        bits = values & np.uint8(column.mask)
+        return np.right_shift(bits, np.uint8(low), out=bits)
+    if column.scale is None and column.offset is None:
+        return np.array(values, values.dtype.newbyteorder("="), order="C")
+    scale = np.ones(1) if column.scale is None else column.scale
+    offset = np.zeros(1) if column.offset is None else column.offset
+    with np.errstate(all="ignore"):  # a damaged scale makes infinities
+        return np.asarray(
+            values * (scale if values.ndim > 1 else scale[0]) + (offset if values.ndim > 1 else offset[0])
+        )
+
+
+def unpack_u16(data: bytes) -> tuple[int, ...]:
+    """Bytes as whole numbers of two bytes."""
+    return struct.unpack(f"<{len(data) // 2}H", data[: len(data) // 2 * 2])

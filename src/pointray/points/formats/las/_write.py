@@ -1,0 +1,288 @@
+"""Writing LAS 1.4, as it is or compressed: which point format, scale and offset, and what goes into extra bytes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....data import Points
+from ....progress import Progress, tell
+from ....survey import RESIDUAL, Survey
+from .._source import CHUNK
+from ._crs import USER, WKT, records_for
+
+Words = list[str]
+CANDIDATES = (0, 2, 1, 6, 3, 7, 8)  # point formats, the smallest rows first; those with waveforms are left out
+MOST_EXTRAS, MOST_BYTES = 65535 // 192, 65535  # extra bytes that a record describes; bytes of a row
+LONGEST_NAME, LONGEST_RECORD = 32, 65535  # bytes
+SHADES = 257  # of 16 bits to one of 8
+WEEK = 604800.0  # seconds: a greater GPS time is no time of a week
+NORMALS = ("NormalX", "NormalY", "NormalZ")
+PACKED = {"X", "Y", "Z", "x", "y", "z", "bit_fields", "raw_classification", "classification_flags"}
+
+
+class Extra(NamedTuple):
+    """A column of extra bytes: its name there, and the values."""
+
+    name: str
+    values: NDArray[Any]
+
+
+def write(file: Any, points: Points, progress: Progress | None = None) -> Words:
+    """Write all that the points hold; returns what LAS cannot hold, in words.
+
+    A row whose position is not finite is left out, which a word tells.
+    """
+    import laspy
+
+    words: Words = []
+    format, standard = _choose_format(points)
+    extras = _extras_of(points, format, standard, words)
+    header = laspy.LasHeader(version="1.4", point_format=format)
+    header.generating_software = "pointray"
+    header.add_extra_dims([laspy.ExtraBytesParams(x.name, _type_of(x.values)) for x in extras])
+    for record in header.vlrs.get("ExtraBytesVlr"):  # laspy finds the limits of each chunk's first row only
+        for described in record.extra_bytes_structs:
+            described.options &= ~6 if described.data_type else 255
+    grid = _Grid(points, words)
+    header.scales, header.offsets = np.array(grid.scale), np.array(grid.offset)
+    behind = _state_crs(header, points.survey, words)
+    time = points.attributes.get("gps_time") if "gps_time" in standard else None
+    if time is not None and np.abs(time).max() > WEEK:
+        header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
+    if points.survey.stations:
+        words.append("cannot hold where the scanners stood")
+    missing = len(points) - int(points.finite.sum())
+    if missing:
+        words.append(f"leaves out {missing:,} row{'s' * (missing > 1)} without a finite position")
+    stream = _Noting(file)
+    try:
+        _write_rows(stream, points, (header, standard, extras, grid, behind), progress)
+    except BaseException as error:
+        if stream.error is not None:
+            raise stream.error from None
+        if isinstance(error, Exception | KeyboardInterrupt | SystemExit):
+            raise
+        raise ValueError(f"lazrs cannot compress the points: {error}") from None  # a panic of Rust
+    return words
+
+
+def _write_rows(stream: Any, points: Points, plan: tuple[Any, ...], progress: Progress | None) -> None:
+    import laspy
+
+    header, standard, extras, grid, behind = plan
+    packed = Path(stream.path).suffix.lower() == ".laz"
+    backend = laspy.LazBackend.LazrsParallel if packed else None
+    finite = points.finite
+    whole = bool(finite.all())
+    with laspy.LasWriter(stream, header, do_compress=packed, laz_backend=backend, closefd=False) as writer:
+        for start in range(0, len(points), CHUNK):
+            part = slice(start, start + CHUNK)
+            rows = np.zeros(len(points.positions[part]), header.point_format.dtype())
+            record = laspy.PackedPointRecord(rows, header.point_format)
+            numbers = grid.numbers_of(points, part, finite)
+            for k, axis in enumerate("XYZ"):
+                rows[axis] = numbers[:, k]
+            if points.colors is not None:
+                for k, name in enumerate(("red", "green", "blue")):
+                    rows[name] = points.colors[part, k].astype(np.uint16) * SHADES
+            for name in standard:
+                values = points.attributes[name][part]
+                record[name] = values if name in rows.dtype.names else values.astype(np.uint8)  # some bits of a byte
+            for name, values in extras:
+                rows[name] = values[part]
+            writer.write_points(record if whole else laspy.PackedPointRecord(rows[finite[part]], header.point_format))
+            tell(progress, min(part.stop / len(points), 1.0))
+        if behind:
+            writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(behind))
+
+
+class _Noting:
+    """A stream to write to that notes what it raises: lazrs hides it."""
+
+    def __init__(self, file: Any) -> None:
+        self._file, self.path = file, file.path
+        self.error: BaseException | None = None
+
+    def _do(self, name: str, *arguments: Any) -> Any:
+        try:
+            return getattr(self._file, name)(*arguments)
+        except BaseException as error:
+            self.error = self.error or error
+            raise
+
+    def write(self, data: Any) -> Any:
+        return self._do("write", data)
+
+    def seek(self, offset: int, whence: int = 0) -> Any:
+        return self._do("seek", offset, whence)
+
+    def tell(self) -> Any:
+        return self._do("tell")
+
+    def flush(self) -> Any:
+        return self._do("flush")
+
+
+# ------------------------------------------------------------------------------------------------------- columns
+
+
+def _choose_format(points: Points) -> tuple[int, list[str]]:
+    """The smallest point format that holds most of the attributes, and those that it holds."""
+    import laspy
+
+    best: tuple[int, list[str]] = 0, []
+    found = False
+    for format in CANDIDATES:
+        dimensions = {d.name: d for d in laspy.PointFormat(format).dimensions}
+        if points.colors is not None and "red" not in dimensions:
+            continue
+        held = [n for n, v in points.attributes.items() if n in dimensions and _fits(v, dimensions[n])]
+        held = [name for name in held if name not in ("red", "green", "blue", "X", "Y", "Z")]
+        if not found or len(held) > len(best[1]):
+            best, found = (format, held), True
+    return best
+
+
+def _fits(values: NDArray[Any], dimension: Any) -> bool:
+    """Whether a dimension holds values exactly."""
+    if values.ndim != 1:
+        return False
+    if dimension.dtype is not None and dimension.dtype.kind == "f":
+        return bool(values.dtype.kind == "f" and values.dtype.itemsize <= dimension.dtype.itemsize)
+    if values.dtype.kind == "f" and not (np.isfinite(values).all() and (values == np.rint(values)).all()):
+        return False
+    return bool(values.min() >= dimension.min and values.max() <= dimension.max)
+
+
+def _extras_of(points: Points, format: int, standard: list[str], words: Words) -> list[Extra]:
+    """What no dimension of the point format holds: normals, and all other attributes."""
+    import laspy
+
+    dimensions = laspy.PointFormat(format)
+    taken = PACKED | set(dimensions.dimension_names)
+    extras: list[Extra] = []
+    if points.normals is not None:
+        extras += [Extra(name, points.normals[:, k]) for k, name in enumerate(NORMALS)]
+        taken |= set(NORMALS)
+    size = dimensions.size + 4 * len(extras)
+    for name, values in points.attributes.items():
+        if name in standard or name == RESIDUAL:
+            continue
+        columns = _columns_of(name, values, taken, words)
+        size += sum(_type_of(c.values).itemsize for c in columns)
+        if size > MOST_BYTES or len(extras) + len(columns) > MOST_EXTRAS:
+            words.append(f"cannot hold {name}: a row has at most {MOST_EXTRAS} extra columns and {MOST_BYTES} bytes")
+            size -= sum(_type_of(c.values).itemsize for c in columns)
+            continue
+        extras += columns
+    return extras
+
+
+def _columns_of(name: str, values: NDArray[Any], taken: set[str], words: Words) -> list[Extra]:
+    """An attribute as extra bytes, which have three columns at most."""
+    values = values.view(np.uint8) if values.dtype == np.bool_ else values
+    width = 1 if values.ndim == 1 else values.shape[1]
+    if width <= 3:
+        values = values[:, 0] if values.ndim == 2 and width == 1 else values
+        return [Extra(_name(name, taken, words), values)] if width else []
+    words.append(f"keeps the {width} columns of {name} one by one, as {name}_0 and so on")
+    return [Extra(_name(f"{name}_{k}", taken, words), values[:, k]) for k in range(width)]
+
+
+def _name(name: str, taken: set[str], words: Words) -> str:
+    """A name for extra bytes, not yet taken and short enough."""
+    free, number = name.replace("\0", " ").encode()[:LONGEST_NAME].decode(errors="ignore"), 1
+    while free in taken or not free:
+        number += 1
+        tail = f"_{number}"
+        free = name.encode()[: LONGEST_NAME - len(tail)].decode(errors="ignore") + tail
+    if free != name:
+        words.append(f"keeps {name} as the extra bytes {free}")
+    taken.add(free)
+    return free
+
+
+def _type_of(values: NDArray[Any]) -> np.dtype[Any]:
+    return values.dtype if values.ndim == 1 else np.dtype((values.dtype, values.shape[1:]))
+
+
+def _state_crs(header: Any, survey: Survey, words: Words) -> list[Any]:
+    """State the coordinate system in a header; returns the records too long for it, which go behind the points."""
+    import laspy
+
+    behind: list[Any] = []
+    for number, data in records_for(survey.crs, survey.unit, words):
+        record = laspy.VLR(USER, number, "coordinate system", data)
+        (header.vlrs if len(data) <= LONGEST_RECORD else behind).append(record)
+        header.global_encoding.wkt = number == WKT
+    return behind
+
+
+# ----------------------------------------------------------------------------------------------------- coordinates
+
+
+class _Grid:
+    """The whole numbers that coordinates become: those that a file had, to the last, or as fine as float32 is.
+
+    Attributes
+    ----------
+    scale, offset : tuple of float
+    """
+
+    def __init__(self, points: Points, words: Words) -> None:
+        self._residual: NDArray[Any] | None = None
+        self._shift = np.zeros(3, np.int64)
+        self._survey = points.survey
+        if not self._fits(points):
+            if points.survey.scale is not None:
+                words.append(f"rounds its coordinates: they are too wide for steps of {min(points.survey.scale):g}")
+            self._residual, self._shift = None, np.zeros(3, np.int64)
+            size = max(float(np.abs(points.bounds - points.origin).max()), 1e-30)
+            step = float(f"1e{int(np.floor(np.log10(size * 2.0**-24)))}")  # float32 is no finer there
+            self._survey = Survey(scale=(step,) * 3, offset=tuple(points.origin.tolist()))
+        self.scale = self._survey.scale
+        self.offset = tuple((np.array(self._survey.offset) + self._shift * np.array(self.scale)).tolist())
+
+    def _fits(self, points: Points) -> bool:
+        """Whether the numbers of the file that the points are from fit; their offset is moved by whole steps for it."""
+        if self._survey.scale is None:
+            return False
+        residual = points.attributes.get(RESIDUAL)
+        if residual is not None and residual.shape == (len(points), 3) and residual.dtype.kind == "i":
+            self._residual = residual
+        with np.errstate(over="ignore"):
+            farthest = np.abs((points.bounds - np.array(self._survey.offset)) / np.array(self._survey.scale)).max()
+        if farthest < 2.0**31 - 2**12:  # float32 may be wrong by 128 steps there
+            return True
+        if not farthest < 2.0**52:
+            return False
+        finite = points.finite
+        parts = [slice(start, start + CHUNK) for start in range(0, len(points), CHUNK)]
+        limits = [_limits(self._whole(points, part)[finite[part]]) for part in parts if finite[part].any()]
+        low, high = np.min([low for low, _ in limits], axis=0), np.max([high for _, high in limits], axis=0)
+        if low.min() < -(2**31) or high.max() >= 2**31:
+            self._shift = (low + high + 1) // 2
+        return bool((high - low < 2**32).all())
+
+    def _whole(self, points: Points, part: slice) -> NDArray[np.int64]:
+        numbers = self._survey.numbers_of(points.positions[part] + points.origin)
+        if self._residual is not None:
+            numbers += self._residual[part]
+        return numbers
+
+    def numbers_of(self, points: Points, part: slice, finite: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """The whole numbers of some rows, (m, 3); 0 where a row is not finite."""
+        with np.errstate(invalid="ignore"):
+            numbers = self._whole(points, part) - self._shift
+        numbers[~finite[part]] = 0
+        if numbers.min() < -(2**31) or numbers.max() >= 2**31:
+            raise ValueError("cannot be written: its coordinates are too wide for whole numbers of 4 bytes")
+        return numbers
+
+
+def _limits(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    return numbers.min(axis=0), numbers.max(axis=0)

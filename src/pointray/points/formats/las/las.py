@@ -1,0 +1,154 @@
+"""LAS, LAZ and COPC: the rows of a LAS file, versions 1.0 to 1.4, as they are or compressed.
+
+laspy names the fields of each point format and writes; lazrs decompresses. The header is read in `_las_header`, which
+believes nothing that the file's size contradicts.
+
+Each dimension becomes an attribute of its own dtype; parts of a byte become uint8. Extra bytes that have a scale or an
+offset become float64, offset + scale * number as laspy computes it: written again they are float64, with the same
+values, no longer the same bytes.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....survey import Survey
+from .._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
+from ._copc import Copc, copc_of, nodes_of
+from ._crs import crs_of
+from ._header import Header, read_header
+from ._laz import Part, packing_of, parts_of, unpacked_parts
+from ._rows import Layout, chunk_of, layout_of
+from ._write import write
+
+logging.getLogger("laspy").addHandler(logging.NullHandler())  # it tells of what it raises anyway
+
+
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file is a LAS or LAZ file."""
+    return SURE if head.startswith(b"LASF") else NO
+
+
+class LasSource(Source):
+    """The points of a LAS, LAZ or COPC file; ValueError says what is wrong with its contents."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        self._size = path.stat().st_size
+        self._file: BinaryIO = path.open("rb")
+        try:
+            self._header = header = read_header(self._file, self._size)
+            self._layout = layout_of(header)
+            self._copc = copc_of(header)
+            self._parts = self._list_parts(request)
+        except BaseException:
+            self._file.close()
+            raise
+        chosen = self._copc is not None and (request.bounds is not None or request.resolution is not None)
+        rows = sum(part.rows for part in self._parts)
+        self.listing = Listing(
+            None if chosen else header.total,
+            self._layout.size,
+            rows,
+            Survey(*crs_of(header), header.scale, header.offset),
+            _facts(header, self._layout, self._copc),
+        )
+
+    def _list_parts(self, request: Request) -> list[Part]:
+        """Where the rows lie that are read; ValueError if the file does not hold what its header announces."""
+        header = self._header
+        if header.total == 0:
+            raise ValueError("holds no points: the header announces 0; perhaps it is still being written")
+        if sum(header.returns) > header.total:
+            warnings.warn(
+                f"its header announces {header.total:,} rows, but {sum(header.returns):,} returns", stacklevel=2
+            )
+        if not header.compressed:
+            return [_rows_of(header)]
+        self._packing = packing_of(header)
+        if self._copc is not None and (request.bounds is not None or request.resolution is not None):
+            return nodes_of(self._file, header, self._copc, request, self._size)
+        return parts_of(self._file, header, self._packing, self._size)
+
+    def chunks(self) -> Iterator[Chunk]:
+        for rows, share in self._unpacked() if self._header.compressed else self._plain():
+            yield chunk_of(rows.view(self._layout.dtype), self._header, self._layout, share)
+
+    def _plain(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
+        """The bytes of about `CHUNK` rows at a time; they are used again."""
+        part, row = self._parts[0], self._header.row
+        buffer = np.empty(min(part.rows, CHUNK) * row, np.uint8)
+        self._file.seek(part.start)
+        for start in range(0, part.rows, CHUNK):
+            rows = buffer[: min(CHUNK, part.rows - start) * row]
+            done = self._file.readinto(rows.data)  # type: ignore[attr-defined]  # a buffered file has it
+            if done != len(rows):
+                raise ValueError(f"is cut off in row {start + done // row:,} of {part.rows:,}")
+            yield rows, min((start + CHUNK) / part.rows, 1.0)
+
+    def _unpacked(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
+        for rows, done in unpacked_parts(self._file, self._header, self._packing, self._parts):
+            yield rows, done / len(self._parts)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _rows_of(header: Header) -> Part:
+    """The rows of a file that is not compressed."""
+    size, there = header.total * header.row, header.end - header.start
+    if size > there:
+        raise ValueError(
+            f"is cut off: {header.total:,} rows of {header.row} bytes are announced, "
+            f"{there:,} bytes are there: {there // header.row:,} rows"
+        )
+    if there - size >= header.row:
+        warnings.warn(
+            f"its header announces {header.total:,} rows; {there - size:,} bytes follow them, "
+            f"as many as {(there - size) // header.row:,} rows more",
+            stacklevel=2,
+        )
+    return Part(header.start, size, header.total)
+
+
+def _facts(header: Header, layout: Layout, copc: Copc | None) -> dict[str, Any]:
+    """What `info` tells of a file."""
+    said = {name: value for name, value in header.said.items() if value}
+    facts: dict[str, Any] = {
+        **said,
+        "point format": header.format,
+        "compressed": header.compressed,
+        "points by return": list(header.returns),
+        "scale": list(header.scale),
+        "offset": list(header.offset),
+        "bounds": [list(header.low), list(header.high)] if np.isfinite((header.low, header.high)).all() else None,
+    }
+    scaled = [c.name for c in (*layout.columns, *layout.normals) if c.scale is not None or c.offset is not None]
+    if scaled:
+        facts["scaled extra bytes"] = scaled
+    if copc is not None:
+        facts["COPC spacing"], facts["COPC size"] = copc.spacing, copc.side
+    return facts
+
+
+FORMAT = Format(
+    "LAS",
+    (".las", ".laz"),
+    recognise,
+    LasSource,
+    {
+        "positions": "offset + scale * the whole numbers of the file, which are written again to the last",
+        "normals": "extra bytes NormalX, NormalY, NormalZ or nx, ny, nz",
+        "colors": "red, green, blue",
+        "attributes": "all other dimensions with their types; bits as uint8; extra bytes with a scale as float64",
+        "survey": "coordinate system (well-known text, or a code of EPSG), unit, scale and offset",
+        "note": "LAZ and COPC too; versions 1.0 to 1.4, point formats 0 to 10; written as 1.4; no waveforms",
+    },
+    write=write,
+)

@@ -1,0 +1,4 @@
+"""PLY, ascii and binary.
+
+ply : the vertices; _header : what a file announces; _lists : rows that hold lists of varying length
+"""

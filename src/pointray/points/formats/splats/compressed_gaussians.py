@@ -1,0 +1,162 @@
+"""3D Gaussian splatting, the compressed PLY files of PlayCanvas and SuperSplat: 16 bytes a splat.
+
+A vertex is four whole numbers of 32 bits; the element 'chunk' has the box in which 256 of them lie, the ranges of their
+scales and, in newer files, those of their colours.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from plyfile import PlyListProperty
+
+from .._source import NO, SURE, Chunk, Format, Request, Source
+from ..ply._header import Header, read_header
+from ..ply.ply import ORDERS
+from ._common import KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three
+
+IN_BOX = 256  # splats
+WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
+PLACE, SCALE, COLOR = (
+    tuple(f"{end}_{name}" for end in ("min", "max") for name in names)
+    for names in (("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b"))
+)
+ROOT = np.float32(2**0.5)
+
+Floats = NDArray[np.float32]
+Words = NDArray[np.uint32]
+
+
+class Table(NamedTuple):
+    """Where the rows of an element lie in a file."""
+
+    start: int
+    rows: int
+    dtype: np.dtype[Any]
+
+
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file is such a PLY file."""
+    begins = re.match(rb"ply[ \t]*[\r\n]", head)
+    return SURE + 1 if begins and re.search(rb"[\r\n]\s*property\s+\w+\s+packed_position\b", head) else NO
+
+
+class CompressedSource(Source):
+    """The splats of a file; ValueError says what is wrong with its contents."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        self._path, self._opacity = path, request.opacity
+        with path.open("rb") as file:
+            header = read_header(file)
+            tables = _tables(header)
+            self._vertices = _checked(tables, "vertex", WORDS)
+            boxes = _checked(tables, "chunk", PLACE + SCALE)
+            _check_counts(self._vertices, boxes, file.seek(0, io.SEEK_END))
+            file.seek(boxes.start)
+            self._boxes = np.fromfile(file, boxes.dtype, boxes.rows)
+        self._facts = {"encoding": header.format, "comments": list(header.comments), "splats": self._vertices.rows}
+        self.listing = listing_of(self._vertices.rows, self._opacity, self._facts)
+
+    def chunks(self) -> Iterator[Chunk]:
+        return opaque_chunks(self._splats(), self._opacity, self._facts)
+
+    def _splats(self) -> Iterator[tuple[Splats, float]]:
+        start, count, dtype = self._vertices
+        with self._path.open("rb") as file:
+            file.seek(start)
+            for first in range(0, count, ROWS):
+                rows = np.fromfile(file, dtype, min(ROWS, count - first))
+                end = first + len(rows)
+                if end < min(first + ROWS, count):
+                    raise ValueError(f"is cut off at vertex {end:,} of {count:,}")
+                boxes = np.repeat(self._boxes[first // IN_BOX : -(-end // IN_BOX)], IN_BOX)[: len(rows)]
+                yield _unpack(rows, boxes), end / count
+
+
+def _tables(header: Header) -> dict[str, Table]:
+    """Where the elements of a file lie, by their names."""
+    if header.format not in ORDERS:
+        raise ValueError(f"its splats are compressed, which takes a binary format, not {header.format}")
+    tables: dict[str, Table] = {}
+    start = header.size
+    for element, count in zip(header.elements, header.counts, strict=True):
+        if any(isinstance(p, PlyListProperty) for p in element.properties):
+            raise ValueError(f"its element {element.name!r} has lists, which files of compressed splats have not")
+        dtype = np.dtype([(p.name, p.dtype(ORDERS[header.format])) for p in element.properties])
+        tables[element.name] = Table(start, count, dtype)
+        start += count * dtype.itemsize
+    return tables
+
+
+def _checked(tables: dict[str, Table], name: str, needed: tuple[str, ...]) -> Table:
+    """The table of this name; ValueError if it or what it needs is missing."""
+    if name not in tables:
+        raise ValueError(f"has no element {name!r}, only: {', '.join(tables)}")
+    dtype = tables[name].dtype
+    missing = [x for x in needed if x not in (dtype.names or ())]
+    if missing:
+        raise ValueError(f"its element {name!r} has no {', '.join(missing)}")
+    wrong = [x for x in WORDS if name == "vertex" and (dtype[x].kind not in "iu" or dtype[x].itemsize != 4)]
+    if wrong:
+        raise ValueError(f"its property {wrong[0]!r} is of type {dtype[wrong[0]].name}, not uint")
+    return tables[name]
+
+
+def _check_counts(vertices: Table, boxes: Table, size: int) -> None:
+    """Check the header's counts against each other and against the file's size in bytes."""
+    if vertices.rows == 0:
+        raise ValueError("holds no points: the header announces 0 vertices")
+    if boxes.rows != -(-vertices.rows // IN_BOX):
+        raise ValueError(
+            f"is damaged: {vertices.rows:,} splats need {-(-vertices.rows // IN_BOX):,} chunks of {IN_BOX}, "
+            f"the header announces {boxes.rows:,}"
+        )
+    end = max(table.start + table.rows * table.dtype.itemsize for table in (vertices, boxes))
+    if end > size:
+        raise ValueError(f"is cut off: {vertices.rows:,} splats reach to byte {end:,}, {size:,} bytes are there")
+
+
+# ------------------------------------------------------------------------------------------------------ unpacking
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _unpack(rows: NDArray[Any], boxes: NDArray[Any]) -> Splats:
+    """Splats of packed rows, each with its box."""
+    place, turn, scale, color = (rows[name].astype(np.uint32) for name in WORDS)
+    shades = _fractions(color, (24, 16, 8, 0), (8, 8, 8, 8))
+    if set(COLOR) <= set(boxes.dtype.names or ()):
+        shades[:, :3] = _between(boxes, COLOR, shades[:, :3])
+    return Splats(
+        _between(boxes, PLACE, _fractions(place, (21, 11, 0), (11, 10, 11))),
+        shades[:, :3],
+        shades[:, 3],
+        np.exp(_between(boxes, SCALE, _fractions(scale, (21, 11, 0), (11, 10, 11)))),
+        smallest_three(turn >> 30, (_fractions(turn, (20, 10, 0), (10, 10, 10)) - np.float32(0.5)) * ROOT),
+    )
+
+
+def _fractions(words: Words, shifts: tuple[int, ...], bits: tuple[int, ...]) -> Floats:
+    """Parts of words as fractions of their greatest values, (m, k) float32."""
+    out = np.empty((len(words), len(shifts)), np.float32)
+    for k, (shift, width) in enumerate(zip(shifts, bits, strict=True)):
+        most = (1 << width) - 1
+        out[:, k] = ((words >> shift) & most) / np.float32(most)
+    return out
+
+
+def _between(boxes: NDArray[Any], names: tuple[str, ...], share: Floats) -> Floats:
+    """Values between the least and greatest ones that boxes have under the names, (m, 3) float32."""
+    out = np.empty(share.shape, np.float32)
+    for k in range(3):
+        low, high = (boxes[names[i]].astype(np.float32) for i in (k, k + 3))
+        out[:, k] = low * (1 - share[:, k]) + high * share[:, k]
+    return out
+
+
+FORMAT = Format("3D Gaussian splatting, compressed", (".ply",), recognise, CompressedSource, KEEPS)

@@ -1,0 +1,85 @@
+"""3D Gaussian splatting, the PLY files that training writes: a vertex is a splat.
+
+The layout is that of Kerbl et al., 3D Gaussian Splatting (2023), which most programs write: the logarithm of the
+scales, the logit of the opacity. Flat splats (2D Gaussian Splatting) have two scales.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._source import NO, SURE, Chunk, Format, Request
+from ..ply.ply import COLORS, NORMALS, Columns, PlySource
+from ._common import HARMONIC, KEEPS, ROW, Splats, listing_of, opaque_chunks
+
+CENTERS, HARMONICS = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
+SCALES, QUATERNIONS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
+NEEDED = (*HARMONICS, "opacity", *SCALES[:2], *QUATERNIONS)
+DROPPED = re.compile(r"f_rest_\d+")
+REPLACED = {*CENTERS, *NEEDED, *SCALES, *NORMALS[0], *(name for names in COLORS for name in names)}
+
+
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file is a PLY file of splats; then it is more than a PLY file."""
+    begins = re.match(rb"ply[ \t]*[\r\n]", head)
+    names = set(re.findall(rb"[\r\n]\s*property\s+\w+\s+(\w+)", head))
+    return SURE + 1 if begins and b"f_dc_0" in names and names & {b"scale_0", b"rot_0", b"opacity"} else NO
+
+
+class GaussianSource(PlySource):
+    """The splats of a PLY file; ValueError says what is wrong with its contents."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        super().__init__(path, request)
+        names = [p.name for p in self._scalars]
+        missing = [name for name in NEEDED if name not in names]
+        if missing:
+            raise ValueError(f"its splats have no {', '.join(missing)}")
+        self._opacity = request.opacity
+        self._scales = [name for name in SCALES if name in names]
+        self._others = [name for name in names if name not in REPLACED and not DROPPED.fullmatch(name)]
+        row = ROW + sum(self._types[name].itemsize for name in self._others)
+        self._facts = {**self.listing.facts, "splats": self.listing.rows}
+        listing = listing_of(self.listing.rows, self._opacity, self._facts, row)
+        self.listing = replace(listing, survey=self.listing.survey)
+
+    def chunks(self) -> Iterator[Chunk]:
+        return opaque_chunks(self._splats(), self._opacity, self._facts)
+
+    def _splats(self) -> Iterator[tuple[Splats, float]]:
+        for columns, share in self._columns():
+            yield self._to_splats(columns, share), share
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def _to_splats(self, columns: Columns, share: float) -> Splats:
+        plain = self._to_chunk({name: columns[name] for name in (*CENTERS, *self._others)}, share)
+        return Splats(
+            plain.positions,
+            0.5 + np.float32(HARMONIC) * _floats(columns, HARMONICS),
+            1 / (1 + np.exp(-columns["opacity"].astype(np.float32))),
+            np.exp(_floats(columns, self._scales)),
+            _floats(columns, QUATERNIONS),
+            plain.attributes,
+        )
+
+
+def _floats(columns: Columns, names: Sequence[str]) -> NDArray[np.float32]:
+    out = np.empty((len(columns["x"]), len(names)), np.float32)
+    for k, name in enumerate(names):
+        out[:, k] = columns[name]
+    return out
+
+
+KEPT = {
+    **KEEPS,
+    "attributes": f"{KEEPS['attributes']}; all other properties but f_rest",
+    "survey": "the coordinate system",
+}
+
+FORMAT = Format("3D Gaussian splatting", (".ply",), recognise, GaussianSource, KEPT)

@@ -1,0 +1,74 @@
+"""3D Gaussian splatting, the .splat files of web viewers: 32 bytes a splat and nothing else, not even a header."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._source import MAYBE, NO, Chunk, Format, Request, Source
+from ._common import KEEPS, ROWS, Floats, Splats, listing_of, opaque_chunks
+
+ROW = np.dtype([("place", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
+LARGEST = 1e6  # coordinates and scales of splats that are taken for such
+UNEVEN = 0.1  # how far a quaternion of rounded bytes may be from unit length
+PLAUSIBLE = 0.9  # share of the first rows that must look like splats
+
+
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file may be a .splat file; a .ksplat file is recognised to say that it cannot be read."""
+    if path.suffix.lower() == ".ksplat":
+        return MAYBE
+    return MAYBE if path.suffix.lower() == ".splat" and _is_plausible(head) else NO
+
+
+def _is_plausible(head: bytes) -> bool:
+    """Whether most of the first rows have finite numbers, scales that are not negative and unit quaternions."""
+    rows = np.frombuffer(head[: len(head) // ROW.itemsize * ROW.itemsize], ROW)
+    if not len(rows):
+        return False
+    with np.errstate(invalid="ignore", over="ignore"):
+        good = (np.abs(rows["place"]) < LARGEST).all(axis=1)
+        good &= ((rows["scale"] >= 0) & (rows["scale"] < LARGEST)).all(axis=1)
+        good &= np.abs(np.linalg.norm(_quaternions(rows["turn"]), axis=1) - 1) < UNEVEN
+    return bool(good.mean() >= PLAUSIBLE)
+
+
+def _quaternions(turn: NDArray[np.uint8]) -> Floats:
+    return (turn.astype(np.float32) - 128) / 128
+
+
+class SplatSource(Source):
+    """The splats of a file; ValueError says what is wrong with its size."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        if path.suffix.lower() == ".ksplat":
+            raise ValueError(
+                ".ksplat files cannot be read: convert it to .ply, .spz or .splat, with SuperSplat for instance"
+            )
+        self._path, self._opacity = path, request.opacity
+        size = path.stat().st_size
+        if size % ROW.itemsize:
+            raise ValueError(f"is cut off or no splats: its {size:,} bytes are no multiple of {ROW.itemsize}")
+        self._count = size // ROW.itemsize
+        self._facts = {"splats": self._count}
+        self.listing = listing_of(self._count, self._opacity, self._facts)
+
+    def chunks(self) -> Iterator[Chunk]:
+        return opaque_chunks(self._splats(), self._opacity, self._facts)
+
+    def _splats(self) -> Iterator[tuple[Splats, float]]:
+        with self._path.open("rb") as file:
+            for first in range(0, self._count, ROWS):
+                rows = np.fromfile(file, ROW, min(ROWS, self._count - first))
+                end = first + len(rows)
+                if end < min(first + ROWS, self._count):
+                    raise ValueError(f"is cut off at splat {end:,} of {self._count:,}")
+                shades = rows["color"] / np.float32(255)
+                turns = _quaternions(rows["turn"])
+                yield Splats(rows["place"], shades[:, :3], shades[:, 3], rows["scale"], turns), end / self._count
+
+
+FORMAT = Format("splat", (".splat",), recognise, SplatSource, KEEPS)

@@ -1,0 +1,227 @@
+"""SPZ: Niantic's compressed 3D Gaussian splatting, 20 bytes a splat or less.
+
+Columns lie one after the other. Versions 1 to 3 are packed with gzip as a whole, and are unpacked before they come
+here; in version 4 each column is packed with zstd, behind a table of their sizes. Axes are kept as they are: x to the
+right, y up, z backwards.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....extras import require
+from .._source import NO, SURE, Chunk, Format, Request, Source
+from ._common import HARMONIC, KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three
+
+MAGIC = b"NGSP"
+HEADER = struct.Struct("<4sIIBBBBI12x")  # versions before 4 end before the last field
+OLD = 16  # bytes of the header before version 4
+TABLE_ROW = struct.Struct("<QQ")  # bytes of a packed column, and unpacked
+HARMONICS = (0, 3, 8, 15, 24)  # that vary with the direction, by their degree
+ZSTD_RATIO = 1024  # times a file's size that its columns may have unpacked: the same limit as the library's
+FINEST = 24  # bits of a fraction
+ANTIALIASED = 1
+SHADE = 0.15  # what colours are divided by to get the constant harmonic's factor
+ROOT_HALF = np.float32(0.5**0.5)
+
+Bytes = NDArray[np.uint8]
+
+
+class Header(NamedTuple):
+    """What a file announces."""
+
+    version: int
+    splats: int
+    degree: int
+    bits: int  # of the coordinates' fractions
+    flags: int
+    columns: int
+    table: int  # where the table of packed columns begins
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Bytes that a splat takes in each column: position, opacity, colour, scale, rotation, harmonics."""
+        return 6 if self.version == 1 else 9, 1, 3, 3, 4 if self.version > 2 else 3, 3 * HARMONICS[self.degree]
+
+
+def recognise(head: bytes, path: Path) -> int:
+    """Whether a file, unpacked, is an SPZ file."""
+    return SURE if head.startswith(MAGIC) else NO
+
+
+class SpzSource(Source):
+    """The splats of a file; ValueError says what is wrong with its contents."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        self._path, self._opacity = path, request.opacity
+        with path.open("rb") as file:
+            self._header = header = _read_header(file)
+            self._parts = _packed_parts(file, header) if header.version > 3 else _plain_parts(file, header)
+        if header.version > 3:
+            require("backports.zstd", "files", "an SPZ file of version 4")
+        self._facts: dict[str, Any] = {
+            "version": header.version,
+            "splats": header.splats,
+            "harmonics": header.degree,
+            "antialiased": bool(header.flags & ANTIALIASED),
+        }
+        self.listing = listing_of(header.splats, self._opacity, self._facts)
+
+    def chunks(self) -> Iterator[Chunk]:
+        return opaque_chunks(self._splats(), self._opacity, self._facts)
+
+    def _splats(self) -> Iterator[tuple[Splats, float]]:
+        header = self._header
+        with ExitStack() as stack:
+            files = [_column(self._path, part, header.version > 3, stack) for part in self._parts]
+            for first in range(0, header.splats, ROWS):
+                n = min(ROWS, header.splats - first)
+                columns = [_read(f, n, w, first) for f, w in zip(files, header.widths, strict=False)]
+                yield _unpack(header, columns), (first + n) / header.splats
+
+
+# --------------------------------------------------------------------------------------------------------- header
+
+
+def _read_header(file: BinaryIO) -> Header:
+    """The header at the start of a file; ValueError says what is wrong with it."""
+    start = file.read(HEADER.size)
+    if len(start) < OLD:
+        raise ValueError(f"is cut off: the header of {OLD} bytes ends at byte {len(start)}")
+    magic, *fields = HEADER.unpack(start.ljust(HEADER.size, b"\0"))
+    if magic != MAGIC:
+        raise ValueError(f"is no SPZ file: it begins with {magic!r}")
+    header = Header(*fields)
+    if not 1 <= header.version <= 4:
+        raise ValueError(f"is of SPZ's version {header.version}; can read 1 to 4")
+    if header.splats == 0:
+        raise ValueError("holds no points: the header announces 0 splats")
+    if header.degree >= len(HARMONICS):
+        raise ValueError(f"is damaged: its harmonics have the degree {header.degree}, more than {len(HARMONICS) - 1}")
+    if header.bits > FINEST:
+        raise ValueError(f"is damaged: its coordinates have {header.bits} bits of fractions, more than {FINEST}")
+    return header
+
+
+def _plain_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
+    """Where the columns begin, and their bytes."""
+    size, end, parts = file.seek(0, io.SEEK_END), OLD, []
+    for width in header.widths:
+        parts.append((end, header.splats * width))
+        end += header.splats * width
+    if end > size:
+        raise ValueError(f"is cut off: {header.splats:,} splats reach to byte {end:,}, {size:,} bytes are there")
+    return parts[:-1]
+
+
+def _packed_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
+    """Where the packed columns begin, and their packed bytes."""
+    size = file.seek(0, io.SEEK_END)
+    needed = [header.splats * width for width in header.widths if width]
+    if header.columns != len(needed):
+        raise ValueError(f"is damaged: it has {header.columns} columns, not {len(needed)}")
+    end = header.table + header.columns * TABLE_ROW.size
+    if header.table < HEADER.size or end > size:
+        raise ValueError(f"is cut off: its table of columns is at byte {header.table:,} of {size:,}")
+    file.seek(header.table)
+    parts: list[tuple[int, int]] = []
+    for length, unpacked in TABLE_ROW.iter_unpack(file.read(header.columns * TABLE_ROW.size)):
+        if unpacked != needed[len(parts)]:
+            raise ValueError(f"is damaged: column {len(parts)} has {unpacked:,} bytes, not {needed[len(parts)]:,}")
+        parts.append((end, length))
+        end += length
+    if end > size:
+        raise ValueError(f"is cut off: its columns reach to byte {end:,}, {size:,} bytes are there")
+    if needed[0] > ZSTD_RATIO * size:
+        raise ValueError(f"is damaged: {header.splats:,} splats cannot be in {size:,} bytes")
+    return parts[:5]
+
+
+# -------------------------------------------------------------------------------------------------------- columns
+
+
+class _Part(io.RawIOBase):
+    """Some bytes of a file, as a file."""
+
+    def __init__(self, file: BinaryIO, start: int, length: int) -> None:
+        self._file, self._left = file, length
+        file.seek(start)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        block = self._file.read(min(self._left, len(buffer)))
+        self._left -= len(block)
+        buffer[: len(block)] = block
+        return len(block)
+
+
+def _column(path: Path, part: tuple[int, int], packed: bool, stack: ExitStack) -> Any:
+    """A column's bytes, as a file that is closed with the stack."""
+    raw = _Part(stack.enter_context(path.open("rb")), *part)
+    if not packed:
+        return raw
+    return stack.enter_context(require("backports.zstd", "files", "an SPZ file of version 4").ZstdFile(raw))
+
+
+def _read(file: Any, n: int, width: int, first: int) -> Bytes:
+    """The next n rows of a column, (n, width)."""
+    blocks, missing = [], n * width
+    while missing:
+        try:
+            block = file.read(missing)
+        except Exception as error:
+            if isinstance(error, OSError):
+                raise
+            raise ValueError(f"is damaged near splat {first:,}: {error}") from error  # EOFError, ZstdError
+        if not block:
+            raise ValueError(f"is cut off near splat {first + (n * width - missing) // width:,}")
+        blocks.append(block)
+        missing -= len(block)
+    return np.frombuffer(b"".join(blocks), np.uint8).reshape(n, width)
+
+
+# ------------------------------------------------------------------------------------------------------ unpacking
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _unpack(header: Header, columns: list[Bytes]) -> Splats:
+    places, opacity, shades, scales, turns = columns
+    return Splats(
+        places.view("<f2").astype(np.float32) if header.version == 1 else _fixed(places, header.bits),
+        0.5 + (shades / np.float32(255) - np.float32(0.5)) * np.float32(HARMONIC / SHADE),
+        opacity[:, 0] / np.float32(255),
+        np.exp(scales / np.float32(16) - np.float32(10)),
+        _quaternions(turns),
+    )
+
+
+def _fixed(places: Bytes, bits: int) -> NDArray[np.float32]:
+    """Coordinates of 24 bits, signed, as floats, which hold them exactly."""
+    wide = np.zeros((len(places), 3, 4), np.uint8)
+    wide[:, :, 1:] = places.reshape(-1, 3, 3)
+    return (wide.view("<i4")[:, :, 0] >> 8).astype(np.float32) * np.float32(2.0**-bits)
+
+
+def _quaternions(turns: Bytes) -> NDArray[np.float32]:
+    """w, x, y, z of three bytes (x, y, z; w is positive), or of four: the three smallest in 10 bits, with signs."""
+    if turns.shape[1] == 3:
+        return smallest_three(np.zeros(len(turns)), turns / np.float32(127.5) - 1)
+    word = turns.view("<u4")[:, 0]
+    rest = np.empty((len(word), 3), np.float32)
+    for k, shift in enumerate((20, 10, 0)):
+        part = (word >> shift) & 1023
+        rest[:, k] = np.where(part & 512, -1, 1) * (part & 511) * (ROOT_HALF / 511)
+    return np.roll(smallest_three(word >> 30, rest), 1, axis=1)  # they are stored as x, y, z, w
+
+
+FORMAT = Format("SPZ", (".spz",), recognise, SpzSource, KEEPS)
