@@ -208,6 +208,7 @@ def test_scene_files_have_them(folder):
     [
         ("every = 0", "scene.toml:3: models.a.every: must be a whole number from 1"),
         ("bounds = [1, 2, 3]", "scene.toml:3: models.a.bounds: must be x0,y0,z0,x1,y1,z1"),
+        ("intrinsics = 5", "scene.toml:3: models.a.intrinsics: must be fx,fy,cx,cy"),
         ("keep = 2", "scene.toml:3: models.a.keep: must be a table"),
         ('keep = { classification = "ground" }', "scene.toml:3: models.a.keep"),
         ('columns = "x,y"', "scene.toml:3: models.a.columns: must name z once"),

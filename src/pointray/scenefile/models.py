@@ -13,11 +13,12 @@ from ..choices import NORMALS
 from ..model import SURFACE, Model, _check_settings
 from ..model_file import SAVED
 from ..points import procedural, read
-from ..points.files import check_readable
+from ..points.files import check_readable, extensions
 from ..points.procedural import MOST, NAMES
 from ..points.reading import check_reading
 from ..points.replacing import check_regular
 from ..points.trust import trusted
+from ..points.unpacking import PACKED
 from ..splats.radii import radii_in
 from .lines import Key
 from .source import Source
@@ -96,7 +97,16 @@ def _check_file(source: Source, key: Key, file: Path, values: dict[str, Any]) ->
     if values.get("normals", "auto") not in NORMALS:
         raise source.error((*key, "normals"), unknown("kind of normals", values["normals"], NORMALS))
     with source.errors_at((*key, "file")):
-        (check_regular if file.suffix.lower() == SAVED else check_readable)(file)
+        check_regular(file)
+        if file.suffix.lower() not in (SAVED, *PACKED, *extensions()):  # only its contents may tell what it is
+            check_readable(file)
+
+
+def check_contents(source: Source, recipe: Recipe) -> None:
+    """An error if no format knows a scan: told after the mistakes in the scene file, and before a model is built."""
+    if recipe.file is not None and recipe.file.suffix.lower() != SAVED:
+        with source.errors_at((*recipe.key, "file")):
+            check_readable(recipe.file)
 
 
 def _check_procedural(source: Source, key: Key, name: str, count: int, seed: int) -> None:

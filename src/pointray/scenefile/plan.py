@@ -22,7 +22,7 @@ from ..scene.scene import Scene
 from .instances import check_clip_plane, check_instance, check_plane, count_matrices, load_matrices
 from .light import check_bake, load_light
 from .lines import Key
-from .models import check_model, load_model
+from .models import check_contents, check_model, load_model
 from .shading import check_lights, check_material, make_light
 from .source import Source
 from .words import Word, check_table, words_of
@@ -174,6 +174,8 @@ class Plan:
             scene.add_light(make_light(source, light))
         placements = [(placement, load_matrices(source, placement)) for placement in self._placements]
         used = dict.fromkeys(placement.shape for placement in self._placements if isinstance(placement.shape, str))
+        for name in used:
+            check_contents(source, self._models[name])
         models = {name: load_model(source, self._models[name], say) for name in used}
         for placement, matrices in placements:
             shape = models[placement.shape] if isinstance(placement.shape, str) else placement.shape
