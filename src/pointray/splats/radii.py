@@ -197,8 +197,10 @@ def check_radii(radii: ArrayLike, n: int) -> Floats:
 
 
 def radii_in(points: Points) -> Floats | None:
-    """The support radii that come with points: the attribute `radius`, if each has a positive one."""
+    """The support radii that come with points: the numbers of the attribute `radius`, if each is a positive one."""
     radii = points.attributes.get("radius")
-    if radii is None or radii.ndim != 1 or not ((radii > 0) & (radii < np.inf)).all():
+    if radii is None or radii.ndim != 1 or radii.dtype == np.bool_:
         return None
-    return np.asarray(radii, np.float32)
+    with np.errstate(over="ignore"):
+        narrow = np.asarray(radii, np.float32)
+    return narrow if ((narrow > 0) & (narrow < np.inf)).all() else None
