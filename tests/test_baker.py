@@ -1,6 +1,9 @@
 """The viewer's baked light: rough at first, then fine; it follows the lights, and never belongs to another scene."""
 
+import gc
 import threading
+import time
+import weakref
 
 import pytest
 
@@ -32,7 +35,29 @@ class Listener:
 
 
 @pytest.fixture
+def uncollected():
+    """Python's garbage collector is off: what is freed is in no cycle."""
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
+
+
+def wait_until_ended(worker):
+    """Wait for the threads of a painter or a baker that is closed."""
+    end = time.monotonic() + 60
+    while not worker.has_ended:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.fixture
 def scene():
+    return ball()
+
+
+def ball():
+    """A sphere under a sky."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("sphere", 3_000)), material=pr.Diffuse(0.5))
     scene.add_light(pr.EnvironmentLight())
@@ -97,3 +122,39 @@ def test_pictures_have_direct_light_until_light_is_baked(scene):
     assert frames[0][1] is None
     assert frames[-1][0].size == (32, 32), "a picture with better light must not be coarser"
     painter.close()
+
+
+def test_a_closed_painter_keeps_no_light(uncollected):
+    heard, fine, there, scene = Listener(), [], threading.Event(), ball()
+
+    def deliver(frame):
+        light = painter.apply(frame.request).baked
+        if light is not None and light._settings.patches != ROUGH[0]:
+            fine.append(weakref.ref(light))
+            there.set()
+        painter.seen(frame.number)
+
+    painter = Painter(deliver, pytest.fail, heard.say)
+    camera = pr.frame(scene, size=(32, 32))
+    view = ViewSettings(integrator="baked", samples=1, lamps=light_controls_of(scene, (0.0, 0.0, 1.0)))
+    painter.want(FrameRequest(camera, view, scene, (1, 0), (0.0, 0.0, 1.0), True, 0.0))
+    assert there.wait(120) and fine[0]() is not None
+    painter.close()
+    wait_until_ended(painter)
+    assert fine[0]() is None
+
+
+def test_a_bake_that_is_stopped_keeps_no_scene(uncollected):
+    scene, told = ball(), threading.Event()
+
+    def say(stage, share, seconds):
+        told.set()
+        baker.close()
+
+    baker = Baker(lambda: None, say)
+    kept = weakref.ref(scene.models[0])
+    baker.light_for(scene)
+    assert told.wait(120)
+    del scene
+    wait_until_ended(baker)
+    assert kept() is None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind, check_path, wrong
 from ..jit import Array
+from ..kernels.records import World
 from ..model import Model
 from ..progress import Progress, tell
 from ..scene.scene import Scene
@@ -75,7 +76,7 @@ class Baked:
         """Keep light, the scene that it is of, and the file's contents if it is from one."""
         self._baked_of, self._lights = snapshot._replace(baked=None), lights
         self._kept, self._stored = kept, stored
-        self._checked: Snapshot | None = None
+        self._checked: World | None = None  # of a snapshot, which may hold this light: that would be a cycle
         self._reason: str | None = None
         self._warned: str | None = None
 
@@ -85,7 +86,7 @@ class Baked:
         return self._stale(self._scene.snapshot())
 
     def _stale(self, snapshot: Snapshot) -> str | None:
-        if snapshot is self._checked:
+        if snapshot.world is self._checked:
             return self._reason
         fixed, reason = snapshot.without_camera_lights(), None
         shape = shape_of(fixed)
@@ -96,7 +97,7 @@ class Baked:
             reason = "lights, materials or colours have changed: call update()"
         elif fewer:
             reason = NO_LEVELS
-        self._checked, self._reason = snapshot, reason
+        self._checked, self._reason = snapshot.world, reason
         return reason
 
     def fits(self, scene: Scene) -> bool:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import signal
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,6 @@ from .scan_scene import PLAIN, check_saved, check_scan, ground_under
 from .scene_file import DescribedScene, is_scene
 from .views import View
 
-M_ARENA_MAX = -8  # a parameter of glibc's mallopt
 SERVING = ("host", "port", "open_browser")  # options about neither the scene nor the picture
 
 
@@ -93,7 +90,9 @@ def shared_scene_of(
 
 def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
     """Show the scene until Ctrl-C."""
-    _keep_one_heap()
+    from ..viewer.heap import keep_one_heap
+
+    keep_one_heap()
     log, handler = logging.getLogger("pointray.view"), logging.StreamHandler()
     log.addHandler(handler)
     try:
@@ -124,13 +123,3 @@ def _serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -
 
 def _tell(text: str) -> None:
     print(f"pointray: {text}", file=sys.stderr, flush=True)
-
-
-def _keep_one_heap() -> None:
-    """Let all threads share one heap, if the C library is glibc.
-
-    Otherwise short-lived threads leave holes in many heaps. Over 10,000 events of browsers that connect and leave,
-    memory grew by 14%; with one heap it grew by 7%, and by 1% over the next 10,000. Pictures take no longer.
-    """
-    with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)

@@ -4,9 +4,9 @@ server: the transport; link: the connection to one browser; share: limits for on
 A browser has a session (what its messages do; messages checks them), an outbox (messages to it), a display (its camera
 and panel: panel, controls, light_control), view settings (the panel's values), a painter (its pictures, at a pace),
 lookups (answers to its clicks with pick, and legends) and exports (files that it saves). Its baker bakes light while
-one looks, with a niceness that yields to pictures. page is what the browser
-itself runs. All browsers show one shared scene, which loading brings (time_left: how long that takes); sketch shows
-dots while kernels are compiled.
+one looks, with a niceness that yields to pictures. When the browser has gone memory is given back (heap). page is what
+the browser itself runs. All browsers show one shared scene, which loading brings (time_left: how long that takes);
+sketch shows dots while kernels are compiled.
 
 The path of a slider's value: `server` hands the page's message to `session`, the panel's control checks the value,
 `display` holds it in its `view_settings` and asks for a picture, `painter` draws it, `outbox` packs it and `link` sends

@@ -86,6 +86,11 @@ class Baker:
         fine = self._fine
         return fine if fine is not None and fine.fits(scene) else None
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether nothing is baked any more, after `close`."""
+        return not self._open and (self._thread is None or not self._thread.is_alive())
+
     def close(self) -> None:
         """Stop baking."""
         with self._changed:
@@ -107,6 +112,8 @@ class Baker:
             self._say("", None, None)
             done = wanted
             self._rest(wanted)
+        with self._changed:
+            self._wanted = self._baked = self._light = self._rough = self._fine = None
 
     def _rest(self, done: tuple[Scene, bool]) -> None:
         """Tell whoever waits for finer light that none comes, unless something else is wanted by now."""
@@ -132,7 +139,7 @@ class Baker:
         if not refines:
             return
         if self._fine is None:
-            self._fine = yielding(FINE_LIGHT, lambda: bake(scene, BakeSettings(threads=_threads()), self._tell))
+            self._fine = yielding(FINE_LIGHT, lambda: bake(_bare(scene), BakeSettings(threads=_threads()), self._tell))
         fine = self._fine
         if self._wanted is self._baked and self._light is not None and self._light[1] is not fine:
             self._fine = yielding(FINE_LIGHT, lambda: _relit(fine, self._baked))
@@ -144,7 +151,7 @@ class Baker:
         if light is None:
             self._fine, (patches, links) = None, ROUGH
             settings = BakeSettings(patches=patches, links=links, noise=1.0, threads=_threads())
-            light = bake(scene, settings, self._tell_roughly)
+            light = bake(_bare(scene), settings, self._tell_roughly)
         return light
 
     def _give(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
@@ -180,7 +187,14 @@ class Baker:
 
 def _relit(baked: Baked | None, scene: Scene | None) -> Baked | None:
     """The light of a scene, from that of another one with the same models and planes; None if they differ."""
-    return None if baked is None or scene is None else baked.relit(scene)
+    return None if baked is None or scene is None else baked.relit(_bare(scene))
+
+
+def _bare(scene: Scene) -> Scene:
+    """A copy without light. Light keeps the scene that it is baked for: if that had the light it would be a cycle."""
+    copy = scene.copy()
+    copy.baked = None
+    return copy
 
 
 def _threads() -> int:

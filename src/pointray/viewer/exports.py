@@ -68,7 +68,7 @@ class Exports:
         if name == "copy.python":
             self._outbox.say(type="copy", text=_python(request, output), title="Camera as Python")
             return
-        if self._thread is not None and self._thread.is_alive():
+        if not self.has_ended:
             self._outbox.toast("warning", "one is being made: wait for it, or stop it")
             return
         self._stop.clear()
@@ -81,6 +81,11 @@ class Exports:
     def stop(self) -> None:
         """Stop the export in progress."""
         self._stop.set()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether none is in progress."""
+        return self._thread is None or not self._thread.is_alive()
 
     def _run(self, work: Callable[..., None], request: FrameRequest, output: Output, stem: str) -> None:
         try:
@@ -141,7 +146,7 @@ class Exports:
             return
         own = shown.baked  # from a file, say
         light = own if isinstance(own, Baked) and own.fits(scene) else self._light_of(scene)
-        scene.baked = light or bake(scene, BakeSettings(), lambda share: self._tell("baking light", share))
+        scene.baked = light or bake(scene.copy(), BakeSettings(), lambda share: self._tell("baking light", share))
 
     def _tell(self, stage: str, share: float) -> None:
         if self._stop.is_set():

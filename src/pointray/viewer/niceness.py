@@ -36,5 +36,5 @@ def yielding(nice: int, work: Callable[[], T]) -> T:
     thread.start()
     thread.join()
     if errors:
-        raise errors[0]
+        raise errors.pop()  # its traceback refers to this list: what work() had would wait for Python's collector
     return results[0]

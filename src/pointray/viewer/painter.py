@@ -117,12 +117,13 @@ class Painter:
             None  # what was chosen, for which view settings
         )
         self._times: deque[float] = deque(maxlen=60)
-        threading.Thread(target=self._run, name="pointray-painter", daemon=True).start()
+        self._thread = threading.Thread(target=self._run, name="pointray-painter", daemon=True)
+        self._thread.start()
 
     def want(self, request: FrameRequest) -> None:
         """Set the newest request."""
         with self._changed:
-            if request.same_picture(self._request):
+            if not self._open or request.same_picture(self._request):
                 return
             self._request = request
             self._cancel()
@@ -143,12 +144,18 @@ class Painter:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Stop drawing."""
+        """Stop drawing, and forget scenes: what else is left of a session waits for Python's garbage collector."""
         self._baker.close()
         with self._changed:
             self._open = False
+            self._request = self._again = self._dressed = None
             self._cancel()
             self._changed.notify_all()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether nothing is drawn or baked any more, after `close`."""
+        return not self._thread.is_alive() and self._baker.has_ended
 
     @property
     def frames_a_second(self) -> float:
@@ -160,7 +167,9 @@ class Painter:
         """The scene of a request, with its view settings applied."""
         dressed = self._dressed
         if dressed is None or dressed[0].version != request.version or not dressed[0].view.same_scene(request.view):
-            dressed = self._dressed = request, request.view.apply(request.scene, request.up)
+            dressed = request, request.view.apply(request.scene, request.up)
+            with self._changed:
+                self._dressed = dressed if self._open else None
         return dressed[1]
 
     def _run(self) -> None:

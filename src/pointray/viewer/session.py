@@ -87,6 +87,11 @@ class Session:
             self._lookups.stop()
         self._ended(self)
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether nothing is drawn, baked or saved any more, after `leave`."""
+        return self._painter.has_ended and self._exports.has_ended
+
     # Messages of the page.
 
     def _on_size(self, message: dict[str, Any]) -> None:

@@ -15,6 +15,7 @@ from ..rendering.camera import Camera
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
 from ..staging.first_view import Scan, ViewChoice
+from .heap import give_back
 from .sketch import Sketch
 from .time_left import TimeLeft
 
@@ -235,6 +236,7 @@ class SharedScene:
         except Exception as error:
             log.exception("while building")
             self._fail(f"{type(error).__name__}: {error}")
+        give_back()
         self.say("", None)
 
     def _fail(self, why: str) -> None:

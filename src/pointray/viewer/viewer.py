@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..rendering.warmup import warm_up
+from .heap import give_back
 from .link import Link
 from .server import Server
 from .session import Session
@@ -33,6 +34,7 @@ class Viewer:
         warm_up(shared.settings, clicks=True)
         self._ended = threading.Event()
         self._sessions: set[Session] = set()
+        self._leaving: set[Session] = set()  # those that browsers have left, until their threads have ended
         self._lock = threading.Lock()
         self._server = Server(self._welcome, host, port, token, os.environ.get(HUB, ""))
         self.url, self.port, self.is_public = self._server.url, self._server.port, self._server.is_public
@@ -72,15 +74,29 @@ class Viewer:
     def _forget(self, session: Session) -> None:
         with self._lock:
             self._sessions.discard(session)
+            self._leaving.add(session)
 
     def _watch(self) -> None:
         """Notify browsers when the caller changes the scene."""
         version: Any = self._shared.version
         while not self._ended.wait(0.1):
             self._shared.look_at_compiling()
+            self._clear()
             if self._shared.version != version:
                 version = self._shared.version
                 self._shared.notify()
+
+    def _clear(self) -> None:
+        """Give the memory of sessions that have ended back to the system.
+
+        Else what they needed remains in the heap, as holes: when all visitors of 20,000 points had left, memory was 308
+        to 385 MB, and in one of two runs 10% more after 20,000 events than after 10,000; so it is 261 to 302 MB.
+        """
+        with self._lock:
+            ended = {session for session in self._leaving if session.has_ended}
+            self._leaving -= ended
+        if ended:
+            give_back()
 
     def _repr_html_(self) -> str:
         """For a notebook: the page itself, and what to do where it does not appear."""
