@@ -79,7 +79,7 @@ SENSE: dict[str, set[str]] = {
     **dict.fromkeys(
         ("Attribute", "BakeSettings", "BakedLight", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()
     ),
-    **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "slice"), set()),
+    **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Survey", "slice"), set()),
 }
 PATHS = {"path", "image", "host"}  # parameters whose wrong values may raise an OSError
 
@@ -155,6 +155,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Scene.update": (scene.update, {"id": 0}),
         "Settings": (pr.Settings, {}),
         "SphereLight": (pr.SphereLight, {"center": (0, 0, 3), "radius": 1, "radiance": 1}),
+        "Survey": (pr.Survey, {"scale": (1, 1, 1), "offset": (0, 0, 0)}),
         "SunLight": (pr.SunLight, {"direction": (0, 0, -1)}),
         "BakeSettings": (pr.BakeSettings, {}),
         "bake": (pr.bake, {"scene": t.lit, "settings": pr.BakeSettings(links=1, patches=64)}),
@@ -165,6 +166,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         ),
         "check_normals": (pr.check_normals, {"points": t.points}),
         "estimate_normals": (pr.estimate_normals, {"points": t.points}),
+        "formats": (pr.formats, {}),
         "find_flaws": (pr.find_flaws, {"points": t.points}),
         "fly": (pr.fly, {"keys": [(0, t.camera), (0.1, t.camera)]}),
         "frame": (pr.frame, {"subject": t.points}),

@@ -13,6 +13,7 @@ from pointray.points import files, read
 from pointray.points.formats._source import Request
 from pointray.points.formats.e57 import _header as _e57_header
 from pointray.points.formats.e57 import e57
+from pointray.survey import numbers_of
 
 pye57 = pytest.importorskip("pye57")
 libe57 = pytest.importorskip("pye57.libe57")
@@ -228,7 +229,7 @@ def test_whole_numbers_with_a_scale_are_kept(tmp_path):
     survey = points.survey
     assert list(zip(survey.scale, survey.offset, strict=True)) == grids
     residual = points.attributes.get("grid_residual", 0)
-    np.testing.assert_array_equal(survey.numbers_of(points.world) + residual, whole)
+    np.testing.assert_array_equal(numbers_of(survey, points.world) + residual, whole)
 
 
 def test_what_is_said_of_the_file_and_its_scans(tmp_path):

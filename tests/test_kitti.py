@@ -71,7 +71,7 @@ def test_other_files_of_this_extension_are_refused(tmp_path, data):
 
 def test_the_extension_is_needed(tmp_path):
     with pytest.raises(ValueError, match="cannot read"):
-        read(save(tmp_path / "a.dat", XYZ, REFLECTANCE))
+        read(save(tmp_path / "a.data", XYZ, REFLECTANCE))
 
 
 def test_mutated_files_are_read_or_refused(tmp_path):

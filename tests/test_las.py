@@ -21,7 +21,7 @@ from pointray.points.files import headers
 from pointray.points.formats._source import Request
 from pointray.points.formats.las._crs import keys_of, records_for, unit_of
 from pointray.points.formats.las.las import LasSource
-from pointray.survey import RESIDUAL, Survey
+from pointray.survey import RESIDUAL, Survey, numbers_of
 
 FILES = ("1.2-with-color.las", "Megaplot.laz", "autzen_trim_rgb.laz", "lion_takanawa.copc.laz")
 VERSIONS = [("1.1", f) for f in (0, 1)] + [("1.2", f) for f in (2, 3)] + [("1.3", f) for f in (4, 5)]
@@ -65,7 +65,7 @@ def check_same(points: pr.Points, las: laspy.LasData) -> None:
         wanted, found = np.asarray(las[name]), points.attributes[name]
         assert found.dtype == wanted.dtype and found.shape == wanted.shape and found.flags.c_contiguous, name
         np.testing.assert_array_equal(found, wanted, err_msg=name)
-    numbers = points.survey.numbers_of(points.world) + points.attributes.get(RESIDUAL, 0)
+    numbers = numbers_of(points.survey, points.world) + points.attributes.get(RESIDUAL, 0)
     np.testing.assert_array_equal(numbers, np.stack([las.X, las.Y, las.Z], axis=1))
     np.testing.assert_array_equal(points.survey.scale, las.header.scales)
     assert (points.colors is not None) == ("red" in las.point_format.dimension_names)

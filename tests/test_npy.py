@@ -10,7 +10,7 @@ from pointray.points import read, write
 from pointray.points.files import write_points
 from pointray.points.formats.arrays import _array as _arrays
 from pointray.points.formats.arrays import npy
-from pointray.survey import RESIDUAL, SCAN, Survey
+from pointray.survey import RESIDUAL, SCAN, Survey, numbers_of
 
 RNG = np.random.default_rng(7)
 N = 70
@@ -364,7 +364,7 @@ def test_whole_numbers_of_a_file_come_back(tmp_path, suffix):
         assert again.survey == points.survey.__class__(None, None, survey.scale, survey.offset)
         check_same(again, points)
         written = np.load(tmp_path / "b.npz")["positions"]
-    np.testing.assert_array_equal(survey.numbers_of(written), numbers)
+    np.testing.assert_array_equal(numbers_of(survey, written), numbers)
 
 
 def test_npy_tells_what_it_loses_and_refuses_names_that_are_taken(tmp_path):

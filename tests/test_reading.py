@@ -16,7 +16,7 @@ from pointray.points.formats._source import Chunk, Listing, Source
 from pointray.points.formats.ply import ply
 from pointray.points.gather import Opener
 from pointray.points.selection import Selection
-from pointray.survey import RESIDUAL, SCAN, Survey
+from pointray.survey import RESIDUAL, SCAN, Survey, numbers_of
 
 RNG = np.random.default_rng(4)
 XYZ = RNG.random((1000, 3))
@@ -158,7 +158,7 @@ def test_whole_numbers_of_a_file_come_back_to_the_last(width):
     numbers = RNG.integers(0, int(width * 1e3), (1000, 3))
     world = numbers * survey.scale + np.array(survey.offset)
     points = gathered(Chunk(world), survey=survey)
-    kept = points.survey.numbers_of(points.world) + points.attributes.get(RESIDUAL, 0)
+    kept = numbers_of(points.survey, points.world) + points.attributes.get(RESIDUAL, 0)
     np.testing.assert_array_equal(kept, numbers)
     assert (RESIDUAL in points.attributes) == (width > 1e5)
 

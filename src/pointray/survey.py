@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arguments import check_position, check_text, wrong
+
 SCAN = "scan"  # the attribute that tells from which station each point was seen: a row of `Survey.stations`
 
 RESIDUAL = "grid_residual"  # the attribute for what float32 loses of a file's whole numbers, in steps of `Survey.scale`
@@ -42,34 +44,26 @@ class Survey:
 
     def __post_init__(self) -> None:
         for name in ("crs", "unit"):
-            if not isinstance(getattr(self, name), str | None):
-                raise ValueError(f"survey: {name} must be a text or None, not {getattr(self, name)!r}")
+            value = getattr(self, name)
+            object.__setattr__(self, name, None if value is None else check_text(value, name))
         for name in ("scale", "offset"):
             value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, _triple(value, name))
+            object.__setattr__(self, name, None if value is None else check_position(value, name))
         if (self.scale is None) != (self.offset is None):
-            raise ValueError("survey: scale and offset are given together, or not at all")
+            raise ValueError("scale and offset are given together, or not at all")
         if self.scale is not None and min(self.scale) <= 0:
-            raise ValueError(f"survey: scale must be positive, not {self.scale}")
-        object.__setattr__(self, "stations", tuple(_triple(station, "a station") for station in self.stations))
+            raise ValueError(f"scale must be positive, not {self.scale}")
+        if not isinstance(self.stations, list | tuple):
+            raise wrong("stations", "a sequence of positions", self.stations)
+        object.__setattr__(self, "stations", tuple(check_position(station, "stations") for station in self.stations))
 
     @property
     def facts(self) -> dict[str, Any]:
         """What it holds, as values of JSON, for `Survey(**facts)`."""
         return {name: value for name, value in asdict(self).items() if value not in (None, ())}
 
-    def numbers_of(self, world: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The whole numbers that coordinates (n, 3) are in a file with this scale and offset, (n, 3) int64."""
-        numbers = np.rint((world - np.array(self.offset)) / np.array(self.scale))
-        return np.asarray(np.nan_to_num(numbers), np.int64)
 
-
-def _triple(value: Any, name: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in value)
-    except (TypeError, ValueError):
-        raise ValueError(f"survey: {name} must be three numbers, not {value!r}") from None
-    if not np.isfinite((x, y, z)).all():
-        raise ValueError(f"survey: {name} must be finite, not {(x, y, z)}")
-    return x, y, z
+def numbers_of(survey: Survey, world: NDArray[Any]) -> NDArray[np.int64]:
+    """The whole numbers that coordinates (n, 3) are in a file with a survey's scale and offset, (n, 3) int64."""
+    numbers = np.rint((world - np.array(survey.offset)) / np.array(survey.scale))
+    return np.asarray(np.nan_to_num(numbers), np.int64)

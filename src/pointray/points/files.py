@@ -12,10 +12,20 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import check_callback, check_kind, check_number, check_path, check_positive, check_whole
-from ..data import Points
+from ..arguments import (
+    check_callback,
+    check_kind,
+    check_number,
+    check_numbers,
+    check_path,
+    check_positive,
+    check_whole,
+    wrong,
+)
+from ..data import MOST, Points
 from ..extras import require
 from ..progress import Progress
 from .formats._source import HEAD, NO, Format, Request
@@ -28,7 +38,7 @@ Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
 def read(
-    path: Paths,
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     *,
     columns: str | Sequence[str] | None = None,
     every: int = 1,
@@ -124,19 +134,22 @@ def request_of(
         for axis in "xyz":
             if [name.lower() for name in names].count(axis) != 1:
                 raise ValueError(f"columns must name {axis} once: {','.join(names)}")
-    numbers = None
-    if intrinsics is not None:
-        numbers = tuple(check_number(x, "intrinsics", "finite numbers") for x in intrinsics)
-        if len(numbers) not in (4, 5) or min(numbers[0], numbers[1], numbers[-1] if len(numbers) == 5 else 1) <= 0:
-            raise ValueError(f"intrinsics must be fx,fy,cx,cy, perhaps steps in a unit, not {numbers}")
     return Request(
         names,
         None if bounds is None else checked_bounds(bounds),
         None if resolution is None else check_positive(resolution, "resolution"),
-        None if sample is None else check_whole(sample, "sample", 1, or_none=True),
+        None if sample is None else check_whole(sample, "sample", 1, MOST, or_none=True),
         check_number(opacity, "opacity", "a number from 0 to 1", lambda x: 0 <= x <= 1),
-        numbers,
+        None if intrinsics is None else _checked_intrinsics(intrinsics),
     )
+
+
+def _checked_intrinsics(value: Any) -> tuple[float, ...]:
+    wanted = "fx,fy,cx,cy, perhaps steps in a unit of length"
+    numbers = check_numbers(value, "intrinsics", wanted).astype(np.float64)
+    if numbers.shape not in ((4,), (5,)) or not np.isfinite(numbers).all() or min(*numbers[:2], *numbers[4:]) <= 0:
+        raise wrong("intrinsics", wanted, value)
+    return tuple(numbers.tolist())
 
 
 def stamp(file: Path) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..data import SAMPLE, Points, check_count, choose_origin
 from ..memory import check_memory
 from ..progress import Progress, part_of, tell
-from ..survey import RESIDUAL, SCAN, Survey
+from ..survey import RESIDUAL, SCAN, Survey, numbers_of
 from .colors import to_uint8
 from .formats._source import Chunk, Listing, Source
 from .selection import Selection, Thinning, lengths
@@ -244,7 +244,7 @@ def _lost(
         return None
     if (np.abs(world - origin).max(axis=0) < SAFE * np.array(survey.scale)).all():
         return None
-    lost = survey.numbers_of(chunk) - survey.numbers_of(world)
+    lost = numbers_of(survey, chunk) - numbers_of(survey, world)
     return lost if lost.any() else None
 
 

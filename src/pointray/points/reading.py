@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from inspect import signature
 from typing import Any
 
@@ -15,8 +14,5 @@ CHOICES = [name for name in signature(read).parameters if name not in ("path", "
 def check_reading(choices: dict[str, Any]) -> None:
     """ValueError if one of the arguments of `read`, those in `CHOICES`, is wrong; its message begins with the name."""
     of_formats = signature(request_of).parameters
-    intrinsics = choices.get("intrinsics")
-    if intrinsics is not None and not isinstance(intrinsics, Sequence):  # a scene file may have a number
-        raise ValueError(f"intrinsics must be fx,fy,cx,cy, perhaps steps in a unit, not {intrinsics}")
     request_of(**{name: value for name, value in choices.items() if name in of_formats})
     Selection(**{name: value for name, value in choices.items() if name in Selection.__dataclass_fields__})

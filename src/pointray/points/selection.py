@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_whole
+from ..arguments import check_numbers, check_whole, wrong
 from .formats._source import Chunk
 
 Values = Mapping[str, tuple[float, ...]]
@@ -76,10 +76,10 @@ class Selection:
 
 def checked_bounds(value: Any) -> NDArray[np.float64]:
     """Two opposite corners of a box, (2, 3) float64, as an array or as six numbers: the least ones, the greatest."""
-    try:
-        box = np.asarray(value, np.float64).reshape(2, 3)
-    except (TypeError, ValueError):
-        raise ValueError(f"bounds must be x0,y0,z0,x1,y1,z1, not {value!r}") from None
+    box = check_numbers(value, "bounds", "x0,y0,z0,x1,y1,z1").astype(np.float64)
+    if box.shape not in ((2, 3), (6,)):
+        raise wrong("bounds", "x0,y0,z0,x1,y1,z1", value)
+    box = box.reshape(2, 3)
     if np.isnan(box).any() or not (box[0] <= box[1]).all():
         raise ValueError(f"bounds must be x0,y0,z0,x1,y1,z1, the least ones first, not {box.reshape(-1).tolist()}")
     return box

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data import Points
-from ...survey import RESIDUAL
+from ...survey import RESIDUAL, numbers_of
 
 
 def is_float64(points: Points) -> bool:
@@ -26,7 +26,7 @@ def world_rows(points: Points, part: slice) -> NDArray[Any]:
     world = points.positions[part] + points.origin
     if _has_grid(points):
         survey, finite = points.survey, points.finite[part]
-        numbers = survey.numbers_of(world) + points.attributes[RESIDUAL][part]
+        numbers = numbers_of(survey, world) + points.attributes[RESIDUAL][part]
         world[finite] = (np.array(survey.offset) + np.array(survey.scale) * numbers)[finite]
     return world
 

@@ -35,9 +35,9 @@ def eyes_of(points: Points) -> NDArray[np.float64] | None:
 
 def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
     """A viewpoint as a caller gives it: (3,), or (n, 3) with NaN where it is unknown."""
-    if np.ndim(viewpoint) != 2:
-        return vector(viewpoint, "viewpoint")
     eyes = check_numbers(viewpoint, "viewpoint", "three numbers, or three for each point").astype(np.float64)
+    if eyes.ndim != 2:
+        return vector(viewpoint, "viewpoint")
     if eyes.shape != (n, 3):
         raise ValueError(f"viewpoint must have the shape (3,) or ({n}, 3), a row for each point, not {eyes.shape}")
     return eyes

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ....data import Points
 from ....progress import Progress, tell
-from ....survey import RESIDUAL, Survey
+from ....survey import RESIDUAL, Survey, numbers_of
 from .._source import CHUNK
 from ._crs import USER, WKT, records_for
 
@@ -269,7 +269,7 @@ class _Grid:
         return bool((high - low < 2**32).all())
 
     def _whole(self, points: Points, part: slice) -> NDArray[np.int64]:
-        numbers = self._survey.numbers_of(points.positions[part] + points.origin)
+        numbers = numbers_of(self._survey, points.positions[part] + points.origin)
         if self._residual is not None:
             numbers += self._residual[part]
         return numbers
