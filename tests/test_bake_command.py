@@ -13,6 +13,7 @@ import pointray as pr
 from pointray.cli import bake as command
 from pointray.cli import execute, serve
 from pointray.cli.commands.files import bake as bake_command
+from pointray.cli.read_options import Reading
 from pointray.image.tone import linear_to_srgb, srgb_to_linear, tone
 from pointray.points.trust import trusted
 from pointray.scenefile import plan
@@ -249,10 +250,10 @@ def test_the_defaults_are_those_of_python():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["-o", "lit.las"], "cannot write .las; can write .ply and .bake"),
+        (["-o", "lit.xyz"], "cannot write .xyz; can write .las, .laz, .npy, .npz, .ply and .bake"),
         (["-o", "lit"], "a file without extension"),
         (["-o", "no/folder/lit.ply"], "no such folder"),
-        (["-o", "lit.bake", "--colors"], "--colors is for .ply"),
+        (["-o", "lit.bake", "--colors"], "--colors is for .las, .laz, .npy, .npz, .ply"),
         (["-o", "lit.ply", "--colors", "--color-by", "quality"], "--color-by"),
         (["-o", "lit.ply", "--links", "0"], "links"),
         (["-o", "lit.ply", "--links", "5000"], "links"),
@@ -597,7 +598,7 @@ def viewed(files: list[Path], **options) -> tuple[object, list]:
     told = {"up": "auto", "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
     told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False, **options}
     surface = {"surface": None, "samples": 4, "radius_scale": 1.0}
-    shared, loader = serve.shared_scene_of(files, typed, told, surface)
+    shared, loader = serve.shared_scene_of(files, Reading(), typed, told, surface)
     stages = []
     shared.subscribe(lambda: stages.append(shared.progress.stage))
     shared.load(loader).join(120)

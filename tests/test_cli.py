@@ -193,7 +193,7 @@ BROKEN = {
     "cut.ply": HEADER.format(100) + "0 0 0\n1 0 0\n",
     "nothing.ply": HEADER.format(0),
     "nan.ply": HEADER.format(2) + "nan nan nan\nnan nan nan\n",
-    "scan.xyz": "0 0 0\n",
+    "scan.xyz": "0 0 zero\n",
 }
 
 

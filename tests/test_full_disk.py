@@ -19,7 +19,7 @@ from pointray.image.exr import _check_whole as check_exr_whole
 from pointray.image.frames import Frames
 from pointray.image.mp4 import _check_whole as check_mp4_whole
 from pointray.image.mp4 import write_mp4
-from pointray.points import files
+from pointray.points import replacing as files
 from pointray.points.replacing import replacing
 
 if os.name == "posix":
@@ -334,7 +334,7 @@ def test_many_writers_of_one_folder_do_not_take_each_others_files(tmp_path):
     code = """
 import sys
 from pathlib import Path
-from pointray.points import files
+from pointray.points import replacing as files
 for k in range(60):
     files._swept.clear()
     with files.replacing(Path(sys.argv[1]) / f"{sys.argv[2]}.txt") as beside:

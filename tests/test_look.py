@@ -11,6 +11,7 @@ import pytest
 import pointray as pr
 from pointray.choices import AUTO
 from pointray.cli import baked_light, execute, serve
+from pointray.cli.read_options import Reading
 from pointray.cli.scan_lights import ScanLights
 from pointray.staging.studio import studio
 from pointray.viewer.baker import ROUGH, Baker
@@ -149,7 +150,9 @@ def viewed(file, *, look=None, quick=True):
     """The shared scene of `pointray view` of a file, loaded."""
     options = {"up": AUTO, "light": look, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
     options |= {"settings": pr.Settings("baked" if quick else "phong"), "bake": None, "quick": quick}
-    shared, loader = serve.shared_scene_of([file], {}, options, {"surface": None, "samples": 4, "radius_scale": 1.0})
+    shared, loader = serve.shared_scene_of(
+        [file], Reading(), {}, options, {"surface": None, "samples": 4, "radius_scale": 1.0}
+    )
     shared.load(loader).join(120)
     assert shared.problem == ""
     return shared

@@ -138,7 +138,9 @@ def test_bad_options(scan, capsys, options, words):
     assert not out.exists() and {p.name for p in scan.parent.iterdir()} == {"scan.ply"}
 
 
-@pytest.mark.parametrize(("name", "words"), [("out.las", "can write .ply"), ("no/folder/out.ply", "no such folder")])
+@pytest.mark.parametrize(
+    ("name", "words"), [("out.xyz", "can write .las, .laz, .npy"), ("no/folder/out.ply", "no such folder")]
+)
 def test_bad_outputs_are_known_before_the_work(scan, capsys, name, words):
     status, _, err = run(capsys, "prepare", scan.with_name("absent.ply"), "-o", scan.parent / name)
     assert status == 2 and words in err

@@ -178,7 +178,8 @@ def test_levels_in_the_panel(tmp_path, start, monkeypatch):
     ("arguments", "message"),
     [
         ("nothing.ply", "nothing.ply: No such file or directory"),
-        ("note.txt", "note.txt: cannot read .txt"),
+        ("note.txt", "note.txt: "),
+        ("cut.ply", "cut.ply: is cut off: "),
         ("empty", "empty: no file in this folder can be read"),
         ("scan.ply a.toml", "a.toml: a scene file is taken alone"),
         ("scan.ply --up 0,0,0", "--up must not be zero"),
@@ -194,6 +195,7 @@ def test_bad_input(arguments, message, scan, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scan.ply").write_bytes(scan.read_bytes())
     (tmp_path / "note.txt").write_text("x")
+    (tmp_path / "cut.ply").write_bytes(scan.read_bytes()[:50_000])
     (tmp_path / "empty").mkdir()
     (tmp_path / "a.toml").write_text("")
     assert execute(["view", *arguments.split()]) == 2
@@ -204,7 +206,8 @@ def test_bad_input(arguments, message, scan, tmp_path, monkeypatch, capsys):
 
 def test_a_damaged_file_is_said_on_the_page(start, tmp_path, scan):
     path = tmp_path / "cut.ply"
-    path.write_bytes(scan.read_bytes()[:50_000])
+    rows = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {x}" for x in "xyz"), "end_header"]
+    path.write_text("\n".join([*rows, "0 0 0", "1 0 zero", "0 1 0", ""]))
     _, url, _ = start(path)
     browser = Browser(url, SIZE)
     toast = browser.listen(lambda: browser.last("toast"))

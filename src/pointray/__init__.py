@@ -52,7 +52,7 @@ _HOME = {
     "load_scene": "scenefile",
     "procedural": "points",
     "procedural_distance": "points",
-    "formats": "points",
+    "formats": "points.files",  # a name of `points/` itself would hide the folder
     "read": "points",
     "render": "rendering.picture",
     "render_layers": "rendering.layers",

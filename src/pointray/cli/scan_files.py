@@ -67,7 +67,7 @@ class ScanFiles:
     def check(self) -> None:
         """Raise an error if no format knows one of its files."""
         for file in self.files:
-            check_scan(file)
+            check_scan(file, self.reading)
 
     def read(self, progress: Callable[[float], None] | None = None) -> Any:
         """Its points, if it is no saved model."""
@@ -107,12 +107,15 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
     return files
 
 
-def check_scan(file: Path) -> None:
-    """Raise an error if a scan or a saved model cannot be opened."""
+def check_scan(file: Path, reading: Reading | None = None) -> None:
+    """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong."""
     from ..points.files import check_readable
     from ..points.replacing import check_regular
 
-    (check_regular if is_saved(file) else check_readable)(file)
+    if is_saved(file):
+        check_regular(file)
+    else:
+        check_readable(file, None if reading is None else reading.request)
 
 
 def _scans_in(folder: Path) -> list[Path]:

@@ -55,9 +55,7 @@ def staged(scan: ScanFiles, options: dict[str, Any], layers: bool = False) -> tu
     view = View(plain["size"], plain["up"], lens, **framing)
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
     baked = light_source(settings, plain["bake"], plain["quick"])
-    scan_scene = ScanScene(scan, surface, appearance, view.choice, layers, plain["normals"], baked)
-    scan.check()
-    return view, settings, scan_scene
+    return view, settings, ScanScene(scan, surface, appearance, view.choice, layers, plain["normals"], baked)
 
 
 class ScanScene:
@@ -149,6 +147,7 @@ class ScanScene:
         """The scene, the model in it, and a `Scan` that tells what was found out about it."""
         from ..staging.first_view import Scan
 
+        self.files.check()
         model = self._load(progress)
         scan = in_background(lambda: Scan(model, self._choice))
         self._scene.add(model, material=self._material.build(model.points, scan.up))

@@ -78,7 +78,7 @@ def shared_scene_of(
     files = files_of(paths)
     check_unread(files, reading)
     for file in files:
-        check_scan(file)
+        check_scan(file, reading)
         check_saved(file, options["normals"] == AUTO)
     title, source = files[0].name, str(files[0]) if reading.is_plain else ""
     if len(files) > 1:

@@ -12,9 +12,9 @@ procedural : models made by formula
 Begin with files, then normals/estimate.
 """
 
-from .files import formats, read, write
+from .files import read, write
 from .normals.estimate import estimate_normals
 from .normals.given import check_normals
 from .procedural import procedural, procedural_distance
 
-__all__ = ["check_normals", "estimate_normals", "formats", "procedural", "procedural_distance", "read", "write"]
+__all__ = ["check_normals", "estimate_normals", "procedural", "procedural_distance", "read", "write"]

@@ -29,7 +29,7 @@ from ..data import MOST, Points
 from ..extras import require
 from ..progress import Progress
 from .formats._source import HEAD, NO, Format, Request
-from .gather import Opener, gather
+from .gather import Opener, gather, named
 from .replacing import check_regular, replacing
 from .selection import Selection, checked_bounds
 from .unpacking import PACKED, packing_of, unpacked
@@ -211,11 +211,14 @@ def format_of(path: Path, named: Path | None = None) -> Format:
     return found
 
 
-def check_readable(path: str | os.PathLike[str]) -> None:
-    """OSError or ValueError if a file cannot be opened, or no format knows it."""
+def check_readable(path: str | os.PathLike[str], request: Request | None = None) -> None:
+    """OSError or ValueError if a file cannot be opened, no format knows it, or its header is wrong."""
     file = check_regular(path)
-    if not packing_of(file):
-        format_of(file)
+    if packing_of(file):
+        return
+    format = format_of(file)
+    with named(str(file)), format.open(file, request or Request()):
+        pass
 
 
 def extensions() -> list[str]:

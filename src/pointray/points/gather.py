@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,8 +53,9 @@ def gather(files: Sequence[Opener], selection: Selection, progress: Progress | N
         If a file is damaged, the files have different coordinate systems, nothing is chosen, or more memory is needed
         than is available.
     """
-    listings = [_named(file.name, partial(_listing_of, file)) for file in files]
-    _named(files[0].name if len(files) == 1 else f"{len(files)} files", partial(_check_memory, listings, selection))
+    listings = [_listing_of(file) for file in files]
+    with named(files[0].name if len(files) == 1 else f"{len(files)} files"):
+        _check_memory(listings, selection)
     known = not selection.filters and all(listing.count is not None for listing in listings)
     total = sum(listing.rows for listing in listings)
     thinning = Thinning(selection.max_points, sum(_every(x.rows, selection.every) for x in listings) if known else None)
@@ -63,27 +64,29 @@ def gather(files: Sequence[Opener], selection: Selection, progress: Progress | N
     for file, listing in zip(files, listings, strict=True):
         share = READ * (listing.rows / total if total else 1 / len(files))
         watch = part_of(progress, done, done + share)
-        parts.append(_named(file.name, partial(_read, file, selection, thinning, parts, watch)))
+        with named(file.name):
+            parts.append(_read(file, selection, thinning, parts, watch))
         done += share
     if not any(len(chunk.positions) for part in parts for chunk in part.chunks):
         what = "holds no points" if selection.is_all else "holds no points that are chosen"
         raise ValueError(
             f"{files[0].name}: {what}" if len(files) == 1 else f"none of the {len(files)} files {what[6:]}"
         )
-    work = partial(_joined, parts, part_of(progress, READ, 1.0))
-    return _named(files[0].name, work) if len(files) == 1 else work()
+    with named(files[0].name) if len(files) == 1 else nullcontext():
+        return _joined(parts, part_of(progress, READ, 1.0))
 
 
-def _named(name: str, work: Callable[[], Any]) -> Any:
-    """What work returns; its ValueError gets a file's name, in one line."""
+@contextmanager
+def named(name: str) -> Iterator[None]:
+    """Put a file's name before its ValueError, in one line."""
     try:
-        return work()
+        yield
     except ValueError as error:
         raise ValueError(f"{name}: {' '.join(str(error).split())}") from error
 
 
 def _listing_of(file: Opener) -> Listing:
-    with file.open() as source:
+    with named(file.name), file.open() as source:
         return source.listing
 
 
