@@ -84,7 +84,21 @@ def _below(rng: Rng, data: bytes, name: str) -> bytes | None:
         changed = change(rng, plain, name, False)[: len(plain)].ljust(len(plain), b"\0")
         rows = [changed[at : at + PAGE - 4] for at in range(0, len(changed), PAGE - 4)]
         return b"".join(row + struct.pack(">I", crc32c(row)) for row in rows)
+    if data[:4] == b"glTF":
+        return _binary_gltf(rng, data, name)
     return None
+
+
+def _binary_gltf(rng: Rng, data: bytes, name: str) -> bytes:
+    """The description or the numbers of a mesh are changed, and the lengths are right."""
+    (length,) = struct.unpack_from("<I", data, 12)
+    parts = [[data[16:20], data[20 : 20 + length]], [data[24 + length : 28 + length], data[28 + length :]]]
+    hit = pick(rng, (0, 0, 1))
+    parts[hit][1] = _words(rng, parts[0][1]) if hit == 0 else change(rng, parts[1][1], name, False)
+    parts[0][1] += b" " * (-len(parts[0][1]) % 4)
+    parts[1][1] += bytes(-len(parts[1][1]) % 4)
+    body = b"".join(struct.pack("<I", len(content)) + kind + content for kind, content in parts)
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
 def _archive(rng: Rng, data: bytes, name: str) -> bytes:

@@ -35,7 +35,9 @@ def told(kind: str, name: str, data: bytes) -> Told:
     if kind == "npy" and data[:6] == b"\x93NUMPY":
         return _array(data)
     if kind == "e57":
-        return (sum(int(count) for count in re.findall(rb'recordCount="(\d+)"', _xml(data))),)
+        xml = _xml(data)
+        count = sum(int(found) for found in re.findall(rb'recordCount="(\d+)"', xml))
+        return range(count, 0, -1) if b"InvalidState" in xml else (count,)  # rows that say so are left out
     if kind == "off":  # equal vertices are one
         found = re.search(rb"^\s*OFF\s+(\d+)\s", data)
         return range(int(found[1]), 0, -1) if found else ()
