@@ -7,6 +7,7 @@ import io
 import math
 import re
 import struct
+import zipfile
 from collections.abc import Sequence
 from contextlib import suppress
 
@@ -34,6 +35,9 @@ def told(kind: str, name: str, data: bytes) -> Told:
         return _words(data, rb"^\s*POINTS\s+(\S+)")
     if kind == "npy" and data[:6] == b"\x93NUMPY":
         return _array(data)
+    if kind == "npz":
+        with suppress(Exception), zipfile.ZipFile(io.BytesIO(data)) as archive:  # names and headers that are damaged
+            return _array(archive.read("positions.npy"))
     if kind == "e57":
         xml = _xml(data)
         count = sum(int(found) for found in re.findall(rb'recordCount="(\d+)"', xml))
