@@ -15,6 +15,7 @@ import pytest
 
 import pointray as pr
 from pointray import model_cache
+from pointray.cli import execute
 from pointray.model_cache import entry_of
 
 MADE = {"surface": None, "samples": 4}
@@ -125,6 +126,23 @@ def test_damaged_models_are_built_anew(place):
     assert len(entry.load().points) == 2000
 
 
+@pytest.mark.parametrize(
+    "beside",
+    ["[" * 100_000, "3", '{"files": 3, "notes": [], "points": 3}', '{"files": ["a"], "notes": [], "points": 3}']
+    + ['{"files": [{"path": 3}], "notes": [], "points": 3}', '{"files": [], "notes": 3, "points": "many"}'],
+)
+def test_a_damaged_description_does_no_harm(place, capsys, beside):
+    entry = entry_of([place], MADE)
+    assert entry.store(_model())
+    entry.path.with_suffix(".json").write_text(beside)
+    for command in (["cache"], ["cache", "--json"]):
+        assert execute(command) == 0
+    assert len(entry.load().points) == 2000
+    entry.path.with_name("folder.json").mkdir()
+    assert execute(["cache", "--clear"]) == 0
+    assert not entry.path.exists() and not capsys.readouterr().err
+
+
 def test_a_full_disk_or_a_folder_that_cannot_be_made_is_no_error(place, tmp_path, monkeypatch):
     (tmp_path / "cache").write_text("a file where the folder should be")
     entry = entry_of([place], MADE)
@@ -138,6 +156,7 @@ import sys
 from pathlib import Path
 import pointray as pr
 from pointray import model_cache
+from pointray.cli import execute
 model_cache.WORTH = 100
 models = [pr.Model(pr.procedural("sphere", n)) for n in (2000, 3000)]
 entry = model_cache.entry_of([Path(sys.argv[1])], {"surface": None, "samples": 4})

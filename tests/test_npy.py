@@ -171,6 +171,7 @@ SHAPE = "{'descr': '<f4', 'fortran_order': False, 'shape': %s}"
         (header("-" * 60_000 + "1"), "header is damaged"),
         (header("[" * 150 + "]" * 150), "header is damaged"),
         (header("x" * 70_000, 2), "announces 70,000 bytes of itself"),
+        (header(SHAPE % "(70, 3)", 3).replace(b"descr", b"d\xffscr"), "header is damaged: byte 15 is not UTF-8"),
         (header(SHAPE % "(70, 3)", 4), "has the version 4.0"),
         (header(SHAPE % "(70, 3)")[:40], "the header is cut off"),
         (b"\x93NUMPY", "is no array of NumPy"),

@@ -135,7 +135,8 @@ def clear() -> tuple[int, int]:
     for model in models:
         _remove(model["path"])
     for path in folder().glob("*.json"):
-        path.unlink(missing_ok=True)
+        with suppress(OSError):
+            path.unlink()
     return len(models), sum(model["bytes"] for model in models)
 
 
@@ -156,11 +157,22 @@ def _facts_of(files: Sequence[Path]) -> list[dict[str, Any]]:
 
 def _description(path: Path) -> dict[str, Any]:
     """What lies beside a model; empty if it is damaged."""
-    with suppress(OSError, ValueError):
+    with suppress(OSError, ValueError, RecursionError):  # thousands of brackets
         found = json.loads(path.with_suffix(".json").read_bytes())
-        if isinstance(found, dict) and isinstance(found.get("notes", []), list):
+        if isinstance(found, dict) and _is_sound(found):
             return found
     return {}
+
+
+def _is_sound(description: dict[str, Any]) -> bool:
+    """Whether all that is used of a description has its type."""
+    files, notes = description.get("files"), description.get("notes")
+    return (
+        isinstance(files, list)
+        and all(isinstance(file, dict) and isinstance(file.get("path"), str) for file in files)
+        and isinstance(notes, list)
+        and type(description.get("points")) is int
+    )
 
 
 def _by_age() -> list[Path]:

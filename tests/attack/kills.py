@@ -5,6 +5,7 @@ Files that a killed process leaves beside it must be gone after the next process
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -17,14 +18,18 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+import pointray as pr
 from attack import Attack, CrashError, WrongError
 from attack.mutate import Rng, pick
-from attack.writers import LEFTOVERS, Write, film, frame_image, in_child, versions_of, writers
+from attack.writers import LEFTOVERS, Write, commands, film, frame_image, in_child, versions_of, writers
+from pointray.model_file import SAVED
+from pointray.points.files import written
 
-LONGEST = 0.06  # seconds until the kill
+LONGEST = 0.06  # seconds until the kill, at least
+TIMES = 3  # the kill comes within so many times what a file takes
 
 
-def killed_after(rng: Rng, work: Callable[[], None]) -> None:
+def killed_after(rng: Rng, work: Callable[[], None], longest: float = LONGEST) -> None:
     """Work in a process that is killed at a random moment; CrashError if it ends by another signal."""
     child = os.fork()
     if child == 0:
@@ -32,7 +37,7 @@ def killed_after(rng: Rng, work: Callable[[], None]) -> None:
             work()
         finally:
             os._exit(1)
-    time.sleep(float(rng.random()) * LONGEST)
+    time.sleep(float(rng.random()) * longest)
     os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status) and os.WTERMSIG(status) != signal.SIGKILL:
@@ -81,6 +86,14 @@ def in_process(write: Callable[[], None]) -> None:
     in_child(work)
 
 
+def check_opens(path: Path) -> None:
+    """WrongError if a scan or model that is whole does not open."""
+    if path.suffix == SAVED:
+        pr.Model.load(path)
+    elif path.suffix in written():
+        pr.read(path)
+
+
 def check_folder(folder: Path, write: Callable[[], None], known: set[str]) -> None:
     """WrongError if the next process that writes leaves something beside its file."""
     in_process(write)
@@ -91,8 +104,13 @@ def check_folder(folder: Path, write: Callable[[], None], known: set[str]) -> No
 
 def begin(folder: Path) -> Attack:
     """Writers that are killed."""
-    known = writers()
-    contents = {name: versions_of(write, folder / f"a{extension}") for name, (extension, write) in known.items()}
+    known = writers() | commands(folder)
+    contents, longest = {}, {}
+    for name, (extension, write) in known.items():
+        contents[name] = versions_of(write, folder / f"a{extension}")
+        begun = time.monotonic()
+        write(folder / f"a{extension}", 0)
+        longest[name] = max(LONGEST, TIMES * (time.monotonic() - begun))
 
     def attack(rng: Rng, index: int) -> bool:
         target = folder / f"{index}"
@@ -118,13 +136,17 @@ def begin(folder: Path) -> Attack:
         if rng.random() < 0.5:
             in_process(lambda: write(path, 0))
         before = path.exists()
-        killed_after(rng, lambda: write_for_ever(write, path))
+        killed_after(rng, lambda: write_for_ever(write, path), longest[name])
         if path.exists() and path.read_bytes() not in contents[name]:
             raise WrongError(f"{extension}: neither the old file nor the new one")
         if before and not path.exists():
             raise WrongError(f"{extension}: the old file is gone")
         done = path.exists() and path.read_bytes() == contents[name][1]
-        check_folder(target, lambda: write(path, 0), {path.name})
+        if name == "cache" and path.with_suffix(".json").exists():
+            json.loads(path.with_suffix(".json").read_bytes())
+        if done and name != "npz":
+            check_opens(path)
+        check_folder(target, lambda: write(path, 0), {path.name, *(["a.json"] if name == "cache" else [])})
         return done
 
     np.seterr(all="ignore")

@@ -31,7 +31,8 @@ class Part(NamedTuple):
 
 PARTS = {
     "ply": Part("ply_files", 40_000, 300, 20.0),
-    "points": Part("point_files", 20_000, 200, 20.0),
+    "points": Part("point_files", 18_000, 200, 5.0),
+    "cache": Part("cache_files", 2_000, 40, 5.0),
     "pointray": Part("model_files", 50_000, 300, 20.0),
     "pointray-checked": Part("model_files", 50_000, 200, 20.0, checked=True),
     "toml": Part("scene_files", 30_000, 150, 30.0),

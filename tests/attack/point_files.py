@@ -1,11 +1,12 @@
-"""Mutated files of points of all formats that can be written, and of those that other programs wrote, where they are.
+"""Mutated files of points of all formats that are read, and of those that other programs wrote, where they are.
 
-A whole file that was only cut off must not be read as if it were whole, and no file may take more memory than
-64 MiB and eight times what it holds.
+A file that was only cut off must not be read as if it were whole, what a header announces must be there, and no file
+may take more memory than 64 MiB and eight times what it holds.
 """
 
 from __future__ import annotations
 
+import re
 import resource
 from contextlib import suppress
 from pathlib import Path
@@ -15,13 +16,21 @@ import numpy as np
 
 import pointray as pr
 from attack import Attack, WrongError
-from attack.mutate import Rng, corrupt, pick
+from attack.byte_changes import change, is_text
+from attack.mutate import Rng, pick
+from attack.told_counts import told
 from conftest import MODELS
-from pointray.points.files import written
+from scans import small_scans
 
-ROWS = 400
 SPARE, TIMES = 64 << 20, 8  # memory that a file may take: bytes, and times what it holds
-LARGEST = 3 << 20  # bytes of files of other programs that are mutated
+LARGEST = 400 << 10  # bytes of files of other programs that are mutated
+OTHERS = 0.03  # share of the inputs of a kind that are made of files of other programs, which are larger
+# A sequence of rows without a header: a part of it is a whole file of fewer points.
+HEADLESS = ("kitti", "splat", "text", "obj")
+OPTIONS = {"depth": {"intrinsics": (50.0, 55.0, 40.0, 30.0)}, "gaussians": {"opacity": 0.0}, "spz": {"opacity": 0.0}}
+OPTIONS |= {"splat": {"opacity": 0.0}, "packed": {"opacity": 0.0, "intrinsics": (50.0, 55.0, 40.0, 30.0)}}
+KINDS = {".las": "las", ".laz": "laz", ".e57": "e57", ".pcd": "pcd", ".ptx": "ptx", ".ply": "ply", ".pts": "text"}
+KINDS |= {".xyz": "text"}
 
 
 class Seed(NamedTuple):
@@ -43,75 +52,101 @@ class Seed(NamedTuple):
     held: int
 
 
-def points_of(rng: Rng) -> pr.Points:
-    """Points with all that formats keep."""
-    xyz = rng.random((ROWS, 3)) + [500_000, 5_400_000, 100]
-    attributes = {
-        "classification": rng.integers(0, 9, ROWS).astype(np.uint8),
-        "intensity": rng.integers(0, 65536, ROWS).astype(np.uint16),
-        "gps_time": rng.random(ROWS) + 3e8,
-        "height above ground": rng.random(ROWS).astype(np.float32),
-    }
-    normals = rng.normal(size=(ROWS, 3)).astype(np.float32)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    colors = rng.integers(0, 256, (ROWS, 3)).astype(np.uint8)
-    return pr.Points(xyz, normals, colors, attributes, survey=pr.Survey("EPSG:25832"))
+def seed_of(path: Path, kind: str) -> Seed:
+    """A whole file and what it holds."""
+    read = pr.read(path, **OPTIONS.get(kind, {}))
+    arrays = [read.positions, read.normals, read.colors, *read.attributes.values()]
+    return Seed(path.name, path.read_bytes(), len(read), sum(array.nbytes for array in arrays if array is not None))
 
 
-def seeds(folder: Path) -> list[Seed]:
-    """A file of each format that can be written, and those of other programs."""
-    paths, points = [], points_of(np.random.default_rng(1))
-    attributes = {name.replace(" ", "_"): values for name, values in points.attributes.items()}
-    for extension in written():
-        path = folder / f"whole{extension}"
-        pr.write(path, points.changed(attributes=attributes))
-        paths.append(path)
+def seeds(folder: Path) -> tuple[dict[str, list[Seed]], dict[str, list[Seed]]]:
+    """By kind: files that were made here, and files of other programs."""
+    own = {}
+    for kind, paths in small_scans(folder).items():
+        packed_twice = [path for path in paths if kind == "packed" and ".spz." in path.name]
+        own[kind] = [seed_of(path, kind) for path in paths if path not in packed_twice]
+    others: dict[str, list[Seed]] = {}
     with suppress(OSError):
-        paths += sorted(path for path in (MODELS / "raw").iterdir() if path.stat().st_size <= LARGEST)
-    found = []
-    for path in paths:
-        with suppress(ValueError):
-            read = pr.read(path)
-            arrays = [read.positions, read.normals, read.colors, *read.attributes.values()]
-            held = sum(array.nbytes for array in arrays if array is not None)
-            found.append(Seed(path.name, path.read_bytes(), len(read), held))
-    return found
+        for path in sorted((MODELS / "raw").iterdir()):
+            kind = KINDS.get(path.suffix)
+            if kind in own and path.stat().st_size <= LARGEST:
+                others.setdefault(kind, []).append(seed_of(path, kind))
+    return {kind: found for kind, found in own.items() if found}, others
 
 
-def is_text(data: bytes) -> bool:
-    """Whether a file is text, of which a part may be a whole file."""
-    return not set(data[:2000]) - set(range(32, 127)) - {9, 10, 13}
+class Memory:
+    """The most memory that was taken since `begin`."""
+
+    def begin(self) -> None:
+        with suppress(OSError):
+            Path("/proc/self/clear_refs").write_text("5")  # Linux forgets the most so far
+        self._before = self._most()
+
+    def taken(self) -> int:
+        """Bytes."""
+        return self._most() - self._before
+
+    def _most(self) -> int:
+        with suppress(OSError):
+            found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+            if found:
+                return int(found[1]) * 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def check_count(kind: str, seed: Seed, data: bytes, count: int, cut: bool) -> None:
+    """WrongError if an accepted file has another number of points than it announces."""
+    announced = told(kind, seed.name, data)
+    if announced and count not in announced:
+        raise WrongError(f"{seed.name}: announces {announced[0]} points, {count} are read")
+    partial = kind in HEADLESS or (kind == "packed" and any(f".{x}." in f"{seed.name}." for x in ("bin", "splat")))
+    if cut and not partial and not is_text(data) and count != seed.count:
+        raise WrongError(f"{seed.name}: {len(data)} of {len(seed.data)} bytes are read as {count} points")
+
+
+def options_of(rng: Rng, kind: str) -> dict[str, object]:
+    """How a file is read; parts of an octree are asked for, too."""
+    if kind == "copc" and rng.random() < 0.4:
+        return pick(rng, [{"bounds": [-5, 1, -4, 50, 40, 60]}, {"resolution": 6.0}])
+    if kind in ("obj", "stl", "glb", "off") and rng.random() < 0.3:
+        return {"sample": 50}
+    return dict(OPTIONS.get(kind, {}))
 
 
 def begin(folder: Path) -> Attack:
     """Mutated files of points."""
-    known = seeds(folder)
-    for seed in known:  # what is loaded and compiled is no file's memory
+    own, others = seeds(folder / "whole")
+    kinds, memory = list(own), Memory()
+    known = [(kind, seed) for found in (own, others) for kind, some in found.items() for seed in some]
+    for kind, seed in known:  # what is loaded and compiled is no file's memory
         for data in (seed.data, seed.data[: len(seed.data) // 2]):
-            (folder / f"warm-{seed.name}").write_bytes(data)
+            (folder / seed.name).write_bytes(data)
             with suppress(ValueError):
-                pr.read(folder / f"warm-{seed.name}")
+                pr.read(folder / seed.name, **OPTIONS.get(kind, {}))
+        (folder / seed.name).unlink()
 
     def attack(rng: Rng, index: int) -> bool:
-        seed = pick(rng, known)
-        cut = rng.random() < 0.2
-        data = seed.data[: int(rng.random() * len(seed.data))] if cut else corrupt(rng, seed.data)
-        path = folder / seed.name
+        kind = kinds[index % len(kinds)]
+        seed = pick(rng, others[kind] if kind in others and rng.random() < OTHERS else own[kind])
+        cut = rng.random() < 0.15
+        data = seed.data[: int(rng.random() * len(seed.data))] if cut else change(rng, seed.data, seed.name)
+        options, path = options_of(rng, kind), folder / seed.name
         path.write_bytes(data)
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        memory.begin()
         try:
-            points = pr.read(path)
+            points = pr.read(path, **options)  # type: ignore[arg-type]
         except (ValueError, OSError) as error:
             if "\n" in str(error):
                 raise WrongError(f"{seed.name}: more than one line: {error}") from error
             points = None
-        taken = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
-        if taken > SPARE + TIMES * max(seed.held, len(data)):
-            raise WrongError(f"{seed.name}: {taken >> 20} MiB of memory for {len(data)} bytes")
+        finally:
+            path.unlink()
+        if memory.taken() > SPARE + TIMES * max(seed.held, len(data)):
+            raise WrongError(f"{seed.name}: {memory.taken() >> 20} MiB of memory for {len(data)} bytes")
         if points is None:
             return False
-        if cut and not is_text(data) and len(points) >= seed.count > 0 and len(data) < len(seed.data) - 4096:
-            raise WrongError(f"{seed.name}: {len(data)} of {len(seed.data)} bytes are read as {len(points)} points")
+        if not {"bounds", "resolution", "sample"} & set(options):
+            check_count(kind, seed, data, len(points), cut)
         return True
 
     np.seterr(all="ignore")

@@ -1,14 +1,19 @@
-"""Writers of pictures, layers, scans, saved models and frames of a film, each in two versions that differ.
+"""Writers of pictures, layers, scans of all formats, saved models, frames of a film, and of the commands that write
+scans, each in two versions that differ.
 
 Attacks on writing compare the files with both versions, byte for byte.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
+import time
+import warnings
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,7 +22,11 @@ import numpy as np
 
 import pointray as pr
 from attack import CrashError, WrongError
+from pointray import model_cache
+from pointray.cli import execute
 from pointray.image.frames import Frames
+from pointray.model_file import SAVED
+from pointray.points.files import written
 
 Write = Callable[[Path, int], None]
 SIZE = (64, 48)
@@ -50,13 +59,55 @@ def writers() -> dict[str, tuple[str, Write]]:
     out: dict[str, tuple[str, Write]] = {
         "png": (".png", lambda path, version: pr.write_image(path, images[version])),
         "jpg": (".jpg", lambda path, version: pr.write_image(path, images[version][..., :3])),
-        "ply": (".ply", lambda path, version: pr.write(path, clouds[version])),
         "model": (".pointray", lambda path, version: models[version].save(path)),
         "npz": (".npz", lambda path, version: pr.write_layers(path, layers[version])),
     }
+    for name in written():  # scans
+        out.setdefault(f"scan{name}", (name, lambda path, version: _write_scan(path, clouds[version])))
     if find_spec("OpenEXR"):
         out["exr"] = (".exr", lambda path, version: pr.write_image(path, images[version]))
         out["layers"] = (".exr", lambda path, version: pr.write_layers(path, layers[version]))
+    return out
+
+
+def _write_scan(path: Path, points: pr.Points) -> None:
+    """Write points; that some formats cannot hold all is known."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        pr.write(path, points)
+
+
+def commands(folder: Path) -> dict[str, tuple[str, Write]]:
+    """The same of what commands write: `convert`, `prepare`, and the cache of models."""
+    scans = [folder / f"scan-{version}.ply" for version in (0, 1)]
+    clouds = [_cloud(version) for version in (0, 1)]
+    for scan, points in zip(scans, clouds, strict=True):
+        pr.write(scan, points)
+        os.utime(scan, (time.time() - 10,) * 2)  # else it counts as just written
+    models = [pr.Model(points) for points in clouds]
+    os.environ["POINTRAY_CACHE"], model_cache.WORTH = str(folder / "cache"), 10
+    about = {"files": model_cache._facts_of(scans), "made": {}}
+
+    def run(*words: str) -> Write:
+        """A command. words : its own, with FROM and TO"""
+
+        def write(path: Path, version: int) -> None:
+            said, known = io.StringIO(), {"FROM": str(scans[version]), "TO": str(path)}
+            with redirect_stdout(said), redirect_stderr(said):
+                status = execute([known.get(word, word) for word in words])
+            if status != 0:
+                raise WrongError(f"{words[0]}: {said.getvalue()[-200:]}")
+
+        return write
+
+    def store(path: Path, version: int) -> None:
+        if not model_cache.Entry(path, about).store(models[version], [f"note {version}"]):
+            raise WrongError("the cache keeps nothing")
+
+    out: dict[str, tuple[str, Write]] = {f"convert{x}": (x, run("convert", "FROM", "TO")) for x in written()}
+    out["prepare"] = (".ply", run("prepare", "FROM", "-o", "TO"))
+    out["prepare-model"] = (SAVED, run("prepare", "FROM", "-o", "TO", "--no-levels"))
+    out["cache"] = (SAVED, store)
     return out
 
 

@@ -68,7 +68,11 @@ def read_header(stream: Stream) -> Header:
     text = stream.read(length)
     if len(text) < length:
         raise ValueError("the header is cut off")
-    shape, fortran, dtype = _parsed(text.decode("utf-8" if start[6] == 3 else "latin-1"))
+    try:
+        written = text.decode("utf-8" if start[6] == 3 else "latin-1")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"the header is damaged: byte {8 + digits + error.start} is not UTF-8") from error
+    shape, fortran, dtype = _parsed(written)
     return Header(shape, fortran, dtype, 8 + digits + length)
 
 
