@@ -52,7 +52,7 @@ _HOME = {
     "load_scene": "scenefile",
     "procedural": "points",
     "procedural_distance": "points",
-    "formats": "points.files",  # a name of `points/` itself would hide the folder
+    "formats": "points.known_formats",  # a name of `points/` itself would hide the folder
     "read": "points",
     "render": "rendering.picture",
     "render_layers": "rendering.layers",
@@ -86,6 +86,7 @@ if TYPE_CHECKING:
     from .points import write as write
     from .points.cleaning import clean as clean
     from .points.cleaning import find_flaws as find_flaws
+    from .points.known_formats import formats as formats
     from .rendering.camera import Camera as Camera
     from .rendering.camera_path import fly as fly
     from .rendering.camera_path import turntable as turntable
@@ -114,6 +115,7 @@ if TYPE_CHECKING:
     from .splats.subsample import subsample as subsample
     from .staging.first_view import frame as frame
     from .staging.studio import studio as studio
+    from .survey import Survey as Survey
     from .viewer import view as view
 
 

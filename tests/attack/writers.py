@@ -26,7 +26,7 @@ from pointray import model_cache
 from pointray.cli import execute
 from pointray.image.frames import Frames
 from pointray.model_file import SAVED
-from pointray.points.files import written
+from pointray.points.known_formats import written
 
 Write = Callable[[Path, int], None]
 SIZE = (64, 48)

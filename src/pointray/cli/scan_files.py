@@ -120,7 +120,7 @@ def check_scan(file: Path, reading: Reading | None = None) -> None:
 
 def _scans_in(folder: Path) -> list[Path]:
     """The files of a folder that can be read, in the order of their names; a note tells of the others."""
-    from ..points.files import extensions
+    from ..points.known_formats import extensions
     from ..points.unpacking import PACKED
 
     known, files, left = set(extensions()), [], []
@@ -151,7 +151,7 @@ def check_result(output: Path, *others: str) -> None:
 
     others : extensions besides those of points that the command writes
     """
-    from ..points.files import writer_of, written
+    from ..points.known_formats import writer_of, written
     from ..points.replacing import check_writable
 
     extension = output.suffix.lower()

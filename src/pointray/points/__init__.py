@@ -1,6 +1,7 @@
 """A file -> `Points`, with normals, cleaned; or models made by formula.
 
-files : `read` and `write`; formats : a file for each format; unpacking : .gz and .zst
+files : `read` and `write`; reading : what `read` is asked for, checked; unpacking : .gz and .zst
+formats : a file for each format; known_formats : which there are, and which one a file has
 selection, gather, colors : which rows become points, and how those of several files become one cloud
 replacing : how a file is replaced
 normals : estimated ones, and whether given ones are the surface's

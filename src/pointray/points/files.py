@@ -1,14 +1,12 @@
-"""Reading and writing: which format a file has, and from one file or several to one cloud."""
+"""Reading and writing: from one file or several to one cloud, and back."""
 
 from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
-from functools import cache, partial
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +24,13 @@ from ..arguments import (
     wrong,
 )
 from ..data import MOST, Points
-from ..extras import require
 from ..progress import Progress
-from .formats._source import HEAD, NO, Format, Request
+from .formats._source import Format, Request
 from .gather import Opener, gather, named
+from .known_formats import format_of, writer_of
 from .replacing import check_regular, replacing
 from .selection import Selection, checked_bounds
-from .unpacking import PACKED, packing_of, unpacked
+from .unpacking import packing_of, unpacked
 
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
@@ -175,42 +173,6 @@ def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
     return Opener(str(file), partial(format.open, path, request))
 
 
-# ------------------------------------------------------------------------------------------------------- formats
-
-
-@cache
-def _formats() -> dict[str, Format]:
-    """All formats, by the names of their files: those in `formats/` and its folders that do not begin with _."""
-    root = Path(__file__).parent
-    files = sorted(path.relative_to(root) for path in (root / "formats").rglob("[!_]*.py"))
-    names = [".".join((__package__, *file.with_suffix("").parts)) for file in files]
-    return {name.rsplit(".", 1)[1]: import_module(name).FORMAT for name in names}
-
-
-def format_of(path: Path, named: Path | None = None) -> Format:
-    """The format of a file. ValueError if none knows it.
-
-    named : the file as its user calls it, if it is read from another place
-    """
-    file = named or path
-    with path.open("rb") as stream:
-        head = stream.read(HEAD)
-    if not head:
-        raise ValueError(f"{file}: is empty")
-    inner = Path(file.stem) if file.suffix.lower() in PACKED else file
-    certain = {name: format.recognise(head, inner) for name, format in _formats().items()}
-    best = max(certain, key=lambda name: certain[name])
-    if certain[best] == NO:
-        meant = [x for x in _formats().values() if inner.suffix.lower() in x.extensions]
-        meant.sort(key=lambda x: x.write is None)  # splats are PLY files too, of a kind that is only read
-        what = f"is no {meant[0].name} file" if meant else f"cannot read {inner.suffix or 'a file without extension'}"
-        raise ValueError(f"{file}: {what}: it begins with {head[:12]!r}; can read {', '.join(extensions())}")
-    found = _formats()[best]
-    if found.extra is not None:
-        require(found.extra[0], found.extra[1], str(file))
-    return found
-
-
 def check_readable(path: str | os.PathLike[str], request: Request | None = None) -> None:
     """OSError or ValueError if a file cannot be opened, no format knows it, or its header is wrong."""
     file = check_regular(path)
@@ -219,59 +181,6 @@ def check_readable(path: str | os.PathLike[str], request: Request | None = None)
     format = format_of(file)
     with named(str(file)), format.open(file, request or Request()):
         pass
-
-
-def extensions() -> list[str]:
-    """The extensions of files that can be read."""
-    return sorted({extension for format in _formats().values() for extension in format.extensions})
-
-
-def written() -> list[str]:
-    """The extensions of files that can be written."""
-    return sorted({x for format in _formats().values() if format.write is not None for x in format.extensions})
-
-
-@dataclass(frozen=True)
-class FormatFacts:
-    """What is known of a format.
-
-    Attributes
-    ----------
-    name : str
-    extensions : tuple of str
-    writes : bool
-        Whether it can be written too.
-    extra : str or None
-        The extra of pointray that it needs: pip install 'pointray[extra]'.
-    keeps : dict of str to str
-        What is kept of a file, in words.
-    """
-
-    name: str
-    extensions: tuple[str, ...]
-    writes: bool
-    extra: str | None
-    keeps: Mapping[str, str]
-
-
-def formats() -> list[FormatFacts]:
-    """What can be read and written, and what each format keeps."""
-    return [
-        FormatFacts(x.name, x.extensions, x.write is not None, x.extra[1] if x.extra else None, dict(x.keeps))
-        for x in sorted(_formats().values(), key=lambda x: x.name.lower())
-    ]
-
-
-def writer_of(path: str | os.PathLike[str]) -> Callable[[Any, Points, Progress | None], list[str]]:
-    """The writer of the format that a file's extension names; ValueError if there is none."""
-    file = check_path(path)
-    for format in _formats().values():
-        if format.write is not None and file.suffix.lower() in format.extensions:
-            if format.extra is not None:
-                require(format.extra[0], format.extra[1], str(file))
-            return format.write
-    known = ", ".join(written())
-    raise ValueError(f"{file}: cannot write {file.suffix or 'a file without extension'}; can write {known}")
 
 
 def write(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> None:

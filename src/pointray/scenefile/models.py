@@ -13,7 +13,8 @@ from ..choices import NORMALS
 from ..model import SURFACE, Model, _check_settings
 from ..model_file import SAVED
 from ..points import procedural, read
-from ..points.files import check_readable, extensions
+from ..points.files import check_readable
+from ..points.known_formats import extensions
 from ..points.procedural import MOST, NAMES
 from ..points.reading import check_reading
 from ..points.replacing import check_regular
