@@ -13,7 +13,7 @@ from conftest import shared_model
 from pointray.cli import BAD_INPUT, execute
 from pointray.data import Points
 from pointray.points import read, write
-from pointray.points.formats.ply import ply
+from pointray.points.formats.ply import _ascii
 from pointray.points.replacing import check_writable, replacing
 
 RNG = np.random.default_rng(2)
@@ -142,7 +142,8 @@ def test_lines_before_ascii_vertices_end_as_they_may_and_blank_ones_are_no_rows(
 
 @pytest.mark.parametrize("block", [1, 2, 3, 7])
 def test_blocks_of_ascii_end_anywhere(tmp_path, monkeypatch, block):
-    monkeypatch.setattr(ply, "TEXT_BYTES", block)
+    monkeypatch.setattr(_ascii, "TEXT_BYTES", block)
+    monkeypatch.setattr(_ascii, "CHUNK", 1)
     for line_end in ("\n", "\r\n", "\r"):
         text = STRIPS.format(vertices=PLAIN, body="\n2 7 8\n \n2 7 8\n2 7 8 \n\n 1 2 3\n4 5 6")
         (tmp_path / "a.ply").write_bytes(text.replace("\n", line_end).encode())

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, BinaryIO, NamedTuple
 
-from plyfile import PlyData, PlyParseError
+from plyfile import PlyData, PlyListProperty, PlyParseError
 
 LONGEST_HEADER = 1 << 20
 
@@ -58,3 +58,22 @@ def _parse_elements(lines: list[str]) -> Sequence[Any]:
         return tuple(PlyData.read(io.BytesIO(text.encode("ascii", "replace"))).elements)
     except (PlyParseError, ValueError) as error:
         raise ValueError(f"the header is damaged: {error}") from error
+
+
+def bytes_left(file: BinaryIO) -> int:
+    here = file.tell()
+    end = file.seek(0, io.SEEK_END)
+    file.seek(here)
+    return end - here
+
+
+def check_size(file: BinaryIO, element: Any, count: int, row: int) -> None:
+    """Check the header's counts against the file's size, as a header may state anything."""
+    left = bytes_left(file)
+    if count * row > left:
+        rows = "vertices" if element.name == "vertex" else f"rows of the element {element.name!r}"
+        raise ValueError(f"is cut off: {count:,} {rows} of {row} bytes or more are announced, {left:,} bytes are there")
+
+
+def has_lists(element: Any) -> bool:
+    return any(isinstance(p, PlyListProperty) for p in element.properties)

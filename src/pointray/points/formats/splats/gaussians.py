@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._source import NO, SURE, Chunk, Format, Request
-from ..ply.ply import COLORS, NORMALS, Columns, PlySource
+from ..ply._names import COLORS, NORMALS
+from ..ply.ply import Columns, PlySource
 from ._common import HARMONIC, KEEPS, ROW, Splats, listing_of, opaque_chunks
 
 CENTERS, HARMONICS = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
