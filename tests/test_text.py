@@ -48,6 +48,12 @@ ORDERS = {
 }
 
 
+def test_colors_of_8_bits_are_likelier_than_of_16(tmp_path):
+    strong = 300 + np.arange(len(XYZ))[:, None]
+    assert columns_of(save(tmp_path / "a.xyz", XYZ, RGB, strong)) == ["x", "y", "z", "r", "g", "b", "intensity"]
+    assert columns_of(save(tmp_path / "b.xyz", XYZ, strong, RGB)) == ["x", "y", "z", "intensity", "r", "g", "b"]
+
+
 @pytest.mark.parametrize("names", ORDERS)
 @pytest.mark.parametrize("separator", [" ", ",", ";", "\t", ", "])
 def test_columns_without_names_are_told_by_their_numbers(tmp_path, names, separator):

@@ -97,6 +97,8 @@ def judged(values: NDArray[np.float64], whole: Sequence[bool], extension: str) -
     """
     k = values.shape[1]
     possible = [order for order in ORDERS.get(k, []) if _fits(values, whole, order)]
+    if len(possible) > 1:  # colours of 8 bits are likelier than of 16
+        possible = [order for order in possible if _fits(values, whole, order, 255)] or possible
     if len(possible) > 1:
         usual = [order for order in possible if order in USUAL.get(extension, ())]
         if len(usual) != 1:
@@ -107,8 +109,8 @@ def judged(values: NDArray[np.float64], whole: Sequence[bool], extension: str) -
     return [*POSITIONS, *(f"column_{c}" for c in range(4, k + 1))]
 
 
-def _fits(values: NDArray[np.float64], whole: Sequence[bool], order: str) -> bool:
-    """Whether columns can be what an order says."""
+def _fits(values: NDArray[np.float64], whole: Sequence[bool], order: str, most: int = 65535) -> bool:
+    """Whether columns can be what an order says; most : of whole colours"""
     at = 3
     for part in order:
         if part == SCALAR:
@@ -118,7 +120,7 @@ def _fits(values: NDArray[np.float64], whole: Sequence[bool], order: str) -> boo
         is_unit = _are_unit(three)
         if part == NORMAL and not is_unit:
             return False
-        if part == COLOR and (is_unit or not _are_colors(three, all(whole[at : at + 3]))):
+        if part == COLOR and (is_unit or not _are_colors(three, all(whole[at : at + 3]), most)):
             return False
         at += 3
     return True
@@ -131,9 +133,9 @@ def _are_unit(rows: NDArray[np.float64]) -> bool:
     return len(length) > 0 and bool((np.abs(length - 1) <= UNIT).mean() >= MOSTLY)
 
 
-def _are_colors(rows: NDArray[np.float64], whole: bool) -> bool:
+def _are_colors(rows: NDArray[np.float64], whole: bool, most: int) -> bool:
     """Whole numbers of 8 or 16 bits, or floats from 0 to 1."""
-    return bool((rows >= 0).all() and (rows <= (65535 if whole else 1)).all())
+    return bool((rows >= 0).all() and (rows <= (most if whole else 1)).all())
 
 
 class Layout(NamedTuple):
