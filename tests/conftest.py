@@ -41,6 +41,14 @@ def one_signature_a_kernel(tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 @pytest.fixture(scope="session", autouse=True)
+def no_models_are_kept() -> Iterator[None]:
+    """Commands that tests run keep no models in the user's cache, unless a test is about that."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pointray.model_cache.WORTH", 10**12)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def models_made_once() -> Iterator[None]:
     """Procedural models are made once a session and copied: making them took half of the time of all tests.
 
