@@ -170,7 +170,7 @@ while True:
 @pytest.mark.slow
 def test_processes_that_write_the_same_model_and_are_killed_leave_a_whole_one(place):
     dice, entry, seen = random.Random(5), entry_of([place], MADE), set()
-    for _ in range(8):
+    for _ in range(4):
         command = [sys.executable, "-c", WRITER, place]
         writers = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
         for writer in writers:
