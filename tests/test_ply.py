@@ -150,6 +150,15 @@ def test_blocks_of_ascii_end_anywhere(tmp_path, monkeypatch, block):
         np.testing.assert_array_equal(read(tmp_path / "a.ply").positions, [[1, 2, 3], [4, 5, 6]])
 
 
+def test_colors_that_are_not_as_announced_are_told_by_all_rows(tmp_path, monkeypatch):
+    monkeypatch.setattr(_ascii, "CHUNK", 2)
+    names = [*(f"float {x}" for x in "xyz"), *(f"uchar {x}" for x in ("red", "green", "blue"))]
+    header = ["ply", "format ascii 1.0", "element vertex 4", *(f"property {name}" for name in names), "end_header"]
+    rows = ["0 0 0 1 1 1", "1 0 0 0 0 0", "0 1 0 0.5 0.5 0.5", "0 0 1 1 1 1", ""]
+    (tmp_path / "a.ply").write_text("\n".join([*header, *rows]))
+    assert read(tmp_path / "a.ply").colors[:, 0].tolist() == [255, 0, 128, 255]
+
+
 def with_strips(count, order="<", kind="uchar", before=1, last=b""):
     """A binary file with lists before its one vertex, and the bytes of the lists."""
     name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]

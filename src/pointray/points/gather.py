@@ -197,7 +197,7 @@ def _column(
 
 
 def _colors(parts: list[Part], counts: list[list[int]]) -> NDArray[np.uint8] | None:
-    columns = [chunk.colors for part in parts for chunk in part.chunks]
+    columns = [column for part in parts for column in _alike([chunk.colors for chunk in part.chunks])]
     made = iter(to_uint8([column[:, :3] for column in columns if column is not None]))
     bytes_or_none: list[NDArray[Any] | None] = [None if column is None else next(made) for column in columns]
     if all(column is None for column in columns):
@@ -209,6 +209,14 @@ def _colors(parts: list[Part], counts: list[list[int]]) -> NDArray[np.uint8] | N
     if without:
         warnings.warn(f"without colors, which other files have: grey: {without}", stacklevel=2)
     return np.concatenate([column for column in bytes_or_none if column is not None])
+
+
+def _alike(columns: Sequence[NDArray[Any] | None]) -> list[NDArray[Any] | None]:
+    """A file's columns in one dtype: text may show only in a later chunk that its numbers are not whole."""
+    dtypes = {column.dtype for column in columns if column is not None}
+    if len(dtypes) < 2:
+        return list(columns)
+    return [None if column is None else column.astype(np.result_type(*dtypes)) for column in columns]
 
 
 def _about_origin(
