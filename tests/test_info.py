@@ -106,3 +106,26 @@ def test_facts_of_headers_of_several_kinds(capsys):
     show_table({"file": "a.e57", "points": 3, "files": [file]}, False)
     out = " ".join(capsys.readouterr().out.split())
     assert "scans name one, points 1,200; name two, points 7" in out and "version 1.0" in out
+
+
+def test_blanks_can_be_seen(capsys):
+    file = {"file": "a.xyz", "format": "Text", "bytes": 1, "rows": 3, "separator": " "}
+    show_table({"file": "a.xyz", "points": 3, "files": [file]}, False)
+    assert "separator blank" in " ".join(capsys.readouterr().out.split())
+
+
+def test_coordinates_are_shown_with_the_decimals_of_the_file(tmp_path, capsys):
+    numbers = np.linspace((0, 0, 0), (336_270, 463_573, 17_979), 500).round()
+    survey = pr.Survey(scale=(0.01, 0.01, 0.01), offset=(0.0, 0.0, 0.0))
+    path = tmp_path / "a.las"
+    pr.write(path, pr.Points(numbers * 0.01 + [635_619.85, 848_899.7, 406.59], survey=survey))
+    assert execute(["info", str(path)]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "low 635619.85, 848899.7, 406.59" in lines and "high 638982.55, 853535.43, 586.38" in lines
+    assert "size 3362.7, 4635.73, 179.79" in lines
+
+
+@pytest.mark.parametrize("command", [(), ("render",)])
+def test_h_asks_for_help(command, capsys):
+    assert execute([*command, "-h"]) == 0
+    assert "Usage: pointray" in capsys.readouterr().out

@@ -129,6 +129,17 @@ def test_extra_bytes_of_the_same_name_are_kept_apart(tmp_path: Path) -> None:
     assert (attributes["intensity"] == las["intensity"]).all()
 
 
+def test_an_offset_of_minus_zero_is_told_as_zero(tmp_path: Path) -> None:
+    path = tmp_path / "a.las"
+    header = laspy.LasHeader(version="1.2", point_format=3)
+    header.offsets = np.array([-0.0, 1.0, -0.0])
+    las = laspy.LasData(header)
+    las.x = las.y = las.z = np.arange(5.0)
+    las.write(path)
+    offset = next(headers(path))[2].facts["offset"]
+    assert str(offset) == "[0.0, 1.0, 0.0]"
+
+
 @pytest.mark.parametrize("scale", (0.01, 1e-7, 0.25, 7.3e-5))
 @pytest.mark.parametrize("offset", (0.0, 123456.789, -5.4e6))
 @pytest.mark.parametrize("width", (1000, 2**31 - 1))  # so wide that float32 loses digits

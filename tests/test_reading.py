@@ -121,13 +121,23 @@ def test_several_files_are_one_cloud(scan, tmp_path):
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         points = pr.read([scan, second])
-    told = sorted(str(warning.message).split(":")[0] for warning in said)
-    assert [text.split(",")[0] for text in told] == ["without classification", "without colors", "without normals"]
+    assert [str(warning.message) for warning in said] == [
+        f"without normals, colors (grey here), which other files have: {scan}",
+        f"without classification, which other files have: {second}",
+    ]
     np.testing.assert_allclose(points.world, np.vstack([XYZ, XYZ + [2, 0, 0]]), atol=1e-6)
     assert points.attributes["row"].tolist() == [*range(1000), *(np.arange(1000) + 0.5)]
     assert points.attributes["classification"].tolist() == [*CLASSES, *[0] * 1000]
     assert (points.normals[:1000] == 0).all()
     np.testing.assert_array_equal(points.colors[[0, 1000]], [[128] * 3, (XYZ[0] * 255).astype(np.uint8)])
+
+
+def test_one_line_tells_which_files_lack_what():
+    full = Chunk(XYZ, attributes={"class": CLASSES, "row": np.arange(1000)})
+    with pytest.warns(UserWarning, match="without class, row, which") as said:
+        gathered(full, *[Chunk(XYZ)] * 7)
+    told = "without class, row, which other files have: 1.abc, 2.abc, 3.abc, 4.abc, 5.abc and 2 more"
+    assert [str(warning.message) for warning in said] == [told]
 
 
 def test_files_in_different_coordinate_systems_are_refused(tmp_path):

@@ -195,6 +195,19 @@ def test_maps_and_flat_scans_have_z_upwards():
     assert find_up(sample_of(pr.Points(rng.random((3000, 3)) * (10, 10, 1.9)))).why == "the scan is flat"
 
 
+def test_splats_stand_with_y_downwards_unless_they_would_stand_better_otherwise():
+    sphere = pr.procedural("sphere", 2000)
+    about = {"opacity": np.ones(2000, np.float32), "scale_0": np.ones(2000, np.float32)}
+    splats = pr.Points(sphere.positions, sphere.normals, attributes=about)
+    assert find_up(sample_of(sphere)).axis == "z" and find_up(sample_of(splats)).axis == "-y"
+    bunny = scan("stanford_bunny")
+    for axis, turn in (("y", (1, 1, 1)), ("-y", (1, -1, -1))):
+        about = {"opacity": np.ones(len(bunny)), "scale": np.ones((len(bunny), 3))}
+        assert find_up(sample_of(pr.Points(bunny.positions * turn, bunny.normals * turn, None, about))).axis == axis
+    man = pr.read(shared_model("raw/3dgs_biker.compressed.ply"))
+    assert find_up(sample_of(man)).axis == "-y"  # z, if it was no cloud of splats
+
+
 def test_terrain_is_seen_from_above_and_a_side_from_before_it():
     rng = np.random.default_rng(2)
     flat = pr.Points(rng.random((3000, 3)) * (10, 10, 1))

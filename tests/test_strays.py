@@ -13,10 +13,11 @@ from pointray.cli import execute
 from pointray.neighbors import neighbors
 from pointray.splats import choose_radii
 from pointray.splats.radii import NEIGHBORS
+from pointray.splats.support import Support
 
 UP = np.float32([0, 0, 1])
 NOTE = "pointray: note: 4 lone points are drawn no larger than their neighbours' supports"
-TELLS = "lone points? (is|are) drawn no larger than their neighbours' supports"
+TELLS = "lone points? (is|are) drawn no larger than (its|their) neighbours' supports"
 
 
 def chosen(positions, normals):
@@ -90,6 +91,16 @@ def test_a_torus_with_strays_is_told_and_drawn_as_without(with_normals):
     assert model.radii[20_000:].max() < 2 * np.median(model.radii)
     if with_normals:
         np.testing.assert_array_equal(model.radii[:20_000], pr.Model(torus).radii)
+
+
+def test_the_note_counts_right():
+    def note(count):
+        lone = np.arange(1000) < count
+        return Support(np.ones(1000, np.float32), None, None, True, np.arange(1000), lone).note
+
+    assert note(0) == ""
+    assert note(1) == "1 lone point is drawn no larger than its neighbours' supports"
+    assert note(2) == "2 lone points are drawn no larger than their neighbours' supports"
 
 
 def test_given_radii_stay():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 from .facts import class_name
@@ -10,6 +11,7 @@ from .facts import class_name
 OF_SURVEY = ("crs", "crs_name", "unit", "scale", "stations")
 APART = ("normals_off", "normals_wrong", "files", "ranges", *OF_SURVEY)  # facts that are no lines of their own
 OF_FILES = ("file", "format", "bytes", "rows")
+BLANKS = {" ": "blank", "\t": "tab"}  # texts that could not be seen
 MOST_STATIONS = 12  # that the table lists
 
 
@@ -91,6 +93,10 @@ def _rows(facts: dict[str, Any]) -> dict[str, Any]:
             shown |= _of_the_file(facts) | _of_the_survey(facts)
         if name not in APART:
             shown[name] = value
+    if facts.get("scale") and "low" in facts:  # what float32 adds to the file's decimals is not shown
+        digits = [max(0, math.ceil(-math.log10(step) - 1e-9)) for step in facts["scale"]]
+        for name in ("low", "high", "size"):
+            shown[name] = [round(x, n) for x, n in zip(facts[name], digits, strict=True)]
     if shown.get("normals"):
         off, verdict = facts["normals_off"], "wrong" if facts["normals_wrong"] else "right"
         known = "nothing tells whether right" if off is None else f"a median of {off:.1f} degrees off: {verdict}"
@@ -148,7 +154,7 @@ def _text(value: Any) -> str:
     if isinstance(value, list | tuple):
         between = "; " if any(isinstance(one, dict | list) for one in value) else ", "
         return between.join(f"{v:.12g}" if isinstance(v, float) else _part(v) for v in value) or "none"
-    return str(value)
+    return BLANKS.get(value) or str(value)
 
 
 def _part(value: Any) -> str:

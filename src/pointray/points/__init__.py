@@ -2,7 +2,7 @@
 
 files : `read` and `write`; reading : what `read` is asked for, checked; unpacking : .gz and .zst
 formats : a file for each format; known_formats : which there are, and which one a file has
-selection, gather, colors : which rows become points, and how those of several files become one cloud
+selection, gather, colors, lacking : which rows become points, and how those of several files become one cloud
 replacing : how a file is replaced
 normals : estimated ones, and whether given ones are the surface's
 cleaning, rounding : duplicates and outliers; coordinates that were rounded

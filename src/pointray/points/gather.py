@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ from ..progress import Progress, part_of, tell
 from ..survey import RESIDUAL, SCAN, Survey, numbers_of
 from .colors import to_uint8
 from .formats._source import Chunk, Listing, Source
+from .lacking import tell_lacking
 from .selection import Selection, Thinning, lengths
 
 READ = 0.8  # the share of the time after which files are read, and their chunks are joined
@@ -144,14 +144,15 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     scans = _scans(parts)
     counts = [[len(chunk.positions) for chunk in part.chunks] for part in parts]
     check_count(sum(map(sum, counts)))
-    normals = _column(parts, "normals", [chunk.normals for part in parts for chunk in part.chunks], counts, 0.0)
+    tell_lacking([(part.name, part.chunks[0]) for part in parts])
+    normals = _column("normals", [chunk.normals for part in parts for chunk in part.chunks], counts, 0.0)
     colors = _colors(parts, counts)
     names = dict.fromkeys(name for part in parts for name in part.chunks[0].attributes)
     attributes = {}
     for k, name in enumerate(names):
         tell(progress, k / (len(names) + 2))
         columns = [chunk.attributes.get(name) for part in parts for chunk in part.chunks]
-        column = _column(parts, name, columns, counts, np.nan)
+        column = _column(name, columns, counts, np.nan)
         assert column is not None
         attributes[name] = column
     if scans is not None:
@@ -167,7 +168,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
 
 
 def _column(
-    parts: list[Part], name: str, columns: list[NDArray[Any] | None], counts: list[list[int]], missing: float
+    name: str, columns: list[NDArray[Any] | None], counts: list[list[int]], missing: float
 ) -> NDArray[Any] | None:
     """The column of all chunks; chunks without it get a value that says so. None if no chunk has it."""
     some = [column for column in columns if column is not None]
@@ -178,13 +179,6 @@ def _column(
         raise ValueError(f"the attribute {name!r} has different numbers of columns in the files")
     dtype = np.result_type(*(column.dtype.newbyteorder("=") for column in some))
     flat = [count for part in counts for count in part]
-    if len(some) < len(columns):
-        without = ", ".join(
-            part.name
-            for part in parts
-            if getattr(part.chunks[0], name, None) is None and (name not in part.chunks[0].attributes)
-        )
-        warnings.warn(f"without {name}, which other files have: {without}", stacklevel=2)
     if len(some) == len(columns) == 1 and some[0].dtype == dtype:
         return some[0]
     out = np.empty((sum(flat), *shapes.pop()), dtype)
@@ -205,9 +199,6 @@ def _colors(parts: list[Part], counts: list[list[int]]) -> NDArray[np.uint8] | N
     for k, (column, count) in enumerate(zip(columns, [n for part in counts for n in part], strict=True)):
         if column is None:
             bytes_or_none[k] = np.full((count, 3), GREY, np.uint8)
-    without = ", ".join(part.name for part in parts if part.chunks[0].colors is None)
-    if without:
-        warnings.warn(f"without colors, which other files have: grey: {without}", stacklevel=2)
     return np.concatenate([column for column in bytes_or_none if column is not None])
 
 

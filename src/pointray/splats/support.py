@@ -54,8 +54,8 @@ class Support(NamedTuple):
         count = int(self.lone.sum())
         if count <= HANDFUL * len(self.lone):
             return ""
-        points = "1 lone point is" if count == 1 else f"{count:,} lone points are"
-        return f"{points} drawn no larger than their neighbours' supports"
+        points, whose = ("1 lone point is", "its") if count == 1 else (f"{count:,} lone points are", "their")
+        return f"{points} drawn no larger than {whose} neighbours' supports"
 
 
 def find_support(

@@ -34,12 +34,15 @@ class Sample(NamedTuple):
     origin : (3,) float64
     far : bool
         Whether some coordinates are as large as those of maps, so that the points have an origin of their own.
+    splats : bool
+        Whether all of them were Gaussian splats.
     """
 
     positions: Floats
     normals: Floats
     origin: Floats
     far: bool
+    splats: bool = False
 
     def seen_from(self, point: Floats) -> Sample:
         """The same points relative to another point: (3,), relative to the origin of this sample."""
@@ -75,6 +78,7 @@ def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool =
         raise ValueError("there are no points to look at")
     origin = (placed[0][1] @ [*placed[0][0].origin, 1.0])[:3]
     far = any(points.origin.any() for points, _ in placed)
+    splats = all(_were_splats(points) for points, _ in placed)
     drawn = (_part(points, matrix, min(most / total, 1.0), origin) for points, matrix in placed)
     parts = [Sample(positions, normals, origin, far) for positions, normals in drawn if len(positions) > 0]
     if not parts:
@@ -82,7 +86,12 @@ def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool =
     if not islands:
         parts = [part.without_islands() for part in parts]
     positions, normals = (np.concatenate(arrays) for arrays in zip(*(part[:2] for part in parts), strict=True))
-    return Sample(positions, normals, origin, far)
+    return Sample(positions, normals, origin, far, splats)
+
+
+def _were_splats(points: Points) -> bool:
+    """Whether points were Gaussian splats, by the attributes that readers give them; PLY files number the scales."""
+    return "opacity" in points.attributes and not points.attributes.keys().isdisjoint(("scale", "scale_0"))
 
 
 def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:

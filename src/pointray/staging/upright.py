@@ -21,6 +21,8 @@ CELLS = 32  # across the view from above
 FEW = 10  # points in a slab that are too few to tell anything
 # Prior scores of the axes: in programs and scanners z is up, in graphics and many meshes y.
 HABIT = {"z": 0.25, "y": 0.1, "-y": -0.1, "x": -0.2, "-x": -0.2, "-z": -0.3}
+# The same for Gaussian splats: their cameras are those of computer vision, y downwards; SPZ files have y upwards.
+SPLAT_HABIT = {"-y": 0.4, "y": 0.2, "z": 0.0, "x": -0.2, "-x": -0.2, "-z": -0.3}
 TIPS = 0.5  # penalty for an axis along which the body would fall over
 FACING, PLUMB = 0.5, 0.3  # weights of normals that point upwards, and of walls
 LEVEL = 0.1  # |cosine| between the axis and the normal of a wall
@@ -66,9 +68,10 @@ def find_up(sample: Sample) -> Up:
     if is_depth_picture(sample):
         ahead = np.median(sample.positions[:, 2] + sample.origin[2]) > 0
         return Up("-y" if ahead else "y", "seen from one place, as by a depth camera")
-    scores = {axis: habit + _stance(sample, axis_direction(axis)) for axis, habit in HABIT.items()}
+    habits = SPLAT_HABIT if sample.splats else HABIT
+    scores = {axis: habit + _stance(sample, axis_direction(axis)) for axis, habit in habits.items()}
     best = max(scores, key=lambda axis: scores[axis])
-    return Up(best, "it would stand so")
+    return Up(best, "splats, which would stand so" if sample.splats else "it would stand so")
 
 
 def is_flat(positions: Floats) -> bool:

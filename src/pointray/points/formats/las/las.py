@@ -126,7 +126,7 @@ def _facts(header: Header, layout: Layout, copc: Copc | None) -> dict[str, Any]:
         "compressed": header.compressed,
         "points by return": list(header.returns),
         "scale": list(header.scale),
-        "offset": list(header.offset),
+        "offset": [x + 0.0 for x in header.offset],  # some programs write -0
         "bounds": [list(header.low), list(header.high)] if np.isfinite((header.low, header.high)).all() else None,
     }
     scaled = [c.name for c in (*layout.columns, *layout.normals) if c.scale is not None or c.offset is not None]

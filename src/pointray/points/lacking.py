@@ -1,0 +1,33 @@
+"""Lacking: columns that some of several files have and others do not."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+from .formats._source import Chunk
+
+FEW = 5  # files that a warning names
+
+
+def tell_lacking(files: Sequence[tuple[str, Chunk]]) -> None:
+    """Warn of columns that only some files have: one line for all files that lack the same.
+
+    files : names, each with a chunk of the file
+    """
+    has = [_names(chunk) for _, chunk in files]
+    every = dict.fromkeys(name for names in has for name in names)
+    lacking: dict[str, list[str]] = {}
+    for (file, _), names in zip(files, has, strict=True):
+        missing = ", ".join(name for name in every if name not in names)
+        if missing:
+            lacking.setdefault(missing, []).append(file)
+    for missing, those in lacking.items():
+        more = f" and {len(those) - FEW:,} more" if len(those) > FEW else ""
+        warnings.warn(f"without {missing}, which other files have: {', '.join(those[:FEW])}{more}", stacklevel=2)
+
+
+def _names(chunk: Chunk) -> list[str]:
+    """The columns besides positions."""
+    known = {"normals": chunk.normals, "colors (grey here)": chunk.colors, **chunk.attributes}
+    return [name for name, values in known.items() if values is not None]
