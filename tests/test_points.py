@@ -29,6 +29,17 @@ def test_map_coordinates_keep_a_ten_thousandth_of_the_spacing(scale):
     assert np.abs(points.bounds - [world.min(axis=0), world.max(axis=0)]).max() <= max(1e-4 * spacing, 1e-9)
 
 
+def test_few_wide_points_of_a_map_keep_their_millimetres():
+    world = np.round(UTM + [[0.123, 0.456, 0.789], [4321.987, 10.5, 3.25], [25.125, 3999.999, -7.001]], 3)
+    assert np.array_equal(np.round(Points(world).world, 3), world)
+
+
+def test_float32_far_away_is_kept_to_the_last_bit():
+    few = (UTM / 100 + CLOUD[:20] * 300).astype(np.float32)
+    assert np.array_equal(Points(few).world, few)
+    assert not Points(few).origin.any()
+
+
 def test_one_stray_point_does_not_hide_that_coordinates_are_large():
     world = np.vstack([UTM + CLOUD, [[0, 0, 0]]])
     points = Points(world)

@@ -12,6 +12,7 @@ import pointray as pr
 from pointray import memory
 from pointray.points import files, gather
 from pointray.points.colors import to_uint8
+from pointray.points.filling import Filling
 from pointray.points.formats._source import Chunk, Listing, Source
 from pointray.points.formats.ply import ply
 from pointray.points.gather import Opener
@@ -39,6 +40,33 @@ class Rows(Source):
 def gathered(*chunks, selection=None, progress=None, **about):
     openers = [Opener(f"{k}.abc", lambda chunk=chunk: Rows(chunk, **about)) for k, chunk in enumerate(chunks)]
     return gather.gather(openers, selection or Selection(), progress)
+
+
+def test_rows_that_are_left_out_take_no_memory():
+    """The chosen rows are copied, as a view keeps all rows of the file."""
+    chunk = Chunk(XYZ, normals=XYZ.astype(np.float32), attributes={"a": CLASSES})
+    for selection in (Selection(every=10), Selection(bounds=np.array([[0, 0, 0], [0.1, 1, 1]]))):
+        assert all(column.base is None for column in selection.apply(chunk, 3).columns)
+
+
+def test_chunks_fill_arrays_that_are_made_once():
+    filling = Filling(1000)
+    for start in range(0, 1000, 300):
+        filling.add(Chunk(XYZ[start : start + 300], attributes={"a": CLASSES[start : start + 300].astype(">i2")}))
+    (whole,) = filling.chunks
+    np.testing.assert_array_equal(whole.positions, XYZ)
+    np.testing.assert_array_equal(whole.attributes["a"], CLASSES)
+    assert whole.attributes["a"].dtype == np.int16
+
+
+def test_a_later_chunk_may_need_a_wider_type_and_rows_may_be_missing():
+    filling = Filling(1000)
+    filling.add(Chunk(XYZ[:300], attributes={"a": CLASSES[:300]}))
+    filling.add(Chunk(XYZ[300:400], attributes={"a": CLASSES[300:400] + 0.5}))
+    (whole,) = filling.chunks
+    assert len(whole.positions) == 400
+    assert whole.attributes["a"].tolist() == [*CLASSES[:300], *(CLASSES[300:400] + 0.5)]
+    assert Filling(1000).chunks == []
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from .survey import SCAN, Survey
 FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
 MOST = 2**31 - 1  # the most rows: their numbers are int32 in trees
 SAMPLE = 20_000  # rows from which the spacing is estimated
+FAR = 16  # times its own size: a cloud farther from zero than that loses digits of doubles, which an origin keeps
 MOST_CATEGORIES = 32  # distinct values
 FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole numbers tell nothing
 LABELS = "classification", "point_source_id", SCAN  # names whose whole numbers are categories, however few points
@@ -41,7 +42,8 @@ class Points:
         Any other values of each point: whole numbers, floats or bools.
     origin : (3,) array_like, optional
         The point that stored positions are relative to. None: zero, unless float32 would lose a ten-thousandth of the
-        spacing (maps: millions of metres); then a rounded point near the middle.
+        spacing (maps: millions of metres), or digits of doubles that lie farther from zero than 16 times the cloud's
+        size; then a rounded point near the middle.
     survey : Survey, optional
         What is known of the coordinates: their reference system and unit, the scanners' places.
 
@@ -118,7 +120,7 @@ class Points:
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
-        if not self.finite.any():
+        if not (_finite(positions[:PROBE]).any() or _finite(positions).any()):
             raise ValueError(f"positions: none of the {n:,} rows is finite and below {FARTHEST:g}")
 
     @property
@@ -134,9 +136,7 @@ class Points:
     @property
     def finite(self) -> NDArray[np.bool_]:
         """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond `FARTHEST`."""
-        x, y, z = self.positions.T
-        limit = np.float32(FARTHEST)
-        return np.asarray((np.abs(x) <= limit) & (np.abs(y) <= limit) & (np.abs(z) <= limit))
+        return _finite(self.positions)
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -232,8 +232,14 @@ def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.fl
     return _float32(np.subtract(world, origin, dtype=np.float64) if origin.any() else world)
 
 
+def _finite(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    x, y, z = positions.T
+    limit = np.float32(FARTHEST)
+    return np.asarray((np.abs(x) <= limit) & (np.abs(y) <= limit) & (np.abs(z) <= limit))
+
+
 def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.float64]:
-    """Zero, unless float32 about zero is too coarse for the spacing of the points.
+    """Zero, unless float32 about zero is too coarse for the spacing of the points, or for the digits of doubles.
 
     count : the number of points, if only some of them are given
     """
@@ -244,8 +250,9 @@ def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.f
     # The inner 96%, as a stray point (often at 0, 0, 0) must not decide the size of the model.
     low, high = np.quantile(rows, [0.02, 0.98], axis=0)
     spacing = _spacing(high - low, count or len(world))
-    rounding = np.maximum(-low, high).max() * 2.0**-24
-    if rounding <= 1e-4 * spacing:
+    distance = np.maximum(-low, high).max()
+    is_exact = (rows.astype(np.float32) == rows).all()  # as they are; about an origin they may lose their last bit
+    if distance * 2.0**-24 <= 1e-4 * spacing and (is_exact or distance <= FAR * (high - low).max()):
         return np.zeros(3)
     step = 10.0 ** np.floor(np.log10(max((high - low).max(), spacing)))
     return np.asarray(np.round((low + high) / 2 / step) * step)

@@ -128,17 +128,10 @@ class Thinning:
             self._step *= 2
             thinner, start = [], 0
             for chunk in chunks:
-                thinner.append(_copied(chunk.select(slice(start % 2, None, 2))))
+                thinner.append(chunk.select(slice(start % 2, None, 2)))
                 start += len(chunk.positions)
             chunks, self._kept = thinner, -(-start // 2)
         return chunks
-
-
-def _copied(chunk: Chunk) -> Chunk:
-    """The chunk with arrays of its own, so that larger ones become free."""
-    normals, colors = (None if a is None else a.copy() for a in (chunk.normals, chunk.colors))
-    attributes = {name: values.copy() for name, values in chunk.attributes.items()}
-    return Chunk(chunk.positions.copy(), normals, colors, attributes, chunk.share)
 
 
 def _column(chunk: Chunk, name: str) -> NDArray[Any]:

@@ -32,7 +32,7 @@ class Roles(NamedTuple):
     colors: tuple[str, ...]
 
     def chunk(self, columns: Mapping[str, NDArray[Any]], share: float) -> Chunk:
-        """Columns, (m,) or (m, k) arrays, as a chunk with contiguous arrays of its own."""
+        """Columns, (m,) or (m, k) arrays, as a chunk with contiguous arrays."""
         taken = {name for names in self for name in names}
         attributes = {name: own(column) for name, column in columns.items() if name not in taken}
         positions, normals, colors = (
@@ -75,8 +75,8 @@ def roles_of(types: Mapping[str, tuple[np.dtype[Any], int]]) -> Roles:
 
 
 def own(column: NDArray[Any]) -> NDArray[Any]:
-    """A contiguous copy in the machine's byte order."""
-    return np.array(column, column.dtype.newbyteorder("="), order="C")
+    """A contiguous array in the machine's byte order: the column itself if it is one."""
+    return np.asarray(column, column.dtype.newbyteorder("="), order="C")
 
 
 def stack(columns: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
@@ -85,7 +85,7 @@ def stack(columns: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
     if dtype.kind == "f" and dtype.itemsize not in (4, 8):
         dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)
     if len(columns) == 1:
-        return np.array(columns[0][:, :3], dtype, order="C")
+        return np.asarray(columns[0][:, :3], dtype, order="C")
     out = np.empty((len(columns[0]), 3), dtype)
     for k, column in enumerate(columns):
         out[:, k] = column.reshape(len(out))

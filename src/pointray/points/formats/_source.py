@@ -15,7 +15,7 @@ from ...data import Points
 from ...progress import Progress
 from ...survey import Survey
 
-CHUNK = 1 << 20  # rows of a chunk, about
+CHUNK = 1 << 18  # rows of a chunk, about
 HEAD = 1 << 12  # bytes of a file's beginning from which its format is recognised
 NO, MAYBE, SURE = range(3)  # how certain a format recognises a file: by what people call such files, by its contents
 
@@ -48,7 +48,7 @@ class Request(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Some rows of a file. All chunks of a file have the same columns, with the same dtypes.
+    """Some rows of a file. All chunks of a file have the same columns; only text may need wider dtypes in later ones.
 
     Attributes
     ----------
@@ -68,13 +68,23 @@ class Chunk(NamedTuple):
     attributes: Mapping[str, NDArray[Any]] = {}
     share: float = 1.0
 
+    @property
+    def columns(self) -> list[NDArray[Any]]:
+        """All columns that are there, in the order of `each`."""
+        there = [column for column in (self.positions, self.normals, self.colors) if column is not None]
+        return [*there, *self.attributes.values()]
+
     def select(self, rows: NDArray[Any] | slice) -> Chunk:
-        """The same columns of fewer rows."""
+        """The same columns of fewer rows, in arrays of their own, so that larger ones become free."""
+        return self.each(lambda column: column[rows].copy() if isinstance(rows, slice) else column[rows])
+
+    def each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Chunk:
+        """The same columns, each of them changed."""
         return Chunk(
-            self.positions[rows],
-            None if self.normals is None else self.normals[rows],
-            None if self.colors is None else self.colors[rows],
-            {name: values[rows] for name, values in self.attributes.items()},
+            change(self.positions),
+            None if self.normals is None else change(self.normals),
+            None if self.colors is None else change(self.colors),
+            {name: change(values) for name, values in self.attributes.items()},
             self.share,
         )
 

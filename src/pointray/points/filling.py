@@ -1,0 +1,57 @@
+"""Filling: the chunks of a file whose number of rows is known go into arrays that are made once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .formats._source import Chunk
+
+
+class Filling:
+    """Arrays for all rows of a file, filled by its chunks: these are free again while they lie in the cache.
+
+    Parameters
+    ----------
+    count : int
+        How many rows come at most; memory is taken as they do.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count, self._done = count, 0
+        self._whole: Chunk | None = None
+
+    def add(self, chunk: Chunk) -> None:
+        """Take the next rows."""
+        n = len(chunk.positions)
+        if self._whole is None:
+            self._whole = chunk if n == self._count else chunk.each(self._room)
+        if self._whole is not chunk:
+            self._put(chunk, slice(self._done, self._done + n))
+        self._done += n
+
+    @property
+    def chunks(self) -> list[Chunk]:
+        """All rows as one chunk; none before the first."""
+        if self._whole is None:
+            return []
+        return [self._whole if self._done == self._count else self._whole.select(slice(self._done))]
+
+    def _room(self, column: NDArray[Any]) -> NDArray[Any]:
+        """An array like a column, for all rows."""
+        return np.empty((self._count, *column.shape[1:]), column.dtype.newbyteorder("="))
+
+    def _put(self, chunk: Chunk, rows: slice) -> None:
+        assert self._whole is not None
+        assert list(chunk.attributes) == list(self._whole.attributes)
+        columns = iter(chunk.columns)
+
+        def put(into: NDArray[Any]) -> NDArray[Any]:
+            column = next(columns)
+            into = into.astype(np.result_type(into, column), copy=False)  # later text may have the first fraction
+            into[rows] = column
+            return into
+
+        self._whole = self._whole.each(put)
