@@ -53,6 +53,8 @@ def test_transparent_splats_are_left_out(tmp_path):
     for opacity in (0.1, 0.5, 0.9):
         check(read(path, opacity=opacity), made, made.alpha >= opacity)
     check(read(path), made, made.alpha >= 0.1)
+    with pytest.warns(UserWarning, match=f"^[^ ]*{(made.alpha < 0.5).sum()} of 300 splats are left out, as their opac"):
+        read(path, opacity=0.5)
     with pytest.raises(ValueError, match=r"none of its 300 splats has an opacity of 1: the greatest is 0\.99"):
         read(path, opacity=1)
 

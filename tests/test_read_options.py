@@ -59,6 +59,7 @@ def test_texts_become_arguments():
         ("--keep classification=2,3", 240),
         ("--keep classification=2 --keep classification=3 --drop classification=3", 120),
         ("--drop classification=0,1,2,3", 120),
+        ("--keep classification=ground,3,medium-Vegetation", 360),
         ("--bounds=-2,-2,-2,2,2,2", 600),
     ],
 )
@@ -83,7 +84,8 @@ def test_a_box(folder, capsys):
         ("--bounds 1,0,0,0,1,1", "--bounds must be x0,y0,z0,x1,y1,z1, the least ones first"),
         ("--keep classification", "--keep must be like classification=2,6, not 'classification'"),
         ("--keep =2", "--keep must be like classification=2,6"),
-        ("--drop classification=ground", "--drop must be like classification=2,6, not 'ground'"),
+        ("--drop classification=hill", "--drop must be like classification=2,6, or the name of a class: never-cl"),
+        ("--drop return=ground", "--drop must be like return=2,6, not 'ground'"),
         ("--columns x,y", "--columns must name z once"),
         ("--columns x,,z", "--columns must be names"),
         ("--resolution 0", "--resolution must be a positive number"),

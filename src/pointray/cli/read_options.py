@@ -80,11 +80,13 @@ BoundsOption = Annotated[
 ]
 KeepOption = Annotated[
     list[str] | None,
-    typer.Option(help="Only points with these values, like classification=2,6; repeatable.", rich_help_panel=PANEL),
+    typer.Option(
+        help="Only points with these values, like classification=ground,6; repeatable.", rich_help_panel=PANEL
+    ),
 ]
 DropOption = Annotated[
     list[str] | None,
-    typer.Option(help="No points with these values, like classification=7,18; repeatable.", rich_help_panel=PANEL),
+    typer.Option(help="No points with these values, like classification=low-noise,18.", rich_help_panel=PANEL),
 ]
 ResolutionOption = Annotated[
     float | None,
@@ -176,9 +178,24 @@ def _choices(texts: list[str], name: str) -> dict[str, tuple[float, ...]] | None
         attribute, _, values = text.rpartition("=")
         if not attribute:
             raise ValueError(f"{name} must be like classification=2,6, not {text!r}")
-        numbers = _numbers(values, name, f"like {attribute}=2,6")
+        numbers = tuple(x for value in values.split(",") for x in _value(value.strip(), attribute, name))
         found[attribute] = tuple(dict.fromkeys((*found.get(attribute, ()), *numbers)))
     return found or None
+
+
+def _value(text: str, attribute: str, name: str) -> tuple[float, ...]:
+    """One value: a number, or the name of a class of LAS."""
+    if not text or text[0] in "+-." or text[0].isdigit():
+        return _numbers(text, name, f"like {attribute}=2,6")
+    from ..shade.attributes import ASPRS, is_classification
+
+    names = (
+        {label.replace(" ", "-"): code for code, (label, _) in ASPRS.items()} if is_classification(attribute) else {}
+    )
+    if text.lower().replace(" ", "-") not in names:
+        known = f", or the name of a class: {', '.join(names)}" if names else ""
+        raise ValueError(f"{name} must be like {attribute}=2,6{known}, not {text!r}")
+    return (float(names[text.lower().replace(" ", "-")]),)
 
 
 def _as_option(message: str) -> str:

@@ -5,6 +5,7 @@ A trained scene holds many splats that are hardly seen: haze, and what makes edg
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -86,6 +87,10 @@ def opaque_chunks(
         raise ValueError(
             f"none of its {seen:,} splats has an opacity of {opacity:g}: the greatest is {greatest:g}; "
             "a lower threshold keeps more"
+        )
+    if kept < seen:
+        warnings.warn(
+            f"{seen - kept:,} of {seen:,} splats are left out, as their opacity is below {opacity:g}", stacklevel=2
         )
 
 
