@@ -56,6 +56,7 @@ _HOME = {
     "read": "points",
     "render": "rendering.picture",
     "render_layers": "rendering.layers",
+    "smooth": "points.smoothing.smooth",
     "studio": "staging.studio",
     "subsample": "splats.subsample",
     "transform": "scene.transforms",
@@ -87,6 +88,7 @@ if TYPE_CHECKING:
     from .points.cleaning import clean as clean
     from .points.cleaning import find_flaws as find_flaws
     from .points.known_formats import formats as formats
+    from .points.smoothing.smooth import smooth as smooth
     from .rendering.camera import Camera as Camera
     from .rendering.camera_path import fly as fly
     from .rendering.camera_path import turntable as turntable

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from .arguments import check_callback, check_choice, check_number, check_path, check_positive, check_whole
 from .choices import SURFACES
 from .data import FARTHEST, Points
-from .kernels.tree import NODE, WIDTH, Tree
+from .kernels.tree import BLOCK, NODE, WIDTH, Tree
 from .memory import check_memory
 from .model_file import Part, read_model, write_model
-from .points.normals import estimate as point_normals
+from .points.smoothing.smooth import check_sigma, smooth_model
 from .progress import Progress
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, THIN, coarsen
 from .splats.radii import check_radii
@@ -60,6 +60,10 @@ class Model:
         open border, so that no skirt grows. None: the paper.
     radius_scale : float
         Factor for all radii.
+    smooth : "auto" or float
+        Standard deviation of the points' noise, in their unit: splats lie on the surface that noisy points and their
+        neighbours show (`pr.smooth`). "auto": measured, place by place; 0: where the points are. Rows, attributes and
+        `points` stay as given.
     progress : callable, optional
         Called with the stage's name and the share done.
 
@@ -80,6 +84,7 @@ class Model:
         refine: int = 1,
         trim: str | float | None = "auto",
         radius_scale: float = 1.0,
+        smooth: str | float = "auto",
         progress: Callable[[str, float], None] | None = None,
     ) -> None:
         check_callback(progress)
@@ -89,6 +94,7 @@ class Model:
         self.surface = self.settings.surface
         scale = check_positive(radius_scale, "radius_scale")
         given = None if radii is None else check_radii(radii, len(self.points))
+        self.smooth = check_sigma(smooth, "smooth")
         say = progress or (lambda stage, share: None)
         self.levels: tuple[Model, ...] = ()
         _check_memory(len(self.points))
@@ -111,8 +117,9 @@ class Model:
             )
         cloud = self.points.select(used) if lost else self.points
         say("normals", 0.0)
-        # Averaged normals are not mended: neighbours on a thin body may face opposite sides.
-        normals = _unit_normals(cloud, partial(say, "normals")) if within is None else np.asarray(cloud.normals)
+        if within is None:  # averaged normals are not mended: neighbours on a thin body may face opposite sides
+            cloud = _smoothed(cloud, self.smooth, partial(say, "normals"))
+        normals = np.asarray(cloud.normals)
         say("radii", 0.0)
         automatic = self.settings.overhang < np.inf
         support = find_support(
@@ -139,7 +146,7 @@ class Model:
             support.crowded,
         )
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
-        self._bounds = cloud.bounds
+        self._bounds = self.points.bounds
 
     def save(self, path: str | os.PathLike[str], progress: Callable[[float], None] | None = None) -> None:
         """Write the model, its tree and its levels of detail to a file that `load` maps.
@@ -161,7 +168,9 @@ class Model:
         write_model(path, [model._part() for model in (self, *self.levels)], progress or (lambda share: None))
 
     def _part(self) -> Part:
-        return Part(self.settings._asdict(), self.points, self.radii, self._bounds, self.tree)
+        return Part(
+            {**self.settings._asdict(), "smooth": self.smooth}, self.points, self.radii, self._bounds, self.tree
+        )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Model:
@@ -188,7 +197,9 @@ class Model:
     @classmethod
     def _restore(cls, part: Part) -> Model:
         model = cls.__new__(cls)
-        model.settings = _settings_of(part.settings)
+        settings = dict(part.settings)
+        model.smooth = check_sigma(settings.pop("smooth", 0.0), "smooth")
+        model.settings = _settings_of(settings)
         model.points, model.radii, model._bounds, model.tree = part.points, part.radii, part.bounds, part.tree
         model.surface, model.levels = model.settings.surface, ()
         return model
@@ -207,10 +218,8 @@ class Model:
         """
         check_callback(progress)
         say = progress or (lambda stage, share: None)
-        used = self.points.finite & (self.radii > 0)
-        cloud = self.points.select(used)
-        cloud = cloud.with_normals(_unit_normals(cloud))
-        radii, levels = self.radii[used], []
+        cloud, rows = self.splats
+        radii, levels = self.radii[rows], []
         spacing = float(np.median(radii))
         while True:
             spacing *= COARSER
@@ -226,7 +235,7 @@ class Model:
     def _level(cls, points: Points, within: tuple[float, NDArray[np.float32]]) -> Model:
         """A level of detail. Its supports have limits: isolated points stay about as small as they were."""
         model = cls.__new__(cls)
-        model.points, model.surface, model.levels = points, "paper", ()
+        model.points, model.surface, model.levels, model.smooth = points, "paper", (), 0.0
         model.settings = _check_settings(model.surface, LEVEL_SAMPLES, 1, "auto")
         model._build(None, 1.0, within, lambda stage, share: None)
         return model
@@ -239,6 +248,23 @@ class Model:
     def bounds(self) -> NDArray[np.float64]:
         """Least and greatest world coordinates of the points, (2, 3) float64."""
         return self._bounds.copy()
+
+    @property
+    def splats(self) -> tuple[Points, NDArray[np.int64]]:
+        """The points as rays meet them: moved where they are noisy, with unit normals. New arrays.
+
+        Returns
+        -------
+        points : Points
+        rows : (m,) int64
+            The row of each in `points`, ascending.
+        """
+        order = self.tree.order.reshape(-1)
+        at = np.flatnonzero(order >= 0)
+        at = at[np.argsort(order[at])]
+        rows = order[at].astype(np.int64)
+        table = self.tree.blocks.reshape(-1, BLOCK // 4, 4).transpose(0, 2, 1).reshape(-1, BLOCK // 4)[at]
+        return self.points.select(rows).changed(positions=table[:, :3], normals=table[:, 3:6]), rows
 
     @cached_property
     def reach(self) -> NDArray[np.float64]:
@@ -278,17 +304,12 @@ def _points_of(positions: ArrayLike) -> Points:
         raise ValueError(f"points: {error}") from None
 
 
-def _unit_normals(points: Points, progress: Progress | None = None) -> NDArray[np.float32]:
-    """Unit normals: the points' own where they have them, repaired or estimated where not."""
-    if points.normals is None:
-        normals = point_normals.estimate_normals(points, progress=progress).normals
-        assert normals is not None
-        return normals
-    mended, message = point_normals.mend_normals(points, progress)
+def _smoothed(points: Points, sigma: str | float, progress: Progress | None = None) -> Points:
+    """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy."""
+    smoothed, message = smooth_model(points, sigma, progress)
     if message:
         warnings.warn(message, stacklevel=4)
-    assert mended.normals is not None
-    return mended.normals
+    return smoothed
 
 
 def _check_memory(count: int) -> None:

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points
-from ..model import Model, _unit_normals
+from ..model import Model
 from ..neighbors import distinct, neighbors
 from ..points.cleaning import Flaws, find_flaws
 from ..points.nearby import rows_around
 from ..points.normals.given import compare_normals
 from ..points.rounding import find_rounding
+from ..points.smoothing.smooth import smooth_model
 from ..points.trust import told
 from ..progress import Progress, part_of, tell
 from ..splats.radii import radii_in
@@ -104,9 +105,14 @@ def _count_lone(points: Points, finite: Positions, progress: Progress | None) ->
     if radii_in(points) is not None or len(distinct(finite)[0]) < 2:
         return 0
     cloud = points if len(finite) == len(points) else points.select(points.finite)
-    normals = _unit_normals(cloud, part_of(progress, 0.0, 0.5))
+    smoothed, _ = smooth_model(cloud, "auto", part_of(progress, 0.0, 0.5))
+    assert smoothed.normals is not None
     rest = part_of(progress, 0.5, 1.0)
-    return int(find_support(finite, normals, None, 1.0, borders=False, sheets=False, progress=rest).lone.sum())
+    return int(
+        find_support(
+            smoothed.positions, smoothed.normals, None, 1.0, borders=False, sheets=False, progress=rest
+        ).lone.sum()
+    )
 
 
 def describe_model(model: Model) -> dict[str, Any]:

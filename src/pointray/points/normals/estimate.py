@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from ...data import Points
 from ...neighbors import distinct, morton_order, neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
 from .checks import agreement_share, looks_inward
-from .jets import fit_normals
+from .jets import Fits, fit_normals
 from .orientation import NEAR, orient
 from .sheets import part_sheets
 from .stations import check_eyes, eyes_of, faced, is_known, settle_unknown
@@ -24,6 +26,7 @@ DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are r
 FITTED, ORIENTED = 0.7, 0.8  # shares of the time after which normals are fitted, and oriented
 
 Floats = NDArray[np.float32]
+Fitting = Callable[[Floats, int, Floats | None, Progress | None], Fits]  # of positions, kept, eye: see `fit_normals`
 
 
 def estimate_normals(
@@ -72,25 +75,34 @@ def estimate_normals(
     check_callback(progress)
     if neighbors is not None:
         neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))
+    return with_fits(points, partial(fit_normals, neighbors=neighbors), viewpoint, progress)
+
+
+def with_fits(
+    points: Points, fit: Fitting, viewpoint: ArrayLike | None = None, progress: Progress | None = None
+) -> Points:
+    """The points with what is fitted to their neighbours; normals get signs like those of `estimate_normals`."""
     eyes = eyes_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
-    path, ids, rows = _path(points)
+    path, ids, rows = along_path(points)
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
     eye = None if eyes is None else _seen_from(points, eyes, rows)
     known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye)
+    watch = progress if known.all() else part_of(progress, 0.0, FITTED)
+    found = fit(path, 1 if known.all() else NEAR, eye, watch)
     if not known.any():
-        unit, near, residuals = fit_normals(path, neighbors, NEAR, progress=part_of(progress, 0.0, FITTED))
-        unit *= orient(path, unit, near)[:, None]
+        found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
         tell(progress, ORIENTED)
-        part_sheets(path, unit, near, residuals)
-    elif known.all():
-        unit, _, _ = fit_normals(path, neighbors, 1, eye, progress)
-    else:
-        unit, near, _ = fit_normals(path, neighbors, NEAR, eye, part_of(progress, 0.0, FITTED))
-        settle_unknown(path, unit, near, known)
+        part_sheets(found.positions, found.normals, found.near, found.residuals)
+    elif not known.all():
+        settle_unknown(found.positions, found.normals, found.near, known)
     normals = np.zeros_like(points.positions)
-    normals[points.finite] = unit[ids]
-    return points.with_normals(normals)
+    normals[points.finite] = found.normals[ids]
+    if found.positions is path:
+        return points.with_normals(normals)
+    positions = points.positions.copy()
+    positions[points.finite] = found.positions[ids]
+    return points.changed(positions=positions, normals=normals)
 
 
 def _seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int64]) -> Floats:
@@ -99,7 +111,7 @@ def _seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int64
     return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
 
 
-def _path(points: Points) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+def along_path(points: Points) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
     """The distinct positions of the finite rows along a Morton curve, the number of each row's, the first row of each.
 
     The second has an entry for each finite row.
@@ -180,7 +192,7 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None) ->
         out = unit.copy()
         out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
         return out
-    path, ids, first = _path(points)
+    path, ids, first = along_path(points)
     finite = np.flatnonzero(points.finite)
     directions = unit[first]
     near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])

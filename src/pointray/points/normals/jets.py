@@ -10,7 +10,7 @@ fits, where there is no detail.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +99,18 @@ def _variance(m: Array) -> float:
 
 
 @inline
+def height_variance(m: Array) -> float:
+    """The same of the height over the point: the first entry of the inverse normal matrix."""
+    y0 = 1.0 / m[0, 0]
+    y1 = -m[1, 0] * y0 / m[1, 1]
+    y2 = -(m[2, 0] * y0 + m[2, 1] * y1) / m[2, 2]
+    y3 = -(m[3, 0] * y0 + m[3, 1] * y1 + m[3, 2] * y2) / m[3, 3]
+    y4 = -(m[4, 0] * y0 + m[4, 1] * y1 + m[4, 2] * y2 + m[4, 3] * y3) / m[4, 4]
+    y5 = -(m[5, 0] * y0 + m[5, 1] * y1 + m[5, 2] * y2 + m[5, 3] * y3 + m[5, 4] * y4) / m[5, 5]
+    return y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3 + y4 * y4 + y5 * y5
+
+
+@inline
 def _slimness(a: Array) -> float:
     """The second largest number on the diagonal over the largest."""
     low, high = min(a[0, 0], a[1, 1]), max(a[0, 0], a[1, 1])
@@ -106,7 +118,7 @@ def _slimness(a: Array) -> float:
 
 
 @routine
-def _jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, float]:
+def jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, float]:
     """Normal, residual (in d's unit) and the slope's variance for unit residuals, of the quadric through k points.
 
     The first fit has weights by distance; in the second, points far off the first fit count less.
@@ -148,6 +160,35 @@ def _jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, fl
     return (g0 / length, g1 / length, g2 / length), farthest * math.sqrt(square), variance
 
 
+@routine
+def height(d: Array, k: int, memory: Memory) -> tuple[float, float]:
+    """The height of the quadric that `jet` has just fitted over the origin of d, along the plane's normal, in d's unit.
+
+    The second number is its variance for unit noise.
+    """
+    w, _, _, x, m, _, _ = memory
+    farthest = math.sqrt(d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
+    total = squares = 0.0
+    for j in range(k):
+        total += w[j]
+        squares += w[j] * w[j]
+    return farthest * x[0], height_variance(m) * squares / total
+
+
+@inline
+def jet_memory(most: int) -> Memory:
+    """Memory for fits to at most so many points."""
+    return (
+        np.empty(most),
+        np.empty(most),
+        np.empty((most, TERMS + 1)),
+        np.empty(TERMS),
+        np.zeros((TERMS, TERMS)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+    )
+
+
 @kernel
 def _fit(
     work: Array, positions: Array, rows: Array, near: Array, sizes: Array, noise: float, out: Array, residuals: Array
@@ -158,15 +199,7 @@ def _fit(
     """
     positions, near, out, most = borrow(positions), borrow(near), borrow(out), near.shape[1]
     d = np.empty((most, 3))
-    memory = (
-        np.empty(most),
-        np.empty(most),
-        np.empty((most, TERMS + 1)),
-        np.empty(TERMS),
-        np.zeros((TERMS, TERMS)),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-    )
+    memory = jet_memory(most)
     tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
@@ -176,7 +209,7 @@ def _fit(
             spacing = math.sqrt((d[most - 1, 0] ** 2 + d[most - 1, 1] ** 2 + d[most - 1, 2] ** 2) / most)
             least, settled = np.inf, False
             for k in sizes:
-                n, residual, variance = _jet(d, k, SLIM if k < sizes[-1] else LINE, memory)
+                n, residual, variance = jet(d, k, SLIM if k < sizes[-1] else LINE, memory)
                 if not settled:
                     out[i, 3], out[i, 4], out[i, 5] = least_axis(memory[5], memory[6])
                     settled = k >= SIZES[1] and variance < SLIM_VARIANCE
@@ -201,6 +234,13 @@ def _fit_rows(
     return out, residuals
 
 
+def fit_residuals(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], k: int) -> NDArray[np.float64]:
+    """Root mean squares of the residuals of fits to k of the neighbours, (m,) in the unit; NaN for points on a line."""
+    spacing = np.linalg.norm(positions[near[:, -1]].astype(np.float64) - positions[rows], axis=1)
+    _, residuals = _fit_rows(positions, rows, near, [k], 0.0)
+    return np.asarray(residuals * spacing / math.sqrt(near.shape[1]), np.float64)
+
+
 def _survey(positions: Floats) -> tuple[float, int]:
     """The noise, and the largest size to choose from: where scan lines lie far apart, few points form a line.
 
@@ -220,21 +260,39 @@ def _survey(positions: Floats) -> tuple[float, int]:
     return noise, SIZES[1] if size == NOISE_SIZES[0] and noise <= CLEAN else max(size, SIZES[2])
 
 
+class Fits(NamedTuple):
+    """What is fitted to the neighbours of points that are all different and lie along a Morton curve.
+
+    Attributes
+    ----------
+    positions : (n, 3) float32
+    normals : (n, 3) float32
+        Of unit length.
+    near : (n, k) int32
+        The nearest neighbours, which signs may pass to, the point itself first.
+    residuals : (n,) float32
+        Residuals of the smallest fits, in spacings; NaN for fits to points on a line.
+    """
+
+    positions: Floats
+    normals: Floats
+    near: NDArray[np.int32]
+    residuals: Floats
+
+
 def fit_normals(
     positions: Floats,
-    neighbors: int | None,
     kept: int,
     eye: Floats | None = None,
     progress: Progress | None = None,
-) -> tuple[Floats, NDArray[np.int32], Floats]:
-    """Unit normals, the nearest neighbours that signs may pass to, and the residuals of the fits.
+    neighbors: int | None = None,
+) -> Fits:
+    """Unit normals of quadrics through the nearest neighbours.
 
     Parameters
     ----------
     positions : (n, 3) float32
         All different, along a Morton curve.
-    neighbors : int or None
-        None: the best of `SIZES` for each point.
     kept : int
         Number of neighbours to return, the point itself first.
     eye : (3,) or (n, 3) float32, optional
@@ -242,13 +300,8 @@ def fit_normals(
         normals of either sign. The plane tilts less: on exact pipes scanned with noise, 0.08% of the quadrics' normals
         turned to the eye themselves were flipped, and 0.009% of those turned with the plane.
     progress : callable, optional
-
-    Returns
-    -------
-    normals : (n, 3) float32
-    near : (n, min(kept, n)) int32
-    residuals : (n,) float32
-        Residuals of the smallest fits, in spacings; NaN for fits to points on a line.
+    neighbors : int, optional
+        How many a quadric is fitted to. None: the best of `SIZES` for each point.
     """
     n = len(positions)
     noise, most = _survey(positions) if neighbors is None else (0.0, 0)
@@ -263,9 +316,12 @@ def fit_normals(
         fits, residuals[part] = _fit_rows(positions, rows, table, sizes, noise)
         normals[part] = fits[:, :3]
         if eye is not None:
-            planes = fits[:, 3:]
-            away = (eye if eye.ndim == 1 else eye[part]) - positions[part]
-            view = np.einsum("ij,ij->i", planes, away) * np.einsum("ij,ij->i", planes, normals[part])
-            normals[part][view < 0] *= -1
+            turn(normals[part], fits[:, 3:], (eye if eye.ndim == 1 else eye[part]) - positions[part])
         near[part] = found[:, : near.shape[1]]
-    return normals, near, residuals
+    return Fits(positions, normals, near, residuals)
+
+
+def turn(normals: Floats, planes: Floats, away: Floats) -> None:
+    """Turn normals, (n, 3), so that they agree with planes that face the directions `away`; NaN: as they are."""
+    view = np.einsum("ij,ij->i", planes, away) * np.einsum("ij,ij->i", planes, normals)
+    normals[view < 0] *= -1

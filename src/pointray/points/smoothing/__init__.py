@@ -1,0 +1,8 @@
+"""Noisy points -> points on the surface that they were measured from; clean points stay as they are.
+
+smooth : all steps on one page
+noise : how far points lie off their surface, place by place
+fit : the surface beside each point
+
+Begin with smooth.
+"""

@@ -1,0 +1,178 @@
+"""Smoothing: noisy points are moved onto the surface that their neighbours show; clean ones stay where they are."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import check_callback, check_kind, check_number
+from ...data import Points
+from ...neighbors import neighbor_chunks
+from ...progress import Progress, part_of, tell
+from ..normals.estimate import along_path, mend_normals, with_fits
+from ..normals.jets import Fits, fit_normals, turn
+from .fit import SIZES, fit_surface
+from .noise import noise_along
+
+Floats = NDArray[np.float32]
+
+STAYS, MOVES = 0.06, 0.09  # noise in spacings up to which points stay, and from which they move all the way
+SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
+SURVEYED = 0.1  # share of the time after which the noise is known
+
+
+def smooth(points: Points, sigma: str | float = "auto", progress: Progress | None = None) -> Points:
+    """Points moved onto the surface that their neighbours show, as far as they are noisy, with the normals there.
+
+    A quadric is fitted to each noisy point's 16 to 64 nearest neighbours, by the noise and the detail of the place, and
+    the point moves along its normal. Edges move by a fraction of the noise. Clean points stay as they are, to the bit.
+
+    Parameters
+    ----------
+    points : Points
+        Their normals, where they have some, tell the sides: neighbours that face the opposite side do not count.
+    sigma : "auto" or float
+        Standard deviation of the noise, in the points' unit. "auto": it is measured, place by place; where it is less
+        than some tenth of the spacing points stay. 0: all stay.
+    progress : callable, optional
+        Called with the share done.
+
+    Returns
+    -------
+    Points
+        The same rows with other positions and normals; colours and attributes are shared. If no point is noisy,
+        `points` itself.
+
+    Raises
+    ------
+    ValueError
+        If sigma is neither "auto" nor a finite number from 0, or there are fewer than three different positions.
+
+    References
+    ----------
+    Cazals, Pouget: Estimating differential quantities using polynomial fitting of osculating jets (2003).
+    Mitra, Nguyen: Estimating surface normals in noisy point cloud data (2003).
+    """
+    check_kind(points, "points", Points, "Points")
+    check_callback(progress)
+    sigma = check_sigma(sigma, "sigma")
+    if sigma == 0.0:
+        return points
+    if points.normals is not None:
+        mended, _ = mend_normals(points)
+        found = smooth_known(mended, sigma, progress)
+        return points if found is mended else found
+    fitting = Fitting(sigma)
+    found = with_fits(points, fitting.fit, progress=progress)
+    return found if fitting.is_noisy else points
+
+
+def smooth_model(points: Points, sigma: str | float, progress: Progress | None = None) -> tuple[Points, str | None]:
+    """What a model is made of: points with unit normals, moved where they are noisy, and what `mend_normals` says."""
+    if points.normals is None:
+        return with_fits(points, Fitting(sigma).fit, progress=progress), None
+    mended, said = mend_normals(points, progress)
+    return smooth_known(mended, sigma, progress), said
+
+
+def check_sigma(value: object, name: str) -> str | float:
+    """ "auto", or a number from 0."""
+    if isinstance(value, str) and value == "auto":
+        return value
+    return check_number(value, name, "'auto' or a finite number from 0", lambda x: 0 <= x < math.inf)
+
+
+class Fitting:
+    """Fits for `with_fits` that move noisy points.
+
+    Parameters
+    ----------
+    sigma : "auto" or float
+
+    Attributes
+    ----------
+    is_noisy : bool
+        Whether any point was.
+    """
+
+    def __init__(self, sigma: str | float) -> None:
+        self._sigma, self.is_noisy = sigma, False
+
+    def fit(self, path: Floats, kept: int, eye: Floats | None = None, progress: Progress | None = None) -> Fits:
+        """Like `fit_normals`; positions are the moved ones."""
+        noise = _noise_of(path, self._sigma)
+        tell(progress, SURVEYED)
+        left = part_of(progress, SURVEYED, 1.0)
+        if noise is None:
+            return fit_normals(path, kept, eye, left)
+        self.is_noisy = True
+        n = len(path)
+        moved, normals = path.copy(), np.zeros_like(path)
+        near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
+        for part, found in neighbor_chunks(path, max(SIZES[-1], kept), left):
+            rows = np.arange(part.start, part.start + len(found))
+            table = np.ascontiguousarray(found[:, : SIZES[-1]])
+            shifts, normals[part], planes = fit_surface(path, rows, table, None, noise[part])
+            share, spacing = _shares(path, rows, table, noise[part], self._sigma)
+            moved[part] += share * shifts
+            residuals[part] = noise[part] / spacing
+            if eye is not None:
+                turn(normals[part], planes, (eye if eye.ndim == 1 else eye[part]) - moved[part])
+            near[part] = found[:, : near.shape[1]]
+        return Fits(moved, normals, near, residuals)
+
+
+def smooth_known(points: Points, sigma: str | float, progress: Progress | None = None) -> Points:
+    """`smooth` for points with unit normals, whose sides the moved points' normals keep."""
+    if sigma == 0.0:
+        return points
+    path, ids, rows = along_path(points)
+    assert points.normals is not None
+    known = points.normals[rows]
+    noise = _noise_of(path, sigma, known)
+    if noise is None:
+        return points
+    moved, turned = path.copy(), known.copy()
+    for part, found in neighbor_chunks(path, SIZES[-1], part_of(progress, SURVEYED, 1.0)):
+        rows = np.arange(part.start, part.start + len(found))
+        share, _ = _shares(path, rows, found, noise[part], sigma)
+        some = np.flatnonzero(share[:, 0] > 0)
+        shifts, normals, _ = fit_surface(path, rows[some], found[some], known, noise[part][some])
+        moved[part][some] += share[some] * shifts
+        turned[part][some] = _blended(known[part][some], normals, share[some])
+    finite = points.finite
+    positions, out = points.positions.copy(), points.normals.copy()
+    positions[finite], out[finite] = moved[ids], turned[ids]
+    return points.changed(positions=positions, normals=out)
+
+
+def _noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> Floats | None:
+    """The noise of each point, (n,); None if none is worth a move."""
+    if len(path) < SIZES[0] or sigma == 0.0:
+        return None
+    if not isinstance(sigma, str):
+        return np.full(len(path), sigma, np.float32)
+    noise, spacing = noise_along(path, normals)
+    return noise if (noise > STAYS * spacing).any() else None
+
+
+def _shares(
+    path: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, sigma: str | float
+) -> tuple[Floats, Floats]:
+    """How much of its way to the surface each point goes, (m, 1), and the spacing around it, (m,)."""
+    k = min(SIZES[0], near.shape[1]) - 1
+    spacing = SPACING * np.linalg.norm(path[near[:, k]] - path[rows], axis=1)
+    if not isinstance(sigma, str):
+        return np.ones((len(rows), 1), np.float32), spacing
+    share = (noise / np.maximum(spacing, 1e-30) - STAYS) / (MOVES - STAYS)
+    return np.clip(share, 0.0, 1.0).astype(np.float32)[:, None], spacing
+
+
+def _blended(known: Floats, fitted: Floats, share: Floats) -> Floats:
+    """Unit normals between known ones and fitted ones, on the side of the known ones, (m, 3)."""
+    same = np.sign(np.einsum("ij,ij->i", known, fitted))[:, None]
+    mixed = (1 - share) * known + share * same * fitted
+    length = np.linalg.norm(mixed, axis=1, keepdims=True)
+    return np.where(length > 0, mixed / np.maximum(length, 1e-30), known)
