@@ -16,7 +16,7 @@ SIZES = 16, 32, 64  # neighbours to choose from, the point itself among them; 12
 # confidence that must intersect (Goldenshluger and Nemirovski 1997) were no better: at 0.1 spacings the statue's error
 # is 0.079 with them and 0.064 so, at 1 spacing the dragon's 0.36 and 0.31.
 SEEN, DETAIL = 0.64, 0.15
-WIDE = 3.2  # standard deviations of the noise that a neighbourhood must reach: smaller ones know no direction
+WIDE = 4.0  # standard deviations of the noise that a neighbourhood must reach: smaller ones know no direction
 FEWEST = 6  # neighbours
 CHUNK = 512
 

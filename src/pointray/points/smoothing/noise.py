@@ -2,9 +2,10 @@
 
 Quadrics are fitted to k and to 2 k neighbours of some points. Residuals of noise are as large in both; those of a
 crease grow like the radius, so that their squares double, and those of smooth detail grow faster. So 2 r(k)^2 - r(2k)^2
-is what is left for noise. The median over a stretch of the Morton curve leaves out edges and single points. Points that
-have normals of their own tell more: two points of a sphere, whatever its radius, have no height over the mean of their
-tangent planes. The lesser of both counts, as detail that is finer than the points looks like noise to the first.
+is what is left for noise: at detail it is below zero for many points. A low quantile over a stretch of the Morton curve
+tells them apart. Points that have normals of their own tell more: two points of a sphere, whatever its radius, have no
+height over the mean of their tangent planes; and what is not noise bends the normals. The lesser of both counts, as
+detail that is finer than the points looks like noise to the first.
 """
 
 from __future__ import annotations
@@ -19,13 +20,17 @@ from ..normals.jets import fit_residuals
 
 Floats = NDArray[np.float32]
 
-PAIRS = (16, 32), (32, 64)  # neighbours of the two fits; of much noise the larger fits tell more
-SEEN = 0.64  # the share of the noise's square that the robust fits leave: 0.62 to 0.67 on tori with 0.1 to 0.3 spacings
+FEW, MANY, MOST = 16, 32, 64  # neighbours of the fits; of much noise the larger ones tell more
+MUCH, MORE = 0.02, 4.0  # squares of spacings from which they do, and how much more at most
+# A quantile of 2 r^2 - r^2, and its share of the noise's square on tori. The first of points without normals: with the
+# median detail of the statue of 10,000 points passes for noise of 0.12 spacings.
+QUANTILE, SHOWN = (0.25, 0.5), (0.36, 0.62)
 HEIGHTS = 0.73  # the same of heights: most points lie closer to the surface than the root of their mean square
 SHARE, FEWEST = 32, 20_000  # every so manieth point is examined, but at least so many
-STRETCH = 64  # examined points whose median counts
+STRETCH = 128  # examined points that are taken together
 AROUND = 16  # neighbours that tell the spacing
 BESIDE = 8  # neighbours whose tangent planes are asked
+DETAIL = 0.6  # height, in distance times difference of normals, below which it is detail, which bends normals
 ALIKE = 0.7  # cosine from which their normals may belong to the same smooth piece
 
 
@@ -37,7 +42,7 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
     path : (n, 3) float32
         Positions, all different, along a Morton curve.
     normals : (n, 3) float32, optional
-        Unit normals that were measured or known, of either sign.
+        Unit normals that were measured or known.
 
     Returns
     -------
@@ -47,32 +52,47 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
         The root of the area per point.
     """
     n = len(path)
-    if n < PAIRS[0][1]:
+    if n < MOST:
         return np.zeros(n, np.float32), np.ones(n, np.float32)
     rows = np.arange(0, n, max(min(SHARE, n // FEWEST), 1))
-    stretches = np.arange(0, len(rows), STRETCH)
-    away, near = NeighborTree(path).query(PAIRS[-1][1], path[rows])
-    square = np.zeros(len(stretches))
-    for few, many in PAIRS:
-        if many <= near.shape[1]:
-            small, large = (fit_residuals(path, rows, near, k) for k in (few, many))
-            square = np.maximum(square, _medians(2 * small**2 - large**2) / SEEN)
+    ends = np.linspace(0, len(rows), max(len(rows) // STRETCH, 1) + 1).astype(int)
+    stretches = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
+    away, near = NeighborTree(path).query(MOST, path[rows])
+    spacing = _quantiles(away[:, AROUND - 1].astype(np.float64), stretches) * math.sqrt(math.pi / AROUND)
+    square = _residuals(path, rows, near, stretches, spacing, normals is not None)
     if normals is not None:
-        square = np.minimum(square, _medians(_heights(path, normals, rows, near[:, 1 : 1 + BESIDE])) / HEIGHTS)
-    middles = rows[np.minimum(stretches + STRETCH // 2, len(rows) - 1)]
-    spacing = _medians(away[:, AROUND - 1].astype(np.float64)) * math.sqrt(math.pi / AROUND)
+        heights = _heights(path, normals, rows, near[:, 1 : 1 + BESIDE])
+        square = np.minimum(square, _quantiles(heights, stretches) / HEIGHTS)
+    middles = rows[(ends[:-1] + ends[1:]) // 2]
     noise, spacing = (np.interp(np.arange(n), middles, values) for values in (np.sqrt(square), spacing))
     return noise.astype(np.float32), spacing.astype(np.float32)
 
 
-def _medians(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The median of each stretch, not below zero; zero where too little is known."""
-    padded = np.full(-(-len(values) // STRETCH) * STRETCH, np.nan)
-    padded[: len(values)] = values
-    table = padded.reshape(-1, STRETCH)
-    known = np.isfinite(table).sum(axis=1) >= min(STRETCH, len(values)) // 4
-    table[~known] = 0.0
-    return np.maximum(np.nanmedian(table, axis=1), 0.0)
+def _residuals(
+    path: Floats,
+    rows: NDArray[np.int64],
+    near: NDArray[np.int32],
+    stretches: list[slice],
+    spacing: NDArray[np.float64],
+    has_normals: bool,
+) -> NDArray[np.float64]:
+    """The square of the noise in each stretch, by residuals of fits."""
+    least, middle, most = (fit_residuals(path, rows, near, k) ** 2 for k in (FEW, MANY, MOST))
+    quantile, shown = QUANTILE[has_normals], SHOWN[has_normals]
+    little, much = (_quantiles(x, stretches, quantile) for x in (2 * least - middle, 2 * middle - most))
+    return np.where(little > MUCH * spacing**2, np.maximum(little, np.minimum(much, MORE * little)), little) / shown
+
+
+def _quantiles(values: NDArray[np.float64], stretches: list[slice], q: float = 0.5) -> NDArray[np.float64]:
+    """A quantile of each stretch, not below zero; zero where too little is known."""
+    parts = [values[stretch] for stretch in stretches]
+    known = [part[np.isfinite(part)] for part in parts]
+    return np.array(
+        [
+            max(np.quantile(some, q), 0.0) if 4 * len(some) > len(part) else 0.0
+            for some, part in zip(known, parts, strict=True)
+        ]
+    )
 
 
 def _heights(path: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -80,7 +100,9 @@ def _heights(path: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArr
     own, others = normals[rows][:, None].astype(np.float64), normals[near].astype(np.float64)
     cosine = np.einsum("ijc,ijc->ij", own, others)
     away = path[near].astype(np.float64) - path[rows][:, None]
-    height = np.einsum("ijc,ijc->ij", away, own + np.sign(cosine)[..., None] * others) / 2
-    alike = np.abs(cosine) >= ALIKE
+    height = np.einsum("ijc,ijc->ij", away, own + others) / 2
+    bend = (away**2).sum(axis=2) * 2 * (1 - cosine)  # squares of distance times difference of normals
+    alike = cosine >= ALIKE
     counts = alike.sum(axis=1)
-    return np.where(counts > 0, (height**2 * alike).sum(axis=1) / (2 * np.maximum(counts, 1)), np.nan)
+    square = ((height**2 - DETAIL**2 * bend) * alike).sum(axis=1)
+    return np.where(counts > 0, square / (2 * np.maximum(counts, 1)), np.nan)
