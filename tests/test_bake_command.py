@@ -597,7 +597,7 @@ def viewed(files: list[Path], **options) -> tuple[object, list]:
     typed = {name: value for name, value in options.items() if name in ("bake", "integrator")}
     told = {"up": "auto", "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
     told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False, **options}
-    surface = {"surface": None, "samples": 4, "radius_scale": 1.0}
+    surface = {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
     shared, loader = serve.shared_scene_of(files, Reading(), typed, told, surface)
     stages = []
     shared.subscribe(lambda: stages.append(shared.progress.stage))

@@ -82,7 +82,7 @@ def test_the_viewer_loads_what_it_has_kept(scan, monkeypatch):
     monkeypatch.setattr(loading, "WORTH", 4000)
     monkeypatch.setattr(loading, "COARSE", 2000)
     entry = model_cache.entry_of([scan], {"surface": None})
-    surface = {"surface": None, "samples": 4, "radius_scale": 1.0}
+    surface = {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
 
     def load(leveled=True):
         shared = Shared()

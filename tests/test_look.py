@@ -151,7 +151,7 @@ def viewed(file, *, look=None, quick=True):
     options = {"up": AUTO, "light": look, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
     options |= {"settings": pr.Settings("baked" if quick else "phong"), "bake": None, "quick": quick}
     shared, loader = serve.shared_scene_of(
-        [file], Reading(), {}, options, {"surface": None, "samples": 4, "radius_scale": 1.0}
+        [file], Reading(), {}, options, {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
     )
     shared.load(loader).join(120)
     assert shared.problem == ""

@@ -297,7 +297,7 @@ def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
     if coarse:
         monkeypatch.setattr("pointray.viewer.loading.COARSE", 4_000)
         monkeypatch.setattr("pointray.viewer.loading.WORTH", 8_000)
-    shared, plain = SharedScene("a"), {"surface": None, "samples": 4, "radius_scale": 1.0}
+    shared, plain = SharedScene("a"), {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
     shown: list[pr.Scene] = []
     monkeypatch.setattr(shared, "show", lambda scene, home=None, coarse=False: shown.append(scene))
     for choice in ("auto", "file"):

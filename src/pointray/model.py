@@ -62,8 +62,8 @@ class Model:
         Factor for all radii.
     smooth : "auto" or float
         Standard deviation of the points' noise, in their unit: splats lie on the surface that noisy points and their
-        neighbours show (`pr.smooth`). "auto": measured, place by place; 0: where the points are. Rows, attributes and
-        `points` stay as given.
+        neighbours show (`pr.smooth`). "auto": measured, place by place, unless radii are given; 0: where the points
+        are. Rows, attributes and `points` stay as given.
     progress : callable, optional
         Called with the stage's name and the share done.
 
@@ -94,7 +94,8 @@ class Model:
         self.surface = self.settings.surface
         scale = check_positive(radius_scale, "radius_scale")
         given = None if radii is None else check_radii(radii, len(self.points))
-        self.smooth = check_sigma(smooth, "smooth")
+        smooth = check_sigma(smooth, "smooth")
+        self.smooth: str | float = smooth if given is None or smooth != "auto" else 0.0
         say = progress or (lambda stage, share: None)
         self.levels: tuple[Model, ...] = ()
         _check_memory(len(self.points))
@@ -106,8 +107,12 @@ class Model:
         scale: float,
         within: tuple[float, NDArray[np.float32]] | None,
         say: Callable[[str, float], None],
+        made: Model | None = None,
     ) -> None:
-        """Find the supports, see `find_support`, and build the tree."""
+        """Find the supports, see `find_support`, and build the tree.
+
+        made : a model of the same points whose splats lie where they shall
+        """
         used = np.flatnonzero(self.points.finite).astype(np.int32)
         lost = len(self.points) - len(used)
         if lost:
@@ -118,7 +123,7 @@ class Model:
         cloud = self.points.select(used) if lost else self.points
         say("normals", 0.0)
         if within is None:  # averaged normals are not mended: neighbours on a thin body may face opposite sides
-            cloud = _smoothed(cloud, self.smooth, partial(say, "normals"))
+            cloud = made._moved(used) if made else _smoothed(cloud, self.smooth, partial(say, "normals"))
         normals = np.asarray(cloud.normals)
         say("radii", 0.0)
         automatic = self.settings.overhang < np.inf
@@ -147,6 +152,38 @@ class Model:
         )
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = self.points.bounds
+
+    def remade(
+        self,
+        smooth: str | float,
+        *,
+        surface: str,
+        samples: int = 4,
+        refine: int = 1,
+        radius_scale: float = 1.0,
+        progress: Callable[[str, float], None] | None = None,
+    ) -> Model:
+        """A model of the same points with other settings, see the class. Radii, normals and noise are not sought again,
+        unless other noise is to be smoothed away.
+        """
+        check_callback(progress)
+        scale = check_positive(radius_scale, "radius_scale")
+        options: dict[str, Any] = {"surface": surface, "samples": samples, "refine": refine}
+        if check_sigma(smooth, "smooth") != self.smooth:
+            return Model(self.points, smooth=smooth, radius_scale=scale, progress=progress, **options)
+        model = Model.__new__(Model)
+        model.settings = _check_settings(**options, trim="auto")
+        model.points, model.surface, model.smooth, model.levels = self.points, surface, self.smooth, ()
+        model._build(self.radii, scale, None, progress or (lambda stage, share: None), self)
+        return model
+
+    def _moved(self, used: NDArray[np.int32]) -> Points:
+        """Some of the points, where they are met by rays: those that no splat stands for have the normal 0."""
+        splats, rows = self.splats
+        assert splats.normals is not None
+        positions, normals = self.points.positions.copy(), np.zeros_like(self.points.positions)
+        positions[rows], normals[rows] = splats.positions, splats.normals
+        return self.points.changed(positions=positions, normals=normals).select(used)
 
     def save(self, path: str | os.PathLike[str], progress: Callable[[float], None] | None = None) -> None:
         """Write the model, its tree and its levels of detail to a file that `load` maps.

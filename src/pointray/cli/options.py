@@ -88,6 +88,10 @@ NormalsOption = Annotated[
     typer.Option(help=f"Which normals. {listed(NORMALS)}."),
 ]
 RadiusScaleOption = Annotated[float, typer.Option(help="All radii are multiplied by this.")]
+SmoothOption = Annotated[
+    str,
+    typer.Option(help="Noise that is smoothed away: auto: as measured; 0: none; else its standard deviation (units)."),
+]
 BackgroundOption = Annotated[
     str,
     typer.Option(

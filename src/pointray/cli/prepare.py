@@ -17,7 +17,7 @@ from ..points.trust import trusted
 from ..splats.radii import radii_in
 from .read_options import Reading
 from .scan_files import ScanFiles, check_not_input, check_result, scan_of
-from .scan_scene import check_saved
+from .scan_scene import check_saved, smooth_of
 from .waiting import Progress, in_background, writing
 
 
@@ -56,6 +56,8 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
         raise ValueError("give either --tolerance or --count, not both")
     if options["count"] is not None and options["count"] < 1:
         raise ValueError(f"--count must be 1 or more, not {options['count']}")
+    if options["smooth"] is not None:
+        smooth_of(options["smooth"])
     check_result(output, SAVED)
     scan = scan_of(paths, reading)
     check_not_input(scan.files, output, options["force"])
@@ -108,6 +110,11 @@ def _prepared(
                 drop |= rows
                 done.append(f"{int(rows.sum()):,} {name} dropped")
         points = points.select(~drop)
+    if options["smooth"] is not None:
+        show("smoothing", 0.0)
+        before = points
+        points = pr.smooth(points, smooth_of(options["smooth"]), partial(show, "smoothing"))
+        done.append("no noise was found" if points is before else "noise smoothed away")
     if options["estimate_normals"]:
         show("normals", 0.0)
         points = pr.estimate_normals(points, viewpoint=options["viewpoint"], progress=partial(show, "normals"))

@@ -22,17 +22,36 @@ from .scan_lights import ScanLights, outlook_of
 from .views import View
 from .waiting import Progress, in_background
 
-PLAIN = {"surface": None, "samples": 4, "radius_scale": 1.0}  # the surface that the options give by default
+PLAIN = {
+    "surface": None,
+    "samples": 4,
+    "radius_scale": 1.0,
+    "smooth": "auto",
+}  # the surface without options
 HEIGHT = "height"  # a value of --color-by: the coordinate along --up
 
 
 def check_saved(file: Path, is_plain: bool) -> None:
     """Raise ValueError if options ask for another surface or other normals than a saved model has."""
     if is_saved(file) and not is_plain:
-        raise ValueError(f"{file}: --surface, --samples, --radius-scale and --normals are part of a saved model")
+        raise ValueError(
+            f"{file}: --surface, --samples, --radius-scale, --smooth and --normals are part of a saved model"
+        )
 
 
-SURFACE = ("surface", "samples", "radius_scale")
+def smooth_of(text: str) -> str | float:
+    """Parse "auto" or a number from 0."""
+    from ..points.smoothing.smooth import check_sigma
+
+    if text == AUTO:
+        return text
+    try:
+        return check_sigma(float(text), "--smooth")
+    except ValueError:
+        raise ValueError(f"--smooth must be auto or a finite number from 0, not {text!r}") from None
+
+
+SURFACE = ("surface", "samples", "radius_scale", "smooth")
 LENS = ("fov", "projection", "aperture", "focus")
 FRAMING = ("eye", "target", "view", "azimuth", "elevation", "zoom")
 EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels")
@@ -65,7 +84,7 @@ class ScanScene:
     ----------
     files : ScanFiles
     surface : dict
-        surface, samples and radius_scale, as `Model` takes them.
+        surface, samples, radius_scale and smooth (a text or a number), as `Model` takes them.
     appearance : dict
         Texts of the options light, background, material and perhaps color and color_by; fill, a number or None;
         ground, a bool.
@@ -97,6 +116,7 @@ class ScanScene:
         import pointray as pr
 
         check_positive(surface["radius_scale"], "--radius-scale")
+        surface = {**surface, "smooth": smooth_of(str(surface["smooth"]))}
         self.files, self._surface, self._appearance = files, surface, appearance
         self._choice = choice
         self._normals, self._baked = normals, baked

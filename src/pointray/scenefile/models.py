@@ -18,6 +18,7 @@ from ..points.known_formats import extensions
 from ..points.procedural import MOST, NAMES
 from ..points.reading import check_reading
 from ..points.replacing import check_regular
+from ..points.smoothing.smooth import check_sigma
 from ..points.trust import trusted
 from ..points.unpacking import PACKED
 from ..splats.radii import radii_in
@@ -89,6 +90,7 @@ def check_model(source: Source, key: Key) -> Recipe:
     with source.errors_at(key, values):
         _check_settings(arguments["surface"] or SURFACE, arguments["samples"], arguments["refine"], arguments["trim"])
         check_positive(arguments["radius_scale"], "radius_scale")
+        check_sigma(arguments["smooth"], "smooth")
     return recipe
 
 

@@ -42,7 +42,7 @@ class Files:
     ----------
     paths : sequence of Path
     surface : dict
-        surface, samples and radius_scale, as `Model` takes them.
+        surface, samples, radius_scale and smooth, as `Model` takes them.
     choice : ViewChoice
         How to view the scans.
     furnish : callable

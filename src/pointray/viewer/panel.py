@@ -181,6 +181,15 @@ def _limits(view: ViewSettings) -> list[Control]:
     return rows if view.low is not None else []
 
 
+SMOOTHED = [
+    (AUTO, "smoothed as measured"),
+    ("none", "left as it is"),
+    ("little", "0.1 radii"),
+    ("some", "0.3 radii"),
+    ("much", "1 radius"),
+]
+
+
 def _surface(build: Build) -> Folder:
     kinds = sorted(SURFACES.items(), key=lambda kind: kind[0] != SURFACE)  # the default first
     return Folder(
@@ -207,6 +216,7 @@ def _surface(build: Build) -> Folder:
                 step=0.05,
                 hint="All radii times this",
             ),
+            Control("build.smooth", "Noise", "choice", build.smooth, SMOOTHED, hint="What is smoothed away"),
         ],
     )
 

@@ -45,6 +45,7 @@ from ..options import (
     SeedOption,
     Side,
     SizeOption,
+    SmoothOption,
     SppOption,
     SubjectArgument,
     SurfaceOption,
@@ -99,6 +100,7 @@ def render(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
+    smooth: SmoothOption = AUTO,
     normals: NormalsOption = Normals["auto"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
@@ -180,6 +182,7 @@ def animate(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
+    smooth: SmoothOption = AUTO,
     normals: NormalsOption = Normals["auto"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
@@ -234,6 +237,7 @@ def view(
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
+    smooth: SmoothOption = AUTO,
     normals: NormalsOption = Normals["auto"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
@@ -246,12 +250,14 @@ def view(
     from ...arguments import check_positive
     from ...rendering.settings import Settings
     from ...staging.studio import with_contact
+    from ..scan_scene import smooth_of
     from ..serve import serve, shared_scene_of
 
     use_threads(threads)
     options = picture_options(context)
     options["settings"] = with_contact(Settings(integrator=options["integrator"].value, levels=levels))
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
+    surface_options["smooth"] = smooth_of(smooth)
     check_positive(radius_scale, "--radius-scale")
     options["normals"] = normals.value
     shared, loader = shared_scene_of(files, reading, given(context), options, surface_options, cache)

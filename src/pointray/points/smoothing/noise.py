@@ -4,8 +4,7 @@ Quadrics are fitted to k and to 2 k neighbours of some points. Residuals of nois
 crease grow like the radius, so that their squares double, and those of smooth detail grow faster. So 2 r(k)^2 - r(2k)^2
 is what is left for noise: at detail it is below zero for many points. A low quantile over a stretch of the Morton curve
 tells them apart. Points that have normals of their own tell more: two points of a sphere, whatever its radius, have no
-height over the mean of their tangent planes; and what is not noise bends the normals. The lesser of both counts, as
-detail that is finer than the points looks like noise to the first.
+height over the mean of their tangent planes; and what is not noise bends the normals.
 """
 
 from __future__ import annotations
@@ -21,11 +20,12 @@ from ..normals.jets import fit_residuals
 Floats = NDArray[np.float32]
 
 FEW, MANY, MOST = 16, 32, 64  # neighbours of the fits; of much noise the larger ones tell more
-MUCH, MORE = 0.02, 4.0  # squares of spacings from which they do, and how much more at most
-# A quantile of 2 r^2 - r^2, and its share of the noise's square on tori. The first of points without normals: with the
-# median detail of the statue of 10,000 points passes for noise of 0.12 spacings.
-QUANTILE, SHOWN = (0.25, 0.5), (0.36, 0.62)
-HEIGHTS = 0.73  # the same of heights: most points lie closer to the surface than the root of their mean square
+MUCH, MORE = 0.12, 5.0  # squares of spacings from which they do, and how much more at most
+# A low quantile of 2 r(k)^2 - r(2k)^2, and what it is of the noise's square on tori with 0.1 to 0.3 spacings of noise,
+# and with 0.5 to 1. By the median, detail of the statue of 10,000 points is noise of 0.12 spacings.
+QUANTILE, SHOWN, MUCH_SHOWN = 0.25, 0.36, 0.28
+HEIGHTS = 0.73  # the median of heights' squares is so much of their mean
+LITTLE = 0.06  # spacings: noise that does not matter
 SHARE, FEWEST = 32, 20_000  # every so manieth point is examined, but at least so many
 STRETCH = 128  # examined points that are taken together
 AROUND = 16  # neighbours that tell the spacing
@@ -57,12 +57,13 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
     rows = np.arange(0, n, max(min(SHARE, n // FEWEST), 1))
     ends = np.linspace(0, len(rows), max(len(rows) // STRETCH, 1) + 1).astype(int)
     stretches = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
-    away, near = NeighborTree(path).query(MOST, path[rows])
+    tree = NeighborTree(path)
+    away, near = tree.query(AROUND, path[rows])
     spacing = _quantiles(away[:, AROUND - 1].astype(np.float64), stretches) * math.sqrt(math.pi / AROUND)
-    square = _residuals(path, rows, near, stretches, spacing, normals is not None)
     if normals is not None:
-        heights = _heights(path, normals, rows, near[:, 1 : 1 + BESIDE])
-        square = np.minimum(square, _quantiles(heights, stretches) / HEIGHTS)
+        square = _quantiles(_heights(path, normals, rows, near[:, 1 : 1 + BESIDE]), stretches) / HEIGHTS
+    else:
+        square = _residuals(path, rows, tree.query(MOST, path[rows])[1], stretches, spacing)
     middles = rows[(ends[:-1] + ends[1:]) // 2]
     noise, spacing = (np.interp(np.arange(n), middles, values) for values in (np.sqrt(square), spacing))
     return noise.astype(np.float32), spacing.astype(np.float32)
@@ -74,13 +75,12 @@ def _residuals(
     near: NDArray[np.int32],
     stretches: list[slice],
     spacing: NDArray[np.float64],
-    has_normals: bool,
 ) -> NDArray[np.float64]:
     """The square of the noise in each stretch, by residuals of fits."""
     least, middle, most = (fit_residuals(path, rows, near, k) ** 2 for k in (FEW, MANY, MOST))
-    quantile, shown = QUANTILE[has_normals], SHOWN[has_normals]
-    little, much = (_quantiles(x, stretches, quantile) for x in (2 * least - middle, 2 * middle - most))
-    return np.where(little > MUCH * spacing**2, np.maximum(little, np.minimum(much, MORE * little)), little) / shown
+    little = _quantiles(2 * least - middle, stretches, QUANTILE) / SHOWN
+    much = _quantiles(2 * middle - most, stretches, QUANTILE) / MUCH_SHOWN
+    return np.where(little > MUCH * spacing**2, np.maximum(little, np.minimum(much, MORE * little)), little)
 
 
 def _quantiles(values: NDArray[np.float64], stretches: list[slice], q: float = 0.5) -> NDArray[np.float64]:

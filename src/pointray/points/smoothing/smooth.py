@@ -14,11 +14,11 @@ from ...progress import Progress, part_of, tell
 from ..normals.estimate import along_path, mend_normals, with_fits
 from ..normals.jets import Fits, fit_normals, turn
 from .fit import SIZES, fit_surface
-from .noise import noise_along
+from .noise import LITTLE, noise_along
 
 Floats = NDArray[np.float32]
 
-STAYS, MOVES = 0.06, 0.09  # noise in spacings up to which points stay, and from which they move all the way
+MOVES = 0.09  # noise in spacings from which points move all the way
 SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
 SURVEYED = 0.1  # share of the time after which the noise is known
 
@@ -155,7 +155,7 @@ def _noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -
     if not isinstance(sigma, str):
         return np.full(len(path), sigma, np.float32)
     noise, spacing = noise_along(path, normals)
-    return noise if (noise > STAYS * spacing).any() else None
+    return noise if (noise > LITTLE * spacing).any() else None
 
 
 def _shares(
@@ -166,7 +166,7 @@ def _shares(
     spacing = SPACING * np.linalg.norm(path[near[:, k]] - path[rows], axis=1)
     if not isinstance(sigma, str):
         return np.ones((len(rows), 1), np.float32), spacing
-    share = (noise / np.maximum(spacing, 1e-30) - STAYS) / (MOVES - STAYS)
+    share = (noise / np.maximum(spacing, 1e-30) - LITTLE) / (MOVES - LITTLE)
     return np.clip(share, 0.0, 1.0).astype(np.float32)[:, None], spacing
 
 
