@@ -62,10 +62,19 @@ def noisy(exact: Exact, n: int, noise: float, seed: int = 1) -> Cloud:
     return Cloud(exact, f"{exact.name} {noise:g} h", moved, normals, h)
 
 
-class _Formula:
-    """The depth of rays in a solid with an exact signed distance."""
+class Formula:
+    """A solid with an exact signed distance."""
+
+    name: str
+    area: float
+    bounds: Floats
+
+    def points(self, n: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """As in `Exact`."""
+        raise NotImplementedError
 
     def compare(self, x: Floats) -> tuple[Floats, Floats]:
+        """As in `Exact`."""
         raise NotImplementedError
 
     def depth(self, origins: Floats, directions: Floats, ends: Floats, h: float) -> Floats:
@@ -81,7 +90,7 @@ class _Formula:
         return np.maximum(-least, 0.0)
 
 
-class Torus(_Formula):
+class Torus(Formula):
     """The torus of radii 1 and 0.4 about the axis z."""
 
     name, area = "torus", 1.6 * np.pi**2
@@ -103,7 +112,7 @@ class Torus(_Formula):
         return distance - 0.4, away / np.maximum(distance, 1e-300)[:, None]
 
 
-class Cube(_Formula):
+class Cube(Formula):
     """The cube from -1 to 1."""
 
     name, area = "cube", 24.0

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pointray as pr
 from noise_clouds import Cloud
@@ -52,12 +53,35 @@ def points_of(cloud: Cloud) -> pr.Points:
     return points if cloud.eye is None else pr.estimate_normals(points, viewpoint=cloud.eye)
 
 
-def ours(cloud: Cloud, smooth: str | float = "auto", rows: Any = None) -> Surface:
-    """pointray's surface of the cloud, or of some rows of it."""
+def finds_strays() -> bool:
+    """Whether pointray can find strays."""
+    return "find_strays" in pr.__all__
+
+
+def strays_of(cloud: Cloud) -> NDArray[np.bool_]:
+    """The rows that pointray takes for strays, of whatever kind; it is told of the scanner."""
+    known = {} if cloud.eye is None else {"viewpoint": cloud.eye}
+    found: Any = pr.find_strays(pr.Points(cloud.positions), **known)
+    masks = [np.asarray(part) != 0 for part in (found if isinstance(found, tuple) else (found,))]
+    return np.any([mask for mask in masks if mask.shape == (len(cloud.positions),)], axis=0)
+
+
+def ours(cloud: Cloud, smooth: str | float = "auto") -> Surface:
+    """pointray's surface of the cloud."""
     start = time.perf_counter()
-    points = points_of(cloud)
-    model = model_of(points if rows is None else points.select(rows), smooth)
-    seconds = time.perf_counter() - start
+    model = model_of(points_of(cloud), smooth)
+    return _traced(OURS if smooth != 0 else PLAIN, model, time.perf_counter() - start)
+
+
+def cleared(cloud: Cloud, drop: NDArray[np.bool_]) -> Surface:
+    """pointray's surface of the cloud without its strays."""
+    start = time.perf_counter()
+    model = model_of(points_of(cloud).select(~drop))
+    return _traced(CLEARED, model, time.perf_counter() - start)
+
+
+def _traced(name: str, model: pr.Model, seconds: float) -> Surface:
+    """Rays through a model."""
     scene = pr.Scene()
     scene.add(model)
 
@@ -65,7 +89,7 @@ def ours(cloud: Cloud, smooth: str | float = "auto", rows: Any = None) -> Surfac
         hits = scene.intersect(origins, directions)
         return np.asarray(hits.t, np.float64), np.asarray(hits.normal, np.float64)
 
-    return Surface(OURS if smooth != 0 else PLAIN, cast, seconds)
+    return Surface(name, cast, seconds)
 
 
 def signed_normals(cloud: Cloud, neighbours: int = NEIGHBOURS) -> Floats:
