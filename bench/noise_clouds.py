@@ -78,9 +78,10 @@ class Formula:
         raise NotImplementedError
 
     def depth(self, origins: Floats, directions: Floats, ends: Floats, h: float) -> Floats:
-        """Rays walk by 0.7 of the distance, at least a tenth of a spacing."""
+        """Rays walk by 0.7 of the distance, at least a tenth of a spacing, to behind the box."""
         t, least = np.zeros(len(ends)), np.full(len(ends), np.inf)
-        ends = np.minimum(ends, 2 * np.linalg.norm(origins, axis=1))
+        middle, size = self.bounds.mean(axis=0), np.linalg.norm(self.bounds[1] - self.bounds[0])
+        ends = np.minimum(ends, np.linalg.norm(origins - middle, axis=1) + size / 2)
         alive = np.flatnonzero(t < ends)
         while len(alive):
             f = self.compare(origins[alive] + t[alive, None] * directions[alive])[0]

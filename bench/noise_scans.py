@@ -59,6 +59,7 @@ def scenes() -> Iterator[Scene]:
     """All that goes wrong."""
     for gap in (0.5, 1, 2, 3, 4):
         yield layers(gap)
+    yield layers(2, seen=True)
     for thickness in (2, 4):
         yield plate(thickness)
     yield drift()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,13 +129,17 @@ def _joined(label: str, exact: Formula, parts: list[tuple[Floats, Floats]], h: f
     return Scene(cloud, ~good, good, (places[inner], across[inner]))
 
 
-def layers(gap: float, share: float = SHARE, n: int = LAYER_POINTS) -> Scene:
-    """A wall, and a sparse second layer `gap` spacings in front of it."""
+def layers(gap: float, seen: bool = False, share: float = SHARE, n: int = LAYER_POINTS) -> Scene:
+    """A wall, and a sparse second layer `gap` spacings in front of it; seen : whether the scanner is known."""
     rng = np.random.default_rng(1)
     wall = Wall()
     h = float(np.sqrt(wall.area / n))
     ghost = Wall(gap * h).points(int(share * n), rng)
-    return _joined(f"layer {gap:g} h before", wall, [wall.points(n, rng), ghost], h, wall)
+    made = _joined(f"layer {gap:g} h before", wall, [wall.points(n, rng), ghost], h, wall)
+    if not seen:
+        return made
+    cloud = replace(made.cloud, label=f"{made.cloud.label}, scanner known", eye=np.array([0.0, 0.0, 10.0]))
+    return replace(made, cloud=cloud)
 
 
 def plate(thickness: float, n: int = LAYER_POINTS) -> Scene:
