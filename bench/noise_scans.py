@@ -140,13 +140,14 @@ def _tangent_planes(positions: Floats) -> Floats:
 def _facing(
     label: str, name: str, normals: Floats, toward: Floats, near: NDArray[Any], seconds: float
 ) -> Iterator[Figure]:
-    """Shares that face away; without a viewpoint the whole cloud may be turned."""
-    away = 100 * float(((normals * toward).sum(axis=1) < 0).mean())
+    """Shares that face away, and that face another way than the neighbours do, beside which the whole may be turned."""
     given = "given" in label
-    limit = Limit(0.3, 0.1) if given else Limit(1.0, 1.0)
-    yield Figure("wall", label, "face away, %", name, away if given else min(away, 100 - away), limit)
+    away = 100 * float(((normals * toward).sum(axis=1) < 0).mean())
+    away, limit = (away, Limit(0.3, 0.1)) if given else (min(away, 100 - away), None)
+    yield Figure("wall", label, "face away, %", name, away, limit)
     agree = np.einsum("nc,nkc->nk", normals, normals[near]) > 0
     other = 100 * float((agree.mean(axis=1) < 0.5).mean())
+    limit = None if given else Limit(1.0, 0.5)
     yield Figure("wall", label, "against most of 16 neighbours, %", name, other, limit)
     yield Figure("wall", label, "made in, s", name, seconds)
 
