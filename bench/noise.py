@@ -27,9 +27,10 @@ from pathlib import Path
 from rich.console import Console
 
 from noise_cases import TORUS, clouds, edges, torus, torus_case
+from noise_clouds import Torus, noisy
 from noise_measure import RAYS
 from noise_scans import layered, times, wall
-from noise_surfaces import PEERS, peers
+from noise_surfaces import PEERS, peers, warm_up
 from noise_tables import Figure, number, plot, table_of, write_csv
 from truth import FOLDER
 
@@ -92,6 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
     others, missing = peers([name for name in options.peers if name != "none"])
     for message in missing:
         console.print(message)
+    warm_up(noisy(Torus(), 5000, 0.3))
     found: list[Figure] = []
     try:
         for figure in measured(options, others, console):

@@ -159,7 +159,6 @@ def times(n: int = STATUE_POINTS, runs: int = RUNS) -> Iterator[Figure]:
     """Seconds until a model of the statue is there, and milliseconds of a frame. Settings take turns."""
     exact = Procedural("statue")
     settings: list[tuple[str, str | float]] = [(OURS, "auto"), (PLAIN, 0)] if smooths() else [(OURS, "auto")]
-    pr.Model(pr.Points(noisy(exact, 20_000, 0.3).positions))  # compiles
     for noise in (0.0, 0.3):
         cloud = noisy(exact, n, noise)
         label = f"statue, {n:,} points, {noise:g} h"

@@ -73,6 +73,12 @@ def ours(cloud: Cloud, smooth: str | float = "auto") -> Surface:
     return _traced(OURS if smooth != 0 else PLAIN, model, time.perf_counter() - start)
 
 
+def warm_up(cloud: Cloud) -> None:
+    """Compile what a model needs, lest it counts in the first one's seconds."""
+    for smooth in ("auto", 0) if smooths() else ("auto",):
+        ours(cloud, smooth)
+
+
 def cleared(cloud: Cloud, drop: NDArray[np.bool_]) -> Surface:
     """pointray's surface of the cloud without its strays."""
     start = time.perf_counter()
