@@ -1,7 +1,8 @@
 """Measure surfaces of noisy clouds by rays: pointray's beside screened Poisson (Open3D) and RIMLS (MeshLab).
 
     python bench/noise.py [--quick] [--only torus clouds edges layers wall time] [--noise 0.1 0.3 0.5 1]
-                          [--peers Poisson RIMLS | none] [--rays 100000] [--models FOLDER] [--csv FILE] [--plot FILE]
+                          [--shapes statue dragon] [--peers Poisson RIMLS | none] [--rays 100000]
+                          [--models FOLDER] [--csv FILE] [--plot FILE]
 
 torus   100,000 random points; the errors of the hits against what is asked
 clouds  the statue of 1 million points and the dragon's vertices; the errors against those of Poisson of depth 10
@@ -26,7 +27,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from noise_cases import TORUS, clouds, edges, torus, torus_case
+from noise_cases import SHAPES, TORUS, clouds, edges, torus, torus_case
 from noise_clouds import Torus, noisy
 from noise_measure import RAYS
 from noise_scans import layered, times, wall
@@ -44,7 +45,7 @@ def cases(options: argparse.Namespace, others: list[str]) -> dict[str, Callable[
     n, rays, folder = (QUICK if options.quick else 100_000), options.rays, options.models / "meshes"
     return {
         "torus": lambda: torus(options.noise, others, n, rays),
-        "clouds": lambda: clouds(options.noise, others, rays, folder),
+        "clouds": lambda: clouds(options.shapes, options.noise, others, rays, folder),
         "edges": lambda: edges(others, rays=4 * rays),
         "layers": lambda: layered(others, rays // 2),
         "wall": lambda: wall(others, folder),
@@ -71,6 +72,7 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     names = ("torus", "clouds", "edges", "layers", "wall", "time")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--only", nargs="+", choices=names, default=names)
+    parser.add_argument("--shapes", nargs="+", choices=SHAPES, default=SHAPES, help="of the case clouds")
     parser.add_argument("--noise", nargs="+", type=float, default=list(TORUS), metavar="H")
     parser.add_argument("--peers", nargs="+", choices=(*PEERS, "none"), default=list(PEERS))
     parser.add_argument("--rays", type=int, default=RAYS)

@@ -26,6 +26,7 @@ from truth import FOLDER
 
 TORUS = {0.1: (0.039, 0.03), 0.3: (0.10, 0.07), 0.5: (0.15, 0.10), 1.0: (0.25, 0.18)}
 DEGREES = {0.1: 1.5, 0.3: 3.0, 0.5: 5.0, 1.0: 8.0}
+SHAPES = ("statue", "dragon")
 NEAR_EDGE, AT_EDGE = 3.0, 0.5  # h
 
 
@@ -69,12 +70,14 @@ def _torus_limits(noise: float) -> dict[str, Limit]:
     }
 
 
-def clouds(noises: Iterable[float], others: list[str], rays: int = RAYS, folder: Path = FOLDER) -> Iterator[Figure]:
+def clouds(
+    shapes: Iterable[str], noises: Iterable[float], others: list[str], rays: int = RAYS, folder: Path = FOLDER
+) -> Iterator[Figure]:
     """The statue and the dragon; Poisson is of depth 10. RIMLS takes too long for them."""
-    some = [name for name in others if name != RIMLS]
+    some = [peer for peer in others if peer != RIMLS]
     limits = {"depth": Limit(1.0, 1 / 1.5, times=POISSON)}
-    for exact in (lambda: Procedural("statue"), lambda: Dragon(folder)):
-        known = exact()
+    for name in shapes:
+        known = Dragon(folder) if name == "dragon" else Procedural(name)
         for noise in noises:
             cloud = noisy(known, STATUE_POINTS, noise)
             for row, _ in measured(cloud, surfaces(cloud, some, 10), lambda c=cloud: around(c, rays), slack(noise)):
