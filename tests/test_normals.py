@@ -274,7 +274,7 @@ def test_what_cannot_be_estimated(positions, others, words):
         slow("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
-        ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; 10 or 24 differ by 2.9 or 1.1%
+        ("tls_pumpA_rgb", (0, 0, 0), 0.02),  # the file's are planes through 16 points; 10 or 24 differ by 2.9 or 1.1%
     ],
 )
 def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, flipped):

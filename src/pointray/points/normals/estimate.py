@@ -16,7 +16,7 @@ from .jets import fit_normals
 from .layers import is_noisy, orient_layers
 from .orientation import NEAR, orient
 from .sheets import part_sheets
-from .stations import check_eyes, eyes_of, faced, is_known, settle_unknown
+from .stations import check_apart, check_eyes, eyes_of, faced, is_known, settle_unknown, warn_of_lost_scans
 
 MENDING = 8  # good normals that stand in for a missing one
 UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
@@ -42,8 +42,9 @@ def estimate_normals(
         How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, chosen by
         the point's noise and detail and the distance of scan lines.
     viewpoint : (3,) or (n, 3) array_like, optional
-        World position of the scanner, or of the one that saw each point, NaN where that is unknown: every normal agrees
-        with the plane through its neighbours, turned towards the scanner. Of equal positions the first row's scanner
+        World position of the scanner, or of the one that saw each point, NaN where that is unknown (`eyes_along` tells
+        it for a scanner that moved): every normal is turned towards the scanner, or, where it grazes the view, with the
+        plane through its neighbours. Of equal positions the first row's scanner
         counts. None: the stations of `points.survey`, where the attribute "scan" tells which of them saw each point (a
         single one without that attribute saw all). Where the scanner is unknown signs pass from point to point and from
         part to part, from those that are known; a connected group without any is turned outward, or up if it has no
@@ -60,7 +61,7 @@ def estimate_normals(
     ------
     ValueError
         If there are fewer than three distinct positions, `neighbors` is less than 3, or the viewpoint has another
-        shape, or three numbers that are not finite.
+        shape, or three numbers that are not finite, or is a single one among the points.
 
     References
     ----------
@@ -77,8 +78,12 @@ def estimate_normals(
     path, ids, rows = _path(points)
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
+    if viewpoint is None:
+        warn_of_lost_scans(points)
+    elif eyes is not None and eyes.ndim == 1:
+        check_apart(path, eyes - points.origin)
     eye = None if eyes is None else _seen_from(points, eyes, rows)
-    known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye)
+    known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye) & (eye != path).any(axis=1)
     if not known.any():
         unit, near, residuals = fit_normals(path, neighbors, NEAR, progress=part_of(progress, 0.0, FITTED))
         unit *= (orient_layers(path, unit) if is_noisy(residuals) else orient(path, unit, near))[:, None]
