@@ -8,7 +8,7 @@ from conftest import shared_model, slow
 from pointray import Points
 from pointray.neighbors import morton_order
 from pointray.points.normals.jets import fit_normals
-from pointray.points.normals.layers import is_noisy
+from pointray.points.normals.layers import Layers
 
 TOWER = (-3, -30, 0)
 
@@ -31,11 +31,11 @@ def away(normals, positions, eye):
 
 
 def test_two_layers_agree():
-    """Edges by the reflection rule alone leave half of a step's wall flipped for some of these seeds."""
+    """Measured: 0.1%; with edges between single points 5.4%."""
     positions = layered_wall()
     found = pr.estimate_normals(Points(positions)).normals
     wall = len(positions) - len(positions) // 11
-    assert min((found[:wall, 1] < 0).mean(), (found[:wall, 1] > 0).mean()) < 0.02
+    assert min((found[:wall, 1] < 0).mean(), (found[:wall, 1] > 0).mean()) < 0.005
 
 
 def test_only_noisy_points_are_laid_into_planes():
@@ -44,7 +44,10 @@ def test_only_noisy_points_are_laid_into_planes():
     noise = np.random.default_rng(0).normal(size=(8000, 3)) * spacing
     for share, noisy in ((0, False), (0.1, False), (0.3, True), (1, True)):
         path = np.float32(torus.positions + share * noise)
-        assert is_noisy(fit_normals(path[morton_order(path)], None, 11)[2]) == noisy
+        path = path[morton_order(path)]
+        layers = Layers(path)
+        fit_normals(path, None, 11, planes=layers)
+        assert layers.noisy == noisy
 
 
 @pytest.mark.parametrize(("noise", "flipped"), [(0.3, 0.001), (0.7, 0.09)])

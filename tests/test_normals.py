@@ -6,10 +6,11 @@ from conftest import long, shared_model, slow, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, morton_order, neighbors
 from pointray.points import estimate_normals, procedural, read
-from pointray.points.normals.checks import agreement_share, looks_inward
+from pointray.points.normals.checks import agreement_share
 from pointray.points.normals.estimate import mend_normals
 from pointray.points.normals.jets import _survey, fit_normals
 from pointray.points.normals.orientation import agree
+from pointray.points.normals.outward import looks_inward
 from pointray.points.normals.sheets import part_sheets
 
 RNG = np.random.default_rng(3)

@@ -11,10 +11,11 @@ from ...arguments import check_callback, check_kind, check_whole
 from ...data import Points
 from ...neighbors import distinct, morton_order, neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
-from .checks import agreement_share, looks_inward
+from .checks import agreement_share
 from .jets import fit_normals
-from .layers import is_noisy, orient_layers
-from .orientation import NEAR, orient
+from .layers import Layers
+from .orientation import NEAR
+from .outward import looks_inward, orient
 from .sheets import part_sheets
 from .stations import check_apart, check_eyes, eyes_of, faced, is_known, settle_unknown, warn_of_lost_scans
 
@@ -85,8 +86,13 @@ def estimate_normals(
     eye = None if eyes is None else _seen_from(points, eyes, rows)
     known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye) & (eye != path).any(axis=1)
     if not known.any():
-        unit, near, residuals = fit_normals(path, neighbors, NEAR, progress=part_of(progress, 0.0, FITTED))
-        unit *= (orient_layers(path, unit) if is_noisy(residuals) else orient(path, unit, near))[:, None]
+        layers, share = Layers(path), part_of(progress, 0.0, FITTED)
+        unit, near, residuals = fit_normals(path, neighbors, NEAR, progress=share, planes=layers)
+        if layers.noisy:
+            layers.planes *= orient(layers.moved, layers.planes, layers.near)[:, None]
+            unit *= layers.sides(unit)[:, None]
+        else:
+            unit *= orient(path, unit, near)[:, None]
         tell(progress, ORIENTED)
         part_sheets(path, unit, near, residuals)
     elif known.all():

@@ -10,7 +10,7 @@ fits, where there is no detail.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,10 +215,21 @@ def _survey(positions: Floats) -> tuple[float, int]:
     noise, size = 0.0, 0
     for size in NOISE_SIZES:
         _, residuals = _fit_rows(positions, rows, near, [min(size, len(positions))], 0.0)
-        noise = noise_of(residuals)
-        if np.isfinite(residuals).sum() > (1 - LINED) * len(residuals):
+        sound = residuals[np.isfinite(residuals)]
+        noise = float(np.quantile(sound, QUANTILE)) / AT_QUANTILE if len(sound) else 0.0
+        if len(sound) > (1 - LINED) * len(residuals):
             break
     return noise, SIZES[1] if size == NOISE_SIZES[0] and noise <= CLEAN else max(size, SIZES[2])
+
+
+class Planes(Protocol):
+    """What else is fitted to the neighbours, see `layers`."""
+
+    def wanted(self, noise: float) -> int:
+        """How many neighbours are wanted, at this noise in spacings; 0: none."""
+
+    def lay(self, part: slice, found: NDArray[np.int32]) -> None:
+        """Take the neighbours of some points."""
 
 
 def _faces(normals: Floats, planes: Floats, to_eye: Floats) -> NDArray[np.bool_]:
@@ -234,18 +245,13 @@ def _faces(normals: Floats, planes: Floats, to_eye: Floats) -> NDArray[np.bool_]
     return ~(np.where(clear, view, with_plane) < 0)
 
 
-def noise_of(residuals: Floats) -> float:
-    """The noise, in spacings, from residuals of the fits; NaN are those to points on a line."""
-    sound = residuals[np.isfinite(residuals)]
-    return float(np.quantile(sound, QUANTILE)) / AT_QUANTILE if len(sound) else 0.0
-
-
 def fit_normals(
     positions: Floats,
     neighbors: int | None,
     kept: int,
     eye: Floats | None = None,
     progress: Progress | None = None,
+    planes: Planes | None = None,
 ) -> tuple[Floats, NDArray[np.int32], Floats]:
     """Unit normals, the nearest neighbours that signs may pass to, and the residuals of the fits.
 
@@ -261,6 +267,8 @@ def fit_normals(
         Each normal is turned towards it. Where both the normal and the plane through its neighbours graze it, the plane
         is turned, and the normal with the plane, which tilts less. None, or NaN for a point: normals of either sign.
     progress : callable, optional
+    planes : Planes, optional
+        Takes the neighbours too, as many as it wants.
 
     Returns
     -------
@@ -275,8 +283,11 @@ def fit_normals(
     sizes = sorted({min(k, n) for k in sizes})
     normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)
     residuals = np.empty(n, np.float32)
+    wanted = 0 if planes is None else planes.wanted(noise)
     tell(progress, SURVEY)
-    for part, found in neighbor_chunks(positions, max(sizes[-1], kept), part_of(progress, SURVEY, 1.0)):
+    for part, found in neighbor_chunks(positions, max(sizes[-1], kept, wanted), part_of(progress, SURVEY, 1.0)):
+        if planes is not None and wanted:
+            planes.lay(part, found)
         rows = np.arange(part.start, part.start + len(found))
         table = np.ascontiguousarray(found[:, : sizes[-1]])
         fits, residuals[part] = _fit_rows(positions, rows, table, sizes, noise)

@@ -13,9 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import Array, borrow, f64, kernel, next_tile, run
-from ...neighbors import neighbor_chunks
-from .jets import CHUNK, noise_of
-from .orientation import orient
 from .planes import plane
 
 Floats = NDArray[np.float32]
@@ -24,12 +21,7 @@ NOISY = 0.3  # noise in spacings from which planes are asked: range scans 0.38 a
 SIZE = 64  # points of a plane: with 32, one of four ways to pass signs on left 4% of the dragon's scans flipped
 KEPT = 33  # neighbours that signs pass to: a layered wall has 4.1% flipped, with 17 5.1%
 AROUND = 17  # planes whose mean direction gives a normal its sign
-SAMPLE = 100_000  # residuals that tell the noise
-
-
-def is_noisy(residuals: Floats) -> bool:
-    """Whether the residuals of `fit_normals` show that points scatter too much for edges between single ones."""
-    return noise_of(residuals[:: -(-len(residuals) // SAMPLE)]) >= NOISY
+CHUNK = 1024
 
 
 @kernel
@@ -78,16 +70,40 @@ def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array
     return 0
 
 
-def orient_layers(positions: Floats, normals: Floats) -> NDArray[np.int8]:
-    """Signs, (n,) int8, as of `orient`, of the normals of noisy or layered points along a Morton curve."""
-    n = len(positions)
-    planes, moved = np.empty_like(positions), np.empty_like(positions)
-    kept = np.empty((n, min(KEPT, n)), np.int32)
-    for part, found in neighbor_chunks(positions, SIZE):
-        rows = np.arange(part.start, part.start + len(found))
-        run(_lay, -(-len(rows) // CHUNK), positions, rows, found, planes, moved)
-        kept[part] = found[:, : kept.shape[1]]
-    planes *= orient(moved, planes, kept)[:, None]
-    signs = np.empty(n, np.int8)
-    run(_sides, -(-n // CHUNK), normals, planes, kept, signs)
-    return signs
+class Layers:
+    """Planes through the neighbours of points along a Morton curve, for `fit_normals` to fill if the points are noisy.
+
+    Attributes
+    ----------
+    noisy : bool
+        Whether the others are there.
+    planes : (n, 3) float32, unit
+    moved : (n, 3) float32
+        The points, moved onto their planes.
+    near : (n, min(KEPT, n)) int32
+        Neighbours that signs may pass to.
+    """
+
+    def __init__(self, positions: Floats) -> None:
+        self._positions, self.noisy = positions, False
+
+    def wanted(self, noise: float) -> int:
+        """How many neighbours of each point are wanted, at this noise in spacings; 0: none."""
+        if noise < NOISY:
+            return 0
+        n, self.noisy = len(self._positions), True
+        self.planes, self.moved = np.empty_like(self._positions), np.empty_like(self._positions)
+        self.near = np.empty((n, min(KEPT, n)), np.int32)
+        return SIZE
+
+    def lay(self, part: slice, found: NDArray[np.int32]) -> None:
+        """Fit the planes of some points to their neighbours."""
+        rows, table = np.arange(part.start, part.start + len(found)), np.ascontiguousarray(found[:, :SIZE])
+        run(_lay, -(-len(rows) // CHUNK), self._positions, rows, table, self.planes, self.moved)
+        self.near[part] = found[:, : self.near.shape[1]]
+
+    def sides(self, normals: Floats) -> NDArray[np.int8]:
+        """Signs, (n,), with which normals face the sides of the planes around them."""
+        signs = np.empty(len(normals), np.int8)
+        run(_sides, -(-len(signs) // CHUNK), normals, self.planes, self.near, signs)
+        return signs

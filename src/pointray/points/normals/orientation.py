@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile, run
-from .outward import inward_groups
 
 Floats = NDArray[np.float32]
 Signs = NDArray[np.int8]
@@ -252,14 +251,3 @@ def _add_up(pairs: NDArray[np.int64], *votes: Floats) -> tuple[NDArray[Any], ...
     sorted_pairs = pairs[order]
     first = np.flatnonzero(np.diff(sorted_pairs, prepend=-1))
     return sorted_pairs[first], *(np.add.reduceat(each[order], first) for each in votes)
-
-
-def orient(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Signs:
-    """Signs, (n,) int8, so that normals agree with their neighbours' and face outward, or up if there is no outside.
-
-    Positions lie along a Morton curve; parameters are as in `agree`.
-    """
-    signs, groups = agree(positions, normals, near)
-    inward = inward_groups(positions, normals * signs[:, None], groups)
-    signs[inward[groups]] *= -1
-    return signs

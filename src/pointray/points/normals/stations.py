@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import check_numbers, vector
 from ...data import Points
 from ...survey import SCAN
-from .orientation import agree, orient
+from .orientation import agree
+from .outward import orient
 
 Floats = NDArray[np.float32]
 
