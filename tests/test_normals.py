@@ -6,10 +6,11 @@ from conftest import long, shared_model, slow, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, morton_order, neighbors
 from pointray.points import estimate_normals, procedural, read
-from pointray.points.normals.checks import agreement_share, looks_inward
+from pointray.points.normals.checks import agreement_share
 from pointray.points.normals.estimate import mend_normals
-from pointray.points.normals.jets import _survey, fit_normals
+from pointray.points.normals.jets import fit_normals, survey
 from pointray.points.normals.orientation import agree
+from pointray.points.normals.outward import looks_inward
 from pointray.points.normals.sheets import part_sheets
 
 RNG = np.random.default_rng(3)
@@ -155,7 +156,7 @@ def test_noise_is_measured_in_spacings():
     rng = np.random.default_rng(1)
     positions, _ = torus(20_000, rng)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
-    levels = [_survey(np.float32(positions + s * spacing * rng.normal(size=positions.shape)))[0] for s in (0, 0.1)]
+    levels = [survey(np.float32(positions + s * spacing * rng.normal(size=positions.shape)))[0] for s in (0, 0.1)]
     assert levels[0] < 0.005
     assert 0.1 < levels[1] < 0.2  # the spacing by k neighbours is 0.56 h
 
@@ -274,7 +275,7 @@ def test_what_cannot_be_estimated(positions, others, words):
         slow("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
-        ("tls_pumpA_rgb", (0, 0, 0), 0.01),  # planes through 16 points; 10 or 24 differ by 2.9 or 1.1%
+        ("tls_pumpA_rgb", (0, 0, 0), 0.02),  # the file's are planes through 16 points; 10 or 24 differ by 2.9 or 1.1%
     ],
 )
 def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, flipped):

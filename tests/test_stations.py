@@ -68,6 +68,7 @@ def test_a_viewpoint_for_each_point():
             estimate_normals(Points(positions), viewpoint=shape)
 
 
+@pytest.mark.filterwarnings("ignore:.*are of scans like")
 @pytest.mark.parametrize("scans", [[7, -1], [np.nan, 0.5]])
 def test_all_unknown_is_as_without_stations(scans):
     positions, _, scan = wall(800)

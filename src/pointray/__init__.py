@@ -46,6 +46,7 @@ _HOME = {
     "clean": "points.cleaning",
     "draw_legend": "image",
     "estimate_normals": "points",
+    "eyes_along": "points.trajectory",
     "find_flaws": "points.cleaning",
     "fly": "rendering.camera_path",
     "frame": "staging.first_view",
@@ -89,6 +90,7 @@ if TYPE_CHECKING:
     from .points.cleaning import find_flaws as find_flaws
     from .points.known_formats import formats as formats
     from .points.smoothing.smooth import smooth as smooth
+    from .points.trajectory import eyes_along as eyes_along
     from .rendering.camera import Camera as Camera
     from .rendering.camera_path import fly as fly
     from .rendering.camera_path import turntable as turntable

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..choices import AUTO
 from ..model_file import SAVED
+from ..points.trajectory import read_trajectory
 from ..points.trust import trusted
 from ..splats.radii import radii_in
 from .read_options import Reading
@@ -63,6 +64,8 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
     check_not_input(scan.files, output, options["force"])
     check_saved(scan.files[0], options["normals"] == AUTO)
     scan.check()
+    if options["trajectory"] is not None:  # what is wrong with it is told before a large scan is read
+        options = {**options, "trajectory": read_trajectory(options["trajectory"])}
     import pointray as pr
 
     with Progress() as progress:
@@ -117,7 +120,11 @@ def _prepared(
         done.append("no noise was found" if points is before else "noise smoothed away")
     if options["estimate_normals"]:
         show("normals", 0.0)
-        points = pr.estimate_normals(points, viewpoint=options["viewpoint"], progress=partial(show, "normals"))
+        viewpoint = options["viewpoint"]
+        if options["trajectory"] is not None:
+            viewpoint = pr.eyes_along(points, options["trajectory"])
+            done.append(f"{np.isfinite(viewpoint).all(axis=1).mean():.1%} of the points seen along the trajectory")
+        points = pr.estimate_normals(points, viewpoint=viewpoint, progress=partial(show, "normals"))
         done.append("normals estimated")
     elif is_scan:
         show("normals", 0.0)

@@ -122,6 +122,10 @@ def prepare(
     viewpoint: Annotated[
         str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it, not to the file's stations.")
     ] = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(help="Of a moving scanner: time,x,y,z, or a cloud with gps_time; normals are turned to it."),
+    ] = None,
     levels: Annotated[
         bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
     ] = True,
@@ -136,6 +140,10 @@ def prepare(
     estimate_normals = estimate_normals or normals == "fit"
     if viewpoint is not None and not estimate_normals:
         raise ValueError("--viewpoint is for --estimate-normals or --normals fit, which is not given")
+    if trajectory is not None and not estimate_normals:
+        raise ValueError("--trajectory is for --estimate-normals or --normals fit, which is not given")
+    if trajectory is not None and viewpoint is not None:
+        raise ValueError("--viewpoint and --trajectory exclude each other")
     use_threads(threads)
     options = {
         "tolerance": tolerance,
@@ -146,6 +154,7 @@ def prepare(
         "normals": normals.value,
         "estimate_normals": estimate_normals,
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
+        "trajectory": trajectory,
         "levels": levels,
         "force": force,
     }

@@ -1,4 +1,4 @@
-"""Checks of a file's normals: whether neighbours face opposite sides, and whether all face inwards."""
+"""A check of a file's normals: whether neighbours face opposite sides."""
 
 from __future__ import annotations
 
@@ -7,12 +7,9 @@ from numpy.typing import NDArray
 
 from ...jit import Array, kernel
 from ...neighbors import distinct, morton_order, neighbors
-from .orientation import outward_votes
 
 Floats = NDArray[np.float32]
 
-INWARD = 0.95  # share of inward votes of a flipped model: closed scans have 1, a room seen by its scanner 0.81
-DEEP = 0.2  # mean of these votes: closed scans have at least 0.36
 ACROSS = 0.1  # sine at which a point lies out of another's tangent plane
 OPPOSITE = -0.5  # cosine below which two normals face opposite sides
 RUNS, RUN = 64, 2048  # stretches of the Morton curve that stand for a large cloud
@@ -54,9 +51,3 @@ def agreement_share(positions: Floats, normals: Floats) -> float:
     rows = np.arange(0, len(path), 4)
     near = neighbors(path, 4, path[rows])[1][:, 1:]
     return float(_count_agreement(path, unit, rows, np.ascontiguousarray(near)) / near.size)
-
-
-def looks_inward(positions: Floats, normals: Floats) -> bool:
-    """Whether the outermost points face inwards in all directions, as in a closed model with flipped normals."""
-    votes = outward_votes(positions, normals)
-    return bool((votes < 0).mean() > INWARD and votes.mean() < -DEEP)

@@ -13,11 +13,13 @@ from ...arguments import check_callback, check_kind, check_whole
 from ...data import Points
 from ...neighbors import distinct, morton_order, neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
-from .checks import agreement_share, looks_inward
-from .jets import Fits, fit_normals
-from .orientation import NEAR, orient
+from .checks import agreement_share
+from .jets import Fits, Planes, fit_normals
+from .layers import Layers
+from .orientation import NEAR
+from .outward import looks_inward, orient
 from .sheets import part_sheets
-from .stations import check_eyes, eyes_of, faced, is_known, settle_unknown
+from .stations import check_apart, check_eyes, eyes_of, faced, is_known, settle_unknown, warn_of_lost_scans
 
 MENDING = 8  # good normals that stand in for a missing one
 UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
@@ -26,7 +28,7 @@ DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are r
 FITTED, ORIENTED = 0.7, 0.8  # shares of the time after which normals are fitted, and oriented
 
 Floats = NDArray[np.float32]
-Fitting = Callable[[Floats, int, Floats | None, Progress | None], Fits]  # of positions, kept, eye: see `fit_normals`
+Fitting = Callable[[Floats, int, Floats | None, Progress | None, Planes | None], Fits]  # see `fit_normals`
 
 
 def estimate_normals(
@@ -44,8 +46,9 @@ def estimate_normals(
         How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, chosen by
         the point's noise and detail and the distance of scan lines.
     viewpoint : (3,) or (n, 3) array_like, optional
-        World position of the scanner, or of the one that saw each point, NaN where that is unknown: every normal agrees
-        with the plane through its neighbours, turned towards the scanner. Of equal positions the first row's scanner
+        World position of the scanner, or of the one that saw each point, NaN where that is unknown (`eyes_along` tells
+        it for a scanner that moved): every normal is turned towards the scanner, or, where it grazes the view, with the
+        plane through its neighbours. Of equal positions the first row's scanner
         counts. None: the stations of `points.survey`, where the attribute "scan" tells which of them saw each point (a
         single one without that attribute saw all). Where the scanner is unknown signs pass from point to point and from
         part to part, from those that are known; a connected group without any is turned outward, or up if it has no
@@ -62,7 +65,7 @@ def estimate_normals(
     ------
     ValueError
         If there are fewer than three distinct positions, `neighbors` is less than 3, or the viewpoint has another
-        shape, or three numbers that are not finite.
+        shape, or three numbers that are not finite, or is a single one among the points.
 
     References
     ----------
@@ -86,12 +89,21 @@ def with_fits(
     path, ids, rows = along_path(points)
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
+    if viewpoint is None:
+        warn_of_lost_scans(points)
+    elif eyes is not None and eyes.ndim == 1:
+        check_apart(path, eyes - points.origin)
     eye = None if eyes is None else _seen_from(points, eyes, rows)
-    known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye)
+    known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye) & (eye != path).any(axis=1)
     watch = progress if known.all() else part_of(progress, 0.0, FITTED)
-    found = fit(path, 1 if known.all() else NEAR, eye, watch)
-    if not known.any():
-        found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
+    layers = None if known.any() else Layers(path)
+    found = fit(path, 1 if known.all() else NEAR, eye, watch, layers)
+    if layers is not None:
+        if layers.noisy:
+            layers.planes *= orient(layers.moved, layers.planes, layers.near)[:, None]
+            found.normals[:] *= layers.sides(found.normals)[:, None]
+        else:
+            found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
         tell(progress, ORIENTED)
         part_sheets(found.positions, found.normals, found.near, found.residuals)
     elif not known.all():

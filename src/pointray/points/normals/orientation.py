@@ -2,21 +2,23 @@
 
 Two points with normals n and m and the connecting unit vector e obey the reflection rule (Koenig and Gumhold 2009) if
 their signs agree: n - 2 (n.e) e faces the same side as m. The rule holds around a rim too, where n.m alone misleads.
-Edges that leave the tangent planes count less, as they cross a thin sheet.
+Edges that leave the tangent planes count less, as they cross a thin sheet. Where the rule says the opposite of n.m, the
+mean of both counts: two layers of one noisy wall are no thin body (of a tower's wall 41% faced away).
 
 The work is local: a part is a stretch of the Morton curve, and its edges are sorted and joined alone. The resulting
 pieces vote on each other with all edges between them. In each round a piece joins the neighbour with the clearest
-vote, and the votes of joined pieces are added up.
+vote, and the votes of joined pieces are added up. A vote is clear if it is large, and little of it was contradicted.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f64, i64, inline, kernel, next_tile, run
+from ...jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile, run
 
 Floats = NDArray[np.float32]
 Signs = NDArray[np.int8]
@@ -25,11 +27,7 @@ NEAR = 11  # neighbours that signs pass to, the point itself first: with 7 the d
 PART = 4096  # points
 LEVELS = 256  # steps of confidence inside a part
 SURE = 0.95  # confidence from which a part's points join without a vote: 0.5% of Lucy are flipped; 1.8 to 22% at 0.5
-DIRECTIONS = 64  # directions in which the outermost points of a group vote
-RIM = 0.01  # share of the points that count as outermost in a direction: single ones are trees, wires and strays
-UPWARD = 0.5  # how much more upward normals count: terrain has no outside
-SAMPLE = 50_000  # points of a group that are examined
-LARGE = 1000  # points of a group from which its outermost points vote
+UNITED = 0.8  # a vote is as clear as its share that nothing contradicts, to this power, times its size to the rest
 
 
 @inline
@@ -45,7 +43,10 @@ def agreement(positions: Array, normals: Array, i: int, j: int) -> float:
     if square == 0.0:
         return nm
     steep = max(abs(a), abs(b)) / math.sqrt(square)
-    return (nm - 2.0 * a * b / square) * max(1.0 - steep, 0.0)
+    reflected = nm - 2.0 * a * b / square
+    if reflected * nm < 0.0:
+        reflected = 0.5 * (nm + reflected)
+    return reflected * max(1.0 - steep, 0.0)
 
 
 @inline
@@ -158,12 +159,14 @@ def _cast_votes(
 
 
 @kernel
-def _join_clearest(one: Array, other: Array, votes: Array, best: Array, parent: Array, sign: Array) -> int:
+def _join_clearest(
+    one: Array, other: Array, votes: Array, clear: Array, best: Array, parent: Array, sign: Array
+) -> int:
     """Join each piece with the neighbour whose vote is clearest; returns the number of joins."""
     best[:] = -1
     for t in range(len(votes)):
         for p in (one[t], other[t]):
-            if best[p] < 0 or abs(votes[t]) > abs(votes[best[p]]):
+            if best[p] < 0 or clear[t] > clear[best[p]]:
                 best[p] = t
     joins = 0
     for p in range(len(best)):
@@ -223,78 +226,28 @@ def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[
 def _join_pieces(count: int, pairs: NDArray[np.int64], votes: Floats) -> tuple[NDArray[np.int64], Signs]:
     """The group of each piece and its sign in it, by rounds of joins; votes are added up anew after each round."""
     group, turn = np.arange(count), np.ones(count, np.int8)
+    mass = np.abs(votes)
     while len(pairs):
-        pairs, sums = _add_up(pairs, votes)
+        pairs, sums, mass = _add_up(pairs, votes, mass)
         size = int(group.max()) + 1
         parent, sign = np.arange(size), np.ones(size, np.int8)
         one, other = pairs >> 32, pairs & 0xFFFFFFFF
-        _join_clearest(one, other, sums, np.empty(size, np.int64), parent, sign)
+        clear = np.abs(sums) / np.maximum(mass, f32(1e-30)) ** f32(UNITED)
+        _join_clearest(one, other, sums, clear, np.empty(size, np.int64), parent, sign)
         _flatten(parent, sign)
         roots, number = np.unique(parent, return_inverse=True)
         turn *= sign[group]
         group = number[group]
         a, b = number[one], number[other]
         outer = a != b
-        votes = (sums * sign[one] * sign[other])[outer]
+        votes, mass = (sums * sign[one] * sign[other])[outer], mass[outer]
         pairs = ((np.minimum(a, b) << 32) | np.maximum(a, b))[outer]
     return group, turn
 
 
-def _add_up(pairs: NDArray[np.int64], votes: Floats) -> tuple[NDArray[np.int64], Floats]:
+def _add_up(pairs: NDArray[np.int64], *votes: Floats) -> tuple[NDArray[Any], ...]:
+    """Each pair once, and the sums of its votes."""
     order = np.argsort(pairs, kind="stable")
     sorted_pairs = pairs[order]
     first = np.flatnonzero(np.diff(sorted_pairs, prepend=-1))
-    return sorted_pairs[first], np.add.reduceat(votes[order], first)
-
-
-def even_directions(count: int) -> NDArray[np.float64]:
-    """Directions spread evenly over the sphere, (count, 3): a Fibonacci spiral."""
-    z = 1 - (2 * np.arange(count) + 1) / count
-    angle = np.pi * (1 + 5**0.5) * np.arange(count)
-    flat = np.sqrt(1 - z * z)
-    return np.stack([flat * np.cos(angle), flat * np.sin(angle), z], axis=1)
-
-
-def outward_votes(positions: Floats, normals: Floats) -> NDArray[np.float64]:
-    """How far outward the outermost points face in each of `even_directions(DIRECTIONS)`: mean cosines, -1 to 1."""
-    step = -(-len(positions) // SAMPLE)
-    x, unit = positions[::step].astype(np.float64), normals[::step].astype(np.float64)
-    count = max(1, int(RIM * len(x)))
-    directions = even_directions(DIRECTIONS)
-    votes = np.empty(DIRECTIONS)
-    for k, direction in enumerate(directions):
-        height = x @ direction
-        rim = np.argpartition(height, -count)[-count:]
-        votes[k] = (unit[rim] @ direction).mean()
-    return votes
-
-
-def _inward_groups(positions: Floats, normals: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which groups must be turned, by votes of their outermost points and the mean normal's upward part."""
-    order = np.argsort(groups, kind="stable")
-    starts = np.flatnonzero(np.diff(groups[order], prepend=-1))
-    ends = np.append(starts[1:], len(order))
-    # There are many small groups: sum the normals times the offsets from the middle, and the upward parts, at once.
-    count = (ends - starts)[:, None]
-    x, unit = positions[order].astype(np.float64), normals[order].astype(np.float64)
-    x -= np.repeat(np.add.reduceat(x, starts) / count, ends - starts, axis=0)
-    out = np.add.reduceat(np.einsum("ij,ij->i", x, unit), starts)
-    size = np.sqrt(np.add.reduceat(np.einsum("ij,ij->i", x, x), starts) * count[:, 0])
-    inward = out + UPWARD * size * np.add.reduceat(unit[:, 2], starts) / count[:, 0] < 0
-    weight = 1 + UPWARD * even_directions(DIRECTIONS)[:, 2]
-    for g in np.flatnonzero(ends - starts >= LARGE):
-        rows = order[starts[g] : ends[g]]
-        out = weight @ outward_votes(positions[rows], normals[rows]) / DIRECTIONS
-        inward[g] = out + normals[rows, 2].mean() < 0
-    return np.asarray(inward)
-
-
-def orient(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Signs:
-    """Signs, (n,) int8, so that normals agree with their neighbours' and face outward, or up if there is no outside.
-
-    Positions lie along a Morton curve; parameters are as in `agree`.
-    """
-    signs, groups = agree(positions, normals, near)
-    inward = _inward_groups(positions, normals * signs[:, None], groups)
-    signs[inward[groups]] *= -1
-    return signs
+    return sorted_pairs[first], *(np.add.reduceat(each[order], first) for each in votes)

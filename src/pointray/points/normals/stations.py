@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import check_numbers, vector
 from ...data import Points
 from ...survey import SCAN
-from .orientation import agree, orient
+from .orientation import agree
+from .outward import orient
 
 Floats = NDArray[np.float32]
+
+CLOSE, FEW = 8, 100  # nearest points that tell whether a viewpoint lies among the points; points that can tell
+AMONG = 1.25  # the farthest of them lies as many times as far from the viewpoint as from the nearest, at most
 
 
 def eyes_of(points: Points) -> NDArray[np.float64] | None:
@@ -41,6 +46,39 @@ def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
     if eyes.shape != (n, 3):
         raise ValueError(f"viewpoint must have the shape (3,) or ({n}, 3), a row for each point, not {eyes.shape}")
     return eyes
+
+
+def check_apart(positions: Floats, eye: NDArray[np.float64]) -> None:
+    """Refuse an eye, (3,), that lies among the points as one of them would: in a wall, which it sees from nowhere.
+
+    Points at the very eye are no reason: scanners write returns that they lost so.
+    """
+    distances = np.linalg.norm(positions - eye, axis=1)
+    distances[distances == 0] = np.inf
+    if np.isfinite(distances).sum() < FEW:
+        return
+    nearest = int(distances.argmin())
+    around = np.linalg.norm(positions - positions[nearest], axis=1)
+    if np.partition(distances, CLOSE)[CLOSE] < AMONG * np.partition(around, CLOSE)[CLOSE]:
+        raise ValueError(
+            f"the viewpoint lies among the points, {distances[nearest]:.3g} from one: "
+            "give the place where the scanner stood"
+        )
+
+
+def warn_of_lost_scans(points: Points) -> None:
+    """Say which numbers of scans have no station, where others have one."""
+    scans, count = points.attributes.get(SCAN), len(points.survey.stations)
+    if scans is None or scans.ndim != 1 or not count:
+        return
+    with np.errstate(invalid="ignore"):
+        lost = np.isfinite(scans) & (scans >= 0) & ~((scans < count) & (scans == np.rint(scans)))
+    if lost.any():
+        warnings.warn(
+            f"{lost.sum():,} of {len(points):,} points are of scans like {scans[lost][0]:g}, and there are stations "
+            f"for 0 to {count - 1} only: they follow their neighbours; pass viewpoint= if you know who saw them",
+            stacklevel=3,
+        )
 
 
 def is_known(eyes: NDArray[Any]) -> NDArray[np.bool_]:

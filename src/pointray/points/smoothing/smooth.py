@@ -12,7 +12,7 @@ from ...data import Points
 from ...neighbors import neighbor_chunks
 from ...progress import Progress, part_of, tell
 from ..normals.estimate import along_path, mend_normals, with_fits
-from ..normals.jets import Fits, fit_normals, turn
+from ..normals.jets import Fits, Planes, faces, fit_normals, survey
 from .fit import SIZES, fit_surface
 from .noise import LITTLE, noise_along
 
@@ -100,26 +100,37 @@ class Fitting:
     def __init__(self, sigma: str | float) -> None:
         self._sigma, self.is_noisy = sigma, False
 
-    def fit(self, path: Floats, kept: int, eye: Floats | None = None, progress: Progress | None = None) -> Fits:
+    def fit(
+        self,
+        path: Floats,
+        kept: int,
+        eye: Floats | None = None,
+        progress: Progress | None = None,
+        planes: Planes | None = None,
+    ) -> Fits:
         """Like `fit_normals`; positions are the moved ones."""
         noise = _noise_of(path, self._sigma)
         tell(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
         if noise is None:
-            return fit_normals(path, kept, eye, left)
+            return fit_normals(path, kept, eye, left, planes)
         self.is_noisy = True
         n = len(path)
         moved, normals = path.copy(), np.zeros_like(path)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
-        for part, found in neighbor_chunks(path, max(SIZES[-1], kept), left):
+        wanted = 0 if planes is None else planes.wanted(survey(path)[0])
+        for part, found in neighbor_chunks(path, max(SIZES[-1], kept, wanted), left):
             rows = np.arange(part.start, part.start + len(found))
             table = np.ascontiguousarray(found[:, : SIZES[-1]])
-            shifts, normals[part], planes = fit_surface(path, rows, table, None, noise[part])
+            if planes is not None and wanted:
+                planes.lay(part, found)
+            shifts, normals[part], flat = fit_surface(path, rows, table, None, noise[part])
             share, spacing = _shares(path, rows, table, noise[part], self._sigma)
             moved[part] += share * shifts
             residuals[part] = noise[part] / spacing
             if eye is not None:
-                turn(normals[part], planes, (eye if eye.ndim == 1 else eye[part]) - moved[part])
+                to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
+                normals[part][~faces(normals[part], flat, to_eye)] *= -1
             near[part] = found[:, : near.shape[1]]
         return Fits(moved, normals, near, residuals)
 
