@@ -33,14 +33,15 @@ BEYOND = 3  # so many more points lie on its side, beyond the noise, than twice 
 SHOULDER = 0.8  # as a share of them: points at 2 to 3 noises. Rough ground has more, a layer fewer
 BETWEEN = 0.6  # as a share of them: points nearer to the floor, beyond its noise. A slope has more
 SPACINGS = 0.3  # and so many spacings off: what a quadric does not follow
+ROUGH, ROUGHLY = 1.6, 0.1  # the fit's own noise, in the noise around and in spacings: one across two sheets has more
 LEVEL = 3.0  # noises within which points belong to the floor
 
 # How a floor is beneath a point, in the cylinder about the point that the neighbourhood fills: at least so many points;
 # its middle off the axis, as a share of the radius (0.42 at a straight edge); the share of its points in the inner half
 # (usually 0.25); points on the other point's side, as a share of the floor's.
 ENOUGH, ASIDE, INNER, SPARSE = 12, 0.3, 0.1, 0.34
-ENOUGH_BESIDE, ASIDE_BESIDE, SPARSE_BESIDE = 5, 0.55, 0.5  # for a point beside others that are off the floor
-BESIDE = 2  # so many of them, among the neighbours
+ENOUGH_BESIDE, ASIDE_BESIDE, SPARSE_BESIDE = 5, 0.55, 0.34  # for a point beside others that are off the floor
+BESIDE, MOSTLY = 2, 0.5  # so many of them, among the neighbours, and this share of its company
 OFF, MAYBE = 2.0, 1.0  # what the examination says
 
 CHUNK = 1024  # points of a tile
@@ -94,9 +95,9 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
     while tile >= 0:
         for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             n, second, far = fit(positions, rows[i], near, i, True, memory)
-            n, first, far = fit(positions, rows[i], near, i, False, memory)
-            if second < first:
-                n, second, far = fit(positions, rows[i], near, i, True, memory)
+            n, own, far = fit(positions, rows[i], near, i, False, memory)
+            if second < own:
+                n, own, far = fit(positions, rows[i], near, i, True, memory)
             noise, height = noises[i] / far, -x[0]
             wide = math.sqrt(max(1.0 - height * height, 0.0))
             level = max(LEVEL * noise, SPACINGS * math.sqrt(math.pi / k) * max(wide, 0.1))
@@ -126,6 +127,8 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
             out[i, 0] = OFF if sure else (MAYBE if maybe else 0.0)
             if abs(height) <= max(NEAR * noise, SPACINGS * spacing) or between > BETWEEN * front:
                 out[i, 0] = 0.0
+            if own > ROUGH * noise + ROUGHLY * spacing:
+                out[i, 0] = 0.0
             share = -height * far / (1.0 + x[1] ** 2 + x[2] ** 2)
             one, two = tangents(n)
             for c in range(3):
@@ -152,7 +155,7 @@ def find_floors(positions: Floats, progress: Progress | None = None) -> Floors:
     found = _examined(tree, positions, suspects, shared, part_of(progress, 0.8, 1.0))
     said, about = np.zeros(n, np.float32), np.zeros((n, 5), np.float32)
     said[suspects], about[suspects] = found[:, 0], found[:, 1:]
-    off = _with_those_beside(tree, positions, said)
+    off = _with_those_beside(tree, positions, said, about[:, 4])
     is_on = (height <= np.maximum(FAR * shared, SPACINGS * spacing)) & (shared <= SPACINGS * spacing)
     return Floors(off, is_on & ~off, about[:, :3], about[:, 3], about[:, 4], core, near)
 
@@ -176,10 +179,10 @@ def _examined(tree: NeighborTree, positions: Floats, rows: Rows, noise: Floats, 
     return out
 
 
-def _with_those_beside(tree: NeighborTree, positions: Floats, said: Floats) -> NDArray[np.bool_]:
+def _with_those_beside(tree: NeighborTree, positions: Floats, said: Floats, company: Floats) -> NDArray[np.bool_]:
     """Those that are surely off, and those beside them that may be."""
     off, maybe = said == OFF, np.flatnonzero(said == MAYBE)
     if len(maybe):
         found = tree.query(min(AROUND, len(positions)), positions[maybe])[1]
-        off[maybe] = (said[found] == OFF).sum(axis=1) >= BESIDE
+        off[maybe] = (said[found] == OFF).sum(axis=1) >= np.maximum(BESIDE, MOSTLY * company[maybe])
     return off
