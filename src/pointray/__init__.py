@@ -47,9 +47,11 @@ _HOME = {
     "draw_legend": "image",
     "estimate_normals": "points",
     "find_flaws": "points.cleaning",
+    "find_strays": "points.strays",
     "fly": "rendering.camera_path",
     "frame": "staging.first_view",
     "load_scene": "scenefile",
+    "merge_layers": "points.strays",
     "procedural": "points",
     "procedural_distance": "points",
     "formats": "points.known_formats",  # a name of `points/` itself would hide the folder
@@ -87,6 +89,8 @@ if TYPE_CHECKING:
     from .points.cleaning import clean as clean
     from .points.cleaning import find_flaws as find_flaws
     from .points.known_formats import formats as formats
+    from .points.strays import find_strays as find_strays
+    from .points.strays import merge_layers as merge_layers
     from .rendering.camera import Camera as Camera
     from .rendering.camera_path import fly as fly
     from .rendering.camera_path import turntable as turntable

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +85,20 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: P
     positions = points.positions.copy()
     positions[strays.layer] += offset[strays.layer]
     return points.changed(positions=positions) if strays.layer.any() else points
+
+
+def without_strays(
+    points: Points, name: str, viewpoint: ArrayLike | None = None, progress: Progress | None = None
+) -> Points:
+    """The points without strays; a warning tells how many were left out. An error, if that would be all.
+
+    name : what messages call the points
+    """
+    strays = find_strays(points, viewpoint, progress)
+    if not (~strays.any & points.finite).any():
+        raise ValueError(f"{name}: no point is left without the {strays}")
+    warnings.warn(f"{name}: {strays} left out", stacklevel=2)
+    return points.select(~strays.any) if strays.any.any() else points
 
 
 def _look(points: Points, viewpoint: ArrayLike | None, progress: Progress | None) -> tuple[Strays, Floats]:

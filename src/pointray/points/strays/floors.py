@@ -152,9 +152,9 @@ def find_floors(positions: Floats, progress: Progress | None = None) -> Floors:
     height, noise, spacing = fits.T
     shared = _shared(noise / spacing, near) * spacing
     suspects = np.flatnonzero((height > SUSPECT * shared) & (height > 0.5 * SPACINGS * spacing))
-    found = _examined(tree, positions, suspects, shared, part_of(progress, 0.8, 1.0))
     said, about = np.zeros(n, np.float32), np.zeros((n, 5), np.float32)
-    said[suspects], about[suspects] = found[:, 0], found[:, 1:]
+    examined = _examined(tree, positions, suspects, shared, part_of(progress, 0.8, 1.0))
+    said[suspects], about[suspects] = examined[:, 0], examined[:, 1:]
     off = _with_those_beside(tree, positions, said, about[:, 4])
     is_on = (height <= np.maximum(FAR * shared, SPACINGS * spacing)) & (shared <= SPACINGS * spacing)
     return Floors(off, is_on & ~off, about[:, :3], about[:, 3], about[:, 4], core, near)
