@@ -28,7 +28,7 @@ def layered(off, share=0.1):
     return pr.Points(np.vstack([rows, front + off * H * normals])), np.arange(len(rows) + len(front)) >= N
 
 
-def veiled(step=0.006):
+def veiled(step=0.0045):
     """A pole before a wall, seen from the origin: at each edge of the pole a row has a mixed return."""
     a, e = np.meshgrid(np.arange(-0.35, 0.35, step), np.arange(-0.35, 0.35, step))
     rays = np.stack([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)], axis=2)

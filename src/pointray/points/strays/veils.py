@@ -1,7 +1,8 @@
 """Veils: what a scanner measures between foreground and background, where its beam meets the edge of something.
 
-Seen from the scanner, a surface goes on from each point to some of those beside it, even at a grazing angle. A point of
-a veil stands by itself between what is nearer and what is farther: hardly any of the points beside it is about as far.
+Seen from the scanner, a surface goes on from each point to some of those beside it: even at a grazing angle, in one
+direction. A point of a veil stands by itself between what is nearer and what is farther: hardly any of the points
+beside it is about as far.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from ...neighbors import neighbors
 Floats = NDArray[np.float32]
 
 BESIDE = 8  # points beside each, as seen from the scanner
-STEEP = 6.0  # a surface recedes by no more than this for a step to the side: 80 degrees
+STEEP = 4.0  # a surface recedes by no more than this for a step to the side: 76 degrees
 MOST = 1  # points beside a point of a veil that go on from it
 
 
