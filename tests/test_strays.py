@@ -86,6 +86,14 @@ def test_veils_are_found_from_the_scanner():
     assert (pr.find_strays(surveyed).veil == strays.veil).all()
 
 
+@pytest.mark.parametrize("place", ["outside", "middle", "at a point"])
+def test_a_body_seen_from_one_place_has_no_veils(place):
+    points = pr.procedural("statue", 30_000)
+    low, high = points.bounds
+    eye = {"outside": low - 3 * (high - low), "middle": (low + high) / 2, "at a point": points.world[7]}[place]
+    assert pr.find_strays(points, eye).veil.mean() < 0.001
+
+
 def test_a_group_that_floats_is_found():
     bird = np.random.default_rng(2).normal(size=(15, 3)) * H + (0.2, -1, 0.3)
     strays = pr.find_strays(pr.Points(np.vstack([wall(N)[0], bird])))

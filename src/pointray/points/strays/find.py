@@ -133,7 +133,7 @@ def _kinds(
     tell(progress, FLOORED)
     floating = adrift(positions, floors, layer | lone)
     tell(progress, GROUPED)
-    veil = _veils(points, positions, rows, eyes)
+    veil = _veils(points, positions, floors.core, rows, eyes)
     layer, floating = layer & ~veil, floating & ~(layer | veil)
     return np.stack([layer, veil, floating, lone & ~(layer | veil | floating)], axis=1), floors
 
@@ -152,7 +152,7 @@ def _faces_back(points: Points, rows: NDArray[np.int64], floors: Floors) -> NDAr
 
 
 def _veils(
-    points: Points, positions: Floats, rows: NDArray[np.int64], eyes: NDArray[np.float64] | None
+    points: Points, positions: Floats, core: Floats, rows: NDArray[np.int64], eyes: NDArray[np.float64] | None
 ) -> NDArray[np.bool_]:
     """Which positions are in veils, as seen by the scanner of each."""
     veil = np.zeros(len(rows), np.bool_)
@@ -166,5 +166,5 @@ def _veils(
     for number, station in enumerate(stations):
         seen = known[which.reshape(-1) == number]
         if len(seen) >= LEAST:
-            veil[seen] = veiled(positions[seen], station - points.origin)
+            veil[seen] = veiled(positions[seen], core[seen], station - points.origin)
     return veil
