@@ -1,227 +1,193 @@
-"""Strays get no visible discs and are counted in a message; true surfaces stay closed."""
-
-import json
-import warnings
+"""Strays are found by kind, and surfaces keep their points."""
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 import pointray as pr
-from conftest import shared_model, slow, sphere_points
+from conftest import shared_model
 from pointray.cli import execute
-from pointray.neighbors import neighbors
-from pointray.splats import choose_radii
-from pointray.splats.radii import NEIGHBORS
-from pointray.splats.support import Support
+from pointray.points.strays import without_strays
 
-UP = np.float32([0, 0, 1])
-NOTE = "pointray: note: 4 lone points are drawn no larger than their neighbours' supports"
-TELLS = "lone points? (is|are) drawn no larger than (its|their) neighbours' supports"
+N = 10_000
+H = np.sqrt(4 / N)  # the spacing on the wall
 
 
-def chosen(positions, normals):
-    """Radii, and which points are strays."""
-    normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)
-    radii, _, lone = choose_radii(positions, normals, *neighbors(positions, NEIGHBORS + 1))
-    return radii, lone
-
-
-def run(capsys, *arguments):
-    """Exit status, output and errors of a command."""
-    capsys.readouterr()
-    status = execute([str(a) for a in arguments])
-    return status, *capsys.readouterr()
-
-
-def square(n, seed=0):
-    """Random points of the unit square."""
-    return (np.random.default_rng(seed).uniform(size=(n, 3)) * [1, 1, 0]).astype(np.float32)
-
-
-def groups(count, size, seed=1):
-    """Groups of points 0.3 to 1.5 above the unit square; a group's points are some 0.05 apart."""
+def wall(n, seed=0, noise=0.1):
+    """Points of a curved wall and its normals."""
     draw = np.random.default_rng(seed)
-    middles = draw.uniform([0, 0, 0.3], [1, 1, 1.5], (count, 3))
-    return (np.repeat(middles, size, axis=0) + 0.03 * draw.normal(size=(count * size, 3))).astype(np.float32)
+    u, v = draw.uniform(-1, 1, (2, n))
+    normals = np.stack([-0.3 * np.cos(2 * u) * np.cos(1.5 * v), np.ones(n), 0.225 * np.sin(2 * u) * np.sin(1.5 * v)], 1)
+    normals /= -np.linalg.norm(normals, axis=1)[:, None]
+    places = np.stack([u, 0.15 * np.sin(2 * u) * np.cos(1.5 * v), v], axis=1)
+    return places + draw.normal(size=(n, 3)) * noise * H, normals
 
 
-def missed(points, rays, normals=UP):
-    """The number of vertical rays from above these points that hit nothing or a back side."""
-    scene = pr.Scene()
-    scene.add(pr.Model(pr.Points(points, np.array(np.broadcast_to(normals, points.shape)))))
-    hits = scene.intersect(rays + np.float32([0, 0, 3]), [0, 0, -1])
-    return int((~(hits.normal[:, 2] > 0)).sum())
+def layered(off, share=0.1):
+    rows, _ = wall(N)
+    front, normals = wall(int(N * share), 1)
+    return pr.Points(np.vstack([rows, front + off * H * normals])), np.arange(len(rows) + len(front)) >= N
 
 
-# ------------------------------------------------------------------------------------------------------------- strays
+def veiled(step=0.0045):
+    """A pole before a wall, seen from the origin: at each edge of the pole a row has a mixed return."""
+    a, e = np.meshgrid(np.arange(-0.35, 0.35, step), np.arange(-0.35, 0.35, step))
+    rays = np.stack([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)], axis=2)
+    flat, ahead = np.hypot(rays[..., 0], rays[..., 1]), rays[..., 1]
+    under = (3 * ahead) ** 2 - flat**2 * (9 - 0.12**2)
+    pole = (3 * ahead - np.sqrt(np.maximum(under, 0))) / flat**2
+    behind = 5 / ahead
+    edge = np.zeros(a.shape, bool)
+    edge[:, 1:] = (under[:, 1:] > 0) != (under[:, :-1] > 0)
+    share = np.random.default_rng(0).uniform(0.03, 0.97, a.shape)
+    mixed = 3 / ahead * (1 - share) + behind * share
+    ranges = np.where(edge, mixed, np.where(under > 0, pole, behind))
+    return (rays * ranges[..., None]).reshape(-1, 3), edge.reshape(-1)
 
 
-@pytest.mark.parametrize("size", [1, 2, 3, 5])
-@pytest.mark.parametrize("facing", ["up", "any way"])
-def test_strays_are_no_wider_than_the_surface_beside_them(size, facing):
-    x = np.concatenate([square(10_000), groups(6, size)])
-    normals = np.repeat(UP[None], len(x), axis=0)
-    if facing == "any way":
-        normals[10_000:] = sphere_points(6 * size, seed=2)
-    radii, lone = chosen(x, normals)
-    assert radii[10_000:].max() < 2 * np.median(radii)
-    assert not lone[:10_000].any()
-    np.testing.assert_array_equal(radii[:10_000], chosen(x[:10_000], normals[:10_000])[0])
+@pytest.mark.parametrize("off", [0.75, 1.5, 3, 4])
+def test_a_sparse_second_layer_is_found(off):
+    points, sparse = layered(off)
+    strays = pr.find_strays(points)
+    assert strays.any[sparse].mean() > 0.94
+    assert strays.any[~sparse].mean() < 0.005
+    assert strays.layer.sum() > 0.8 * strays.any.sum()
 
 
-def test_scatter_is_no_surface():
-    """300 random points in the air with random normals are strays. Some fit by chance, but have no neighbours."""
-    air = np.random.default_rng(3).uniform([0, 0, 0.2], [1, 1, 1.2], (300, 3))
-    x = np.concatenate([square(30_000), air]).astype(np.float32)
-    radii, lone = chosen(x, np.concatenate([np.repeat(UP[None], 30_000, axis=0), sphere_points(300, seed=5)]))
-    wide = radii[30_000:] > 3 * np.median(radii)
-    assert wide.mean() < 0.02
-    assert lone[30_000:].mean() > 0.9 and not lone[:30_000].any()
+def test_layers_are_merged_with_the_surface():
+    points, sparse = layered(2)
+    merged = pr.merge_layers(points.changed(attributes={"row": np.arange(len(points))}))
+    x, y, z = merged.positions[sparse].T
+    off = np.abs(y - 0.15 * np.sin(2 * x) * np.cos(1.5 * z)) / H
+    assert np.quantile(off, 0.9) < 0.2 and len(merged) == len(points)
+    moved = (merged.positions != points.positions).any(axis=1)
+    assert moved[~sparse].mean() < 0.005 and (merged.attributes["row"] == np.arange(len(points))).all()
+    clean = pr.Points(wall(N, noise=0)[0])
+    assert pr.merge_layers(clean) is clean
 
 
-@pytest.mark.parametrize("with_normals", [True, False])
-def test_a_torus_with_strays_is_told_and_drawn_as_without(with_normals):
-    torus = pr.procedural("torus", 20_000)
-    away = np.float32([[0, 0, 3], [3, 0, 0], [0, -4, 1], [0.05, -4, 1], [2, 2, 2], [2.1, 2, 2], [2, 2.1, 2]])
-    x, n = np.concatenate([torus.positions, away]), np.concatenate([torus.normals, sphere_points(7)])
-    with pytest.warns(UserWarning, match=TELLS) as told:
-        model = pr.Model(pr.Points(x, n if with_normals else None))
-    assert any(str(word.message).split()[0] in "1234567" for word in told)
-    assert model.radii[20_000:].max() < 2 * np.median(model.radii)
-    if with_normals:
-        np.testing.assert_array_equal(model.radii[:20_000], pr.Model(torus).radii)
+def test_lone_points_are_found():
+    rows, _ = wall(N)
+    strays = np.random.default_rng(5).uniform(rows.min(axis=0), rows.max(axis=0), (N // 100, 3))
+    off = np.abs(strays[:, 1] - 0.15 * np.sin(2 * strays[:, 0]) * np.cos(1.5 * strays[:, 2])) > H
+    found = pr.find_strays(pr.Points(np.vstack([rows, strays]))).any
+    assert found[N:][off].mean() > 0.95 and found[:N].mean() < 0.002
 
 
-def test_the_note_counts_right():
-    def note(count):
-        lone = np.arange(1000) < count
-        return Support(np.ones(1000, np.float32), None, None, True, np.arange(1000), lone).note
-
-    assert note(0) == ""
-    assert note(1) == "1 lone point is drawn no larger than its neighbours' supports"
-    assert note(2) == "2 lone points are drawn no larger than their neighbours' supports"
-
-
-def test_given_radii_stay():
-    x = np.concatenate([square(2000), groups(3, 1)])
-    given = np.random.default_rng(0).uniform(0.01, 2, len(x)).astype(np.float32)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        model = pr.Model(pr.Points(x, np.broadcast_to(UP, x.shape)), given)
-    np.testing.assert_array_equal(model.radii, given)
+def test_veils_are_found_from_the_scanner():
+    rows, edge = veiled()
+    points = pr.Points(rows)
+    strays = pr.find_strays(points, (0, 0, 0))
+    assert strays.any[edge].mean() > 0.95 and strays.veil[edge].mean() > 0.8
+    assert strays.any[~edge].mean() < 0.001
+    assert not pr.find_strays(points).veil.any()
+    stations = np.full((len(rows), 3), np.nan)
+    assert not pr.find_strays(points, stations).veil.any()
+    surveyed = points.changed(survey=pr.Survey(stations=[(0, 0, 0)]))
+    assert (pr.find_strays(surveyed).veil == strays.veil).all()
 
 
-@pytest.mark.parametrize("shape", ["torus", "sphere", "statue", "lattice"])
-@pytest.mark.parametrize("n", [500, 5000, slow(50_000)])
-def test_clean_models_have_no_strays(shape, n):
-    points = pr.procedural(shape, n)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        pr.Model(points)
-    assert not chosen(points.positions, points.normals)[1].any()
+@pytest.mark.parametrize("place", ["outside", "middle", "at a point"])
+def test_a_body_seen_from_one_place_has_no_veils(place):
+    points = pr.procedural("statue", 30_000)
+    low, high = points.bounds
+    eye = {"outside": low - 3 * (high - low), "middle": (low + high) / 2, "at a point": points.world[7]}[place]
+    assert pr.find_strays(points, eye).veil.mean() < 0.001
 
 
-def test_a_noisy_torus_has_no_strays():
-    torus = pr.procedural("torus", 20_000)
-    spacing = np.sqrt(4 * np.pi**2 * 0.4 / 20_000)
-    noise = np.random.default_rng(0).normal(size=(20_000, 1)).astype(np.float32) * np.float32(0.5 * spacing)
-    assert chosen(torus.positions + noise * torus.normals, torus.normals)[1].mean() < 1e-4
+def test_a_group_that_floats_is_found():
+    bird = np.random.default_rng(2).normal(size=(15, 3)) * H + (0.2, -1, 0.3)
+    strays = pr.find_strays(pr.Points(np.vstack([wall(N)[0], bird])))
+    assert (strays.floating | strays.lone)[N:].all() and strays.floating[N:].sum() > 10
+    assert not strays.floating[:N].any()
 
 
-def test_the_command_says_how_many(tmp_path, capsys):
-    ball = sphere_points(5000)
-    x = np.concatenate([ball, np.float32([[0, 0, 2], [0, 3, 0], [2, 2, 0], [0, -2, 1]])])
-    pr.write(tmp_path / "scan.ply", pr.Points(x, np.concatenate([ball, sphere_points(4)])))
-    assert run(capsys, "render", tmp_path / "scan.ply", "-o", tmp_path / "a.png", "--size", "32x32")[2].count(NOTE) == 1
-    assert json.loads(run(capsys, "info", tmp_path / "scan.ply", "--json")[1])["lone"] is None
-    assert json.loads(run(capsys, "info", tmp_path / "scan.ply", "--json", "--deep")[1])["lone"] == 4
+@pytest.mark.parametrize("noise", [0, 0.1, 0.5, 1])
+def test_noisy_surfaces_keep_their_points(noise):
+    assert pr.find_strays(pr.Points(wall(N, noise=noise)[0])).any.mean() < 0.005
 
 
-# ------------------------------------------------------------------------------------------------------------ surface
+def test_thin_bodies_keep_both_sides():
+    draw = np.random.default_rng(1)
+    rows, side = draw.uniform(-1, 1, (N, 3)), np.where(np.arange(N) % 2, 1.0, -1.0)
+    rows[:, 2] = side * np.sqrt(4 / (N / 2))
+    assert pr.find_strays(pr.Points(rows)).any.mean() < 0.005
+    side = np.where(draw.uniform(size=N) < 0.1, 1.0, -1.0)
+    rows[:, 2] = side * np.sqrt(4 / N)
+    normals = np.stack([0 * side, 0 * side, side], axis=1)
+    strays = pr.find_strays(pr.Points(rows, normals)).any
+    assert strays[side > 0].mean() < 0.05 and pr.find_strays(pr.Points(rows)).any[side > 0].mean() > 0.5
 
 
-@pytest.mark.parametrize("fall", [10, 30, 100])
-@pytest.mark.parametrize("by", ["slowly", "a step"])
-def test_a_surface_that_thins_stays_closed(fall, by):
-    x = square(60_000)
-    share = float(fall) ** -x[:, 0] if by == "slowly" else np.where(x[:, 0] < 0.7, 1, 1 / fall)
-    x = x[np.random.default_rng(7).uniform(size=len(x)) < share]
-    radii, lone = chosen(x, UP)
-    assert lone.sum() <= 2  # in a corner
-    assert fall < 30 or radii.max() > 4 * np.median(radii)  # these wide discs are needed
-    assert missed(x, 0.9 * square(40_000, seed=8) + np.float32([0.05, 0.05, 0])) == 0
+@pytest.mark.parametrize("model", ["statue", "lattice"])
+def test_models_keep_their_points(model):
+    assert pr.find_strays(pr.procedural(model, 30_000)).any.mean() < 0.002
 
 
-@pytest.mark.parametrize("n", [200, 1000])
-def test_a_coarse_thing_beside_a_fine_one_is_a_surface(n):
-    coarse = sphere_points(n, seed=3)
-    x = np.concatenate([sphere_points(20_000), 10 * coarse + np.float32(15)])
-    normals = np.concatenate([sphere_points(20_000), coarse])
-    scene = pr.Scene()
-    scene.add(pr.Model(pr.Points(x, normals)))
-    directions = sphere_points(20_000, seed=4)
-    hits = scene.intersect(np.float32(15) + 30 * directions, -directions)
-    assert (np.einsum("ij,ij->i", hits.normal, directions) > 0).mean() > (0.999 if n == 1000 else 0.99)
-
-
-# -------------------------------------------------------------------------------------------------------- real scans
-
-
-def radii_around(points, rows, radii, k=200):
-    """Median of the radii around each row, of the k nearest points."""
-    return np.median(radii[cKDTree(points.positions).query(points.positions[rows], k)[1]], axis=1)
-
-
-@pytest.mark.long
-def test_autzen_has_no_ball_on_its_end_wall():
-    """A wall of 15 returns, 30 times sparser than the seats, was a ball of discs up to 13 times the usual width."""
-    points = pr.read(shared_model("points/autzen_stadium_crop_rgb.ply"))
-    with pytest.warns(UserWarning, match=TELLS):
-        model = pr.Model(points)
-    ball = np.linalg.norm(points.positions - points.positions[73888], axis=1) < 12
-    assert ball.sum() > 8
-    assert model.radii[ball].max() < 3 * np.median(model.radii)
+def test_a_mesh_keeps_its_points():
+    assert pr.find_strays(shared_model("stanford_bunny")).any.mean() < 0.001
 
 
 @pytest.mark.parametrize(
-    ("name", "most"),
-    [slow("potree_lion_takanawa_rgb", 1e-4), ("tls_pumpA_rgb", 5e-4), slow("sfm_garden_rgb_nonormals", 1e-3)],
+    "rows",
+    [
+        np.random.default_rng(0).uniform(-1, 1, (19, 3)),
+        np.ones((100, 3)),
+        np.stack([np.arange(500.0), np.zeros(500), np.zeros(500)], axis=1),
+        np.stack(np.meshgrid(*[np.arange(10.0)] * 3), axis=-1).reshape(-1, 3),
+    ],
+    ids=["few", "equal", "line", "grid"],
 )
-def test_few_wide_discs_are_left_in_scans(name, most):
-    """Discs over ten times the usual width were once 4 in 1,000 of the pump's and 7 of the garden's, up to 66 times."""
-    points = pr.read(shared_model(f"points/{name}.ply"))
-    with pytest.warns(UserWarning, match=TELLS):
-        radii = pr.Model(points).radii
-    usual = np.median(radii)
-    assert (radii > 10 * usual).mean() < most
-    assert radii.max() < 25 * usual
+def test_odd_clouds_have_none(rows):
+    assert not pr.find_strays(pr.Points(rows)).any.any()
 
 
-@pytest.mark.slow
-def test_what_flies_beside_the_lion_is_a_speck():
-    """Three or more points, half the lion's size away from it, were discs of 7 times the usual width."""
-    points = pr.read(shared_model("points/potree_lion_takanawa_rgb.ply"))
-    with pytest.warns(UserWarning, match=TELLS):
-        radii = pr.Model(points).radii
-    assert radii[[4275, 8941, 233542]].max() < 2 * np.median(radii)
+def test_a_cloud_of_strays_is_left_as_it_is():
+    assert pr.find_strays(pr.Points(np.random.default_rng(0).uniform(-1, 1, (3000, 3)))).any.mean() < 0.01
 
 
-def through_the_base(name, up, low):
-    """The share of the rays at a statue's base from below that meet a back side first."""
-    points = pr.read(shared_model(f"points/{name}.ply"))
-    scene = pr.Scene()
-    scene.add(pr.Model(points))
-    world = points.world
-    base = world[world[:, up] < world[:, up].min() + low]
-    middle, wide = np.median(base, axis=0), 0.8 * (base.max(axis=0) - base.min(axis=0))
-    origins = middle + (np.random.default_rng(0).uniform(size=(40_000, 3)) - 0.5) * wide
-    origins[:, up] = world[:, up].min() - 100
-    hits = scene.intersect(origins, np.eye(3)[up])
-    return (hits.normal[hits.point >= 0, up] > 0).mean()
+def test_rows_that_are_not_finite_are_none_and_equal_ones_share_their_kind():
+    points, _ = layered(2)
+    whole = pr.find_strays(points)
+    rows = np.vstack([points.positions, np.full((3, 3), np.nan), points.positions[::-1]])
+    strays = pr.find_strays(pr.Points(rows))
+    assert not strays.any[len(points) : len(points) + 3].any()
+    assert (strays.any[: len(points)] == whole.any).all()
+    assert (strays.any[len(points) + 3 :] == whole.any[::-1]).all()
 
 
-@pytest.mark.parametrize(("name", "up", "low"), [("stanford_lucy_50k", 1, 16), ("nefertiti_50k", 2, 8)])
-def test_bases_where_density_falls_are_closed(name, up, low):
-    """6 and 10% of the rays from below once went through, when discs wider than most were cut."""
-    assert through_the_base(name, up, low) < 2e-3
+def test_a_wrong_viewpoint_is_refused():
+    points, _ = layered(2)
+    with pytest.raises(ValueError, match="viewpoint"):
+        pr.find_strays(points, (0, np.nan, 0))
+    with pytest.raises(ValueError, match="viewpoint"):
+        pr.find_strays(points, np.zeros((5, 3)))
+    assert len(pr.find_strays(points, points.positions[0]).any) == len(points)  # at a point
+
+
+def test_kinds_are_told_in_words():
+    points, _ = layered(2)
+    with pytest.warns(UserWarning, match=r"^scan: 1,0\d\d strays \(.* of second layers, .*\) left out$"):
+        left = without_strays(points, "scan")
+    assert len(left) < N + 10
+
+
+def test_commands_leave_them_out(tmp_path, capsys):
+    scan, small = tmp_path / "a.ply", tmp_path / "b.ply"
+    points, _ = layered(2)
+    pr.write(scan, points)
+    assert (
+        execute(["prepare", str(scan), "-o", str(small), "--drop-strays", "--viewpoint=0,-9,0", "--normals=auto"]) == 0
+    )
+    assert f"{scan}: 1,0" in capsys.readouterr().err
+    assert len(pr.read(small)) < N + 10
+    assert (
+        execute(
+            ["render", str(scan), "-o", str(tmp_path / "a.png"), "--size=32x32", "--drop-strays", "--light=headlight"]
+        )
+        == 0
+    )
+    assert "of second layers" in capsys.readouterr().err
+    model = tmp_path / "m.pointray"
+    pr.Model(points).save(model)
+    assert execute(["info", str(model), "--drop-strays"]) != 0
+    assert "--drop-strays is for reading scans" in capsys.readouterr().err

@@ -48,9 +48,11 @@ _HOME = {
     "estimate_normals": "points",
     "eyes_along": "points.trajectory",
     "find_flaws": "points.cleaning",
+    "find_strays": "points.strays",
     "fly": "rendering.camera_path",
     "frame": "staging.first_view",
     "load_scene": "scenefile",
+    "merge_layers": "points.strays",
     "procedural": "points",
     "procedural_distance": "points",
     "formats": "points.known_formats",  # a name of `points/` itself would hide the folder
@@ -90,6 +92,8 @@ if TYPE_CHECKING:
     from .points.cleaning import find_flaws as find_flaws
     from .points.known_formats import formats as formats
     from .points.smoothing.smooth import smooth as smooth
+    from .points.strays import find_strays as find_strays
+    from .points.strays import merge_layers as merge_layers
     from .points.trajectory import eyes_along as eyes_along
     from .rendering.camera import Camera as Camera
     from .rendering.camera_path import fly as fly

@@ -34,12 +34,12 @@ def tolerance_of(text: str) -> tuple[float, bool]:
     return (value / 100 if share else value), share
 
 
-def read_scan(scan: ScanFiles, progress: Progress) -> tuple[Any, Any]:
-    """The points of a scan, and its model if it is a saved model, otherwise None."""
+def read_scan(scan: ScanFiles, progress: Progress, viewpoint: Any = None) -> tuple[Any, Any]:
+    """The points of a scan, and its model if it is a saved model, otherwise None. viewpoint : see `ScanFiles.read`"""
     import pointray as pr
 
     if scan.saved is None:
-        return scan.read(partial(progress.show, "reading")), None
+        return scan.read(partial(progress.show, "reading"), viewpoint), None
     model = pr.Model.load(scan.saved)
     return model.points, model
 
@@ -70,7 +70,7 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
 
     with Progress() as progress:
         progress.show("reading", 0.0)
-        read, model = in_background(lambda: read_scan(scan, progress))
+        read, model = in_background(lambda: read_scan(scan, progress, options["viewpoint"]))
         try:
             points, done = in_background(lambda: _prepared(read, tolerance, options, progress.show, model is None))
         except ValueError as error:

@@ -28,6 +28,8 @@ class Reading:
     sample : int or None
     opacity : float
     intrinsics : tuple of four or five floats, or None
+    drop_strays : bool
+        Whether strays are left out of what was read: no argument of `pr.read`.
     """
 
     columns: tuple[str, ...] | None = None
@@ -40,16 +42,22 @@ class Reading:
     sample: int | None = None
     opacity: float = 0.1
     intrinsics: tuple[float, ...] | None = None
+    drop_strays: bool = False
 
     @property
     def arguments(self) -> dict[str, Any]:
         """What is not as usual, as arguments of `pr.read`."""
-        return {x.name: getattr(self, x.name) for x in fields(self) if getattr(self, x.name) != x.default}
+        return {name: getattr(self, name) for name in self.unusual if name != "drop_strays"}
+
+    @property
+    def unusual(self) -> list[str]:
+        """The names of what is not as usual."""
+        return [x.name for x in fields(self) if getattr(self, x.name) != x.default]
 
     @property
     def is_plain(self) -> bool:
         """Whether all is as usual."""
-        return not self.arguments
+        return not self.unusual
 
     @property
     def inputs(self) -> dict[str, Any]:
@@ -107,6 +115,14 @@ IntrinsicsOption = Annotated[
         rich_help_panel=PANEL,
     ),
 ]
+DropStraysOption = Annotated[
+    bool,
+    typer.Option(
+        "--drop-strays",
+        help="Leave out points of no surface: sparse second layers, veils, floating groups, lone ones.",
+        rich_help_panel=PANEL,
+    ),
+]
 OPTIONS = {
     "columns": ColumnsOption,
     "every": EveryOption,
@@ -118,6 +134,7 @@ OPTIONS = {
     "sample": SampleOption,
     "opacity": OpacityOption,
     "intrinsics": IntrinsicsOption,
+    "drop_strays": DropStraysOption,
 }
 
 

@@ -69,11 +69,18 @@ class ScanFiles:
         for file in self.files:
             check_scan(file, self.reading)
 
-    def read(self, progress: Callable[[float], None] | None = None) -> Any:
-        """Its points, if it is no saved model."""
+    def read(
+        self, progress: Callable[[float], None] | None = None, viewpoint: tuple[float, float, float] | None = None
+    ) -> Any:
+        """Its points, if it is no saved model. viewpoint : the scanner, from which veils are seen"""
         import pointray as pr
 
-        return pr.read(self.files, progress=progress, **self.reading.arguments)
+        points = pr.read(self.files, progress=progress, **self.reading.arguments)
+        if not self.reading.drop_strays:
+            return points
+        from ..points.strays import without_strays
+
+        return without_strays(points, self.name, viewpoint)
 
 
 def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> ScanFiles:
@@ -90,7 +97,7 @@ def check_unread(files: Sequence[Path], reading: Reading) -> None:
     """ValueError if options of reading are given for a saved model, whose points have been read."""
     saved = next(filter(is_saved, files), None)
     if saved is not None and not reading.is_plain:
-        option = next(iter(reading.arguments)).replace("_", "-")
+        option = reading.unusual[0].replace("_", "-")
         raise ValueError(f"{saved}: --{option} is for reading scans, not for a saved model")
 
 

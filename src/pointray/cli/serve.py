@@ -92,7 +92,8 @@ def shared_scene_of(
     light = baked.make if baked is not None and from_file else None
     scans = ScanFiles(tuple(file for file in files if not is_saved(file)), reading, cached)
     entry = scans.entry(normals=options["normals"], **surface) if scans.files else None
-    loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, reading.arguments, entry)
+    kept = reading.arguments, entry, reading.drop_strays
+    loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, *kept)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes, shared.look = True, lights.look or ""
     return shared, loader

@@ -6,6 +6,7 @@ selection, gather, colors, lacking : which rows become points, and how those of 
 replacing : how a file is replaced
 normals : estimated ones, and whether given ones are the surface's
 cleaning, rounding : duplicates and outliers; coordinates that were rounded
+strays : points that belong to no surface
 trust : which normals of a file are used, and which warnings are given
 nearby : the neighbours of a few points among many
 procedural : models made by formula

@@ -17,6 +17,7 @@ from ..model import Model
 from ..model_cache import Entry, built
 from ..model_file import SAVED
 from ..points.files import read
+from ..points.strays import without_strays
 from ..points.trust import check_normals_choice, judged, replaced
 from ..rendering.settings import Settings
 from ..rendering.warmup import NORMALS, expect, is_warm, wait_until_warm
@@ -57,6 +58,8 @@ class Files:
         Arguments of `read` for the scans.
     entry : Entry, optional
         The place of the scans' model in the cache, from which it comes, or where it is kept when all is shown.
+    drop_strays : bool
+        Whether strays of the scans are left out.
     """
 
     paths: Sequence[Path]
@@ -68,6 +71,7 @@ class Files:
     light: Callable[[Scene, Callable[[str, float | None], None]], Any] | None = None
     reading: Mapping[str, Any] = field(default_factory=dict)
     entry: Entry | None = None
+    drop_strays: bool = False
 
     @property
     def _groups(self) -> list[list[Path]]:
@@ -134,6 +138,8 @@ class Files:
             known.levels = known.levels if self.leveled else ()
             return known
         points = read(files, progress=partial(shared.say, stage), **self.reading)
+        if self.drop_strays:
+            points = without_strays(points, files[0].name, progress=partial(shared.say, "looking for strays"))
         with _named(files):
             check_normals_choice(points, self.normals)
         return points

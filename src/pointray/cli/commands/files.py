@@ -120,7 +120,7 @@ def prepare(
     normals: NormalsOption = Normals["auto"],
     estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="The same as --normals fit.")] = False,
     viewpoint: Annotated[
-        str | None, typer.Option(help="The scanner, x,y,z: normals are turned to it, not to the file's stations.")
+        str | None, typer.Option(help="The scanner, x,y,z: for normals and --drop-strays, in place of the file's.")
     ] = None,
     trajectory: Annotated[
         Path | None,
@@ -138,8 +138,8 @@ def prepare(
     if estimate_normals and normals == "file":
         raise ValueError("--estimate-normals and --normals file exclude each other")
     estimate_normals = estimate_normals or normals == "fit"
-    if viewpoint is not None and not estimate_normals:
-        raise ValueError("--viewpoint is for --estimate-normals or --normals fit, which is not given")
+    if viewpoint is not None and not (estimate_normals or reading.drop_strays):
+        raise ValueError("--viewpoint is for --estimate-normals, --normals fit or --drop-strays: none is given")
     if trajectory is not None and not estimate_normals:
         raise ValueError("--trajectory is for --estimate-normals or --normals fit, which is not given")
     if trajectory is not None and viewpoint is not None:

@@ -1,0 +1,166 @@
+"""Robust fits to a point's neighbourhood: a quadric over a plane, on which points far off it have little weight."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+
+from ...jit import Array, f64, inline, routine
+from ...kernels.vec import Vec3, tangents
+from ..normals.planes import plane
+
+# One thread's memory: places in the ball of radius 1, weights, residuals, sizes, sorted ones; terms, coefficients and
+# factor of the quadric; variances and axes of the plane.
+Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]
+
+PLANES, QUADRICS = 3, 2  # rounds of fitting, in which weights fall where residuals were large
+ROUND = 0.25  # ratio of the plane's least two variances above which a second start is tried
+START = 14  # points of the second start
+TERMS = 6  # of a quadric over two variables; a seventh column is the height
+SPREAD = 1.5  # standard deviation over the median of absolute residuals, with the six terms that are fitted
+
+
+@inline
+def new_memory(k: int) -> Memory:
+    """Memory for fits to k points."""
+    d, terms = np.empty((k, 3)), np.empty((k, TERMS + 1))
+    w, r, sizes, sorted_ = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
+    x, m, a, v = np.empty(TERMS), np.zeros((TERMS, TERMS)), np.empty((3, 3)), np.empty((3, 3))
+    return d, w, r, sizes, sorted_, terms, x, m, a, v
+
+
+@routine
+def _median(values: Array, k: int, sorted_: Array) -> float:
+    """Median of k numbers."""
+    for i in range(k):
+        value, j = values[i], i - 1
+        while j >= 0 and sorted_[j] > value:
+            sorted_[j + 1] = sorted_[j]
+            j -= 1
+        sorted_[j + 1] = value
+    return sorted_[k // 2]
+
+
+@routine
+def _solve(terms: Array, w: Array, k: int, m: Array, x: Array) -> int:
+    """Weighted least squares by Cholesky: x the coefficients, m the factor."""
+    total = 0.0
+    for a in range(TERMS):
+        x[a] = 0.0
+        for b in range(a + 1):
+            m[a, b] = 0.0
+    for j in range(k):
+        total += w[j]
+        for a in range(TERMS):
+            g = w[j] * terms[j, a]
+            x[a] += g * terms[j, TERMS]
+            for b in range(a + 1):
+                m[a, b] += g * terms[j, b]
+    for a in range(TERMS):
+        for b in range(a + 1):
+            s = m[a, b] + (1e-3 * total if a == b and a > 2 else 0.0)
+            for c in range(b):
+                s -= m[a, c] * m[b, c]
+            m[a, b] = math.sqrt(max(s, 1e-9 * total)) if a == b else s / m[b, b]
+        for c in range(a):
+            x[a] -= m[a, c] * x[c]
+        x[a] /= m[a, a]
+    for a in range(TERMS - 1, -1, -1):
+        for c in range(a + 1, TERMS):
+            x[a] -= m[c, a] * x[c]
+        x[a] /= m[a, a]
+    return 0
+
+
+@inline
+def _weigh(r: Array, k: int, sizes: Array, sorted_: Array, w: Array) -> float:
+    """Weights from residuals; returns their spread."""
+    for j in range(k):
+        sizes[j] = abs(r[j])
+    spread = SPREAD * _median(sizes, k, sorted_)
+    square = 4.0 * spread * spread + 1e-12
+    for j in range(k):
+        w[j] = 1.0 / (1.0 + r[j] * r[j] / square) ** 2
+    return spread
+
+
+@inline
+def _least_ratio(a: Array) -> float:
+    """The least number on the diagonal over the second one."""
+    low, high = min(a[0, 0], a[1, 1]), max(a[0, 0], a[1, 1])
+    least = min(low, a[2, 2])
+    return least / max(max(low, min(high, a[2, 2])), 1e-300)
+
+
+@routine
+def _start(d: Array, k: int, w: Array, sizes: Array, sorted_: Array) -> int:
+    """Give weight only to the points nearest to one in the middle of the list: beside a stray, these are its floor."""
+    c = k // 2
+    for j in range(k):
+        sizes[j] = (d[j, 0] - d[c, 0]) ** 2 + (d[j, 1] - d[c, 1]) ** 2 + (d[j, 2] - d[c, 2]) ** 2
+    _median(sizes, k, sorted_)
+    limit = sorted_[min(START, k - 1)]
+    for j in range(k):
+        w[j] = 1.0 if sizes[j] <= limit else 0.0
+    return 0
+
+
+@routine
+def _planes(d: Array, k: int, second: bool, memory: Memory) -> Vec3:
+    """The normal of a plane through most of the points; weights are left for the quadric."""
+    _, w, r, sizes, sorted_, _, _, _, a, v = memory
+    for j in range(k):
+        w[j] = 1.0
+    if second:
+        _start(d, k, w, sizes, sorted_)
+    n = (0.0, 0.0, 1.0)
+    for turn in range(PLANES):
+        n = plane(d, w, k, a, v)
+        if turn == 0 and not second and _least_ratio(a) > ROUND:
+            _start(d, k, w, sizes, sorted_)
+            n = plane(d, w, k, a, v)
+        total = middle = 0.0
+        for j in range(k):
+            r[j] = d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]
+            total += w[j]
+            middle += w[j] * r[j]
+        for j in range(k):
+            r[j] -= middle / total
+        _weigh(r, k, sizes, sorted_, w)
+    return n
+
+
+@routine
+def fit(positions: Array, row: int, near: Array, i: int, second: bool, memory: Memory) -> tuple[Vec3, float, float]:
+    """The plane's normal, the noise in radii, and the radius; coefficients, terms and residuals stay in the memory.
+
+    second : whether the fit begins with the points in the middle of the list, not with all
+    """
+    d, w, r, sizes, sorted_, terms, x, m, _, _ = memory
+    k, far = near.shape[1], 1e-30
+    for j in range(k):
+        for c in range(3):
+            d[j, c] = f64(positions[near[i, j], c]) - f64(positions[row, c])
+        far = max(far, math.sqrt(d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2))
+    for j in range(k):
+        for c in range(3):
+            d[j, c] /= far
+    n = _planes(d, k, second, memory)
+    one, two = tangents(n)
+    for j in range(k):
+        p = d[j, 0] * one[0] + d[j, 1] * one[1] + d[j, 2] * one[2]
+        q = d[j, 0] * two[0] + d[j, 1] * two[1] + d[j, 2] * two[2]
+        terms[j, 0], terms[j, 1], terms[j, 2] = 1.0, p, q
+        terms[j, 3], terms[j, 4], terms[j, 5] = p * p, p * q, q * q
+        terms[j, TERMS] = d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]
+    spread = 0.0
+    for _ in range(QUADRICS):
+        _solve(terms, w, k, m, x)
+        for j in range(k):
+            r[j] = terms[j, TERMS]
+            for b in range(TERMS):
+                r[j] -= x[b] * terms[j, b]
+        spread = _weigh(r, k, sizes, sorted_, w)
+    return n, spread, far
