@@ -79,9 +79,9 @@ SENSE: dict[str, set[str]] = {
     **dict.fromkeys(
         ("Attribute", "BakeSettings", "BakedLight", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()
     ),
-    **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Survey", "slice"), set()),
+    **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Survey", "Trajectory", "slice"), set()),
 }
-PATHS = {"path", "image", "host"}  # parameters whose wrong values may raise an OSError
+PATHS = {"path", "image", "host", "trajectory"}  # parameters whose wrong values may raise an OSError
 
 
 class Things:
@@ -99,6 +99,9 @@ class Things:
         self.lit.add_light(pr.EnvironmentLight())
         self.camera = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(8, 8))
         self.folder = folder
+        self.timed = pr.Points(rows, attributes={"gps_time": np.arange(500.0)})
+        self.trajectory = folder / "flight.txt"
+        self.trajectory.write_text("0 0 0 5\n499 5 0 5\n")
         pr.write(folder / "a.ply", self.points)
         self.model.save(folder / "a.pointray")
         (folder / "a.toml").write_text("[camera]\neye = [0, -4, 0]\ntarget = [0, 0, 0]\n")
@@ -131,6 +134,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Model": (pr.Model, {"points": t.rows[:100]}),
         "Model.load": (pr.Model.load, {"path": t.folder / "a.pointray"}),
         "Model.make_levels": (pr.Model(t.points).make_levels, {}),
+        "Model.remade": (t.model.remade, {"smooth": 0, "surface": "imls"}),
         "Model.save": (t.model.save, {"path": t.folder / "b.pointray"}),
         "Phong": (pr.Phong, {}),
         "Plane": (pr.Plane, {"point": (0, 0, -1), "normal": (0, 0, 1)}),
@@ -167,7 +171,11 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "check_normals": (pr.check_normals, {"points": t.points}),
         "estimate_normals": (pr.estimate_normals, {"points": t.points}),
         "formats": (pr.formats, {}),
+        "eyes_along": (pr.eyes_along, {"points": t.timed, "trajectory": t.trajectory}),
         "find_flaws": (pr.find_flaws, {"points": t.points}),
+        "find_strays": (pr.find_strays, {"points": t.points}),
+        "merge_layers": (pr.merge_layers, {"points": t.points}),
+        "smooth": (pr.smooth, {"points": t.points}),
         "fly": (pr.fly, {"keys": [(0, t.camera), (0.1, t.camera)]}),
         "frame": (pr.frame, {"subject": t.points}),
         "load_scene": (pr.load_scene, {"path": t.folder / "a.toml"}),

@@ -46,7 +46,7 @@ def test_only_noisy_points_are_laid_into_planes():
         path = np.float32(torus.positions + share * noise)
         path = path[morton_order(path)]
         layers = Layers(path)
-        fit_normals(path, None, 11, planes=layers)
+        fit_normals(path, 11, planes=layers)
         assert layers.noisy == noisy
 
 

@@ -581,15 +581,15 @@ def test_what_the_user_did_to_the_lights_outlives_the_coarse_version(model, scen
 
 
 def test_a_surface_that_cannot_be_built_is_said_and_forgotten(browser, monkeypatch):
-    whole = pr.Model.__init__
+    whole = pr.Model.remade
 
     def refuse(self, *arguments, **options):
         if options["surface"] == "paper":
             raise ValueError("not this one")
-        whole(self, *arguments, **options)
+        return whole(self, *arguments, **options)
 
     browser.arrive()
-    monkeypatch.setattr(pr.Model, "__init__", refuse)
+    monkeypatch.setattr(pr.Model, "remade", refuse)
     for _ in range(2):
         told = len(browser.told)
         browser.set("build.surface", "paper")

@@ -167,7 +167,7 @@ class Model:
         unless other noise is to be smoothed away.
         """
         check_callback(progress)
-        scale = check_positive(radius_scale, "radius_scale")
+        scale, surface = check_positive(radius_scale, "radius_scale"), check_choice(surface, "surface", SURFACES)
         options: dict[str, Any] = {"surface": surface, "samples": samples, "refine": refine}
         if check_sigma(smooth, "smooth") != self.smooth:
             return Model(self.points, smooth=smooth, radius_scale=scale, progress=progress, **options)

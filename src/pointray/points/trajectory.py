@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_kind
+from ..arguments import check_kind, check_path
 from ..data import Points
 from .files import headers, read
 
@@ -92,7 +92,9 @@ def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) 
     times = points.attributes.get("gps_time")
     if times is None or times.ndim != 1:
         raise ValueError("a trajectory needs the points' times, and they have no attribute gps_time: pass a viewpoint")
-    path = trajectory if isinstance(trajectory, Trajectory) else read_trajectory(trajectory)
+    if not isinstance(trajectory, Trajectory):
+        trajectory = read_trajectory(check_path(trajectory, "trajectory"))
+    path = trajectory
     seen = times.astype(np.float64)
     inside = (seen >= path.times[0]) & (seen <= path.times[-1])
     if not inside.any():

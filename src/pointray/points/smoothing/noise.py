@@ -25,6 +25,7 @@ MUCH, MORE = 0.12, 5.0  # squares of spacings from which they do, and how much m
 # and with 0.5 to 1. By the median, detail of the statue of 10,000 points is noise of 0.12 spacings.
 QUANTILE, SHOWN, MUCH_SHOWN = 0.25, 0.36, 0.28
 HEIGHTS = 0.73  # the median of heights' squares is so much of their mean
+LEFT = 0.4  # what fits leave of the noise's square at least: 0.64 of up to 0.3 spacings, 0.31 of 1
 LITTLE = 0.06  # spacings: noise that does not matter
 SHARE, FEWEST = 32, 20_000  # every so manieth point is examined, but at least so many
 STRETCH = 128  # examined points that are taken together
@@ -62,6 +63,8 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
     spacing = _quantiles(away[:, AROUND - 1].astype(np.float64), stretches) * math.sqrt(math.pi / AROUND)
     if normals is not None:
         square = _quantiles(_heights(path, normals, rows, near[:, 1 : 1 + BESIDE]), stretches) / HEIGHTS
+        if (square > (LITTLE * spacing) ** 2).any():  # wrong normals look like noise, but fits to clean points do not
+            square = np.minimum(square, _quantiles(fit_residuals(path, rows, near, FEW) ** 2, stretches) / LEFT)
     else:
         square = _residuals(path, rows, tree.query(MOST, path[rows])[1], stretches, spacing)
     middles = rows[(ends[:-1] + ends[1:]) // 2]
