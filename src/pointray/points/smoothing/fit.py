@@ -11,12 +11,12 @@ from ..normals.planes import least_axis
 
 Floats = NDArray[np.float32]
 
-SIZES = 16, 32, 64  # neighbours to choose from, the point itself among them; 128 halve the error but double the time
+SIZES = 16, 32, 64, 128  # neighbours to choose from, the point itself among them
 # The mean square of residuals that noise alone leaves, and the weight of what exceeds it, which is detail. Intervals of
 # confidence that must intersect (Goldenshluger and Nemirovski 1997) were no better: at 0.1 spacings the statue's error
 # is 0.079 with them and 0.064 so, at 1 spacing the dragon's 0.36 and 0.31.
 SEEN, DETAIL = 0.64, 0.15
-WIDE = 4.0  # standard deviations of the noise that a neighbourhood must reach: smaller ones know no direction
+WIDE = 5.0  # standard deviations of the noise that a neighbourhood must reach: smaller ones know no direction
 FEWEST = 6  # neighbours
 CHUNK = 512
 

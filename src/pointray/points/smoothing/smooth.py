@@ -19,6 +19,7 @@ from .noise import LITTLE, noise_along
 Floats = NDArray[np.float32]
 
 MOVES = 0.09  # noise in spacings from which points move all the way
+USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time
 SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
 SURVEYED = 0.1  # share of the time after which the noise is known
 
@@ -26,7 +27,7 @@ SURVEYED = 0.1  # share of the time after which the noise is known
 def smooth(points: Points, sigma: str | float = "auto", progress: Progress | None = None) -> Points:
     """Points moved onto the surface that their neighbours show, as far as they are noisy, with the normals there.
 
-    A quadric is fitted to each noisy point's 16 to 64 nearest neighbours, by the noise and the detail of the place, and
+    A quadric is fitted to the 16 to 128 nearest neighbours of each noisy point, as noise and detail there require, and
     the point moves along its normal. Edges move by a fraction of the noise. Clean points stay as they are, to the bit.
 
     Parameters
@@ -109,7 +110,7 @@ class Fitting:
         planes: Planes | None = None,
     ) -> Fits:
         """Like `fit_normals`; positions are the moved ones."""
-        noise = _noise_of(path, self._sigma)
+        noise, most = _noise_of(path, self._sigma)
         tell(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
         if noise is None:
@@ -119,9 +120,9 @@ class Fitting:
         moved, normals = path.copy(), np.zeros_like(path)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
         wanted = 0 if planes is None else planes.wanted(survey(path)[0])
-        for part, found in neighbor_chunks(path, max(SIZES[-1], kept, wanted), left):
+        for part, found in neighbor_chunks(path, max(most, kept, wanted), left):
             rows = np.arange(part.start, part.start + len(found))
-            table = np.ascontiguousarray(found[:, : SIZES[-1]])
+            table = np.ascontiguousarray(found[:, :most])
             if planes is not None and wanted:
                 planes.lay(part, found)
             shifts, normals[part], flat = fit_surface(path, rows, table, None, noise[part])
@@ -142,11 +143,11 @@ def smooth_known(points: Points, sigma: str | float, progress: Progress | None =
     path, ids, rows = along_path(points)
     assert points.normals is not None
     known = points.normals[rows]
-    noise = _noise_of(path, sigma, known)
+    noise, most = _noise_of(path, sigma, known)
     if noise is None:
         return points
     moved, turned = path.copy(), known.copy()
-    for part, found in neighbor_chunks(path, SIZES[-1], part_of(progress, SURVEYED, 1.0)):
+    for part, found in neighbor_chunks(path, most, part_of(progress, SURVEYED, 1.0)):
         rows = np.arange(part.start, part.start + len(found))
         share, _ = _shares(path, rows, found, noise[part], sigma)
         some = np.flatnonzero(share[:, 0] > 0)
@@ -159,14 +160,15 @@ def smooth_known(points: Points, sigma: str | float, progress: Progress | None =
     return points.changed(positions=positions, normals=out)
 
 
-def _noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> Floats | None:
-    """The noise of each point, (n,); None if none is worth a move."""
+def _noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> tuple[Floats | None, int]:
+    """The noise of each point, (n,), None if none is worth a move; and the most neighbours to fit to."""
     if len(path) < SIZES[0] or sigma == 0.0:
-        return None
+        return None, USUAL
     if not isinstance(sigma, str):
-        return np.full(len(path), sigma, np.float32)
+        return np.full(len(path), sigma, np.float32), USUAL
     noise, spacing = noise_along(path, normals)
-    return noise if (noise > LITTLE * spacing).any() else None
+    most = SIZES[-1] if np.median(noise / np.maximum(spacing, 1e-30)) > MUCH else USUAL
+    return noise if (noise > LITTLE * spacing).any() else None, most
 
 
 def _shares(
