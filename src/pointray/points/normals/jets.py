@@ -20,6 +20,7 @@ from ...kernels.vec import Vec3, tangents
 from ...neighbors import neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
 from .planes import least_axis, plane
+from .quadrics import TERMS, height_variance, residual, slope_variance, solve
 
 Floats = NDArray[np.float32]
 # One thread's memory: weights, weights by distance alone, terms and height of each point; coefficients and factor of
@@ -37,79 +38,11 @@ QUANTILE, AT_QUANTILE = 0.25, 0.75  # a quarter of the residuals of pure noise a
 SLIM = 0.2  # ratio of the plane's variances below which points are on a line or two, and more points are used
 LINE = 0.05  # ratio below which a plane is fitted if there are no more points
 SLIM_VARIANCE = 1e30  # stands for the slope's variance where no quadric was fitted
-TERMS = 6  # terms of a quadric over two variables
+RIDGE = 1e-4  # so that points on a line still have an answer
 JET_LEAST = 8  # points; fewer are fitted by a plane
 CHUNK = 1024
 FACING = 0.03  # cosine to the eye from which a normal's own sign is clear
 GRAZING = 0.2  # cosine to the eye up to which the plane through the neighbours grazes it
-
-
-@routine
-def _solve(terms: Array, w: Array, k: int, m: Array, x: Array) -> float:
-    """Least squares by Cholesky: x the coefficients, m the factor below its diagonal; returns the sum of weights."""
-    total = 0.0
-    for a in range(TERMS):
-        x[a] = 0.0
-        for b in range(a + 1):
-            m[a, b] = 0.0
-    for j in range(k):
-        total += w[j]
-        for a in range(TERMS):
-            g = w[j] * terms[j, a]
-            x[a] += g * terms[j, TERMS]
-            for b in range(a + 1):
-                m[a, b] += g * terms[j, b]
-    for a in range(TERMS):
-        for b in range(a + 1):
-            s = m[a, b] + (1e-4 * total if a == b and a > 2 else 0.0)  # points on a line still have an answer
-            for c in range(b):
-                s -= m[a, c] * m[b, c]
-            m[a, b] = math.sqrt(max(s, 1e-9 * total)) if a == b else s / m[b, b]
-        for c in range(a):
-            x[a] -= m[a, c] * x[c]
-        x[a] /= m[a, a]
-    for a in range(TERMS - 1, -1, -1):
-        for c in range(a + 1, TERMS):
-            x[a] -= m[c, a] * x[c]
-        x[a] /= m[a, a]
-    return total
-
-
-@inline
-def _residual(terms: Array, x: Array, j: int) -> float:
-    r = terms[j, TERMS]
-    for a in range(TERMS):
-        r -= x[a] * terms[j, a]
-    return r
-
-
-@inline
-def _variance(m: Array) -> float:
-    """The slope's variance for unit noise at unit weights: two entries of the inverse normal matrix, summed."""
-    total = 0.0
-    y = (0.0, 0.0, 0.0, 0.0, 0.0)
-    for t in range(1, 3):
-        y0 = 1.0 / m[t, t]
-        y1 = -m[2, 1] * y0 / m[2, 2] if t == 1 else 0.0
-        y2 = -(m[3, t] * y0 + m[3, 2] * y1) / m[3, 3]
-        y3 = -(m[4, t] * y0 + m[4, 2] * y1 + m[4, 3] * y2) / m[4, 4]
-        y4 = -(m[5, t] * y0 + m[5, 2] * y1 + m[5, 3] * y2 + m[5, 4] * y3) / m[5, 5]
-        y = (y0, y1, y2, y3, y4)
-        for c in range(5):
-            total += y[c] * y[c]
-    return total
-
-
-@inline
-def height_variance(m: Array) -> float:
-    """The same of the height over the point: the first entry of the inverse normal matrix."""
-    y0 = 1.0 / m[0, 0]
-    y1 = -m[1, 0] * y0 / m[1, 1]
-    y2 = -(m[2, 0] * y0 + m[2, 1] * y1) / m[2, 2]
-    y3 = -(m[3, 0] * y0 + m[3, 1] * y1 + m[3, 2] * y2) / m[3, 3]
-    y4 = -(m[4, 0] * y0 + m[4, 1] * y1 + m[4, 2] * y2 + m[4, 3] * y3) / m[4, 4]
-    y5 = -(m[5, 0] * y0 + m[5, 1] * y1 + m[5, 2] * y2 + m[5, 3] * y3 + m[5, 4] * y4) / m[5, 5]
-    return y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3 + y4 * y4 + y5 * y5
 
 
 @inline
@@ -140,17 +73,17 @@ def jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, flo
         terms[j, 0], terms[j, 1], terms[j, 2] = 1.0, p, q
         terms[j, 3], terms[j, 4], terms[j, 5] = p * p, p * q, q * q
         terms[j, TERMS] = (d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]) / farthest
-    total = _solve(terms, w, k, m, x)
+    total = solve(terms, w, k, RIDGE, m, x)
     square = 0.0
     for j in range(k):
-        square += w[j] * _residual(terms, x, j) ** 2
+        square += w[j] * residual(terms, x, j) ** 2
     square = 4.0 * square / total + 1e-12
     for j in range(k):
-        w[j] = near[j] / (1.0 + _residual(terms, x, j) ** 2 / square) ** 2
-    total = _solve(terms, w, k, m, x)
+        w[j] = near[j] / (1.0 + residual(terms, x, j) ** 2 / square) ** 2
+    total = solve(terms, w, k, RIDGE, m, x)
     square = squares = 0.0
     for j in range(k):
-        square += w[j] * _residual(terms, x, j) ** 2
+        square += w[j] * residual(terms, x, j) ** 2
         squares += w[j] * w[j]
     effective = total * total / squares
     square *= effective / (total * max(effective - TERMS, 1.0))
@@ -158,7 +91,7 @@ def jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, flo
     g1 = n[1] - x[1] * one[1] - x[2] * two[1]
     g2 = n[2] - x[1] * one[2] - x[2] * two[2]
     length = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
-    variance = _variance(m) * squares / total / (farthest * farthest)
+    variance = slope_variance(m) * squares / total / (farthest * farthest)
     return (g0 / length, g1 / length, g2 / length), farthest * math.sqrt(square), variance
 
 

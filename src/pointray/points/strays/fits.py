@@ -10,6 +10,7 @@ import numpy as np
 from ...jit import Array, f64, inline, routine
 from ...kernels.vec import Vec3, tangents
 from ..normals.planes import plane
+from ..normals.quadrics import TERMS, solve
 
 # One thread's memory: places in the ball of radius 1, weights, residuals, sizes, sorted ones; terms, coefficients and
 # factor of the quadric; variances and axes of the plane.
@@ -18,7 +19,7 @@ Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array
 PLANES, QUADRICS = 3, 2  # rounds of fitting, in which weights fall where residuals were large
 ROUND = 0.25  # ratio of the plane's least two variances above which a second start is tried
 START = 14  # points of the second start
-TERMS = 6  # of a quadric over two variables; a seventh column is the height
+RIDGE = 1e-3  # of the square terms
 SPREAD = 1.5  # standard deviation over the median of absolute residuals, with the six terms that are fitted
 
 
@@ -41,37 +42,6 @@ def _median(values: Array, k: int, sorted_: Array) -> float:
             j -= 1
         sorted_[j + 1] = value
     return sorted_[k // 2]
-
-
-@routine
-def _solve(terms: Array, w: Array, k: int, m: Array, x: Array) -> int:
-    """Weighted least squares by Cholesky: x the coefficients, m the factor."""
-    total = 0.0
-    for a in range(TERMS):
-        x[a] = 0.0
-        for b in range(a + 1):
-            m[a, b] = 0.0
-    for j in range(k):
-        total += w[j]
-        for a in range(TERMS):
-            g = w[j] * terms[j, a]
-            x[a] += g * terms[j, TERMS]
-            for b in range(a + 1):
-                m[a, b] += g * terms[j, b]
-    for a in range(TERMS):
-        for b in range(a + 1):
-            s = m[a, b] + (1e-3 * total if a == b and a > 2 else 0.0)
-            for c in range(b):
-                s -= m[a, c] * m[b, c]
-            m[a, b] = math.sqrt(max(s, 1e-9 * total)) if a == b else s / m[b, b]
-        for c in range(a):
-            x[a] -= m[a, c] * x[c]
-        x[a] /= m[a, a]
-    for a in range(TERMS - 1, -1, -1):
-        for c in range(a + 1, TERMS):
-            x[a] -= m[c, a] * x[c]
-        x[a] /= m[a, a]
-    return 0
 
 
 @inline
@@ -157,7 +127,7 @@ def fit(positions: Array, row: int, near: Array, i: int, second: bool, memory: M
         terms[j, TERMS] = d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]
     spread = 0.0
     for _ in range(QUADRICS):
-        _solve(terms, w, k, m, x)
+        solve(terms, w, k, RIDGE, m, x)
         for j in range(k):
             r[j] = terms[j, TERMS]
             for b in range(TERMS):
