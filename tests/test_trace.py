@@ -305,7 +305,7 @@ def test_normals_are_the_mean_ones_also_at_the_rims_of_supports(surface):
     clean = pr.procedural("sphere", n)
     positions = clean.positions + rng.normal(size=(n, 3)) * 0.25 * spacing(4 * np.pi, n)
     normals = unit(clean.normals + rng.normal(size=(n, 3)) * 0.3)
-    scene, model = scene_of(pr.Points(positions, normals), surface=surface, radius_scale=0.6)
+    scene, model = scene_of(pr.Points(positions, normals), surface=surface, radius_scale=0.6, smooth=0)
     hits = scene.intersect(*pr.Camera.frame(scene.bounds, size=(240, 240)).rays())
     hit = np.isfinite(hits.t)
     worst = 0.0
