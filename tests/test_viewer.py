@@ -293,15 +293,24 @@ def test_a_rebuilt_model_goes_on_following_its_scene(browser, scene, model):
 
 def test_of_many_choices_of_a_surface_the_newest_counts(scene, monkeypatch):
     built = []
-    whole = pr.Model.__init__
-    monkeypatch.setattr(pr.Model, "__init__", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])
+    whole = pr.Model.remade
+    monkeypatch.setattr(pr.Model, "remade", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])
     shared = SharedScene("x", scene)
     scales = [1.0 + k / 20 for k in range(1, 9)]
     threads = [shared.rebuild(surface="imls"), *(shared.rebuild(radius_scale=scale) for scale in scales)]
     for thread in threads:
         thread.join()
-    assert shared.build == Build("imls", 4, scales[-1]) and len(built) <= 3
+    assert shared.build == Build("imls", 4, scales[-1]) and 1 <= len(built) <= 3 * len(scene.models)
     assert shared.scene.models[0].surface == "imls" and scene.models[0].surface == "apss"
+
+
+def test_noise_that_the_owner_gave_is_kept_until_another_is_chosen():
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.procedural("torus", 2000), smooth=0.02))
+    shared = SharedScene("x", scene)
+    for change, smooth in (({"samples": 6}, 0.02), ({"smooth": "none"}, 0.0)):
+        shared.rebuild(**change).join()
+        assert shared.scene.models[0].smooth == smooth
 
 
 def test_what_the_owner_changes_is_seen(browser, scene):

@@ -226,7 +226,8 @@ class SharedScene:
         }
         options["refine"] = model.settings.refine
         share = SMOOTHING[build.smooth]
-        smooth = AUTO if share is None else share * model.spacing
+        asked = model.smooth or AUTO  # what the command or the caller asked for is kept
+        smooth = asked if share is None else share * model.spacing
         return model.remade(smooth, **options, progress=say)
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
