@@ -164,7 +164,7 @@ def test_noise_is_measured_in_spacings():
 def test_a_given_number_of_neighbors_is_used():
     path = SPHERE[morton_order(SPHERE)]
     for k in (3, 9, 20):
-        _, normals, near, _ = fit_normals(path, 5, neighbors=k)
+        _, normals, near, *_ = fit_normals(path, 5, neighbors=k)
         assert near.shape == (3000, 5)
         assert np.median(degrees(normals * np.sign((normals * path).sum(1))[:, None], path)) < (5 if k == 3 else 0.2)
 

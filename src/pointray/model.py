@@ -11,27 +11,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_callback, check_choice, check_number, check_path, check_positive, check_whole
+from .arguments import check_callback, check_choice, check_path, check_positive
 from .choices import SURFACES
 from .data import FARTHEST, Points
-from .kernels.tree import BLOCK, NODE, WIDTH, Tree
+from .kernels.tree import NODE, WIDTH, Tree
 from .memory import check_memory
 from .model_file import Part, read_model, write_model
-from .points.smoothing.smooth import check_sigma, smooth_model
+from .points.smoothing.smooth import Placed, check_sigma, place
 from .progress import Progress
-from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, THIN, coarsen
+from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
+from .splats.make import Sizes, make_splats
 from .splats.radii import check_radii
-from .splats.support import CROWD, find_support
-from .tree.build import Splats, TreeSettings, build_tree
+from .tree.build import build_tree
+from .tree.settings import LOOSE_TRIM, check_settings, settings_of
+from .tree.stored import stored_splats
 
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
-TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii (docs/decisions/surface.md)
-LOOSE_TRIM = 0.95  # the same, where the radii are too small to cover the surface, which then lies in gaps
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
-OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
-SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
-LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 PEAK = 300  # bytes a point beyond the points, while radii are found: 274 to 330 of 500,000, 262 of 2 million
 SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
 WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
@@ -90,7 +87,7 @@ class Model:
         check_callback(progress)
         self.points = points if isinstance(points, Points) else _points_of(points)
         surface = SURFACE if surface is None else surface
-        self.settings = _check_settings(surface, samples, refine, trim)
+        self.settings = check_settings(surface, samples, refine, trim)
         self.surface = self.settings.surface
         scale = check_positive(radius_scale, "radius_scale")
         given = None if radii is None else check_radii(radii, len(self.points))
@@ -99,58 +96,26 @@ class Model:
         say = progress or (lambda stage, share: None)
         self.levels: tuple[Model, ...] = ()
         _check_memory(len(self.points))
-        self._build(given, scale, None, say)
+        used = _finite_rows(self.points)
+        say("normals", 0.0)
+        placed = _placed(self.points.select(used), self.smooth, partial(say, "normals"))
+        self._build(placed, used, Sizes(None if given is None else given[used], scale), say)
 
     def _build(
         self,
-        given: NDArray[np.float32] | None,
-        scale: float,
-        within: tuple[float, NDArray[np.float32]] | None,
-        say: Callable[[str, float], None],
-        made: Model | None = None,
+        placed: Placed,
+        used: NDArray[np.int32],
+        sizes: Sizes,
+        say: Callable[[str, float], None] = lambda stage, share: None,
     ) -> None:
-        """Find the supports, see `find_support`, and build the tree.
-
-        made : a model of the same points whose splats lie where they shall
-        """
-        used = np.flatnonzero(self.points.finite).astype(np.int32)
-        lost = len(self.points) - len(used)
-        if lost:
-            warnings.warn(
-                f"{lost:,} of {len(self.points):,} points have no finite position below {FARTHEST:g}: left out",
-                stacklevel=3,
-            )
-        cloud = self.points.select(used) if lost else self.points
-        say("normals", 0.0)
-        if within is None:  # averaged normals are not mended: neighbours on a thin body may face opposite sides
-            cloud = made._moved(used) if made else _smoothed(cloud, self.smooth, partial(say, "normals"))
-        normals = np.asarray(cloud.normals)
+        """Make splats of some rows' points, and the tree over them."""
         say("radii", 0.0)
-        automatic = self.settings.overhang < np.inf
-        support = find_support(
-            cloud.positions,
-            normals,
-            None if given is None else given[used],
-            scale,
-            borders=automatic,
-            sheets=automatic and (self.surface != "paper" or within is not None),
-            within=within,
-            progress=partial(say, "radii"),
-        )
-        if within is not None and support.sheets is not None and support.sheets.mean() < THIN:
-            support = support._replace(sheets=None)
-        if support.tight:
+        made = make_splats(placed.points, placed.noise, used, sizes, self.settings, partial(say, "radii"))
+        if made.tight:
             self.settings = self.settings._replace(trim=LOOSE_TRIM)
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
-        self.radii[used] = support.radii
-        _check_size(support.radii)
-        if support.note and within is None:
-            warnings.warn(support.note, stacklevel=3)
-        splats = _not_crowded(
-            Splats(cloud.positions, normals, support.radii, used, cloud.colors, support.borders, support.sheets),
-            support.crowded,
-        )
-        self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
+        self.radii[used] = made.radii
+        self.tree: Tree = build_tree(made.splats, self.settings, progress=partial(say, "tree"))
         self._bounds = self.points.bounds
 
     def remade(
@@ -172,18 +137,21 @@ class Model:
         if check_sigma(smooth, "smooth") != self.smooth:
             return Model(self.points, smooth=smooth, radius_scale=scale, progress=progress, **options)
         model = Model.__new__(Model)
-        model.settings = _check_settings(**options, trim="auto")
+        model.settings = check_settings(**options, trim="auto")
         model.points, model.surface, model.smooth, model.levels = self.points, surface, self.smooth, ()
-        model._build(self.radii, scale, None, progress or (lambda stage, share: None), self)
+        used = np.flatnonzero(self.points.finite).astype(np.int32)
+        sizes = Sizes(self.radii[used], scale)
+        model._build(self._placed(used), used, sizes, progress or (lambda stage, share: None))
         return model
 
-    def _moved(self, used: NDArray[np.int32]) -> Points:
+    def _placed(self, used: NDArray[np.int32]) -> Placed:
         """Some of the points, where they are met by rays: those that no splat stands for have the normal 0."""
-        splats, rows = self.splats
-        assert splats.normals is not None
+        splats = stored_splats(self.tree)
         positions, normals = self.points.positions.copy(), np.zeros_like(self.points.positions)
-        positions[rows], normals[rows] = splats.positions, splats.normals
-        return self.points.changed(positions=positions, normals=normals).select(used)
+        noise = np.zeros(len(positions), np.float32)
+        positions[splats.rows], normals[splats.rows] = splats.positions, splats.normals
+        noise[splats.rows] = 0.0 if splats.noise is None else splats.noise
+        return Placed(self.points.changed(positions=positions, normals=normals).select(used), noise[used])
 
     def save(self, path: str | os.PathLike[str], progress: Callable[[float], None] | None = None) -> None:
         """Write the model, its tree and its levels of detail to a file that `load` maps.
@@ -236,7 +204,7 @@ class Model:
         model = cls.__new__(cls)
         settings = dict(part.settings)
         model.smooth = check_sigma(settings.pop("smooth", 0.0), "smooth")
-        model.settings = _settings_of(settings)
+        model.settings = settings_of(settings)
         model.points, model.radii, model._bounds, model.tree = part.points, part.radii, part.bounds, part.tree
         model.surface, model.levels = model.settings.surface, ()
         return model
@@ -256,25 +224,26 @@ class Model:
         check_callback(progress)
         say = progress or (lambda stage, share: None)
         cloud, rows = self.splats
-        radii, levels = self.radii[rows], []
+        radii, noise, levels = self.radii[rows], stored_splats(self.tree).noise, []
         spacing = float(np.median(radii))
         while True:
             spacing *= COARSER
-            coarse, limits = coarsen(cloud, radii, spacing)
+            coarse, limits, noise = coarsen(cloud, radii, spacing, noise)
             if len(coarse) < LEAST_POINTS or len(coarse) * LEAST_GAIN > len(cloud):
                 break
             say("levels", 1.0 - len(coarse) / len(self.points))
-            levels.append(Model._level(coarse, (SUPPORT * spacing, limits)))
+            levels.append(Model._level(Placed(coarse, noise), (SUPPORT * spacing, limits)))
             cloud, radii = coarse, levels[-1].radii
         self.levels = tuple(levels)
 
     @classmethod
-    def _level(cls, points: Points, within: tuple[float, NDArray[np.float32]]) -> Model:
+    def _level(cls, placed: Placed, within: tuple[float, NDArray[np.float32]]) -> Model:
         """A level of detail. Its supports have limits: isolated points stay about as small as they were."""
         model = cls.__new__(cls)
-        model.points, model.surface, model.levels, model.smooth = points, "paper", (), 0.0
-        model.settings = _check_settings(model.surface, LEVEL_SAMPLES, 1, "auto")
-        model._build(None, 1.0, within, lambda stage, share: None)
+        model.points, model.surface, model.levels, model.smooth = placed.points, "paper", (), 0.0
+        model.settings = check_settings(model.surface, LEVEL_SAMPLES, 1, "auto")
+        used = np.arange(len(placed.points), dtype=np.int32)
+        model._build(placed, used, Sizes(within=within))  # normals are not mended: neighbours may face opposite sides
         return model
 
     def __getstate__(self) -> dict[str, Any]:
@@ -296,12 +265,8 @@ class Model:
         rows : (m,) int64
             The row of each in `points`, ascending.
         """
-        order = self.tree.order.reshape(-1)
-        at = np.flatnonzero(order >= 0)
-        at = at[np.argsort(order[at])]
-        rows = order[at].astype(np.int64)
-        table = self.tree.blocks.reshape(-1, BLOCK // 4, 4).transpose(0, 2, 1).reshape(-1, BLOCK // 4)[at]
-        return self.points.select(rows).changed(positions=table[:, :3], normals=table[:, 3:6]), rows
+        rows, positions, normals, _ = stored_splats(self.tree)
+        return self.points.select(rows).changed(positions=positions, normals=normals), rows
 
     @cached_property
     def reach(self) -> NDArray[np.float64]:
@@ -341,12 +306,22 @@ def _points_of(positions: ArrayLike) -> Points:
         raise ValueError(f"points: {error}") from None
 
 
-def _smoothed(points: Points, sigma: str | float, progress: Progress | None = None) -> Points:
+def _finite_rows(points: Points) -> NDArray[np.int32]:
+    """The rows that are finite; a warning tells how many are not."""
+    used = np.flatnonzero(points.finite).astype(np.int32)
+    lost = len(points) - len(used)
+    if lost:
+        text = f"{lost:,} of {len(points):,} points have no finite position below {FARTHEST:g}: left out"
+        warnings.warn(text, stacklevel=3)
+    return used
+
+
+def _placed(points: Points, sigma: str | float, progress: Progress | None = None) -> Placed:
     """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy."""
-    smoothed, message = smooth_model(points, sigma, progress)
+    placed, message = place(points, sigma, progress)
     if message:
-        warnings.warn(message, stacklevel=4)
-    return smoothed
+        warnings.warn(message, stacklevel=3)
+    return placed
 
 
 def _check_memory(count: int) -> None:
@@ -357,44 +332,3 @@ def _check_memory(count: int) -> None:
         check_memory(PEAK * count, f"to make a model of {count:,} points")
     except ValueError as error:
         raise ValueError(f"{error}; {WAYS_OUT}") from None
-
-
-def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
-    """The splats without the crowded ones, with a warning if there are any."""
-    lost = int(crowded.sum())
-    if not lost:
-        return splats
-    warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=4)
-    arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[~crowded]) for array in splats]
-    return Splats(*arrays)
-
-
-def _check_size(radii: NDArray[np.float32]) -> None:
-    """Check that the squares of radii and their inverses stay within float32."""
-    if radii.min() < SMALLEST or radii.max() > LARGEST:
-        raise ValueError(
-            f"radii reach from {radii.min():.3g} to {radii.max():.3g} with radius_scale: "
-            f"they must be from {SMALLEST:g} to {LARGEST:g}"
-        )
-
-
-def _check_settings(surface: str, samples: int, refine: int, trim: str | float | None) -> TreeSettings:
-    surface = check_choice(surface, "surface", SURFACES)
-    samples = check_whole(samples, "samples", 2, LARGEST_SAMPLES)
-    refine = check_whole(refine, "refine", 0, LARGEST_REFINE)
-    if isinstance(trim, str) and trim == "auto":
-        limit, overhang = (np.inf, np.inf) if surface == "disc" else (TRIM, OVERHANG)
-    elif trim is None:
-        limit = overhang = np.inf
-    else:
-        wanted = "'auto', None or a positive number of radii"
-        limit, overhang = check_number(trim, "trim", wanted, lambda x: x > 0), np.inf
-    return TreeSettings(surface, samples, refine, limit, overhang)
-
-
-def _settings_of(values: dict[str, Any]) -> TreeSettings:
-    """Settings from the form in which a file keeps them."""
-    settings = TreeSettings(**values)
-    if settings.surface not in SURFACES or not all(isinstance(value, int | float) for value in settings[1:]):
-        raise ValueError("its settings are unknown")
-    return settings

@@ -153,6 +153,7 @@ def _take_tree(found: Arrays) -> Tree:
     whole = {"children", "spans", "refs", "order", "colors"}
     small = {"borders", "facing"}
     types = {name: np.int32 if name in whole else np.int8 if name in small else np.float32 for name in Tree._fields}
+    found.setdefault("tree.noise", np.zeros(0, np.float32))  # a file that was saved before it was kept
     tree = Tree(*(take_array(found, f"tree.{name}", types[name], (-1,)) for name in Tree._fields))
     if len(tree.head) == HEAD and tree.head[LONGEST] == 0.0:  # the file was saved before this number was kept
         tree.head[LONGEST] = tree.leaves[STEP::LEAF].max(initial=0.0)

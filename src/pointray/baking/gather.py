@@ -31,7 +31,6 @@ from ..kernels.scratch import (
     NEAREST,
     ORIGIN,
     RADIANCE,
-    SHADING_POINT,
     THROUGHPUT,
     TILE,
     Scratch,
@@ -47,7 +46,7 @@ from ..shade.direct import shade_gains
 from ..shade.emitters import sample_light
 from ..shade.grid import grid_cell, grid_frame
 from ..shade.rgbe import pack_rgbe, signed
-from ..shade.shading_points import shading_point, store_shading_points
+from ..shade.shading_points import shading_point, start_of, store_shading_points
 from ..trace.hits import describe_tile, material_at, tile_hit
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
 from .directions import SKY_TEXELS, link_direction, texel_of
@@ -144,7 +143,7 @@ def _go_on(world: World, i: int, key: int, depth: int, scratch: Scratch) -> bool
     d, weight, _, side = sample_bsdf(world, material, point, which, 0.0, 0.0)
     throughput = multiply(load3(points, THROUGHPUT + i), weight)
     store3(points, THROUGHPUT + i, throughput)
-    set_ray_from(scratch, i, (load3(points, SHADING_POINT + i), d, 0.0, np.inf), side)
+    set_ray_from(scratch, i, (start_of(scratch, i, side), d, 0.0, np.inf), side)
     return max(throughput[0], throughput[1], throughput[2]) > 0.0
 
 
@@ -176,7 +175,7 @@ def _follow(
         trace_tile(world, scratch)
         describe_tile(world, False, scratch)
         if rays.tinted:
-            store_shading_points(scratch)
+            store_shading_points(world, scratch)
         onward = i64(0)
         for i in range(tile[1]):
             if (left >> i) & 1 == 0:

@@ -56,6 +56,7 @@ class Sheet(NamedTuple):
     instance : row of the instance; patches : `PatchSet` or `Grid`
     positions : (m, 3) float64, on the surface; normals : (m, 3) float32, of its front, unit; world
     albedo, emitted : (m, 3) float32; lost : (m,) bool, where no surface was found
+    margins : (m,) float32, how far off the surface its rays begin, in the world: as far as noise was smoothed away
     """
 
     instance: int
@@ -65,6 +66,7 @@ class Sheet(NamedTuple):
     albedo: NDArray[np.float32]
     emitted: NDArray[np.float32]
     lost: NDArray[np.bool_]
+    margins: NDArray[np.float32]
 
 
 def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progress | None = None) -> list[Sheet]:
@@ -82,16 +84,31 @@ def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progr
             found = sets[int(record[SHAPE_ROW])]
             patches: PatchSet | Grid = found
             positions, normals, own, lost = _all_on_surface(world, k, found)
+            margins = _margins(scene.models[int(record[SHAPE_ROW])].tree.noise, found) / _shrinking(record, normals)
         else:
             plane = _plane_of(world, record)
             patches = fit_grid(plane, bounds, edge)
             positions = grid_positions(plane, patches)
             own = grid_colors(plane, patches).astype(np.float32)
             normals = np.broadcast_to(plane[3:6], positions.shape).astype(np.float32)
-            lost = np.zeros(len(positions), np.bool_)
+            lost, margins = np.zeros(len(positions), np.bool_), np.zeros(len(positions), np.float32)
         dark = np.zeros(own.shape, np.float32)
-        sheets.append(Sheet(k, patches, positions, normals, own, dark, lost))
+        sheets.append(Sheet(k, patches, positions, normals, own, dark, lost, margins))
     return _shaded(scene, sheets, albedo_scale)
+
+
+def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float32]:
+    """The noise that was smoothed away at patches, in the model, (m,)."""
+    out = np.zeros(len(patches.positions), np.float32)
+    if noise.size:
+        out[patches.blends[0].patch_of] = np.repeat(noise, 4)
+    return out
+
+
+def _shrinking(record: Floats, normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Lengths in an instance's model over those in the world, along normals, (m,)."""
+    to_model = record[TO_MODEL:][:12].reshape(3, 4)[:, :3]
+    return np.maximum(np.linalg.norm(normals @ to_model.T, axis=1), 1e-30).astype(np.float32)
 
 
 def recolored(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
@@ -181,7 +198,7 @@ def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:
 
 def _selected(sheet: Sheet, rows: NDArray[np.int64], patches: PatchSet | Grid) -> Sheet:
     """Some patches of a sheet."""
-    arrays = [getattr(sheet, name)[rows] for name in ("positions", "normals", "albedo", "emitted", "lost")]
+    arrays = [getattr(sheet, name)[rows] for name in ("positions", "normals", "albedo", "emitted", "lost", "margins")]
     return Sheet(sheet.instance, patches, *arrays)
 
 

@@ -81,6 +81,7 @@ class Transport:
         self.albedo: Floats = self._joined("albedo", np.float32)
         self.emitted: Floats = self._joined("emitted", np.float32)
         self._lost: NDArray[np.bool_] = self._joined("lost", np.bool_)
+        self._margins: Floats = self._joined("margins", np.float32)
         signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
         self.normals: Floats = self._joined("normals", np.float32) * signs[:, None].astype(np.float32)
         self._targets = find_targets(scene, sheets, {(s.sheet.instance, s.sign): s.first for s in self.sides})
@@ -127,7 +128,10 @@ class Transport:
         table[:, 0] = at + np.repeat(begins, tiles)
         table[:, 1] = np.minimum(TILE, np.repeat(counts, tiles) - at)
         table[:, 2] = np.repeat(signs, tiles)
-        return Patches(self.positions.reshape(-1), self.normals.reshape(-1), rows, table.reshape(-1))
+        starts = self.positions
+        if self._margins.any():
+            starts = starts + self.normals * self._margins[:, None]
+        return Patches(starts.reshape(-1), self.normals.reshape(-1), rows, table.reshape(-1))
 
     def send(self, rows: NDArray[np.int32], links: int, progress: Progress | None = None) -> None:
         """Find so many more links of some patches; the light of all links of a patch counts equally."""

@@ -14,7 +14,7 @@ from ..points.cleaning import Flaws, find_flaws
 from ..points.nearby import rows_around
 from ..points.normals.given import compare_normals
 from ..points.rounding import find_rounding
-from ..points.smoothing.smooth import smooth_model
+from ..points.smoothing.smooth import place
 from ..points.trust import told
 from ..progress import Progress, part_of, tell
 from ..splats.radii import radii_in
@@ -105,7 +105,7 @@ def _count_lone(points: Points, finite: Positions, progress: Progress | None) ->
     if radii_in(points) is not None or len(distinct(finite)[0]) < 2:
         return 0
     cloud = points if len(finite) == len(points) else points.select(points.finite)
-    smoothed, _ = smooth_model(cloud, "auto", part_of(progress, 0.0, 0.5))
+    smoothed = place(cloud, "auto", part_of(progress, 0.0, 0.5))[0].points
     assert smoothed.normals is not None
     rest = part_of(progress, 0.5, 1.0)
     return int(

@@ -112,6 +112,7 @@ PART_SIZE = _rows.size
 _rows = Rows(TILE)
 SHADING_POINT, SHADING_NORMAL, SHADING_WO = _rows(3), _rows(3), _rows(3)  # the normal is turned to the eye
 SHADING_COLOR, SHADING_INSTANCE, SHADING_SIDE = _rows(3), _rows(), _rows()  # instance: -1 for none; the eye's side
+SHADING_MARGIN = _rows()  # how far off the surface rays leave it, in the world
 RADIANCE, GAIN = _rows(3), _rows(3)  # to the eye so far; what the current light adds where nothing is in its way
 THROUGHPUT, SHADING_DEPTH = _rows(3), _rows()  # how much radiance counts in the pixel; scatterings that lie behind
 KEY = _rows()  # of the pixel's random numbers

@@ -83,6 +83,8 @@ class Tree(NamedTuple):
     facing : (blocks * 4 * 3,) int8, for a splat with another sheet close by its normal (unit, in 127ths),
         else zero; or length 0: there is none
     colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; or length 0: the points have none
+    noise : (blocks,) float32, standard deviation of the noise that was smoothed away, of the noisiest of its splats;
+        or length 0: none was
     """
 
     head: Array
@@ -98,6 +100,7 @@ class Tree(NamedTuple):
     borders: Array
     facing: Array
     colors: Array
+    noise: Array
 
 
 _F32, _I32, _I8 = f32(0), i32(0), np.int8(0)
@@ -136,6 +139,7 @@ def tree_at(table: Array, model: int) -> Tree:
         array_at(table[i + 20], table[i + 21], _I8),
         array_at(table[i + 22], table[i + 23], _I8),
         array_at(table[i + 24], table[i + 25], _I32),
+        array_at(table[i + 26], table[i + 27], _F32),
     )
 
 

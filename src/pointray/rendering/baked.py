@@ -50,7 +50,7 @@ def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratc
         if first and _sees_nothing(world, job, scratch):
             return
         describe_tile(world, True, scratch)
-        store_shading_points(scratch)
+        store_shading_points(world, scratch)
         found = _receive(world, job, first, scratch)
         spawn_specular(world, job.max_depth, scratch)
         add_baked(world, first, draw, scratch)

@@ -219,7 +219,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
     begin_specular(scratch)
     first = True
     while True:
-        store_shading_points(scratch)
+        store_shading_points(world, scratch)
         for i in range(TILE):
             hit = is_shaded(scratch, i)
             if first and (hit or job.sky_shows):
@@ -259,7 +259,7 @@ def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, sc
     trace_tile(world, scratch)
     describe_tile(world, True, scratch)
     met = i64(0)
-    store_shading_points(scratch)
+    store_shading_points(world, scratch)
     for i in range(TILE):
         hit = is_shaded(scratch, i)
         met |= i64(hit or job.sky_shows) << i

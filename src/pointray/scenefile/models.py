@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ..arguments import check_positive
 from ..choices import NORMALS
-from ..model import SURFACE, Model, _check_settings
+from ..model import SURFACE, Model
 from ..model_file import SAVED
 from ..points import procedural, read
 from ..points.files import check_readable
@@ -22,6 +22,7 @@ from ..points.smoothing.smooth import check_sigma
 from ..points.trust import trusted
 from ..points.unpacking import PACKED
 from ..splats.radii import radii_in
+from ..tree.settings import check_settings
 from .lines import Key
 from .source import Source
 from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, words_of
@@ -88,7 +89,7 @@ def check_model(source: Source, key: Key) -> Recipe:
     bound.apply_defaults()
     arguments = bound.arguments
     with source.errors_at(key, values):
-        _check_settings(arguments["surface"] or SURFACE, arguments["samples"], arguments["refine"], arguments["trim"])
+        check_settings(arguments["surface"] or SURFACE, arguments["samples"], arguments["refine"], arguments["trim"])
         check_positive(arguments["radius_scale"], "radius_scale")
         check_sigma(arguments["smooth"], "smooth")
     return recipe

@@ -5,11 +5,11 @@ from __future__ import annotations
 from ..jit import i64, inline
 from ..kernels.records import World
 from ..kernels.sampling import DIRECTION_OF, ON_PATH, sample_pair
-from ..kernels.scratch import KEY, SHADING_NORMAL, SHADING_POINT, SHADING_SIDE, SKY_SEEN, TILE, Scratch, load3
+from ..kernels.scratch import KEY, SHADING_NORMAL, SHADING_SIDE, SKY_SEEN, TILE, Scratch, load3
 from ..simd import Bits
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .materials.diffuse import sample_diffuse
-from .shading_points import add_radiance, is_shaded, shading_point
+from .shading_points import add_radiance, is_shaded, shading_point, start_of
 
 
 @inline
@@ -20,7 +20,8 @@ def _look_up(sample: int, distance: float, scratch: Scratch) -> Bits:
         if is_shaded(scratch, i):
             u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
             d = sample_diffuse(load3(points, SHADING_NORMAL + i), u, v)
-            set_ray_from(scratch, i, (load3(points, SHADING_POINT + i), d, 0.0, distance), points[SHADING_SIDE + i])
+            side = points[SHADING_SIDE + i]
+            set_ray_from(scratch, i, (start_of(scratch, i, side), d, 0.0, distance), side)
             asked |= i64(1) << i
         else:
             set_ray(scratch, i, NO_RAY)

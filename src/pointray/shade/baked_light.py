@@ -18,7 +18,6 @@ from ..kernels.scratch import (
     KEY,
     ORIGIN,
     SHADING_INSTANCE,
-    SHADING_POINT,
     SHADING_SIDE,
     THROUGHPUT,
     TILE,
@@ -36,7 +35,7 @@ from .choice import nearest_lamp
 from .direct import shade_gains
 from .emitters import from_middle, light_radiance, sample_light
 from .lobes import Lobe, is_wide, lobe_of, lobe_of_baked
-from .shading_points import add_radiance, is_shaded, shading_point
+from .shading_points import add_radiance, is_shaded, shading_point, start_of
 from .specular_rays import send_later
 
 
@@ -111,7 +110,7 @@ def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
         if not is_shaded(scratch, i):
             continue
         material, point = shading_point(world, scratch, i)
-        x = load3(points, SHADING_POINT + i)
+        x = start_of(scratch, i, point.side)
         incoming = from_middle(world, light, world.lights[light + LIGHT_KIND], x)
         if sample >= 0:
             u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + ON_LIGHT + PER_SCATTERING * (light // LIGHT))

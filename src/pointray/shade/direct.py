@@ -13,7 +13,6 @@ from ..kernels.scratch import (
     DIRECTION,
     GAIN,
     SHADING_NORMAL,
-    SHADING_POINT,
     SHADING_SIDE,
     SKY_SEEN,
     TILE,
@@ -26,7 +25,7 @@ from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_fro
 from .ambient import find_sky_seen
 from .bsdf import ambient, emitted, eval_bsdf
 from .emitters import from_middle
-from .shading_points import add_radiance, is_shaded, shading_point
+from .shading_points import add_radiance, is_shaded, shading_point, start_of
 from .sky import has_sky, sky_irradiance
 
 
@@ -38,7 +37,7 @@ def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
     """
     points = scratch.shading_points
     for i in range(TILE):
-        x = load3(points, SHADING_POINT + i)
+        x = start_of(scratch, i, points[SHADING_SIDE + i])
         incoming = from_middle(world, light, kind, x)
         store3(points, GAIN + i, incoming.light)
         set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), points[SHADING_SIDE + i])

@@ -23,7 +23,6 @@ from ..kernels.scratch import (
     ORIGIN,
     PDF,
     SHADING_INSTANCE,
-    SHADING_POINT,
     THROUGHPUT,
     TILE,
     Scratch,
@@ -39,7 +38,7 @@ from .catcher import catch_paths, find_caught
 from .choice import chance_of, choose_light, meets_lamp, nearest_lamp, sky_chance, sun_after
 from .direct import shade_gains
 from .emitters import LightSample, light_pdf, light_radiance, sample_light
-from .shading_points import add_radiance, is_shaded, shading_point, store_shading_points
+from .shading_points import add_radiance, is_shaded, shading_point, start_of, store_shading_points
 from .sky import sample_sky, sky_pdf, sky_radiance
 
 FAINT = 0.05  # a path with a lower throughput continues with this one, or ends by chance
@@ -85,7 +84,7 @@ def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits
     sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
     """
     points, met = scratch.shading_points, i64(0)
-    store_shading_points(scratch)
+    store_shading_points(world, scratch)
     for i in range(TILE):
         weight = load3(points, THROUGHPUT + i)
         if weight[0] + weight[1] + weight[2] == 0.0:
@@ -116,11 +115,11 @@ def _pair(scratch: Scratch, i: int, sample: int, depth: int, which: int) -> tupl
 
 
 @inline
-def _light_at(world: World, i: int, sample: int, depth: int, which: int, scratch: Scratch) -> LightSample:
-    """The light at surface point i from a point on a light; the sky's picture is counted after all lights."""
-    u, v = _pair(scratch, i, sample, depth, ON_LIGHT)
+def _light_at(world: World, x: Vec3, which: int, random: tuple[float, float]) -> LightSample:
+    """The light at x from a point on a light; the sky's picture is counted after all lights."""
+    u, v = random
     if which * LIGHT < world.lights.size:
-        return sample_light(world, which * LIGHT, load3(scratch.shading_points, SHADING_POINT + i), u, v)
+        return sample_light(world, which * LIGHT, x, u, v)
     return sample_sky(world, u, v)
 
 
@@ -157,14 +156,15 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
         which, chance = choose_light(world, choice)
         if chance == 0.0 or is_specular(world, material):
             continue
-        incoming = _light_at(world, i, sample, depth, which, scratch)
+        x = start_of(scratch, i, point.side)
+        incoming = _light_at(world, x, which, _pair(scratch, i, sample, depth, ON_LIGHT))
         share, pdf = eval_bsdf(world, material, point, incoming.wi)
         gain = multiply(share, scale(incoming.light, mis_weight(incoming.pdf * chance, pdf) / chance))
         # The front of another light ends the paths' rays, so it blocks this one too.
-        ray = load3(points, SHADING_POINT + i), incoming.wi
-        if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, ray, incoming.distance * (1.0 - 1e-6)):
+        end = incoming.distance * (1.0 - 1e-6)
+        if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, (x, incoming.wi), end):
             store3(points, GAIN + i, gain)
-            set_ray_from(scratch, i, (ray[0], ray[1], 0.0, incoming.distance), point.side)
+            set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), point.side)
             lit = True
     if lit:
         occlude_tile(world, scratch)
@@ -181,8 +181,8 @@ def follow(scratch: Scratch) -> bool:
         weight = load3(points, NEXT_THROUGHPUT + i)
         store3(points, THROUGHPUT + i, weight)
         if weight[0] + weight[1] + weight[2] > 0.0:
-            ray = load3(points, SHADING_POINT + i), load3(points, NEXT + i), 0.0, np.inf
-            set_ray_from(scratch, i, ray, points[NEXT_SIDE + i])
+            side = points[NEXT_SIDE + i]
+            set_ray_from(scratch, i, (start_of(scratch, i, side), load3(points, NEXT + i), 0.0, np.inf), side)
             points[PDF + i] = points[NEXT_PDF + i]
             some = True
         else:

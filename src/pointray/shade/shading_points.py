@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from ..jit import inline
-from ..kernels.records import ShadingPoint, World
+from ..jit import i64, inline
+from ..kernels.records import INSTANCE, SHAPE_ROW, ShadingPoint, World
 from ..kernels.scratch import (
     COLOR,
     DIRECTION,
     INSTANCE_OF,
+    LEAF_OF,
     NEAREST,
     NORMAL,
     ORIGIN,
     RADIANCE,
     SHADING_COLOR,
     SHADING_INSTANCE,
+    SHADING_MARGIN,
     SHADING_NORMAL,
     SHADING_POINT,
     SHADING_SIDE,
@@ -24,8 +26,10 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, WHITE, Vec3, add, dot, multiply, scale, unit
+from ..kernels.tree import tree_at
+from ..kernels.vec import BLACK, WHITE, Vec3, add, dot, length, multiply, scale, transform, unit
 from ..trace.hits import material_at
+from ..trace.space import matrix_at
 from .bsdf import base_color
 
 
@@ -45,10 +49,28 @@ def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
 
 
 @inline
-def store_shading_points(scratch: Scratch) -> None:
+def _margin(world: World, scratch: Scratch, i: int) -> float:
+    """How far off the surface rays leave it where ray i has hit: as far as the noise that was smoothed away there.
+
+    What smoothing leaves of it are bumps of a quarter of that, which would shade each other under a grazing sun: at 2
+    degrees 23% of a wall with 0.3 spacings of noise, with half of this margin 0.3%, with it none.
+    """
+    instance, leaf = scratch.numbers[INSTANCE_OF + i], scratch.numbers[LEAF_OF + i]
+    if instance < 0 or leaf < 0:
+        return 0.0
+    offset = instance * INSTANCE
+    tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
+    if tree.noise.size == 0:
+        return 0.0
+    noise = tree.noise[tree.refs[16 * i64(tree.spans[2 * leaf])]]
+    return noise / length(transform(matrix_at(world, offset), load3(scratch.world, NORMAL + i)))
+
+
+@inline
+def store_shading_points(world: World, scratch: Scratch) -> None:
     """Store the surface points that the tile's rays have hit: surfaces shade both sides.
 
-    No branches: rays are processed as vectors; for those that have hit nothing only that fact matters.
+    No branches but for margins: rays are processed as vectors; for those that have hit nothing only that fact matters.
     """
     points, wide = scratch.shading_points, scratch.world
     for i in range(TILE):
@@ -63,6 +85,16 @@ def store_shading_points(scratch: Scratch) -> None:
         store3(points, SHADING_WO + i, wo)
         store3(points, SHADING_COLOR + i, load3(wide, COLOR + i))
         points[SHADING_SIDE + i] = side
+    for i in range(TILE):
+        points[SHADING_MARGIN + i] = _margin(world, scratch, i)
+
+
+@inline
+def start_of(scratch: Scratch, i: int, side: float) -> Vec3:
+    """Where rays leave surface point i on one side, +1 or -1: off the surface by its margin."""
+    points = scratch.shading_points
+    away = side * points[SHADING_SIDE + i] * points[SHADING_MARGIN + i]
+    return add(load3(points, SHADING_POINT + i), scale(load3(points, SHADING_NORMAL + i), away))
 
 
 @inline

@@ -9,7 +9,6 @@ from ..kernels.records import DIELECTRIC, MATERIAL_KIND, World
 from ..kernels.scratch import (
     MOST_WAITING,
     SHADING_DEPTH,
-    SHADING_POINT,
     SHADING_SIDE,
     THROUGHPUT,
     TILE,
@@ -28,7 +27,7 @@ from ..kernels.vec import BLACK, Vec3, load3_flat, multiply, scale
 from ..trace.world import NO_RAY, set_ray, set_ray_from
 from .bsdf import is_specular, sample_bsdf
 from .materials.specular import glass
-from .shading_points import is_shaded, shading_point
+from .shading_points import is_shaded, shading_point, start_of
 
 FAINT = 1e-3  # a ray with a lower throughput is not traced
 
@@ -47,7 +46,7 @@ def send_later(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> 
     count = scratch.numbers[WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == MOST_WAITING:
         return
-    at, x = (i * MOST_WAITING + count) * WAITING, load3(scratch.shading_points, SHADING_POINT + i)
+    at, x = (i * MOST_WAITING + count) * WAITING, start_of(scratch, i, side)
     for c in range(3):
         scratch.waiting[at + WAIT_ORIGIN + c] = x[c]
         scratch.waiting[at + WAIT_DIRECTION + c] = d[c]

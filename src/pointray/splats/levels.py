@@ -25,8 +25,12 @@ MOST_CELLS = 2**20  # along an axis
 # surface), 0.50 (1.0), 0.48 (1.1), 0.46 (1.2) of the change with all points; but 10,000 take 163, 175, 188 ms.
 SUPPORT = 1.0
 
+Floats = NDArray[np.float32]
 
-def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Points, NDArray[np.float32]]:
+
+def coarsen(
+    points: Points, radii: Floats, cell: float, noise: Floats | None = None
+) -> tuple[Points, Floats, Floats | None]:
     """One point, the mean, for each cell of a grid and each of the six main directions that normals face.
 
     Parameters
@@ -37,6 +41,8 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
         Support radii of the points.
     cell : float
         Edge of the cells.
+    noise : (n,) float32, optional
+        What was smoothed away at the points.
 
     Returns
     -------
@@ -45,6 +51,8 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
         light. Attributes are means of finite values, NaN where less than half are finite; categories the commonest.
     limits : (m,) float32
         Upper limit of each point's support: as far as the supports extend that it stands for, at least SUPPORT.
+    noise : (m,) float32 or None
+        Its mean.
     """
     assert points.normals is not None
     order, starts = _cells(points, cell)
@@ -68,7 +76,8 @@ def coarsen(points: Points, radii: NDArray[np.float32], cell: float) -> tuple[Po
         attribute_averages(points.attributes, order, starts),
         points.survey,
     )
-    return coarse, np.maximum(np.maximum.reduceat(away, starts), np.float32(SUPPORT * cell))
+    limits = np.maximum(np.maximum.reduceat(away, starts), np.float32(SUPPORT * cell))
+    return coarse, limits, None if noise is None else mean(noise).astype(np.float32)
 
 
 def _cells(points: Points, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -28,10 +28,9 @@ from ..kernels.tree import (
 )
 from .blocks import make_blocks, sort_splats
 from .leaves import fill_groups, fill_leaves, limits_of, longest_step
+from .settings import TreeSettings
 from .subtrees import build_cells
 from .wide import collapse, enclose
-
-LEAF_WIDTH = 8.0  # upper limit of a voxel's longest edge, in mean support radii
 
 
 class Splats(NamedTuple):
@@ -44,6 +43,7 @@ class Splats(NamedTuple):
     colors : (n, 3) uint8, sRGB, or None
     borders : (n, 3) float32, the direction out of the surface on an open border, else zero; None if there are none
     sheets : (n,) int8, 1 for splats of sheets close together, else 0; None if there are no such sheets
+    noise : (n,) float32, standard deviation of the noise that was smoothed away; None if none was
     """
 
     positions: NDArray[np.float32]
@@ -53,27 +53,7 @@ class Splats(NamedTuple):
     colors: NDArray[np.uint8] | None
     borders: NDArray[np.float32] | None = None
     sheets: NDArray[np.int8] | None = None
-
-
-class TreeSettings(NamedTuple):
-    """Settings of a tree.
-
-    surface : 'paper', 'imls', 'apss' or 'disc'
-    samples : samples in the length of a support's diameter, the paper's N
-    refine : secant steps after the bracket
-    trim : largest |x - P(x)| of a hit in local radii, inf for no limit
-    overhang : how far a hit may lie beyond an open border, in local radii, inf for no limit
-    leaf_width : a voxel's longest edge in mean radii, or down to half of this where the costs favour it
-    cut : False leaves slabs unlimited and boxes as large as their voxels, for tests to compare with
-    """
-
-    surface: str
-    samples: int = 4
-    refine: int = 1
-    trim: float = float("inf")
-    overhang: float = float("inf")
-    leaf_width: float = LEAF_WIDTH
-    cut: bool = True
+    noise: NDArray[np.float32] | None = None
 
 
 def build_tree(
@@ -147,6 +127,7 @@ def build_tree(
         _rows(order, splats.rows, len(bounds)),
         *marks,
         _colors(order, splats.colors, len(bounds)),
+        _noise(order, splats.noise, len(bounds)),
     )
 
 
@@ -182,3 +163,12 @@ def _colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: i
     out = np.zeros(slots, np.int32)
     out[: len(order)] = (colors[order].astype(np.int32) * np.array([1, 256, 65536], np.int32)).sum(axis=1)
     return out
+
+
+def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: int) -> NDArray[np.float32]:
+    """The most noise in each block; empty if nothing was smoothed."""
+    if noise is None or not noise.any():
+        return np.zeros(0, np.float32)
+    out = np.zeros(slots, np.float32)
+    out[: len(order)] = noise[order]
+    return np.asarray(out.reshape(-1, 4).max(axis=1))

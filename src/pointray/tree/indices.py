@@ -48,6 +48,8 @@ def check_lengths(tree: Tree) -> list[str]:
         wrong.append("colors or borders is of the wrong length")
     if tree.facing.size not in (0, 3 * tree.order.size):
         wrong.append("facing is of the wrong length")
+    if tree.noise.size not in (0, blocks):
+        wrong.append("noise is of the wrong length")
     if tree.refs.size and not 0 <= tree.refs.min() <= tree.refs.max() < blocks:
         wrong.append("a reference is no block")
     first, count = tree.spans.reshape(-1, 2).T.astype(np.int64)
@@ -77,6 +79,8 @@ def check_indices(tree: Tree, points: int) -> list[str]:
         return ["the surface or its refinement is unknown"]
     if not (head[TRIM] > 0 and head[OVERHANG] > 0 and np.isfinite(head[BOUNDS : BOUNDS + 6]).all()):
         return ["trim, overhang or bounds are no numbers"]
+    if not ((tree.noise >= 0) & (tree.noise < np.inf)).all():
+        return ["the noise is no number"]
     if not 0 <= head[LONGEST] < np.inf:
         return ["the longest step is no number"]
     if tree.order.min(initial=-1) < -1 or tree.order.max(initial=-1) >= points:

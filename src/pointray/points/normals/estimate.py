@@ -78,13 +78,16 @@ def estimate_normals(
     check_callback(progress)
     if neighbors is not None:
         neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))
-    return with_fits(points, partial(fit_normals, neighbors=neighbors), viewpoint, progress)
+    return with_fits(points, partial(fit_normals, neighbors=neighbors), viewpoint, progress)[0]
 
 
 def with_fits(
     points: Points, fit: Fitting, viewpoint: ArrayLike | None = None, progress: Progress | None = None
-) -> Points:
-    """The points with what is fitted to their neighbours; normals get signs like those of `estimate_normals`."""
+) -> tuple[Points, Floats | None]:
+    """The points with what is fitted to their neighbours, and the noise that was smoothed away at each, (n,), if any.
+
+    Normals get signs like those of `estimate_normals`.
+    """
     eyes = eyes_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
     path, ids, rows = along_path(points)
     if len(path) < 3:
@@ -111,10 +114,13 @@ def with_fits(
     normals = np.zeros_like(points.positions)
     normals[points.finite] = found.normals[ids]
     if found.positions is path:
-        return points.with_normals(normals)
+        return points.with_normals(normals), None
     positions = points.positions.copy()
     positions[points.finite] = found.positions[ids]
-    return points.changed(positions=positions, normals=normals)
+    noise = np.zeros(len(points), np.float32)
+    assert found.noise is not None
+    noise[points.finite] = found.noise[ids]
+    return points.changed(positions=positions, normals=normals), noise
 
 
 def _seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int64]) -> Floats:

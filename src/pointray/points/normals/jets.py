@@ -207,12 +207,15 @@ class Fits(NamedTuple):
         The nearest neighbours, which signs may pass to, the point itself first.
     residuals : (n,) float32
         Residuals of the smallest fits, in spacings; NaN for fits to points on a line.
+    noise : (n,) float32 or None
+        What was smoothed away, if the points were moved.
     """
 
     positions: Floats
     normals: Floats
     near: NDArray[np.int32]
     residuals: Floats
+    noise: Floats | None = None
 
 
 class Planes(Protocol):

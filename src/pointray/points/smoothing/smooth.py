@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,21 +62,26 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
     sigma = check_sigma(sigma, "sigma")
     if sigma == 0.0:
         return points
-    if points.normals is not None:
-        mended, _ = mend_normals(points)
-        found = smooth_known(mended, sigma, progress)
-        return points if found is mended else found
-    fitting = Fitting(sigma)
-    found = with_fits(points, fitting.fit, progress=progress)
-    return found if fitting.is_noisy else points
+    placed, _ = place(points, sigma, progress)
+    return points if placed.noise is None else placed.points
 
 
-def smooth_model(points: Points, sigma: str | float, progress: Progress | None = None) -> tuple[Points, str | None]:
-    """What a model is made of: points with unit normals, moved where they are noisy, and what `mend_normals` says."""
+class Placed(NamedTuple):
+    """Points where rays shall meet them, with unit normals, and the noise that was smoothed away: none, if it is None.
+
+    noise : (n,) float32, standard deviation, in the points' unit
+    """
+
+    points: Points
+    noise: Floats | None
+
+
+def place(points: Points, sigma: str | float, progress: Progress | None = None) -> tuple[Placed, str | None]:
+    """Points with unit normals, moved where they are noisy, and what `mend_normals` says."""
     if points.normals is None:
-        return with_fits(points, Fitting(sigma).fit, progress=progress), None
+        return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress)), None
     mended, said = mend_normals(points, progress)
-    return smooth_known(mended, sigma, progress), said
+    return _smooth_known(mended, sigma, progress), said
 
 
 def check_sigma(value: object, name: str) -> str | float:
@@ -91,15 +97,10 @@ class Fitting:
     Parameters
     ----------
     sigma : "auto" or float
-
-    Attributes
-    ----------
-    is_noisy : bool
-        Whether any point was.
     """
 
     def __init__(self, sigma: str | float) -> None:
-        self._sigma, self.is_noisy = sigma, False
+        self._sigma = sigma
 
     def fit(
         self,
@@ -115,7 +116,6 @@ class Fitting:
         left = part_of(progress, SURVEYED, 1.0)
         if noise is None:
             return fit_normals(path, kept, eye, left, planes)
-        self.is_noisy = True
         n = len(path)
         moved, normals = path.copy(), np.zeros_like(path)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
@@ -129,23 +129,24 @@ class Fitting:
             share, spacing = _shares(path, rows, table, noise[part], self._sigma)
             moved[part] += share * shifts
             residuals[part] = noise[part] / spacing
+            noise[part] *= share[:, 0]
             if eye is not None:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
             near[part] = found[:, : near.shape[1]]
-        return Fits(moved, normals, near, residuals)
+        return Fits(moved, normals, near, residuals, noise)
 
 
-def smooth_known(points: Points, sigma: str | float, progress: Progress | None = None) -> Points:
+def _smooth_known(points: Points, sigma: str | float, progress: Progress | None = None) -> Placed:
     """`smooth` for points with unit normals, whose sides the moved points' normals keep."""
     if sigma == 0.0:
-        return points
+        return Placed(points, None)
     path, ids, rows = along_path(points)
     assert points.normals is not None
     known = points.normals[rows]
     noise, most = _noise_of(path, sigma, known)
     if noise is None:
-        return points
+        return Placed(points, None)
     moved, turned = path.copy(), known.copy()
     for part, found in neighbor_chunks(path, most, part_of(progress, SURVEYED, 1.0)):
         rows = np.arange(part.start, part.start + len(found))
@@ -154,10 +155,11 @@ def smooth_known(points: Points, sigma: str | float, progress: Progress | None =
         shifts, normals, _ = fit_surface(path, rows[some], found[some], known, noise[part][some])
         moved[part][some] += share[some] * shifts
         turned[part][some] = _blended(known[part][some], normals, share[some])
+        noise[part] *= share[:, 0]
     finite = points.finite
-    positions, out = points.positions.copy(), points.normals.copy()
-    positions[finite], out[finite] = moved[ids], turned[ids]
-    return points.changed(positions=positions, normals=out)
+    positions, out, smoothed = points.positions.copy(), points.normals.copy(), np.zeros(len(points), np.float32)
+    positions[finite], out[finite], smoothed[finite] = moved[ids], turned[ids], noise[ids]
+    return Placed(points.changed(positions=positions, normals=out), smoothed)
 
 
 def _noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> tuple[Floats | None, int]:

@@ -1,0 +1,105 @@
+"""Points on their surface -> splats, of which a tree is built."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import Points
+from ..progress import Progress
+from ..tree.build import Splats
+from ..tree.settings import TreeSettings
+from .levels import THIN
+from .support import CROWD, find_support
+
+SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
+
+Floats = NDArray[np.float32]
+
+
+class Sizes(NamedTuple):
+    """How wide splats are.
+
+    given : (n,) float32, their radii; None: chosen
+    scale : factor for all radii
+    within : lower limit and upper limits, (n,) float32, of chosen radii; only for levels of detail
+    """
+
+    given: Floats | None = None
+    scale: float = 1.0
+    within: tuple[float, Floats] | None = None
+
+
+class Made(NamedTuple):
+    """Splats, and what is said of them.
+
+    radii : (n,) float32, those of all the points, also where no splat stands for them
+    tight : whether many are too small to cover the surface
+    """
+
+    splats: Splats
+    radii: Floats
+    tight: bool
+
+
+def make_splats(
+    points: Points,
+    noise: Floats | None,
+    rows: NDArray[np.int32],
+    sizes: Sizes,
+    settings: TreeSettings,
+    progress: Progress | None = None,
+) -> Made:
+    """Give each of some points a support. Warns of lone points and of those that lie where many others do.
+
+    Parameters
+    ----------
+    points : Points
+        Finite, with unit normals, where rays shall meet them.
+    noise : (n,) float32 or None
+        See `Splats`.
+    rows : (n,) int32
+        The caller's row of each.
+    """
+    automatic, level = settings.overhang < np.inf, sizes.within is not None
+    normals = np.asarray(points.normals)
+    support = find_support(
+        points.positions,
+        normals,
+        sizes.given,
+        sizes.scale,
+        borders=automatic,
+        sheets=automatic and (settings.surface != "paper" or level),
+        within=sizes.within,
+        progress=progress,
+    )
+    _check_size(support.radii)
+    if support.note and not level:
+        warnings.warn(support.note, stacklevel=4)
+    sheets = support.sheets
+    if level and sheets is not None and sheets.mean() < THIN:
+        sheets = None
+    splats = Splats(points.positions, normals, support.radii, rows, points.colors, support.borders, sheets, noise)
+    return Made(_not_crowded(splats, support.crowded), support.radii, support.tight)
+
+
+def _check_size(radii: Floats) -> None:
+    """Check that the squares of radii and their inverses stay within float32."""
+    if radii.min() < SMALLEST or radii.max() > LARGEST:
+        raise ValueError(
+            f"radii reach from {radii.min():.3g} to {radii.max():.3g} with radius_scale: "
+            f"they must be from {SMALLEST:g} to {LARGEST:g}"
+        )
+
+
+def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
+    """The splats without the crowded ones, with a warning if there are any."""
+    lost = int(crowded.sum())
+    if not lost:
+        return splats
+    warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=5)
+    arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[~crowded]) for array in splats]
+    return Splats(*arrays)
