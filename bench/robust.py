@@ -16,7 +16,8 @@ import numpy as np
 
 import pointray as pr
 from pointray.kernels.tree import Tree
-from pointray.tree.build import LEAF_WIDTH, Splats, build_tree
+from pointray.tree.build import Splats, build_tree
+from pointray.tree.settings import LEAF_WIDTH
 
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.2, 1.0, -0.3), (0.1, 0.2, 1.0))
 

@@ -8,8 +8,9 @@ import pytest
 import pointray as pr
 from conftest import long, shared_model, slow
 from pointray.kernels.tree import NO_SURFACE
-from pointray.tree.build import LEAF_WIDTH, Splats, TreeSettings, build_tree
+from pointray.tree.build import Splats, build_tree
 from pointray.tree.check import check_tree
+from pointray.tree.settings import LEAF_WIDTH, TreeSettings
 
 
 @cache

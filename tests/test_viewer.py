@@ -308,9 +308,28 @@ def test_noise_that_the_owner_gave_is_kept_until_another_is_chosen():
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("torus", 2000), smooth=0.02))
     shared = SharedScene("x", scene)
-    for change, smooth in (({"samples": 6}, 0.02), ({"smooth": "none"}, 0.0)):
+    radius = scene.models[0].spacing
+    changes = [
+        ({"samples": 6}, 0.02),
+        ({"noise": 0.0}, 0.0),
+        ({"noise": 0.25}, 0.25 * radius),
+        ({"measured": True}, "auto"),
+    ]
+    for change, smooth in changes:
         shared.rebuild(**change).join()
         assert shared.scene.models[0].smooth == smooth
+        assert shared.build.measured is (smooth == "auto")
+    assert shared.build.noise == 0.0  # as measured
+
+
+def test_the_panel_shows_the_noise_that_was_measured():
+    points = pr.procedural("torus", 5000)
+    noise = 0.3 * pr.Model(points).spacing
+    scene = pr.Scene()
+    scene.add(pr.Model(points.positions + np.random.default_rng(5).normal(size=(5000, 3)) * noise))
+    build = SharedScene("x", scene).build
+    assert build.measured
+    assert build.noise == pytest.approx(0.3, abs=0.08)
 
 
 def test_what_the_owner_changes_is_seen(browser, scene):

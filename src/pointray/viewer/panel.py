@@ -181,15 +181,6 @@ def _limits(view: ViewSettings) -> list[Control]:
     return rows if view.low is not None else []
 
 
-SMOOTHED = [
-    (AUTO, "smoothed as measured"),
-    ("none", "left as it is"),
-    ("little", "0.1 radii"),
-    ("some", "0.3 radii"),
-    ("much", "1 radius"),
-]
-
-
 def _surface(build: Build) -> Folder:
     kinds = sorted(SURFACES.items(), key=lambda kind: kind[0] != SURFACE)  # the default first
     return Folder(
@@ -216,7 +207,17 @@ def _surface(build: Build) -> Folder:
                 step=0.05,
                 hint="All radii times this",
             ),
-            Control("build.smooth", "Noise", "choice", build.smooth, SMOOTHED, hint="What is smoothed away"),
+            Control("build.measured", "Noise as measured", "switch", build.measured, hint="What is smoothed away"),
+            Control(
+                "build.noise",
+                "Noise",
+                "range",
+                build.noise,
+                low=0.0,
+                high=2.0,
+                step=0.01,
+                hint="In radii, its standard deviation: what is smoothed away",
+            ),
         ],
     )
 

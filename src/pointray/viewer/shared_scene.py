@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+import numpy as np
+
 from ..arguments import check_direction
 from ..choices import AUTO
 from ..jit import BACKLOG
@@ -20,20 +22,30 @@ from .heap import give_back
 from .sketch import Sketch
 from .time_left import TimeLeft
 
-# What the panel smooths away: as measured, or noise in median radii, which are about 1.15 spacings.
-SMOOTHING = {AUTO: None, "none": 0.0, "little": 0.1, "some": 0.3, "much": 1.0}
-
 log = logging.getLogger("pointray.view")
 
 
 @dataclass(frozen=True)
 class Build:
-    """How models are built: the parameters of `Model` in the panel."""
+    """How models are built: the parameters of `Model` in the panel.
+
+    measured : whether noise is smoothed away as it is measured; noise : else so much of it, in the median radius
+    """
 
     surface: str
     samples: int
     radius_scale: float = 1.0
-    smooth: str = AUTO
+    measured: bool = True
+    noise: float = 0.0
+
+
+def build_of(model: Model) -> Build:
+    """How a model was built; its noise, where that was measured, is the median."""
+    size, found = model.spacing or 1.0, model.tree.noise
+    if isinstance(model.smooth, str):
+        noise = float(np.median(found)) / size if found.size else 0.0
+        return Build(model.surface, model.settings.samples, noise=round(noise, 2))
+    return Build(model.surface, model.settings.samples, measured=False, noise=round(model.smooth / size, 2))
 
 
 @dataclass(frozen=True)
@@ -181,12 +193,15 @@ class SharedScene:
         if self._built is not None:
             return self._built[0]
         models = [] if self._scene is None else self._scene.models
-        if not models:
-            return None
-        return Build(models[0].surface, models[0].settings.samples, smooth="none" if models[0].smooth == 0.0 else AUTO)
+        return build_of(models[0]) if models else None
 
     def rebuild(self, **changes: Any) -> threading.Thread:
-        """Build all models again, with changes to the last wanted build; the old ones are shown until it is done."""
+        """Build all models again, with changes to the last wanted build; the old ones are shown until it is done.
+
+        Whoever tells the noise does not want it measured.
+        """
+        if "noise" in changes:
+            changes.setdefault("measured", False)
         with self._lock:
             last = self._wanted or self.build
             if last is None:
@@ -210,10 +225,14 @@ class SharedScene:
                 except Exception:
                     self._wanted = None
                     raise
-                if scene is self._scene and build is self._wanted:
-                    self._built = build, made
+                with self._lock:
+                    if scene is not self._scene or build is not self._wanted:
+                        continue
+                    if build.measured:
+                        build = replace(build, noise=build_of(made[models[0]]).noise)
+                    self._wanted, self._built = build, (build, made)
                     self._shown += 1
-                    self.notify()
+                self.notify()
 
     def _rebuilt(self, model: Model, build: Build, number: int, count: int) -> Model:
         def say(stage: str, share: float) -> None:
@@ -225,9 +244,10 @@ class SharedScene:
             "radius_scale": build.radius_scale,
         }
         options["refine"] = model.settings.refine
-        share = SMOOTHING[build.smooth]
-        asked = model.smooth or AUTO  # what the command or the caller asked for is kept
-        smooth = asked if share is None else share * model.spacing
+        smooth: str | float = AUTO if build.measured else build.noise * model.spacing
+        first = build_of(self._scene.models[0]) if self._scene else build
+        if (build.measured, build.noise) == (first.measured, first.noise):  # what the command asked for, unrounded
+            smooth = model.smooth
         return model.remade(smooth, **options, progress=say)
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
