@@ -29,6 +29,9 @@ LEFT = 0.4  # what fits leave of the noise's square at least: 0.64 of up to 0.3 
 LITTLE = 0.06  # spacings: noise that does not matter
 SHARE, FEWEST = 32, 20_000  # every so manieth point is examined, but at least so many
 STRETCH = 128  # examined points that are taken together
+# Where a quantile of the nearest stretches, in spacings, says so much, none of them has less: at 1 spacing a quarter of
+# the dragon's and some of a torus's passed for detail. Their depth was 0.497 and 0.233, so it is 0.283 and 0.173.
+LOUD, NEAREST, LOUDER = 0.5, 9, 0.75
 AROUND = 16  # neighbours that tell the spacing
 BESIDE = 8  # neighbours whose tangent planes are asked
 DETAIL = 0.6  # height, in distance times difference of normals, below which it is detail, which bends normals
@@ -68,6 +71,7 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
     else:
         square = _residuals(path, rows, tree.query(MOST, path[rows])[1], stretches, spacing)
     middles = rows[(ends[:-1] + ends[1:]) // 2]
+    square = np.maximum(square, _around(path[middles], np.sqrt(square) / spacing) * spacing**2)
     noise, spacing = (np.interp(np.arange(n), middles, values) for values in (np.sqrt(square), spacing))
     return noise.astype(np.float32), spacing.astype(np.float32)
 
@@ -84,6 +88,13 @@ def _residuals(
     little = _quantiles(2 * least - middle, stretches, QUANTILE) / SHOWN
     much = _quantiles(2 * middle - most, stretches, QUANTILE) / MUCH_SHOWN
     return np.where(little > MUCH * spacing**2, np.maximum(little, np.minimum(much, MORE * little)), little)
+
+
+def _around(middles: Floats, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The square of the noise that is usual around each stretch, in spacings; 0 where that is not much."""
+    near = NeighborTree(middles).query(NEAREST)[1]
+    usual = np.quantile(noise[near], LOUDER, axis=1)
+    return np.where(usual > LOUD, usual**2, 0.0)
 
 
 def _quantiles(values: NDArray[np.float64], stretches: list[slice], q: float = 0.5) -> NDArray[np.float64]:
