@@ -134,7 +134,9 @@ def _prepared(
         limit = None
         if tolerance is not None:
             limit = tolerance[0] * (float(np.linalg.norm(np.subtract(*points.bounds))) if tolerance[1] else 1.0)
-        found = find_subsample(points, limit, options["count"], show)
+        # What --smooth says has been done above; without it noise is smoothed away as it is measured.
+        noise: str | float = AUTO if options["smooth"] is None else 0.0
+        found = find_subsample(points, limit, options["count"], noise, show)
         if found.message:
             warnings.warn(found.message, stacklevel=2)
         points = found.points.changed(attributes={**found.points.attributes, "radius": found.radii})

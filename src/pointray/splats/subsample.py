@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..arguments import check_callback, check_kind, check_positive, check_whole
 from ..data import Points
 from ..neighbors import distinct, morton_order, neighbors
-from ..points.normals.estimate import mend_normals
+from ..points.smoothing.smooth import check_sigma, place
 from ..survey import RESIDUAL
 from .averages import attribute_averages
 from .cover import relax
@@ -65,7 +65,12 @@ class Subsample(NamedTuple):
 
 
 def subsample(
-    points: Points, tolerance: float | None = None, count: int | None = None, *, progress: Progress | None = None
+    points: Points,
+    tolerance: float | None = None,
+    count: int | None = None,
+    *,
+    smooth: str | float = "auto",
+    progress: Progress | None = None,
 ) -> tuple[Points, NDArray[np.float32]]:
     """Fewer points, and their support radii, for the same surface.
 
@@ -82,6 +87,8 @@ def subsample(
         tolerance have no such surface, even if all of them are kept.
     count : int, optional
         Exact number of points to return, with an error as small as possible. Give either this or the tolerance.
+    smooth : "auto" or float
+        Noise that is smoothed away before, see `pr.smooth`; the tolerance is about the smooth points.
     progress : callable, optional
         Called with the stage's name and the share done.
 
@@ -103,7 +110,7 @@ def subsample(
     ----------
     Wu, Kobbelt: Optimized Sub-Sampling of Point Sets for Surface Splatting (Eurographics 2004).
     """
-    found = find_subsample(points, tolerance, count, progress)
+    found = find_subsample(points, tolerance, count, smooth, progress)
     if found.message:
         warnings.warn(found.message, stacklevel=2)
     if not found.met:
@@ -115,16 +122,22 @@ def subsample(
 
 
 def find_subsample(
-    points: Points, tolerance: float | None, count: int | None, progress: Progress | None = None
+    points: Points,
+    tolerance: float | None,
+    count: int | None,
+    smooth: str | float = "auto",
+    progress: Progress | None = None,
 ) -> Subsample:
     """What `subsample` does, without a warning."""
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
     _check_target(tolerance, count)
+    smooth = check_sigma(smooth, "smooth")
     say = progress or (lambda stage, share: None)
     say("normals", 0.0)
     finite = np.flatnonzero(points.finite)
-    mended, message = mend_normals(points.select(finite) if len(finite) < len(points) else points)
+    placed, message = place(points.select(finite) if len(finite) < len(points) else points, smooth)
+    mended = placed.points
     rows = morton_order(mended.positions)
     rows = rows[distinct(mended.positions[rows])[0]]
     if len(rows) < 2:
