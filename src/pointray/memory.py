@@ -1,7 +1,11 @@
-"""How much memory is available, so that work that does not fit is refused before the system kills the process."""
+"""How much memory is available, so that work that does not fit is refused before the system kills the process.
+
+What is free in the heap of the C library is given back between steps that take much of it, if that library is glibc.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -24,6 +28,12 @@ def check_memory(need: int, what: str) -> None:
     free = available_memory()
     if free is not None and need > free:
         raise ValueError(f"{_in_units(need)} of memory are needed {what}, {_in_units(free)} are available")
+
+
+def give_back() -> None:
+    """Give what is free in the heap back to the system."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _in_units(size: int) -> str:

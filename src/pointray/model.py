@@ -15,7 +15,7 @@ from .arguments import check_callback, check_choice, check_path, check_positive
 from .choices import SURFACES
 from .data import FARTHEST, Points
 from .kernels.tree import NODE, WIDTH, Tree
-from .memory import check_memory
+from .memory import check_memory, give_back
 from .model_file import Part, read_model, write_model
 from .points.smoothing.smooth import Placed, check_sigma, place
 from .progress import Progress
@@ -29,7 +29,8 @@ from .tree.stored import stored_splats
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
-PEAK = 300  # bytes a point beyond the points, while radii are found: 274 to 330 of 500,000, 262 of 2 million
+# Bytes a point beyond the points, while radii are found: 290 to 330 of 500,000, 262 of 2 million; noisy ones 450.
+PEAK = 300
 SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
 WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
 
@@ -109,6 +110,8 @@ class Model:
         say: Callable[[str, float], None] = lambda stage, share: None,
     ) -> None:
         """Make splats of some rows' points, and the tree over them."""
+        if len(used) > SMALL:
+            give_back()
         say("radii", 0.0)
         made = make_splats(placed.points, placed.noise, used, sizes, self.settings, partial(say, "radii"))
         if made.tight:

@@ -23,8 +23,8 @@ Rows = NDArray[np.int64]
 
 TREE = 0.1  # share of the time for 20 neighbours that the tree takes
 
-_CHUNK = 1 << 17  # rows of a table at a time
-_ASKED = 1 << 15  # queries at a time: SciPy answers in float64 and int64, four times what is kept
+_CHUNK = 1 << 16  # rows of a table at a time
+_ASKED = 1 << 13  # queries at a time: SciPy answers in float64 and int64, four times what is kept
 
 
 class NeighborTree:

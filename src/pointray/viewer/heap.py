@@ -1,4 +1,4 @@
-"""The heap of the C library, if that is glibc: where memory is found again, and given back."""
+"""The heap of the C library, if that is glibc: where memory is found again."""
 
 from __future__ import annotations
 
@@ -16,9 +16,3 @@ def keep_one_heap() -> None:
     """
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
-
-
-def give_back() -> None:
-    """Give what is free in the heap back to the system."""
-    with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)

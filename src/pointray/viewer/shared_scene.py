@@ -13,12 +13,12 @@ import numpy as np
 from ..arguments import check_direction
 from ..choices import AUTO
 from ..jit import BACKLOG
+from ..memory import give_back
 from ..model import Model
 from ..rendering.camera import Camera
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
 from ..staging.first_view import Scan, ViewChoice
-from .heap import give_back
 from .sketch import Sketch
 from .time_left import TimeLeft
 

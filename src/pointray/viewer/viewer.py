@@ -9,8 +9,8 @@ import webbrowser
 from collections.abc import Callable
 from typing import Any
 
+from ..memory import give_back
 from ..rendering.warmup import warm_up
-from .heap import give_back
 from .link import Link
 from .server import Server
 from .session import Session
