@@ -24,7 +24,8 @@ from pointray.staging.first_view import frame
 from truth import FOLDER
 
 TILE, LINE = (270, 200), 16  # pixels of a picture, and of a line of text
-ELEVATION = 7.0  # of the sun, degrees over the surface in the middle
+ELEVATION = 12.0  # of the sun, degrees over the surface in the middle
+SUN, EYE = 1.1 * np.pi, 0.2 * np.pi  # light of the sun, and of a weak headlight that shows what is in shadow
 LIGHTS = ("headlight", "grazing sun", "ao")
 REACH = 0.05  # how far ambient occlusion looks, as a share of what the picture shows
 SPP = 16
@@ -74,8 +75,9 @@ def nearer(model: pr.Model, shot: Shot) -> View:
     back = np.asarray(whole.eye) - middle
     normal *= np.sign(normal @ back) / np.linalg.norm(normal)
     camera = pr.Camera.look_at(tuple(whole.eye), tuple(middle), whole.up, fov=whole.fov / shot.zoom, size=TILE)
-    side = np.cross(normal, np.cross(np.asarray(whole.up) + 0.3 * back / np.linalg.norm(back), normal))
-    side = np.cross(side, normal) + side
+    left = np.cross(back, whole.up) / np.linalg.norm(back)
+    side = np.asarray(whole.up, float) - left  # the sun stands above and to the left
+    side -= (side @ normal) * normal
     angle = np.radians(ELEVATION)
     return View(camera, -np.cos(angle) * side / np.linalg.norm(side) - np.sin(angle) * normal)
 
@@ -91,7 +93,8 @@ def pictures(model: pr.Model, view: View) -> list[NDArray[np.uint8]]:
         scene = pr.Scene()
         scene.add(model, material=grey)
         if light == "grazing sun":
-            scene.add_light(pr.SunLight(view.sun, 3 * np.pi))
+            scene.add_light(pr.SunLight(view.sun, SUN))
+            scene.add_light(pr.SunLight((0, 0, -1), EYE, camera=True))
         integrator = "ao" if light == "ao" else "phong"
         settings = pr.Settings(integrator=integrator, spp=SPP, ao_distance=REACH * width)
         image = pr.render(scene, view.camera, settings)
