@@ -106,3 +106,8 @@ def test_baked_light_begins_as_far_off():
     scene.add(model, np.diag([2.0, 2.0, 2.0, 1.0]))
     sheet = find_sheets(scene.snapshot(), 500, 1.0)[0]
     assert np.median(sheet.margins) == pytest.approx(2 * np.median(model.tree.noise), rel=0.05)
+
+
+def test_noise_larger_than_the_model_still_leaves_shadows():
+    model = pr.Model(ground(0.3, box=20.0), smooth=1e6)
+    assert model.tree.noise.max() <= model.radii.max()

@@ -82,6 +82,8 @@ def make_splats(
     sheets = support.sheets
     if level and sheets is not None and sheets.mean() < THIN:
         sheets = None
+    if noise is not None:  # whatever a caller says of the noise, a surface has no bumps higher than that
+        noise = np.minimum(noise, support.radii)
     splats = Splats(points.positions, normals, support.radii, rows, points.colors, support.borders, sheets, noise)
     return Made(_not_crowded(splats, support.crowded), support.radii, support.tight)
 

@@ -43,7 +43,7 @@ class Splats(NamedTuple):
     colors : (n, 3) uint8, sRGB, or None
     borders : (n, 3) float32, the direction out of the surface on an open border, else zero; None if there are none
     sheets : (n,) int8, 1 for splats of sheets close together, else 0; None if there are no such sheets
-    noise : (n,) float32, standard deviation of the noise that was smoothed away; None if none was
+    noise : (n,) float32, standard deviation of the noise that was smoothed away, at most the radius; None if none was
     """
 
     positions: NDArray[np.float32]

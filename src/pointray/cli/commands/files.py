@@ -115,7 +115,10 @@ def prepare(
     drop_outliers: Annotated[bool, typer.Option("--drop-outliers", help="Drop what lies far from the rest.")] = False,
     smooth: Annotated[
         str | None,
-        typer.Option(help="Move noisy points onto the surface: auto: as measured; else the noise's deviation (units)."),
+        typer.Option(
+            help="Move noisy points onto the surface: auto: as measured, which --tolerance and --count do anyway; "
+            "else the noise's deviation (units)."
+        ),
     ] = None,
     normals: NormalsOption = Normals["auto"],
     estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="The same as --normals fit.")] = False,
