@@ -18,7 +18,8 @@ from .kernels.tree import BLOCK, NODE, WIDTH, Tree
 from .memory import check_memory
 from .model_file import Part, read_model, write_model
 from .points.smoothing.smooth import check_sigma, smooth_model
-from .progress import Progress
+from .points.strays import merge_for_model
+from .progress import Progress, part_of
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, THIN, coarsen
 from .splats.radii import check_radii
 from .splats.support import CROWD, find_support
@@ -32,6 +33,7 @@ COARSER = 2.0  # ratio of a level's cell size to that of the level before; for t
 OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
 SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
+MERGED = 0.15  # share of the time for normals until second layers are merged
 PEAK = 300  # bytes a point beyond the points, while radii are found: 274 to 330 of 500,000, 262 of 2 million
 SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
 WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
@@ -62,8 +64,9 @@ class Model:
         Factor for all radii.
     smooth : "auto" or float
         Standard deviation of the points' noise, in their unit: splats lie on the surface that noisy points and their
-        neighbours show (`pr.smooth`). "auto": measured, place by place, unless radii are given; 0: where the points
-        are. Rows, attributes and `points` stay as given.
+        neighbours show (`pr.smooth`), and those of sparse second layers on the surface beside them (docs/strays.md).
+        "auto": measured, place by place; 0: where the points are. With given radii "auto" is 0, and no layer is moved.
+        Rows, attributes and `points` stay as given.
     progress : callable, optional
         Called with the stage's name and the share done.
 
@@ -123,7 +126,7 @@ class Model:
         cloud = self.points.select(used) if lost else self.points
         say("normals", 0.0)
         if within is None:  # averaged normals are not mended: neighbours on a thin body may face opposite sides
-            cloud = made._moved(used) if made else _smoothed(cloud, self.smooth, partial(say, "normals"))
+            cloud = made._moved(used) if made else self._smoothed(cloud, given is None, partial(say, "normals"))
         normals = np.asarray(cloud.normals)
         say("radii", 0.0)
         automatic = self.settings.overhang < np.inf
@@ -152,6 +155,19 @@ class Model:
         )
         self.tree: Tree = build_tree(splats, self.settings, progress=lambda share: say("tree", share))
         self._bounds = self.points.bounds
+
+    def _smoothed(self, points: Points, merge: bool, progress: Progress) -> Points:
+        """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy.
+
+        merge : whether second layers may be moved onto the surface, unless nothing is to be smoothed
+        """
+        merge = merge and self.smooth != 0
+        if merge:
+            points = merge_for_model(points, part_of(progress, 0.0, MERGED))
+        smoothed, message = smooth_model(points, self.smooth, part_of(progress, MERGED, 1.0) if merge else progress)
+        if message:
+            warnings.warn(message, stacklevel=4)
+        return smoothed
 
     def remade(
         self,
@@ -339,14 +355,6 @@ def _points_of(positions: ArrayLike) -> Points:
         return Points(positions)
     except ValueError as error:
         raise ValueError(f"points: {error}") from None
-
-
-def _smoothed(points: Points, sigma: str | float, progress: Progress | None = None) -> Points:
-    """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy."""
-    smoothed, message = smooth_model(points, sigma, progress)
-    if message:
-        warnings.warn(message, stacklevel=4)
-    return smoothed
 
 
 def _check_memory(count: int) -> None:
