@@ -2,7 +2,7 @@
 
 find : `find_strays`, `merge_layers`, `without_strays`
 floors : the surface near each point, from survey (all points) and examine (those that may be off it); fits : how
-layers : second layers, which models merge unasked
+layers : second layers, which models merge unasked; passes, heights : scans that do not fit
 veils : mixed returns, as seen from the scanner; groups : sparse points, and small groups that float
 
 Begin with find, then floors.

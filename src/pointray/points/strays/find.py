@@ -16,10 +16,12 @@ from ..normals.stations import check_eyes, eyes_of
 from .floors import LEAST, Floors, find_floors
 from .groups import adrift, thin
 from .layers import faces_back
+from .passes import merge_passes
 from .veils import veiled
 
 Floats = NDArray[np.float32]
 
+LOOKED = 0.6  # share of the time until strays are found, where passes are merged, too
 MOST_STATIONS = 64  # scanners for which veils are sought
 FLOORED, GROUPED = 0.75, 0.85  # shares of the time until floors, and groups, are found
 
@@ -73,16 +75,25 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: Pr
 def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: Progress | None = None) -> Points:
     """The points with those of sparse second layers moved onto the surface beside them; all else stays as it is.
 
+    Where it is known of which scan each point is and from where it was seen, scans that are about as dense as each
+    other but do not fit are moved onto their mean, too.
+
     Parameters
     ----------
     points : Points
+        The attribute "scan" or "point_source_id" tells of which scan each point is.
     viewpoint, progress
-        As for `find_strays`.
+        As for `find_strays`. Where no place is known, normals tell from which side a surface was seen.
     """
-    strays, offset = _look(points, viewpoint, progress)
-    positions = points.positions.copy()
-    positions[strays.layer] += offset[strays.layer]
-    return points.changed(positions=positions) if strays.layer.any() else points
+    strays, offset = _look(points, viewpoint, part_of(progress, 0.0, LOOKED))
+    eyes = None if viewpoint is None else check_eyes(viewpoint, len(points))
+    if strays.layer.any():
+        positions = points.positions.copy()
+        positions[strays.layer] += offset[strays.layer]
+        points = points.changed(positions=positions)
+    merged = merge_passes(points, eyes, part_of(progress, LOOKED, 1.0))
+    tell(progress, 1.0)
+    return merged
 
 
 def without_strays(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...progress import Progress, part_of
-from .examine import FAR, OFF, SPACINGS, examined, join
+from .examine import FAR, OFF, ROUGH, ROUGHLY, SPACINGS, examined, join
 from .survey import GROUP, Survey
 
 Floats = NDArray[np.float32]
@@ -64,7 +64,9 @@ class Ground:
         rows = (GROUP * groups[:, None] + np.arange(GROUP)).ravel()
         rows = rows[rows < len(self._said)]
         shared = survey.shared(rows)
-        is_suspect = survey.height[rows] > np.maximum(SUSPECT * shared, 0.5 * SPACINGS * survey.spacing[rows])
+        spacing = survey.spacing[rows]
+        is_suspect = survey.height[rows] > np.maximum(SUSPECT * shared, 0.5 * SPACINGS * spacing)
+        is_suspect |= survey.noise[rows] > ROUGH * shared + ROUGHLY * spacing  # what was fitted may be no floor
         suspects, noise = rows[is_suspect], shared[is_suspect]
         said = examined(survey.tree, self._positions, suspects, noise, part_of(progress, SURVEYED, 1.0))
         self._said[suspects], self._about[suspects] = said[:, 0], said[:, 1:]

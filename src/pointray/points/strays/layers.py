@@ -11,7 +11,8 @@ from ...data import Points
 from ...neighbors import neighbors
 from ...progress import Progress, part_of, tell
 from ..normals.estimate import along_path
-from .floors import LEAST, Floors, Ground
+from .floors import LAYER, LEAST, Floors, Ground
+from .passes import merge_passes
 from .survey import GROUP
 
 Floats = NDArray[np.float32]
@@ -20,6 +21,7 @@ Rows = NDArray[np.int64]
 STRETCH = 16  # groups that follow each other along the Morton curve: a place about 8 spacings wide
 SAMPLE, SHARE = 20_000, 32  # points that are looked at in any case, or every so manieth
 SHOWS = 2  # points off their floor, from which a stretch may show a layer
+SPARSE_MERGED = 0.6  # share of the time
 OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it is another sheet
 
 # A layer is a group of many points that are about as far off on the same side. Clean clouds have groups of at most 10.
@@ -29,7 +31,7 @@ LEVEL, ALIKE = 1.0, 0.5  # differences in height, in spacings, and cosines of th
 
 
 def merge_for_model(points: Points, progress: Progress | None = None) -> Points:
-    """The points with those of second layers moved onto the surface; `points` itself, where there are none.
+    """The points with those of second layers and passes moved onto one surface; `points` itself, where there are none.
 
     Unlike `merge_layers` it looks closely only where a few stretches of the Morton curve show layers, and moves only
     groups of `FEWEST` points or more: a surface without layers stays as it is, to the bit.
@@ -39,19 +41,20 @@ def merge_for_model(points: Points, progress: Progress | None = None) -> Points:
     if len(path) < LEAST:
         return points
     ground = Ground(path)
-    _look_for_layers(ground, len(path), part_of(progress, 0.1, 0.9))
+    _look_for_layers(ground, len(path), part_of(progress, 0.1, SPARSE_MERGED))
     floors = ground.floors()
-    off = np.flatnonzero(floors.in_layer)
+    off = np.flatnonzero(floors.off)
+    off = off[np.linalg.norm(floors.offset[off], axis=1) <= LAYER * floors.spacing[off]]
     off = off[~faces_back(points, rows, floors, off)]
     off = off[_in_company(path, floors, off)]
-    tell(progress, 1.0)
-    if len(off) == 0:
-        return points
-    shift = np.zeros_like(path)
-    shift[off] = floors.offset[off]
-    positions = points.positions.copy()
-    positions[points.finite] += shift[ids]
-    return points.changed(positions=positions)
+    tell(progress, SPARSE_MERGED)
+    if len(off):
+        shift = np.zeros_like(path)
+        shift[off] = floors.offset[off]
+        positions = points.positions.copy()
+        positions[points.finite] += shift[ids]
+        points = points.changed(positions=positions)
+    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0))
 
 
 def _look_for_layers(ground: Ground, n: int, progress: Progress | None) -> None:
