@@ -152,4 +152,6 @@ def fit(
             for b in range(TERMS):
                 r[j] -= x[b] * terms[j, b]
         spread, most = _weigh(r, k, sizes, scratch, w)
+        if most < EVEN and not second:
+            break
     return n, spread, far

@@ -30,10 +30,18 @@ ROWS = 1 << 15  # groups of a table at a time
 
 
 @inline
-def _keep(positions: Array, row: int, near: Array, i: int, kept: Array, away: Array) -> float:
-    """Write the nearest of the candidates near[i] to kept[row]; returns the squared distance of the last."""
+def _keep(
+    positions: Array, row: int, near: Array, reach: Array, i: int, aside: float, kept: Array, away: Array
+) -> float:
+    """Write the nearest of the candidates near[i] to kept[row]; returns the distance of the last.
+
+    reach : how far the candidates are from the middle of the group
+    aside : how far the row is
+    """
     most = kept.shape[1]
     for j in range(near.shape[1]):
+        if j >= most and reach[i, j] - aside > 0.0 and (reach[i, j] - aside) ** 2 > away[most - 1]:
+            break  # those that follow are farther still
         other, square = near[i, j], 0.0
         for c in range(3):
             step = f64(positions[other, c]) - f64(positions[row, c])
@@ -47,7 +55,7 @@ def _keep(positions: Array, row: int, near: Array, i: int, kept: Array, away: Ar
             away[slot], kept[row, slot] = away[slot - 1], kept[row, slot - 1]
             slot -= 1
         away[slot], kept[row, slot] = square, other
-    return away[most - 1]
+    return math.sqrt(away[most - 1])
 
 
 @kernel
@@ -59,11 +67,11 @@ def _survey(
 
     members : (m, g) rows, the one in the middle first
     near : (m, k) nearest neighbours of that one
-    reach : (m,) the distance within which these are all that there are
+    reach : (m, k) how far these are from it
     told : (n,) 1 for the rows of which that is known, 0 for those too far from the middle
     """
     positions, near, about, kept = borrow(positions), borrow(near), borrow(about), borrow(kept)
-    k = min(AROUND, near.shape[1])
+    k, whole = min(AROUND, near.shape[1]), near.shape[1] == len(positions)
     memory, away = new_memory(k), np.empty(kept.shape[1])
     x = memory[6]
     tile = next_tile(work)
@@ -80,8 +88,9 @@ def _survey(
                     p, q, height = p + step * one[c], q + step * two[c], height + step * n[c]
                     aside += step * step
                 height -= x[0] + x[1] * p + x[2] * q + x[3] * p * p + x[4] * p * q + x[5] * q * q
-                last = math.sqrt(_keep(positions, row, near, i, kept, away))
-                told[row] = last + math.sqrt(aside) * far <= reach[i]
+                aside = math.sqrt(aside) * far
+                last = _keep(positions, row, near, reach, i, aside, kept, away)
+                told[row] = whole or last + aside <= reach[i, near.shape[1] - 1]
                 about[row, 0], about[row, 1], about[row, 2] = abs(height) * far, noise * far, spacing
                 about[row, 3] = math.sqrt(away[min(CORE, len(away) - 1)])
         tile = next_tile(work)
@@ -154,8 +163,7 @@ class Survey:
     def _fit(self, members: Rows) -> NDArray[np.bool_]:
         """Fit floors to groups of rows, the middle one first; which rows they tell of, (n,) bool."""
         n, told = len(self._positions), np.zeros(len(self._positions), np.bool_)
-        away, near = self.tree.query(CANDIDATES, self._positions[members[:, 0]])
-        reach = np.full(len(members), np.inf, np.float32) if near.shape[1] == n else away[:, -1].copy()
+        reach, near = self.tree.query(CANDIDATES, self._positions[members[:, 0]])
         run(_survey, -(-len(members) // CHUNK), self._positions, members, near, reach, self._about, self.near, told)
         return told
 
