@@ -162,7 +162,7 @@ class Survey:
 
     def _fit(self, members: Rows) -> NDArray[np.bool_]:
         """Fit floors to groups of rows, the middle one first; which rows they tell of, (n,) bool."""
-        n, told = len(self._positions), np.zeros(len(self._positions), np.bool_)
+        told = np.zeros(len(self._positions), np.bool_)
         reach, near = self.tree.query(CANDIDATES, self._positions[members[:, 0]])
         run(_survey, -(-len(members) // CHUNK), self._positions, members, near, reach, self._about, self.near, told)
         return told
