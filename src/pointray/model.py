@@ -18,7 +18,8 @@ from .kernels.tree import NODE, WIDTH, Tree
 from .memory import check_memory, give_back
 from .model_file import Part, read_model, write_model
 from .points.smoothing.smooth import Placed, check_sigma, place
-from .progress import Progress
+from .points.strays import merge_for_model
+from .progress import Progress, part_of
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.make import Sizes, make_splats
 from .splats.radii import check_radii
@@ -31,6 +32,7 @@ LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,0
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
 # Bytes a point beyond the points, while radii are found: 290 to 330 of 500,000, 262 of 2 million; noisy ones 450.
 PEAK = 300
+MERGED = 0.15  # share of the time for normals until second layers are merged
 SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
 WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
 
@@ -60,8 +62,9 @@ class Model:
         Factor for all radii.
     smooth : "auto" or float
         Standard deviation of the points' noise, in their unit: splats lie on the surface that noisy points and their
-        neighbours show (`pr.smooth`). "auto": measured, place by place, unless radii are given; 0: where the points
-        are. Rows, attributes and `points` stay as given.
+        neighbours show (`pr.smooth`), and those of sparse second layers on the surface beside them (docs/strays.md).
+        "auto": measured, place by place; 0: where the points are. With given radii "auto" is 0, and no layer is moved.
+        Rows, attributes and `points` stay as given.
     progress : callable, optional
         Called with the stage's name and the share done.
 
@@ -99,7 +102,8 @@ class Model:
         _check_memory(len(self.points))
         used = _finite_rows(self.points)
         say("normals", 0.0)
-        placed = _placed(self.points.select(used), self.smooth, partial(say, "normals"))
+        cloud = self.points if len(used) == len(self.points) else self.points.select(used)
+        placed = _placed(cloud, self.smooth, given is None, partial(say, "normals"))
         self._build(placed, used, Sizes(None if given is None else given[used], scale), say)
 
     def _build(
@@ -319,8 +323,14 @@ def _finite_rows(points: Points) -> NDArray[np.int32]:
     return used
 
 
-def _placed(points: Points, sigma: str | float, progress: Progress | None = None) -> Placed:
-    """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy."""
+def _placed(points: Points, sigma: str | float, merge: bool, progress: Progress) -> Placed:
+    """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy.
+
+    merge : whether second layers may be moved onto the surface, unless nothing is to be smoothed
+    """
+    if merge and sigma != 0.0:
+        points = merge_for_model(points, part_of(progress, 0.0, MERGED))
+        progress = part_of(progress, MERGED, 1.0) or progress
     placed, message = place(points, sigma, progress)
     if message:
         warnings.warn(message, stacklevel=3)

@@ -15,13 +15,13 @@ from ...progress import Progress, part_of, tell
 from ..normals.stations import check_eyes, eyes_of
 from .floors import LEAST, Floors, find_floors
 from .groups import adrift, thin
+from .layers import faces_back
+from .passes import merge_passes
 from .veils import veiled
 
 Floats = NDArray[np.float32]
 
-LAYER = 6.0  # spacings of the floor: farther off it, a point is no part of a second layer
-COMPANY = 2  # points of a layer near each other, at least
-OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it is another sheet
+LOOKED = 0.6  # share of the time until strays are found, where passes are merged, too
 MOST_STATIONS = 64  # scanners for which veils are sought
 FLOORED, GROUPED = 0.75, 0.85  # shares of the time until floors, and groups, are found
 
@@ -75,16 +75,25 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: Pr
 def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: Progress | None = None) -> Points:
     """The points with those of sparse second layers moved onto the surface beside them; all else stays as it is.
 
+    Where it is known of which scan each point is and from where it was seen, scans that are about as dense as each
+    other but do not fit are moved onto their mean, too.
+
     Parameters
     ----------
     points : Points
+        The attribute "scan" or "point_source_id" tells of which scan each point is.
     viewpoint, progress
-        As for `find_strays`.
+        As for `find_strays`. Where no place is known, normals tell from which side a surface was seen.
     """
-    strays, offset = _look(points, viewpoint, progress)
-    positions = points.positions.copy()
-    positions[strays.layer] += offset[strays.layer]
-    return points.changed(positions=positions) if strays.layer.any() else points
+    strays, offset = _look(points, viewpoint, part_of(progress, 0.0, LOOKED))
+    eyes = None if viewpoint is None else check_eyes(viewpoint, len(points))
+    if strays.layer.any():
+        positions = points.positions.copy()
+        positions[strays.layer] += offset[strays.layer]
+        points = points.changed(positions=positions)
+    merged = merge_passes(points, eyes, part_of(progress, LOOKED, 1.0))
+    tell(progress, 1.0)
+    return merged
 
 
 def without_strays(
@@ -126,29 +135,18 @@ def _kinds(
     """The kinds of rows at different places along a Morton curve, (m, 4) bool, and their floors."""
     positions = np.ascontiguousarray(points.positions[rows])
     floors = find_floors(positions, part_of(progress, 0.0, FLOORED))
-    off = floors.off & ~_faces_back(points, rows, floors)
-    height = np.linalg.norm(floors.offset, axis=1)
-    layer = off & (height <= LAYER * floors.spacing) & (floors.company >= COMPANY)
-    lone = (off & ~layer) | thin(floors)
+    off = np.flatnonzero(floors.off)
+    off = off[~faces_back(points, rows, floors, off)]
+    layer, lone = np.zeros((2, len(rows)), np.bool_)
+    layer[off] = floors.in_layer[off]
+    lone[off] = ~layer[off]
+    lone |= thin(floors)
     tell(progress, FLOORED)
     floating = adrift(positions, floors, layer | lone)
     tell(progress, GROUPED)
     veil = _veils(points, positions, floors.core, rows, eyes)
     layer, floating = layer & ~veil, floating & ~(layer | veil)
     return np.stack([layer, veil, floating, lone & ~(layer | veil | floating)], axis=1), floors
-
-
-def _faces_back(points: Points, rows: NDArray[np.int64], floors: Floors) -> NDArray[np.bool_]:
-    """Which positions have a given normal against those around: they are the back of a thin body."""
-    back = np.zeros(len(rows), np.bool_)
-    off = np.flatnonzero(floors.off)
-    if points.normals is None or len(off) == 0:
-        return back
-    with np.errstate(invalid="ignore", over="ignore"):
-        normals = points.normals / np.linalg.norm(points.normals, axis=1, keepdims=True)
-        own, around = normals[rows[off]], normals[rows[floors.near[off, 1:]]]
-        back[off] = np.nanmean(np.einsum("ij,ikj->ik", own, around), axis=1) < OPPOSITE
-    return back
 
 
 def _veils(

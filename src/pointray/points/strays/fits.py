@@ -12,11 +12,12 @@ from ...kernels.vec import Vec3, tangents
 from ..normals.planes import plane
 from ..normals.quadrics import TERMS, solve
 
-# One thread's memory: places in the ball of radius 1, weights, residuals, sizes, sorted ones; terms, coefficients and
+# One thread's memory: places in the ball of radius 1, weights, residuals, sizes, scratch; terms, coefficients and
 # factor of the quadric; variances and axes of the plane.
 Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]
 
 PLANES, QUADRICS = 3, 2  # rounds of fitting, in which weights fall where residuals were large
+EVEN = 3.0  # spreads: where no residual is larger the first plane is good enough for a quadric
 ROUND = 0.25  # ratio of the plane's least two variances above which a second start is tried
 START = 14  # points of the second start
 RIDGE = 1e-3  # of the square terms
@@ -27,33 +28,48 @@ SPREAD = 1.5  # standard deviation over the median of absolute residuals, with t
 def new_memory(k: int) -> Memory:
     """Memory for fits to k points."""
     d, terms = np.empty((k, 3)), np.empty((k, TERMS + 1))
-    w, r, sizes, sorted_ = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
+    w, r, sizes, scratch = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     x, m, a, v = np.empty(TERMS), np.zeros((TERMS, TERMS)), np.empty((3, 3)), np.empty((3, 3))
-    return d, w, r, sizes, sorted_, terms, x, m, a, v
+    return d, w, r, sizes, scratch, terms, x, m, a, v
 
 
 @routine
-def _median(values: Array, k: int, sorted_: Array) -> float:
-    """Median of k numbers."""
+def nth(values: Array, k: int, rank: int, scratch: Array) -> float:
+    """The number of a rank among k, from 0 (Hoare's quickselect): a third of an insertion sort's time for 48."""
     for i in range(k):
-        value, j = values[i], i - 1
-        while j >= 0 and sorted_[j] > value:
-            sorted_[j + 1] = sorted_[j]
-            j -= 1
-        sorted_[j + 1] = value
-    return sorted_[k // 2]
+        scratch[i] = values[i]
+    low, high = 0, k - 1
+    while low < high:
+        pivot, i, j = scratch[(low + high) // 2], low, high
+        while i <= j:
+            while scratch[i] < pivot:
+                i += 1
+            while scratch[j] > pivot:
+                j -= 1
+            if i <= j:
+                scratch[i], scratch[j] = scratch[j], scratch[i]
+                i, j = i + 1, j - 1
+        if rank <= j:
+            high = j
+        elif rank >= i:
+            low = i
+        else:
+            break
+    return scratch[rank]
 
 
 @inline
-def _weigh(r: Array, k: int, sizes: Array, sorted_: Array, w: Array) -> float:
-    """Weights from residuals; returns their spread."""
+def _weigh(r: Array, k: int, sizes: Array, scratch: Array, w: Array) -> tuple[float, float]:
+    """Weights from residuals; returns their spread, and the largest in spreads."""
+    most = 0.0
     for j in range(k):
         sizes[j] = abs(r[j])
-    spread = SPREAD * _median(sizes, k, sorted_)
+        most = max(most, sizes[j])
+    spread = SPREAD * nth(sizes, k, k // 2, scratch)
     square = 4.0 * spread * spread + 1e-12
     for j in range(k):
         w[j] = 1.0 / (1.0 + r[j] * r[j] / square) ** 2
-    return spread
+    return spread, most / max(spread, 1e-300)
 
 
 @inline
@@ -65,13 +81,12 @@ def _least_ratio(a: Array) -> float:
 
 
 @routine
-def _start(d: Array, k: int, w: Array, sizes: Array, sorted_: Array) -> int:
+def _start(d: Array, k: int, w: Array, sizes: Array, scratch: Array) -> int:
     """Give weight only to the points nearest to one in the middle of the list: beside a stray, these are its floor."""
     c = k // 2
     for j in range(k):
         sizes[j] = (d[j, 0] - d[c, 0]) ** 2 + (d[j, 1] - d[c, 1]) ** 2 + (d[j, 2] - d[c, 2]) ** 2
-    _median(sizes, k, sorted_)
-    limit = sorted_[min(START, k - 1)]
+    limit = nth(sizes, k, min(START, k - 1), scratch)
     for j in range(k):
         w[j] = 1.0 if sizes[j] <= limit else 0.0
     return 0
@@ -80,16 +95,16 @@ def _start(d: Array, k: int, w: Array, sizes: Array, sorted_: Array) -> int:
 @routine
 def _planes(d: Array, k: int, second: bool, memory: Memory) -> Vec3:
     """The normal of a plane through most of the points; weights are left for the quadric."""
-    _, w, r, sizes, sorted_, _, _, _, a, v = memory
+    _, w, r, sizes, scratch, _, _, _, a, v = memory
     for j in range(k):
         w[j] = 1.0
     if second:
-        _start(d, k, w, sizes, sorted_)
+        _start(d, k, w, sizes, scratch)
     n = (0.0, 0.0, 1.0)
     for turn in range(PLANES):
         n = plane(d, w, k, a, v)
         if turn == 0 and not second and _least_ratio(a) > ROUND:
-            _start(d, k, w, sizes, sorted_)
+            _start(d, k, w, sizes, scratch)
             n = plane(d, w, k, a, v)
         total = middle = 0.0
         for j in range(k):
@@ -98,18 +113,22 @@ def _planes(d: Array, k: int, second: bool, memory: Memory) -> Vec3:
             middle += w[j] * r[j]
         for j in range(k):
             r[j] -= middle / total
-        _weigh(r, k, sizes, sorted_, w)
+        _, most = _weigh(r, k, sizes, scratch, w)
+        if most < EVEN and not second:
+            break
     return n
 
 
 @routine
-def fit(positions: Array, row: int, near: Array, i: int, second: bool, memory: Memory) -> tuple[Vec3, float, float]:
+def fit(
+    positions: Array, row: int, near: Array, i: int, k: int, second: bool, memory: Memory
+) -> tuple[Vec3, float, float]:
     """The plane's normal, the noise in radii, and the radius; coefficients, terms and residuals stay in the memory.
 
     second : whether the fit begins with the points in the middle of the list, not with all
     """
-    d, w, r, sizes, sorted_, terms, x, m, _, _ = memory
-    k, far = near.shape[1], 1e-30
+    d, w, r, sizes, scratch, terms, x, m, _, _ = memory
+    far = 1e-30
     for j in range(k):
         for c in range(3):
             d[j, c] = f64(positions[near[i, j], c]) - f64(positions[row, c])
@@ -132,5 +151,7 @@ def fit(positions: Array, row: int, near: Array, i: int, second: bool, memory: M
             r[j] = terms[j, TERMS]
             for b in range(TERMS):
                 r[j] -= x[b] * terms[j, b]
-        spread = _weigh(r, k, sizes, sorted_, w)
+        spread, most = _weigh(r, k, sizes, scratch, w)
+        if most < EVEN and not second:
+            break
     return n, spread, far

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from ...jit import run
 from ...neighbors import neighbors
-from .floors import CORE, Floors
+from .floors import Floors
+from .links import CHUNK, link, third_least
+from .survey import CORE
 
 Floats = NDArray[np.float32]
 
 THIN = 3.0  # times as far apart as the dense points within some steps: 27 times fewer to a volume
-STEPS, LOW = 3, 2  # steps from neighbour to neighbour, to the third least of their distances
+STEPS = 3  # steps from neighbour to neighbour, to the third least of their distances
 GAP = 4.0  # distances to the `CORE`-th neighbour, some 6 spacings: a group farther from the rest floats
 FEW, SHARE = 20, 5e-4  # the most points of a floating group: so many, or this share of all
 
 
 def thin(floors: Floors) -> NDArray[np.bool_]:
     """Which points are far sparser than those around and lie on no smooth sheet of such points."""
-    least = floors.core
+    least = np.ascontiguousarray(floors.core)
     for _ in range(STEPS):
-        least = np.partition(least[floors.near], LOW, axis=1)[:, LOW]
+        low = np.empty_like(least)
+        run(third_least, -(-len(low) // CHUNK), least, floors.near, low)
+        least = low
     return np.asarray((floors.core > THIN * least) & ~floors.is_on)
 
 
@@ -31,12 +36,11 @@ def adrift(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDAr
     n = len(positions)
     floating = np.zeros(n, np.bool_)
     core = np.maximum(floors.core, np.float32(np.median(floors.core)))
-    near = floors.near[:, 1 : CORE + 1]
-    away = np.linalg.norm(positions[near] - positions[:, None], axis=2)
-    link = (away < GAP * core[near]) & ~strays[near] & ~strays[:, None]
-    one, other = np.repeat(np.arange(n), near.shape[1]).reshape(near.shape)[link], near[link]
-    edges = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(n, n))
-    part = connected_components(edges, directed=False)[1]
+    near, is_linked = floors.near[:, 1 : CORE + 1], np.empty((n, min(CORE, floors.near.shape[1] - 1)), np.bool_)
+    run(link, -(-n // CHUNK), positions, near, GAP * core, strays, is_linked)
+    ends = np.concatenate([[0], is_linked.sum(axis=1, dtype=np.int32).cumsum(dtype=np.int32)])
+    graph = csr_array((np.ones(ends[-1]), near[is_linked], ends), shape=(n, n))
+    part = connected_components(graph, directed=False)[1]
     sizes = np.bincount(part)
     small = (sizes[part] <= max(FEW, SHARE * n)) & ~strays
     rest = np.flatnonzero(~small & ~strays)

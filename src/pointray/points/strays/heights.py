@@ -1,0 +1,218 @@
+"""Heights of scans over each other: one quadric for all scans around a point, with a height of its own for each."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
+from ...kernels.vec import Vec3, tangents
+from ..normals.planes import plane
+from ..normals.quadrics import TERMS, solve
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+
+AROUND = 64  # neighbours: of two scans 3 spacings apart a third of them is of the other one
+MOST = 8  # scans around a point; those of others are left out
+FEWEST, BENEATH = 6, 4  # points of a scan around the point, and within `WITHIN` of its axis
+WITHIN = 0.35  # of the squared radius: two scans have all their points there, if they are at most 0.8 radii apart
+SURE, SPACINGS = 3.5, 0.2  # standard errors, and spacings, from which scans do not fit
+SPREAD, SPREAD_SPACINGS = 0.35, 0.25  # of a scan about its height, in the difference of heights, or in spacings
+SIDE = 0.05  # mean cosine of the ways to the scanner and the normal, from which it is clear which side was seen
+RIDGE = 1e-3
+HALF = 0.5  # of the neighbours of the same scan must tell a move
+CHUNK = 512
+
+# One thread's memory: places, the same about each scan's mean, weights, scans; terms, coefficients and factor of the
+# quadric; variances and axes of the plane; means of terms, and what is known of each scan.
+Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]
+
+COUNT, INNER, SQUARE, COSINE, HEIGHT = range(5)  # what is known of a scan
+
+
+@inline
+def _new_memory() -> Memory:
+    k = AROUND
+    return (
+        *(np.empty((k, 3)), np.empty((k, 3)), np.empty(k), np.empty(k, np.int64), np.empty((k, TERMS + 1))),
+        *(np.empty(TERMS), np.zeros((TERMS, TERMS)), np.empty((3, 3)), np.empty((3, 3))),
+        *(np.empty((MOST, TERMS + 1)), np.empty((MOST, 5))),
+    )
+
+
+@routine
+def _sort_out(near: Array, i: int, scans: Array, row: int, slots: Array, w: Array, known: Array) -> int:
+    """Tell the scans of the neighbours apart, that of the row first; returns how many there are."""
+    first = np.empty(MOST, np.int64)
+    first[0], count = scans[row], 1
+    known[:, :] = 0.0
+    for j in range(AROUND):
+        scan, slot = scans[near[i, j]], 0
+        while slot < count and first[slot] != scan:
+            slot += 1
+        if scan >= 0 and slot == count and count < MOST:
+            first[slot] = scan
+            count += 1
+        slots[j] = slot if scan >= 0 and slot < count else -1
+        if slots[j] >= 0:
+            known[slot, COUNT] += 1.0
+    for j in range(AROUND):
+        w[j] = 1.0 if slots[j] >= 0 and known[slots[j], COUNT] >= FEWEST else 0.0
+    return count
+
+
+@routine
+def _center(values: Array, columns: int, slots: Array, w: Array, known: Array, means: Array, out: Array) -> int:
+    """Write to out the values less the mean of each scan, and these means."""
+    means[:, :] = 0.0
+    for j in range(AROUND):
+        if w[j] > 0.0:
+            for c in range(columns):
+                means[slots[j], c] += values[j, c] / known[slots[j], COUNT]
+    for j in range(AROUND):
+        for c in range(columns):
+            out[j, c] = values[j, c] - means[max(slots[j], 0), c]
+    return 0
+
+
+@routine
+def _fit(memory: Memory, facing: Array, near: Array, i: int) -> Vec3:
+    """Fit the quadric to the places in the ball of radius 1; returns the normal of its plane."""
+    d, centered, w, slots, terms, x, m, a, v, means, known = memory
+    _center(d, 3, slots, w, known, means, centered)
+    n = plane(centered, w, AROUND, a, v)
+    one, two = tangents(n)
+    for j in range(AROUND):
+        p = d[j, 0] * one[0] + d[j, 1] * one[1] + d[j, 2] * one[2]
+        q = d[j, 0] * two[0] + d[j, 1] * two[1] + d[j, 2] * two[2]
+        terms[j, 0], terms[j, 1], terms[j, 2] = 0.0, p, q
+        terms[j, 3], terms[j, 4], terms[j, 5] = p * p, p * q, q * q
+        terms[j, TERMS] = d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]
+        if w[j] > 0.0:
+            known[slots[j], INNER] += 1.0 if p * p + q * q <= WITHIN else 0.0
+            side = facing[near[i, j], 0] * n[0] + facing[near[i, j], 1] * n[1] + facing[near[i, j], 2] * n[2]
+            known[slots[j], COSINE] += side / known[slots[j], COUNT]
+    _center(terms, TERMS + 1, slots, w, known, means, terms)
+    solve(terms, w, AROUND, RIDGE, m, x)
+    for s in range(MOST):
+        known[s, HEIGHT] = means[s, TERMS]
+        for b in range(1, TERMS):
+            known[s, HEIGHT] -= x[b] * means[s, b]
+    for j in range(AROUND):
+        if w[j] > 0.0:
+            r = terms[j, TERMS]
+            for b in range(1, TERMS):
+                r -= x[b] * terms[j, b]
+            known[slots[j], SQUARE] += r * r / (known[slots[j], COUNT] - 2.0)
+    return n
+
+
+@routine
+def _way(known: Array, count: int) -> tuple[bool, float]:
+    """Whether all is clear, and how far the first scan lies from the mean of the scans."""
+    inner = 0.0
+    for s in range(count):
+        inner += known[s, INNER]
+    spacing = math.sqrt(math.pi * WITHIN / max(inner, 1.0))
+    pooled = weights = total = 0.0
+    for s in range(count):
+        pooled += known[s, SQUARE] / count
+    is_off = False
+    for s in range(count):
+        if s > 0 and (known[s, COUNT] < FEWEST or known[s, INNER] < BENEATH):
+            continue
+        gap = known[s, HEIGHT] - known[0, HEIGHT]
+        error = math.sqrt(known[0, SQUARE] / known[0, COUNT] + known[s, SQUARE] / known[s, COUNT])
+        if abs(gap) > max(SURE * error, SPACINGS * spacing):
+            spread = math.sqrt(max(known[0, SQUARE], known[s, SQUARE]))
+            if spread > max(SPREAD * abs(gap), SPREAD_SPACINGS * spacing) or gap * gap > 1.0 - WITHIN:
+                return False, 0.0
+            if known[0, COSINE] * known[s, COSINE] <= 0.0 or abs(known[s, COSINE]) < SIDE:
+                return False, 0.0
+            is_off = True
+        weight = known[s, INNER] / (known[s, SQUARE] + pooled + 1e-12)
+        weights, total = weights + weight, total + weight * gap
+    return True, total / weights if is_off else 0.0
+
+
+@kernel
+def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Array, facing: Array, out: Array) -> int:
+    """Write to out[i] what takes positions[rows[i]] to the mean of the scans, and 1 where that is clear."""
+    positions, near, facing, out = borrow(positions), borrow(near), borrow(facing), borrow(out)
+    memory = _new_memory()
+    d, w, slots, known = memory[0], memory[2], memory[3], memory[10]
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            row = rows[i]
+            if scans[row] < 0:
+                continue
+            count = _sort_out(near, i, scans, row, slots, w, known)
+            out[i, 3] = 1.0 if count == 1 else 0.0
+            if count == 1 or known[0, COUNT] < FEWEST:
+                continue
+            far = 1e-30
+            for j in range(AROUND):
+                for c in range(3):
+                    d[j, c] = f64(positions[near[i, j], c]) - f64(positions[row, c])
+                far = max(far, math.sqrt(d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2))
+            for j in range(AROUND):
+                for c in range(3):
+                    d[j, c] /= far
+            n = _fit(memory, facing, near, i)
+            clear, way = _way(known, count)
+            out[i, 3] = 1.0 if clear else 0.0
+            for c in range(3):
+                out[i, c] = way * far * n[c]
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) -> int:
+    """Write to out[i] the mean move of those of its neighbours that are of the same scan."""
+    moves, near, out = borrow(moves), borrow(near), borrow(out)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            same = clear = x = y = z = 0.0
+            for j in near[i]:
+                if scans[j] == scans[i]:
+                    same += 1.0
+                    if moves[j, 3] > 0.0:
+                        clear += 1.0
+                        x, y, z = x + moves[j, 0], y + moves[j, 1], z + moves[j, 2]
+            if scans[i] >= 0 and clear >= HALF * same:
+                out[i, 0], out[i, 1], out[i, 2] = x / clear, y / clear, z / clear
+        tile = next_tile(work)
+    return 0
+
+
+def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArray[np.int32], facing: Floats) -> Floats:
+    """What takes some points to the mean of the scans around, and 1 where that is clear: (m, 4) float32.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    rows : (m,) int64
+    near : (m, AROUND) int32
+        Nearest neighbours of these rows.
+    scans : (n,) int32
+        Negative where unknown.
+    facing : (n, 3) float32
+        Unit vectors to who saw each point, 0 where unknown.
+    """
+    out = np.zeros((len(rows), 4), np.float32)
+    run(_heights, -(-len(rows) // CHUNK), positions, rows, near, scans, facing, out)
+    return out
+
+
+def even_out(moves: Floats, near: NDArray[np.int32], scans: NDArray[np.int32]) -> Floats:
+    """The mean of the moves that are clear, over neighbours of the same scan, (n, 3); 0 where few are."""
+    out = np.zeros((len(moves), 3), np.float32)
+    run(_even_out, -(-len(moves) // CHUNK), moves, near, scans, out)
+    return out

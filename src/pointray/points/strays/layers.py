@@ -1,0 +1,123 @@
+"""Second layers: sparse passes of a surface that do not fit, which models move onto it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from ...data import Points
+from ...neighbors import neighbors
+from ...progress import Progress, part_of, tell
+from ..normals.estimate import along_path
+from .floors import LAYER, LEAST, Floors, Ground
+from .passes import merge_passes
+from .survey import GROUP
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+
+STRETCH = 16  # groups that follow each other along the Morton curve: a place about 8 spacings wide
+SAMPLE, SHARE = 20_000, 32  # points that are looked at in any case, or every so manieth
+SHOWS = 2  # points off their floor, from which a stretch may show a layer
+SPARSE_MERGED = 0.6  # share of the time
+OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it is another sheet
+ALONG = 0.8  # cosine of a point's given normal and the way to its floor, from which the two are parallel
+
+# A layer is a group of many points that are about as far off on the same side. Clean clouds have groups of at most 10.
+FEWEST = 50
+LINKS, APART = 8, 6.0  # the nearest points of the layer that it links, at most so many spacings away
+LEVEL, ALIKE = 1.0, 0.5  # differences in height, in spacings, and cosines of the ways to the floor
+
+
+def merge_for_model(points: Points, progress: Progress | None = None) -> Points:
+    """The points with those of second layers and passes moved onto one surface; `points` itself, where there are none.
+
+    Unlike `merge_layers` it looks closely only where a few stretches of the Morton curve show layers, and moves only
+    groups of `FEWEST` points or more: a surface without layers stays as it is, to the bit.
+    """
+    path, ids, rows = along_path(points)
+    tell(progress, 0.1)
+    if len(path) < LEAST:
+        return points
+    ground = Ground(path)
+    _look_for_layers(ground, len(path), part_of(progress, 0.1, SPARSE_MERGED))
+    floors = ground.floors()
+    off = np.flatnonzero(floors.off)
+    off = off[np.linalg.norm(floors.offset[off], axis=1) <= LAYER * floors.spacing[off]]
+    off = off[~faces_back(points, rows, floors, off) & _along(points, rows, floors, off)]
+    off = off[_in_company(path, floors, off)]
+    tell(progress, SPARSE_MERGED)
+    if len(off):
+        shift = np.zeros_like(path)
+        shift[off] = floors.offset[off]
+        positions = points.positions.copy()
+        positions[points.finite] += shift[ids]
+        points = points.changed(positions=positions)
+    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0))
+
+
+def _look_for_layers(ground: Ground, n: int, progress: Progress | None) -> None:
+    """Look at some stretches, then at those around them wherever layers show and go on."""
+    groups = len(ground.survey.known)
+    stretches = -(-groups // STRETCH)
+    every = max(n // max(SAMPLE, n // SHARE), 1)
+    todo: Rows = np.arange(every // 2 % stretches, stretches, every)
+    known = np.zeros(stretches, np.bool_)
+    wide = every  # the first round's stretches stand for those around them
+    while len(todo):
+        known[todo] = True
+        looked = (STRETCH * todo[:, None] + np.arange(STRETCH)).ravel()
+        off = ground.look(looked[looked < groups])
+        tell(progress, float(known.mean()))
+        counts = np.bincount(off // (STRETCH * GROUP), minlength=stretches)
+        off = off[counts[off // (STRETCH * GROUP)] >= SHOWS]
+        beside = ground.survey.near[off].ravel().astype(np.int64) // (STRETCH * GROUP)
+        if wide > 1:
+            beside = np.concatenate([beside, (np.unique(beside)[:, None] + np.arange(1 - wide, wide)).ravel()])
+            wide = 1
+        beside = np.unique(beside[(beside >= 0) & (beside < stretches)])
+        todo = beside[~known[beside]]
+
+
+def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
+    """Which of some rows that are off their floor are in a large group at about the same height."""
+    m = len(rows)
+    if m < FEWEST:
+        return np.zeros(m, np.bool_)
+    away, near = neighbors(path[rows], LINKS + 1)
+    offset, spacing = floors.offset[rows], floors.spacing[rows]
+    height = np.linalg.norm(offset, axis=1)
+    ways = offset / np.maximum(height, 1e-30)[:, None]
+    is_linked = (away < APART * spacing[:, None]) & (np.abs(height[near] - height[:, None]) < LEVEL * spacing[:, None])
+    is_linked &= np.einsum("ij,ikj->ik", ways, ways[near]) > ALIKE
+    ends = np.concatenate([[0], is_linked.sum(axis=1, dtype=np.int32).cumsum(dtype=np.int32)])
+    graph = csr_array((np.ones(ends[-1]), near[is_linked], ends), shape=(m, m))
+    part = connected_components(graph, directed=False)[1]
+    return np.asarray(np.bincount(part)[part] >= FEWEST)
+
+
+def _along(points: Points, rows: Rows, floors: Floors, some: Rows) -> NDArray[np.bool_]:
+    """Whether the way of some positions to the floor is along their given normals: in a groove it is not."""
+    if points.normals is None:
+        return np.ones(len(some), np.bool_)
+    normals, ways = points.normals[rows[some]].astype(np.float64), floors.offset[some].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        lengths = np.linalg.norm(normals, axis=1) * np.linalg.norm(ways, axis=1)
+        return ~(np.abs(np.einsum("ij,ij->i", normals, ways)) < ALONG * lengths)
+
+
+def faces_back(points: Points, rows: Rows, floors: Floors, some: Rows) -> NDArray[np.bool_]:
+    """Which of some positions have a given normal against those around: they are the back of a thin body.
+
+    rows : the row of `points` of each position
+    """
+    if points.normals is None or len(some) == 0:
+        return np.zeros(len(some), np.bool_)
+    with np.errstate(invalid="ignore", over="ignore"):
+        normals = points.normals / np.linalg.norm(points.normals, axis=1, keepdims=True)
+        own, around = normals[rows[some]], normals[rows[floors.near[some, 1:]]]
+        cosines = np.einsum("ij,ikj->ik", own, around)
+        counts = np.isfinite(cosines).sum(axis=1)
+        return np.asarray(np.nansum(cosines, axis=1) < OPPOSITE * np.maximum(counts, 1))
