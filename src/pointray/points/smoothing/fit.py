@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,7 +51,7 @@ def _fit(
                     for c in range(3):
                         d[count, c] = f64(positions[other, c]) - f64(positions[row, c])
                     count += 1
-            least, square = np.inf, f64(noise[i]) * f64(noise[i])
+            least, square, left = np.inf, f64(noise[i]) * f64(noise[i]), 0.0
             for size in sizes:
                 k = min(size, count)
                 reach = d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2 if k > 0 else 0.0
@@ -58,8 +60,9 @@ def _fit(
                     continue
                 n, residual, variance = jet(d, k, LINE if last else SLIM, memory)
                 if variance < SLIM_VARIANCE:
+                    left = residual * residual
                     h, spread = height(d, k, memory)
-                    error = spread * square + DETAIL * max(residual * residual - SEEN * square, 0.0)
+                    error = spread * square + DETAIL * max(left - SEEN * square, 0.0)
                     if error < least:
                         least = error
                         a = least_axis(memory[5], memory[6])
@@ -68,13 +71,14 @@ def _fit(
                             out[i, c], out[i, 3 + c], out[i, 6 + c] = along * n[c], n[c], a[c]
                 if last:
                     break
+            out[i, 9], out[i, 10] = math.sqrt(left), math.sqrt(least)
         tile = next_tile(work)
     return 0
 
 
 def fit_surface(
     positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], normals: Floats | None, noise: Floats
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats]:
     """The way from each of some points to the surface, the surface's normal there, and that of a plane.
 
     Parameters
@@ -92,9 +96,11 @@ def fit_surface(
     -------
     shifts, normals, planes : (m, 3) float32
         0 where the neighbours lie on a line.
+    errors : (m, 2) float32
+        Residual of the quadric through most neighbours, and the error of the one that was chosen, in the unit.
     """
-    out = np.zeros((len(rows), 9), np.float32)
+    out = np.zeros((len(rows), 11), np.float32)
     known = np.zeros((0, 3), np.float32) if normals is None else normals
     sizes = np.array([k for k in SIZES if k <= near.shape[1]] or [near.shape[1]])
     run(_fit, -(-len(rows) // CHUNK), positions, rows, near, known, sizes, noise, out)
-    return out[:, :3], out[:, 3:6], out[:, 6:]
+    return out[:, :3], out[:, 3:6], out[:, 6:9], out[:, 9:]

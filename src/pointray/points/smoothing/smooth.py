@@ -13,6 +13,7 @@ from ...neighbors import neighbor_chunks
 from ...progress import Progress, part_of, tell
 from ..normals.estimate import along_path, mend_normals, with_fits
 from ..normals.jets import Fits, Planes, faces, fit_normals, survey
+from .edges import Edges
 from .fit import SIZES, fit_surface
 from .noise import LITTLE, noise_along
 
@@ -119,20 +120,28 @@ class Fitting:
         n = len(path)
         moved, normals = path.copy(), np.zeros_like(path)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
+        shared = np.empty(n, np.float32)
         wanted = 0 if planes is None else planes.wanted(survey(path)[0])
+        edges = Edges(path, None)
         for part, found in neighbor_chunks(path, max(most, kept, wanted), left):
             rows = np.arange(part.start, part.start + len(found))
             table = np.ascontiguousarray(found[:, :most])
             if planes is not None and wanted:
                 planes.lay(part, found)
-            shifts, normals[part], flat = fit_surface(path, rows, table, None, noise[part])
+            shifts, normals[part], flat, errors = fit_surface(path, rows, table, None, noise[part])
             share, spacing = _shares(path, rows, table, noise[part], self._sigma)
             moved[part] += share * shifts
             residuals[part] = noise[part] / spacing
+            edges.add(rows, noise[part], errors)
+            shared[part] = share[:, 0]
             if eye is not None:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
             near[part] = found[:, : near.shape[1]]
+        rows, shifts, turned = edges.settle()
+        moved[rows] = path[rows] + shared[rows, None] * shifts
+        turned[np.einsum("ij,ij->i", turned, normals[rows]) < 0] *= -1
+        normals[rows] = turned
         return Fits(moved, normals, near, residuals)
 
 
