@@ -29,10 +29,13 @@ CreaseMemory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 MODEL = 14  # numbers of a crease: how many planes (0: a quadric fits, -1: nothing does), three planes, its weight
 CANDIDATES = 12
-SIZES = 32, 64, 128
+SIZES = 128, 64, 32
 OPPOSITE = -0.5
 DETAIL = 0.15
 PROOF = 30.0
+JUDGES = 42  # neighbours that candidates are measured by
+GOOD = 1.3
+FITS = 0.9
 CHUNK = 256
 NARROW = 0.3  # radius of a candidate's neighbours, in that of all
 ROUNDS = 4
@@ -78,7 +81,7 @@ def _through(d: Array, w: Array, k: int, planes: Array, at: int, memory: CreaseM
 def _candidates(d: Array, k: int, memory: CreaseMemory) -> None:
     """Planes around the point, and around neighbours that are far from all before."""
     planes, _, w, away, _, _, _ = memory
-    width = NARROW * NARROW * (d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
+    width = 3.0 * NARROW * NARROW * (d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
     for j in range(k):
         away[j] = np.inf
     place = 0
@@ -88,7 +91,8 @@ def _candidates(d: Array, k: int, memory: CreaseMemory) -> None:
             square = 0.0
             for c in range(3):
                 square += (d[j, c] - d[place, c]) ** 2
-            w[j] = math.exp(-square / width)
+            share = max(1.0 - square / width, 0.0)
+            w[j] = share * share
             away[j] = min(away[j], square)
             if away[j] > farthest:
                 farthest, following = away[j], j
@@ -111,14 +115,14 @@ def _take(planes: Array, at: int, found: Array, a: int, sign: float) -> None:
 def _choose_two(d: Array, k: int, cut: float, memory: CreaseMemory) -> float:
     """The two candidates, with signs, whose solid lies closest to the neighbours; returns the sum of squares."""
     found, chosen = memory[0], memory[1]
-    least = np.inf
+    least, stride = np.inf, max(k // JUDGES, 1)
     one, two, sign_one, sign_two = 0, 0, 1.0, 1.0
     for a in range(CANDIDATES):
         for b in range(a):
             if abs(_cosine(found, a, b)) > BLUNT:
                 continue
             convex = concave = up = down = 0.0
-            for j in range(k):
+            for j in range(0, k, stride):
                 p, q = _height(found, a, d, j), _height(found, b, d, j)
                 convex += min(max(p, q) ** 2, cut)
                 concave += min(min(p, q) ** 2, cut)
@@ -139,12 +143,12 @@ def _replace(d: Array, k: int, at: int, cut: float, memory: CreaseMemory) -> flo
     """Replace one of three planes by the candidate with which their solid comes closest; returns the sum of squares."""
     found, chosen = memory[0], memory[1]
     one, two = (at + 1) % 3, (at + 2) % 3
-    least, best, sign = np.inf, 0, 1.0
+    least, best, sign, stride = np.inf, 0, 1.0, max(k // JUDGES, 1)
     for a in range(CANDIDATES):
         if max(abs(_cos_to(found, a, chosen, one)), abs(_cos_to(found, a, chosen, two))) > BLUNT:
             continue
         up = down = 0.0
-        for j in range(k):
+        for j in range(0, k, stride):
             p, q = max(_height(chosen, one, d, j), _height(chosen, two, d, j)), _height(found, a, d, j)
             up += min(max(p, q) ** 2, cut)
             down += min(max(p, -q) ** 2, cut)
@@ -287,17 +291,19 @@ def _fit(
             square, least = f64(errors[i, 0]) ** 2, f64(errors[i, 1]) ** 2
             for size in sizes:
                 k = min(size, count)
-                if k < 2 * LEAST:
+                if k < 2 * LEAST or (k < size and size < sizes[0]):
+                    continue
+                _, residual, _ = jet(d, k, LINE, jets)
+                if residual * residual < FITS * square:
                     break
                 apart, variance, points = crease(d, k, math.sqrt(square), memory)
                 error = variance * square + DETAIL * max(apart - square, 0.0)
                 if error < least:
-                    _, residual, _ = jet(d, k, LINE, jets)
                     if points * (residual * residual - apart) > PROOF * square:
                         least = error
                         store_model(memory, (square / apart) ** 2, out[i])
-                if k < size:
-                    break
+                        if apart < GOOD * square:
+                            break
         tile = next_tile(work)
     return 0
 

@@ -15,17 +15,21 @@ from numpy.typing import NDArray
 from ...jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
 from ...kernels.vec import Vec3
 from ...neighbors import NeighborTree
+from .fit import SEEN
 from .creases import MODEL, SIZES, fit_creases
 
 Floats = NDArray[np.float32]
 
 ROUNDING = 0.7  # spacings: radius of edges
-FEW = 4
-ASKED = 16  # neighbours whose planes are asked
+ASKED, FEW = 8, 4  # neighbours whose planes are asked, and how many must have some
 TURNS = 30  # of Hildreth's method: planes at right angles take two
 CHUNK = 512
 PART = 1 << 16  # rows at a time
-FLAT = 1.0  # residual of the largest quadric in the noise's, from which it does not fit
+BENT = 0.15
+MUCH = 0.6
+SHARE = 2
+AROUND = 2.3
+AGREE = 0.9
 
 
 @inline
@@ -67,10 +71,10 @@ def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, V
 
 
 @kernel
-def _settle(work: Array, positions: Array, rows: Array, near: Array, slots: Array, models: Array, out: Array) -> int:
+def _settle(work: Array, positions: Array, rows: Array, near: Array, seats: Array, models: Array, out: Array) -> int:
     """Write to out[i] the way of positions[rows[i]] to its place, the normal there, and 1, or 0 if there is no crease.
 
-    near : (m, k), whose first column are neighbours, nearest first; slots[row] : its row of models, or -1
+    near : (m, k) seats beside each row, or -1; seats, models : rows that have models, and these
     out : (m, 8), the last column the spacing
     """
     positions, near, models, out = borrow(positions), borrow(near), borrow(models), borrow(out)
@@ -78,27 +82,26 @@ def _settle(work: Array, positions: Array, rows: Array, near: Array, slots: Arra
     tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
-            row, yes, no = rows[i], 0.0, 0.0
+            row, yes = rows[i], 0
             p = (f64(positions[row, 0]), f64(positions[row, 1]), f64(positions[row, 2]))
             s0 = s1 = s2 = n0 = n1 = n2 = 0.0
             b0 = b1 = b2 = total = 0.0
             for j in range(near.shape[1]):
-                other = near[i, j]
-                slot = slots[other]
-                if slot < 0 or models[slot, 0] < 2:
-                    no += 1.0
+                seat = near[i, j]
+                if seat < 0 or models[seat, 0] < 2:
                     continue
+                other = seats[seat]
                 q = (p[0] - positions[other, 0], p[1] - positions[other, 1], p[2] - positions[other, 2])
-                y, n = onto(models[slot], q, ROUNDING * out[i, 7], shares)
-                if yes == 0.0:
+                y, n = onto(models[seat], q, ROUNDING * out[i, 7], shares)
+                if yes == 0:
                     b0, b1, b2 = n
                 sign = 1.0 if n[0] * b0 + n[1] * b1 + n[2] * b2 >= 0.0 else -1.0
-                w = f64(models[slot, MODEL - 1])
-                yes, total = yes + 1.0, total + w
+                w = f64(models[seat, MODEL - 1])
+                yes, total = yes + 1, total + w
                 s0, s1, s2 = s0 + w * (y[0] - q[0]), s1 + w * (y[1] - q[1]), s2 + w * (y[2] - q[2])
                 n0, n1, n2 = n0 + sign * w * n[0], n1 + sign * w * n[1], n2 + sign * w * n[2]
             length = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-            if yes > FEW and length > 0.0:
+            if yes >= FEW and length > AGREE * total:
                 out[i, 0], out[i, 1], out[i, 2] = s0 / total, s1 / total, s2 / total
                 out[i, 3], out[i, 4], out[i, 5], out[i, 6] = n0 / length, n1 / length, n2 / length, 1.0
         tile = next_tile(work)
@@ -120,31 +123,33 @@ class Edges:
         self._rows: list[NDArray[np.int64]] = []
         self._errors: list[Floats] = []
 
-    def add(self, rows: NDArray[np.int64], noise: Floats, errors: Floats) -> None:
+    def add(self, rows: NDArray[np.int64], noise: Floats, errors: Floats, spacing: Floats) -> None:
         """Take those of some points that quadrics do not fit."""
-        some = np.flatnonzero((errors[:, 0] > FLAT * noise) & (noise > 0))
+        square = errors[:, 0] ** 2
+        bent = square - SEEN * noise**2 > (BENT * spacing) ** 2
+        some = np.flatnonzero(bent & (square > noise**2) & (noise > 0) & (noise < MUCH * spacing))
         self._rows.append(rows[some])
-        self._errors.append(np.stack([noise[some], errors[some, 1]], axis=1))
+        self._errors.append(np.stack([noise[some], errors[some, 1], spacing[some]], axis=1).astype(np.float32))
 
     def settle(self) -> tuple[NDArray[np.int64], Floats, Floats]:
         """Rows near creases, the ways to their places, and the normals there."""
         rows, errors = np.concatenate(self._rows), np.concatenate(self._errors)
         out = np.zeros((len(rows), 8), np.float32)
-        if len(rows):
-            models, near = self._fitted(rows, errors, out)
-            slots = np.full(len(self._positions), -1, np.int32)
-            slots[rows] = np.arange(len(rows))
-            run(_settle, -(-len(rows) // CHUNK), self._positions, rows, near, slots, models, out)
+        if len(rows) < ASKED * SHARE:
+            return rows[:0], out[:0, :3], out[:0, 3:6]
+        seats = rows[::SHARE]
+        models, out[:, 7] = self._fitted(seats, errors[::SHARE]), errors[:, 2]
+        away, near = NeighborTree(self._positions[seats]).query(ASKED, self._positions[rows])
+        near[away > AROUND * errors[:, 2:]] = -1
+        run(_settle, -(-len(rows) // CHUNK), self._positions, rows, near, seats, models, out)
         some = out[:, 6] > 0
         return rows[some], out[some, :3], out[some, 3:6]
 
-    def _fitted(self, rows: NDArray[np.int64], errors: Floats, out: Floats) -> tuple[Floats, NDArray[np.int32]]:
-        """Creases around rows, and those whose creases are asked."""
-        tree, models, near = NeighborTree(self._positions), [], []
+    def _fitted(self, rows: NDArray[np.int64], errors: Floats) -> Floats:
+        """Creases around rows."""
+        tree, models = NeighborTree(self._positions), []
         for start in range(0, len(rows), PART):
             part = slice(start, start + PART)
-            away, found = tree.query(SIZES[-1], self._positions[rows[part]])
-            out[part, 7] = math.sqrt(math.pi / ASKED) * away[:, min(ASKED, away.shape[1]) - 1]
+            found = tree.query(SIZES[0], self._positions[rows[part]])[1]
             models.append(fit_creases(self._positions, rows[part], found, self._normals, errors[part]))
-            near.append(found[:, :ASKED])
-        return np.concatenate(models), np.concatenate(near)
+        return np.concatenate(models)

@@ -132,7 +132,7 @@ class Fitting:
             share, spacing = _shares(path, rows, table, noise[part], self._sigma)
             moved[part] += share * shifts
             residuals[part] = noise[part] / spacing
-            edges.add(rows, noise[part], errors)
+            edges.add(rows, noise[part], errors, spacing)
             shared[part] = share[:, 0]
             if eye is not None:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
