@@ -25,7 +25,7 @@ ASKED, FEW = 8, 4  # neighbours whose planes are asked, and how many must have s
 TURNS = 30  # of Hildreth's method: planes at right angles take two
 CHUNK = 512
 PART = 1 << 16  # rows at a time
-BENT = 0.15
+BENT, ASKS = 0.15, 0.25
 MUCH = 0.6
 SHARE = 2
 AROUND = 2.3
@@ -70,14 +70,35 @@ def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, V
     return (y[0] + rounding * n[0], y[1] + rounding * n[1], y[2] + rounding * n[2]), n
 
 
+@inline
+def _side(model: Array, normals: Array, row: int) -> float:
+    """1 if a normal looks out of the solid, else -1: the plane that is most alike tells."""
+    most = 0.0
+    for a in range(int(model[0])):
+        at, along = 1 + 4 * a, 0.0
+        for c in range(3):
+            along += f64(model[at + c]) * f64(normals[row, c])
+        if abs(along) > abs(most):
+            most = along
+    return -1.0 if most < 0.0 else 1.0
+
+
 @kernel
-def _settle(work: Array, positions: Array, rows: Array, near: Array, seats: Array, models: Array, out: Array) -> int:
+def _settle(
+    work: Array, positions: Array, normals: Array, rows: Array, near: Array, seats: Array, models: Array, out: Array
+) -> int:
     """Write to out[i] the way of positions[rows[i]] to its place, the normal there, and 1, or 0 if there is no crease.
 
     near : (m, k) seats beside each row, or -1; seats, models : rows that have models, and these
     out : (m, 8), the last column the spacing
     """
-    positions, near, models, out = borrow(positions), borrow(near), borrow(models), borrow(out)
+    positions, normals, near, models, out = (
+        borrow(positions),
+        borrow(normals),
+        borrow(near),
+        borrow(models),
+        borrow(out),
+    )
     shares = np.empty(3)
     tile = next_tile(work)
     while tile >= 0:
@@ -85,7 +106,7 @@ def _settle(work: Array, positions: Array, rows: Array, near: Array, seats: Arra
             row, yes = rows[i], 0
             p = (f64(positions[row, 0]), f64(positions[row, 1]), f64(positions[row, 2]))
             s0 = s1 = s2 = n0 = n1 = n2 = 0.0
-            b0 = b1 = b2 = total = 0.0
+            total = 0.0
             for j in range(near.shape[1]):
                 seat = near[i, j]
                 if seat < 0 or models[seat, 0] < 2:
@@ -93,9 +114,7 @@ def _settle(work: Array, positions: Array, rows: Array, near: Array, seats: Arra
                 other = seats[seat]
                 q = (p[0] - positions[other, 0], p[1] - positions[other, 1], p[2] - positions[other, 2])
                 y, n = onto(models[seat], q, ROUNDING * out[i, 7], shares)
-                if yes == 0:
-                    b0, b1, b2 = n
-                sign = 1.0 if n[0] * b0 + n[1] * b1 + n[2] * b2 >= 0.0 else -1.0
+                sign = _side(models[seat], normals, row)
                 w = f64(models[seat, MODEL - 1])
                 yes, total = yes + 1, total + w
                 s0, s1, s2 = s0 + w * (y[0] - q[0]), s1 + w * (y[1] - q[1]), s2 + w * (y[2] - q[2])
@@ -122,26 +141,29 @@ class Edges:
         self._positions, self._normals = positions, normals
         self._rows: list[NDArray[np.int64]] = []
         self._errors: list[Floats] = []
+        self._sure: list[NDArray[np.bool_]] = []
 
     def add(self, rows: NDArray[np.int64], noise: Floats, errors: Floats, spacing: Floats) -> None:
         """Take those of some points that quadrics do not fit."""
-        square = errors[:, 0] ** 2
-        bent = square - SEEN * noise**2 > (BENT * spacing) ** 2
-        some = np.flatnonzero(bent & (square > noise**2) & (noise > 0) & (noise < MUCH * spacing))
+        square, least = errors[:, 0] ** 2, (BENT * spacing) ** 2
+        beyond = np.where((noise > 0) & (noise < MUCH * spacing), square - SEEN * noise**2, 0.0)
+        some = np.flatnonzero(beyond > ASKS * least)
         self._rows.append(rows[some])
         self._errors.append(np.stack([noise[some], errors[some, 1], spacing[some]], axis=1).astype(np.float32))
+        self._sure.append(((beyond > least) & (square > noise**2))[some])
 
-    def settle(self) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Rows near creases, the ways to their places, and the normals there."""
+    def settle(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Rows near creases, the ways to their places, and the normals there, which keep the sides of given ones."""
         rows, errors = np.concatenate(self._rows), np.concatenate(self._errors)
         out = np.zeros((len(rows), 8), np.float32)
-        if len(rows) < ASKED * SHARE:
+        chosen = np.flatnonzero(np.concatenate(self._sure))[::SHARE]
+        if len(chosen) < ASKED:
             return rows[:0], out[:0, :3], out[:0, 3:6]
-        seats = rows[::SHARE]
-        models, out[:, 7] = self._fitted(seats, errors[::SHARE]), errors[:, 2]
+        seats = rows[chosen]
+        models, out[:, 7] = self._fitted(seats, errors[chosen]), errors[:, 2]
         away, near = NeighborTree(self._positions[seats]).query(ASKED, self._positions[rows])
         near[away > AROUND * errors[:, 2:]] = -1
-        run(_settle, -(-len(rows) // CHUNK), self._positions, rows, near, seats, models, out)
+        run(_settle, -(-len(rows) // CHUNK), self._positions, normals, rows, near, seats, models, out)
         some = out[:, 6] > 0
         return rows[some], out[some, :3], out[some, 3:6]
 

@@ -47,7 +47,7 @@ def _fit(
                     same = 0.0
                     for c in range(3):
                         same += f64(normals[row, c]) * f64(normals[other, c])
-                if same >= 0.0:
+                if same >= -0.5:
                     for c in range(3):
                         d[count, c] = f64(positions[other, c]) - f64(positions[row, c])
                     count += 1

@@ -120,7 +120,7 @@ class Fitting:
         n = len(path)
         moved, normals = path.copy(), np.zeros_like(path)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
-        shared = np.empty(n, np.float32)
+        shares = np.empty((n, 1), np.float32)
         wanted = 0 if planes is None else planes.wanted(survey(path)[0])
         edges = Edges(path, None)
         for part, found in neighbor_chunks(path, max(most, kept, wanted), left):
@@ -129,18 +129,16 @@ class Fitting:
             if planes is not None and wanted:
                 planes.lay(part, found)
             shifts, normals[part], flat, errors = fit_surface(path, rows, table, None, noise[part])
-            share, spacing = _shares(path, rows, table, noise[part], self._sigma)
-            moved[part] += share * shifts
+            shares[part], spacing = _shares(path, rows, table, noise[part], self._sigma)
+            moved[part] += shares[part] * shifts
             residuals[part] = noise[part] / spacing
             edges.add(rows, noise[part], errors, spacing)
-            shared[part] = share[:, 0]
             if eye is not None:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
             near[part] = found[:, : near.shape[1]]
-        rows, shifts, turned = edges.settle()
-        moved[rows] = path[rows] + shared[rows, None] * shifts
-        turned[np.einsum("ij,ij->i", turned, normals[rows]) < 0] *= -1
+        rows, shifts, turned = edges.settle(normals)
+        moved[rows] = path[rows] + shares[rows] * shifts
         normals[rows] = turned
         return Fits(moved, normals, near, residuals)
 
@@ -155,14 +153,21 @@ def smooth_known(points: Points, sigma: str | float, progress: Progress | None =
     noise, most = _noise_of(path, sigma, known)
     if noise is None:
         return points
-    moved, turned = path.copy(), known.copy()
+    moved, turned, shares = path.copy(), known.copy(), np.zeros((len(path), 1), np.float32)
+    edges = Edges(path, known)
     for part, found in neighbor_chunks(path, most, part_of(progress, SURVEYED, 1.0)):
         rows = np.arange(part.start, part.start + len(found))
-        share, _ = _shares(path, rows, found, noise[part], sigma)
-        some = np.flatnonzero(share[:, 0] > 0)
-        shifts, normals, _ = fit_surface(path, rows[some], found[some], known, noise[part][some])
-        moved[part][some] += share[some] * shifts
-        turned[part][some] = _blended(known[part][some], normals, share[some])
+        shares[part], spacing = _shares(path, rows, found, noise[part], sigma)
+        some = np.flatnonzero(shares[part, 0] > 0)
+        rows, found, share = rows[some], found[some], shares[part][some]
+        shifts, normals, _, errors = fit_surface(path, rows, found, known, noise[rows])
+        edges.add(rows, noise[rows], errors, spacing[some])
+        moved[rows] += share * shifts
+        normals[np.einsum("ij,ij->i", known[rows], normals) < 0] *= -1
+        turned[rows] = _blended(known[rows], normals, share)
+    rows, shifts, normals = edges.settle(known)
+    moved[rows] = path[rows] + shares[rows] * shifts
+    turned[rows] = _blended(known[rows], normals, shares[rows])
     finite = points.finite
     positions, out = points.positions.copy(), points.normals.copy()
     positions[finite], out[finite] = moved[ids], turned[ids]
@@ -193,8 +198,7 @@ def _shares(
 
 
 def _blended(known: Floats, fitted: Floats, share: Floats) -> Floats:
-    """Unit normals between known ones and fitted ones, on the side of the known ones, (m, 3)."""
-    same = np.sign(np.einsum("ij,ij->i", known, fitted))[:, None]
-    mixed = (1 - share) * known + share * same * fitted
+    """Unit normals between known ones and fitted ones, (m, 3)."""
+    mixed = (1 - share) * known + share * fitted
     length = np.linalg.norm(mixed, axis=1, keepdims=True)
     return np.where(length > 0, mixed / np.maximum(length, 1e-30), known)
