@@ -25,19 +25,18 @@ Floats = NDArray[np.float32]
 
 # One thread's memory: candidates and chosen planes (normal, offset), weights, which plane each neighbour belongs to,
 # places of candidates, matrix and axes of the plane.
-CreaseMemory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
+CreaseMemory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
 
 MODEL = 14  # numbers of a crease: how many planes (0: a quadric fits, -1: nothing does), three planes, its weight
 CANDIDATES = 12
-SIZES = 128, 64, 32
 OPPOSITE = -0.5
 DETAIL = 0.15
 PROOF = 30.0
 JUDGES = 42  # neighbours that candidates are measured by
-GOOD = 1.3
 FITS = 0.9
+POOR = 3.0
 CHUNK = 256
-NARROW = 0.3  # radius of a candidate's neighbours, in that of all
+NARROW = 0.52  # radius of a candidate's neighbours, in that of all
 ROUNDS = 4
 BLUNT = 0.9  # cosine of the angle between planes from which they are one
 CUT = 3.0  # standard deviations beyond which a neighbour belongs to none
@@ -57,6 +56,7 @@ def crease_memory(most: int) -> CreaseMemory:
         np.empty((3, 3)),
         np.empty((3, 3)),
         np.zeros(1, np.int64),
+        np.empty((most, 3)),
     )
 
 
@@ -80,23 +80,23 @@ def _through(d: Array, w: Array, k: int, planes: Array, at: int, memory: CreaseM
 @routine
 def _candidates(d: Array, k: int, memory: CreaseMemory) -> None:
     """Planes around the point, and around neighbours that are far from all before."""
-    planes, _, w, away, _, _, _ = memory
-    width = 3.0 * NARROW * NARROW * (d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
+    planes, _, w, away, _, _, _, beside = memory
+    width = NARROW * NARROW * (d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
     for j in range(k):
         away[j] = np.inf
     place = 0
     for a in range(CANDIDATES):
-        farthest, following = -1.0, 0
+        farthest, following, count = -1.0, 0, 0
         for j in range(k):
-            square = 0.0
-            for c in range(3):
-                square += (d[j, c] - d[place, c]) ** 2
-            share = max(1.0 - square / width, 0.0)
-            w[j] = share * share
+            square = (d[j, 0] - d[place, 0]) ** 2 + (d[j, 1] - d[place, 1]) ** 2 + (d[j, 2] - d[place, 2]) ** 2
+            if square < width:  # a fifth of them: a matrix of all takes three times as long
+                w[count] = (1.0 - square / width) ** 2
+                beside[count, 0], beside[count, 1], beside[count, 2] = d[j, 0], d[j, 1], d[j, 2]
+                count += 1
             away[j] = min(away[j], square)
             if away[j] > farthest:
                 farthest, following = away[j], j
-        _through(d, w, k, planes, a, memory)
+        _through(beside, w, count, planes, a, memory)
         place = following
 
 
@@ -236,9 +236,13 @@ def crease(d: Array, k: int, sigma: float, memory: CreaseMemory) -> tuple[float,
     cut = (CUT * sigma) ** 2
     _candidates(d, k, memory)
     two = _choose_two(d, k, cut, memory)
-    if two == np.inf:
+    poor = POOR * sigma * sigma * ((k - 1) // max(k // JUDGES, 1) + 1)
+    if two > 2.0 * poor:
         return np.inf, 1.0, 0.0
-    count = 3 if _choose_third(d, k, cut, memory) < THIRD * two else 2
+    three = _choose_third(d, k, cut, memory)
+    if min(two, three) > poor:
+        return np.inf, 1.0, 0.0
+    count = 3 if three < THIRD * two else 2
     if count == 2:
         _choose_two(d, k, cut, memory)
     sound = _refine(d, k, count, sigma, memory)
@@ -264,7 +268,7 @@ def store_model(memory: CreaseMemory, weight: float, out: Array) -> None:
 
 @kernel
 def _fit(
-    work: Array, positions: Array, rows: Array, near: Array, normals: Array, sizes: Array, errors: Array, out: Array
+    work: Array, positions: Array, rows: Array, near: Array, normals: Array, errors: Array, out: Array
 ) -> int:
     """Write the best crease of each row to out, if it is better than a quadric.
 
@@ -289,21 +293,15 @@ def _fit(
                         d[count, c] = f64(positions[other, c]) - f64(positions[row, c])
                     count += 1
             square, least = f64(errors[i, 0]) ** 2, f64(errors[i, 1]) ** 2
-            for size in sizes:
-                k = min(size, count)
-                if k < 2 * LEAST or (k < size and size < sizes[0]):
-                    continue
-                _, residual, _ = jet(d, k, LINE, jets)
-                if residual * residual < FITS * square:
-                    break
-                apart, variance, points = crease(d, k, math.sqrt(square), memory)
-                error = variance * square + DETAIL * max(apart - square, 0.0)
-                if error < least:
-                    if points * (residual * residual - apart) > PROOF * square:
-                        least = error
-                        store_model(memory, (square / apart) ** 2, out[i])
-                        if apart < GOOD * square:
-                            break
+            if count < 2 * LEAST:
+                continue
+            _, residual, _ = jet(d, count, LINE, jets)
+            if residual * residual < FITS * square:
+                continue
+            apart, variance, points = crease(d, count, math.sqrt(square), memory)
+            better = variance * square + DETAIL * max(apart - square, 0.0) < least
+            if better and points * (residual * residual - apart) > PROOF * square:
+                store_model(memory, (square / apart) ** 2, out[i])
         tile = next_tile(work)
     return 0
 
@@ -314,6 +312,5 @@ def fit_creases(
     """The planes around some points, (m, MODEL) float32, zero where there are none that are better than a quadric."""
     out = np.zeros((len(rows), MODEL), np.float32)
     known = np.zeros((0, 3), np.float32) if normals is None else normals
-    sizes = np.array([k for k in SIZES if k <= near.shape[1]] or [near.shape[1]])
-    run(_fit, -(-len(rows) // CHUNK), positions, rows, near, known, sizes, errors, out)
+    run(_fit, -(-len(rows) // CHUNK), positions, rows, near, known, errors, out)
     return out

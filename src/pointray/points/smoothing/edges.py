@@ -16,19 +16,21 @@ from ...jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
 from ...kernels.vec import Vec3
 from ...neighbors import NeighborTree
 from .fit import SEEN
-from .creases import MODEL, SIZES, fit_creases
+from .creases import MODEL, fit_creases
 
 Floats = NDArray[np.float32]
 
 ROUNDING = 0.7  # spacings: radius of edges
-ASKED, FEW = 8, 4  # neighbours whose planes are asked, and how many must have some
+ASKED, FEW = 8, 3  # neighbours whose planes are asked, and how many must have some
 TURNS = 30  # of Hildreth's method: planes at right angles take two
 CHUNK = 512
 PART = 1 << 16  # rows at a time
-BENT, ASKS = 0.15, 0.25
+BENT, ASKS = 0.2, 0.12
+WIDE = 128
+GOOD = 0.6
 MUCH = 0.6
 SHARE = 2
-AROUND = 2.3
+AROUND = 3.0
 AGREE = 0.9
 
 
@@ -140,38 +142,48 @@ class Edges:
     def __init__(self, positions: Floats, normals: Floats | None) -> None:
         self._positions, self._normals = positions, normals
         self._rows: list[NDArray[np.int64]] = []
+        self._spacing: list[Floats] = []
+        self._seats: list[NDArray[np.int64]] = []
+        self._models: list[Floats] = []
         self._errors: list[Floats] = []
-        self._sure: list[NDArray[np.bool_]] = []
 
-    def add(self, rows: NDArray[np.int64], noise: Floats, errors: Floats, spacing: Floats) -> None:
-        """Take those of some points that quadrics do not fit."""
-        square, least = errors[:, 0] ** 2, (BENT * spacing) ** 2
+    def add(
+        self, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, errors: Floats, spacing: Floats
+    ) -> None:
+        """Take those of some points that quadrics do not fit, and fit planes beside the worst."""
+        square, h = errors[:, 0] ** 2, spacing**2
         beyond = np.where((noise > 0) & (noise < MUCH * spacing), square - SEEN * noise**2, 0.0)
-        some = np.flatnonzero(beyond > ASKS * least)
+        some = np.flatnonzero(beyond > ASKS**2 * h)
         self._rows.append(rows[some])
-        self._errors.append(np.stack([noise[some], errors[some, 1], spacing[some]], axis=1).astype(np.float32))
-        self._sure.append(((beyond > least) & (square > noise**2))[some])
+        self._spacing.append(spacing[some].astype(np.float32))
+        seats = np.flatnonzero((beyond > BENT**2 * h) & (square > noise**2))[::SHARE]
+        known = np.stack([noise[seats], errors[seats, 1]], axis=1)
+        models = fit_creases(self._positions, rows[seats], near[seats], self._normals, known)
+        found = models[:, 0] > 0
+        self._seats.append(rows[seats[found]])
+        self._models.append(models[found])
+        self._errors.append(known[found])
 
     def settle(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
         """Rows near creases, the ways to their places, and the normals there, which keep the sides of given ones."""
-        rows, errors = np.concatenate(self._rows), np.concatenate(self._errors)
+        rows, seats, models = np.concatenate(self._rows), np.concatenate(self._seats), np.concatenate(self._models)
         out = np.zeros((len(rows), 8), np.float32)
-        chosen = np.flatnonzero(np.concatenate(self._sure))[::SHARE]
-        if len(chosen) < ASKED:
+        if len(seats) < ASKED:
             return rows[:0], out[:0, :3], out[:0, 3:6]
-        seats = rows[chosen]
-        models, out[:, 7] = self._fitted(seats, errors[chosen]), errors[:, 2]
+        self._widen(seats, models)
+        out[:, 7] = np.concatenate(self._spacing)
         away, near = NeighborTree(self._positions[seats]).query(ASKED, self._positions[rows])
-        near[away > AROUND * errors[:, 2:]] = -1
+        near[away > AROUND * out[:, 7:]] = -1
         run(_settle, -(-len(rows) // CHUNK), self._positions, normals, rows, near, seats, models, out)
         some = out[:, 6] > 0
         return rows[some], out[some, :3], out[some, 3:6]
 
-    def _fitted(self, rows: NDArray[np.int64], errors: Floats) -> Floats:
-        """Creases around rows."""
-        tree, models = NeighborTree(self._positions), []
-        for start in range(0, len(rows), PART):
+    def _widen(self, seats: NDArray[np.int64], models: Floats) -> None:
+        """Replace models by those of more neighbours, where planes fit these too."""
+        tree, errors = NeighborTree(self._positions), np.concatenate(self._errors)
+        for start in range(0, len(seats), PART):
             part = slice(start, start + PART)
-            found = tree.query(SIZES[0], self._positions[rows[part]])[1]
-            models.append(fit_creases(self._positions, rows[part], found, self._normals, errors[part]))
-        return np.concatenate(models)
+            near = tree.query(WIDE, self._positions[seats[part]])[1]
+            wide = fit_creases(self._positions, seats[part], near, self._normals, errors[part])
+            fits = wide[:, -1] > GOOD
+            models[part][fits] = wide[fits]

@@ -132,7 +132,7 @@ class Fitting:
             shares[part], spacing = _shares(path, rows, table, noise[part], self._sigma)
             moved[part] += shares[part] * shifts
             residuals[part] = noise[part] / spacing
-            edges.add(rows, noise[part], errors, spacing)
+            edges.add(rows, table, noise[part], errors, spacing)
             if eye is not None:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
@@ -161,7 +161,7 @@ def smooth_known(points: Points, sigma: str | float, progress: Progress | None =
         some = np.flatnonzero(shares[part, 0] > 0)
         rows, found, share = rows[some], found[some], shares[part][some]
         shifts, normals, _, errors = fit_surface(path, rows, found, known, noise[rows])
-        edges.add(rows, noise[rows], errors, spacing[some])
+        edges.add(rows, found, noise[rows], errors, spacing[some])
         moved[rows] += share * shifts
         normals[np.einsum("ij,ij->i", known[rows], normals) < 0] *= -1
         turned[rows] = _blended(known[rows], normals, share)
