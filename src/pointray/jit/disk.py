@@ -30,7 +30,7 @@ SHARED = (
     *("arguments.py", "choices.py", "data.py", "neighbors.py", "progress.py", "survey.py"),
     *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),
     *("points/normals/jets.py", "points/normals/orientation.py", "points/normals/planes.py"),
-    *("points/normals/quadrics.py", "points/strays/fits.py"),
+    *("points/normals/quadrics.py", "points/smoothing/creases.py", "points/strays/fits.py"),
     *("tree/blocks.py", "tree/cells.py", "tree/columns.py"),
     *("splats/borders.py", "splats/grow.py", "splats/heap.py", "splats/medians.py", "splats/radii.py"),
     *("splats/sheets.py", "splats/strays.py", "splats/voronoi.py"),

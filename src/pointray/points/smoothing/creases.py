@@ -1,12 +1,9 @@
-"""Creases: two or three planes through a point's neighbours, where a quadric does not fit.
+"""Creases: two or three planes through a point's neighbours, where no quadric fits.
 
-A solid of planes is the largest of their heights. Which planes: some are fitted around places among the neighbours, and
-those two, then three, are chosen that lie closest to all, with signs that say on which side of each the others end.
-Then each neighbour is taken for the plane that it belongs to, and the planes are fitted again.
-
-A sharp edge is no surface that splats can show: discs of either face stand out beyond it where the other one has a gap
-(clean points of a cube, exact normals: 1.1 spacings at 99.9% of the hits near edges). So edges become round, with a
-radius that splats can follow (0.28).
+The surface of a solid of planes is where the largest of their heights is zero. Candidates are fitted around places
+among the neighbours. Those two, then three, are chosen whose solid lies closest to all neighbours, with signs that tell
+which side of each is inside. Then each neighbour is taken for the plane that it belongs to, and the planes are fitted
+again.
 """
 
 from __future__ import annotations
@@ -23,26 +20,28 @@ from ..normals.planes import plane
 
 Floats = NDArray[np.float32]
 
-# One thread's memory: candidates and chosen planes (normal, offset), weights, which plane each neighbour belongs to,
-# places of candidates, matrix and axes of the plane.
+# One thread's memory: candidates; chosen planes (normal and offset); weights; the plane that each neighbour belongs to;
+# matrix and axes of a plane; how many are chosen; the neighbours of a candidate.
 CreaseMemory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
 
-MODEL = 14  # numbers of a crease: how many planes (0: a quadric fits, -1: nothing does), three planes, its weight
-CANDIDATES = 12
-OPPOSITE = -0.5
-DETAIL = 0.15
-PROOF = 30.0
-JUDGES = 42  # neighbours that candidates are measured by
-FITS = 0.9
-POOR = 3.0
-CHUNK = 256
+MODEL = 14  # numbers of a crease: how many planes, 0 for none; three planes; its weight beside others
+CANDIDATES = 9
 NARROW = 0.52  # radius of a candidate's neighbours, in that of all
-ROUNDS = 4
+JUDGES = 31  # neighbours by which candidates are chosen: with 21 edges of a cube are 0.41 spacings off, with 64 0.38
 BLUNT = 0.9  # cosine of the angle between planes from which they are one
 CUT = 3.0  # standard deviations beyond which a neighbour belongs to none
-THIRD = 0.75  # what a third plane must leave of the squares
+POOR = 3.0  # mean square in the noise's that no candidates leave where there is a crease
+THIRD = 0.75  # share of the squares that a third plane must leave at most
+ROUNDS = 4
 LEAST = 8  # neighbours of a plane
-APART = 1.0  # standard deviations below the other planes from which a neighbour belongs to one
+# Standard deviations below the other planes from which a neighbour belongs to one: all that belong to the highest one
+# lift the planes by 0.03 spacings (noise of 0.3), as those count that noise has pushed out.
+APART = 1.0
+FITS = 0.9  # mean square of residuals in the noise's up to which a quadric fits: planes leave 0.64 +- 0.14
+DETAIL = 0.15  # as in `fit`
+PROOF = 30.0  # squares, in the noise's, by which planes must be closer than a quadric: chance leaves 12
+OPPOSITE = -0.5  # cosine of known normals from which neighbours are of another sheet
+CHUNK = 256
 
 
 @inline
@@ -215,7 +214,7 @@ def _refine(d: Array, k: int, count: int, sigma: float, memory: CreaseMemory) ->
 
 @routine
 def _error(d: Array, k: int, count: int, sigma: float, memory: CreaseMemory) -> tuple[float, float, float]:
-    """The mean square of the residuals, and the variance of the height at the origin for unit noise; points of full weight."""
+    """The mean square of the residuals, the height's variance for unit noise, and how many neighbours count."""
     chosen = memory[1]
     far = d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2
     total = squares = square = 0.0
@@ -231,7 +230,7 @@ def _error(d: Array, k: int, count: int, sigma: float, memory: CreaseMemory) -> 
 
 @routine
 def crease(d: Array, k: int, sigma: float, memory: CreaseMemory) -> tuple[float, float, float]:
-    """Fit planes; returns the mean square of the residuals, inf if there are none, and the height's variance."""
+    """Fit planes. Returns what `_error` does; the mean square is inf where there are none."""
     memory[6][0] = 0
     cut = (CUT * sigma) ** 2
     _candidates(d, k, memory)
@@ -267,9 +266,7 @@ def store_model(memory: CreaseMemory, weight: float, out: Array) -> None:
 
 
 @kernel
-def _fit(
-    work: Array, positions: Array, rows: Array, near: Array, normals: Array, errors: Array, out: Array
-) -> int:
+def _fit(work: Array, positions: Array, rows: Array, near: Array, normals: Array, errors: Array, out: Array) -> int:
     """Write the best crease of each row to out, if it is better than a quadric.
 
     errors : (m, 2), noise, and error of the quadric
@@ -301,7 +298,7 @@ def _fit(
             apart, variance, points = crease(d, count, math.sqrt(square), memory)
             better = variance * square + DETAIL * max(apart - square, 0.0) < least
             if better and points * (residual * residual - apart) > PROOF * square:
-                store_model(memory, (square / apart) ** 2, out[i])
+                store_model(memory, (square / max(apart, 0.25 * square)) ** 2, out[i])
         tile = next_tile(work)
     return 0
 

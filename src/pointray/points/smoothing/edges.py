@@ -1,8 +1,11 @@
-"""Edges: points near creases go to the mean of the places that the planes of their neighbours say.
+"""Edges: points near creases go to the mean of the places that the planes of their neighbours tell.
 
-A sharp edge is no surface that splats can show: discs of either face stand out beyond it where the other one has a gap
-(clean points of a cube, exact normals: hits near its edges are up to 1.1 spacings off at 99.9%). So edges become round,
-with a radius that splats can follow (0.28).
+No quadric fits a crease, and small ones that hide this are uncertain. Planes are fitted beside every other point whose
+quadric leaves much more than noise; one alone may err, so the points around ask some.
+
+A sharp edge is no surface that splats can show: discs of either face stand out where the other one has a gap. A cube of
+exact points and normals has 99.9% of its hits near edges within 1.1 spacings; with edges of a radius of 0.75 spacings,
+0.28, and with 1.5, 0.44. So edges become round.
 """
 
 from __future__ import annotations
@@ -15,23 +18,24 @@ from numpy.typing import NDArray
 from ...jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
 from ...kernels.vec import Vec3
 from ...neighbors import NeighborTree
-from .fit import SEEN
 from .creases import MODEL, fit_creases
 
 Floats = NDArray[np.float32]
 
 ROUNDING = 0.7  # spacings: radius of edges
-ASKED, FEW = 8, 3  # neighbours whose planes are asked, and how many must have some
+MUCH = 0.4  # noise in spacings from which creases are not to be told from noise
+# What a quadric leaves beyond the noise, in spacings, from which planes are fitted, and from which a point asks for
+# them: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
+BENT, ASKS = 0.2, 0.12
+BEYOND = 0.6  # the least of it in the noise's standard deviations: planes have it at 3% of their points
+SHARE = 2  # of the former every so manieth
+ASKED, FEW = 8, 3  # planes that are asked, and how many of them there must be
+AROUND = 3.0  # spacings: how far away they may be
+AGREE = 0.9  # least length of their mean normal
+WIDE, GOOD = 128, 0.6  # neighbours that are tried where planes were found, and the weight from which those count
 TURNS = 30  # of Hildreth's method: planes at right angles take two
 CHUNK = 512
 PART = 1 << 16  # rows at a time
-BENT, ASKS = 0.2, 0.12
-WIDE = 128
-GOOD = 0.6
-MUCH = 0.6
-SHARE = 2
-AROUND = 3.0
-AGREE = 0.9
 
 
 @inline
@@ -94,13 +98,8 @@ def _settle(
     near : (m, k) seats beside each row, or -1; seats, models : rows that have models, and these
     out : (m, 8), the last column the spacing
     """
-    positions, normals, near, models, out = (
-        borrow(positions),
-        borrow(normals),
-        borrow(near),
-        borrow(models),
-        borrow(out),
-    )
+    positions, normals, near = borrow(positions), borrow(normals), borrow(near)
+    models, out = borrow(models), borrow(out)
     shares = np.empty(3)
     tile = next_tile(work)
     while tile >= 0:
@@ -150,13 +149,15 @@ class Edges:
     def add(
         self, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, errors: Floats, spacing: Floats
     ) -> None:
-        """Take those of some points that quadrics do not fit, and fit planes beside the worst."""
-        square, h = errors[:, 0] ** 2, spacing**2
-        beyond = np.where((noise > 0) & (noise < MUCH * spacing), square - SEEN * noise**2, 0.0)
-        some = np.flatnonzero(beyond > ASKS**2 * h)
+        """Take those of some points that quadrics do not fit, and fit planes beside the worst.
+
+        near : (m, k), neighbours; errors : (m, 2), see `fit_surface`
+        """
+        beyond = np.where((noise > 0) & (noise < MUCH * spacing), errors[:, 0], 0.0)
+        some = np.flatnonzero(beyond > ASKS * spacing)
         self._rows.append(rows[some])
         self._spacing.append(spacing[some].astype(np.float32))
-        seats = np.flatnonzero((beyond > BENT**2 * h) & (square > noise**2))[::SHARE]
+        seats = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise))[::SHARE]
         known = np.stack([noise[seats], errors[seats, 1]], axis=1)
         models = fit_creases(self._positions, rows[seats], near[seats], self._normals, known)
         found = models[:, 0] > 0
@@ -166,10 +167,10 @@ class Edges:
 
     def settle(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
         """Rows near creases, the ways to their places, and the normals there, which keep the sides of given ones."""
+        if sum(map(len, self._seats)) < ASKED:
+            return np.zeros(0, np.int64), normals[:0], normals[:0]
         rows, seats, models = np.concatenate(self._rows), np.concatenate(self._seats), np.concatenate(self._models)
         out = np.zeros((len(rows), 8), np.float32)
-        if len(seats) < ASKED:
-            return rows[:0], out[:0, :3], out[:0, 3:6]
         self._widen(seats, models)
         out[:, 7] = np.concatenate(self._spacing)
         away, near = NeighborTree(self._positions[seats]).query(ASKED, self._positions[rows])

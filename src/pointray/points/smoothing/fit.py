@@ -71,7 +71,7 @@ def _fit(
                             out[i, c], out[i, 3 + c], out[i, 6 + c] = along * n[c], n[c], a[c]
                 if last:
                     break
-            out[i, 9], out[i, 10] = math.sqrt(left), math.sqrt(least)
+            out[i, 9], out[i, 10] = math.sqrt(max(left - SEEN * square, 0.0)), math.sqrt(least)
         tile = next_tile(work)
     return 0
 
@@ -97,7 +97,7 @@ def fit_surface(
     shifts, normals, planes : (m, 3) float32
         0 where the neighbours lie on a line.
     errors : (m, 2) float32
-        Residual of the quadric through most neighbours, and the error of the one that was chosen, in the unit.
+        What the quadric through most neighbours leaves beyond noise, and the error of the chosen one, in the unit.
     """
     out = np.zeros((len(rows), 11), np.float32)
     known = np.zeros((0, 3), np.float32) if normals is None else normals

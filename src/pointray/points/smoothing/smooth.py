@@ -20,7 +20,7 @@ from .noise import LITTLE, noise_along
 Floats = NDArray[np.float32]
 
 MOVES = 0.09  # noise in spacings from which points move all the way
-USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time
+USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time, and no edges
 SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
 SURVEYED = 0.1  # share of the time after which the noise is known
 
@@ -132,7 +132,8 @@ class Fitting:
             shares[part], spacing = _shares(path, rows, table, noise[part], self._sigma)
             moved[part] += shares[part] * shifts
             residuals[part] = noise[part] / spacing
-            edges.add(rows, table, noise[part], errors, spacing)
+            if most == USUAL:
+                edges.add(rows, table, noise[part], errors, spacing)
             if eye is not None:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
@@ -161,7 +162,8 @@ def smooth_known(points: Points, sigma: str | float, progress: Progress | None =
         some = np.flatnonzero(shares[part, 0] > 0)
         rows, found, share = rows[some], found[some], shares[part][some]
         shifts, normals, _, errors = fit_surface(path, rows, found, known, noise[rows])
-        edges.add(rows, found, noise[rows], errors, spacing[some])
+        if most == USUAL:
+            edges.add(rows, found, noise[rows], errors, spacing[some])
         moved[rows] += share * shifts
         normals[np.einsum("ij,ij->i", known[rows], normals) < 0] *= -1
         turned[rows] = _blended(known[rows], normals, share)
