@@ -22,6 +22,7 @@ Floats = NDArray[np.float32]
 MOVES = 0.09  # noise in spacings from which points move all the way
 USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time, and no edges
 SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
+FAR = 4.0  # standard deviations that points move to an edge at most
 SURVEYED = 0.1  # share of the time after which the noise is known
 
 
@@ -139,6 +140,11 @@ class Fitting:
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
             near[part] = found[:, : near.shape[1]]
         rows, shifts, turned = edges.settle(normals)
+        likely = np.linalg.norm(shifts, axis=1) < FAR * noise[rows]
+        if eye is not None:  # the scanner sees no side that faces away
+            to_eye = (eye if eye.ndim == 1 else eye[rows]) - path[rows]
+            likely &= ~(np.einsum("ij,ij->i", turned, to_eye) < 0)
+        rows, shifts, turned = rows[likely], shifts[likely], turned[likely]
         moved[rows] = path[rows] + shares[rows] * shifts
         normals[rows] = turned
         return Fits(moved, normals, near, residuals)
@@ -168,6 +174,8 @@ def smooth_known(points: Points, sigma: str | float, progress: Progress | None =
         normals[np.einsum("ij,ij->i", known[rows], normals) < 0] *= -1
         turned[rows] = _blended(known[rows], normals, share)
     rows, shifts, normals = edges.settle(known)
+    likely = np.linalg.norm(shifts, axis=1) < FAR * noise[rows]
+    rows, shifts, normals = rows[likely], shifts[likely], normals[likely]
     moved[rows] = path[rows] + shares[rows] * shifts
     turned[rows] = _blended(known[rows], normals, shares[rows])
     finite = points.finite
