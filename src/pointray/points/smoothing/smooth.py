@@ -22,7 +22,7 @@ Floats = NDArray[np.float32]
 MOVES = 0.09  # noise in spacings from which points move all the way
 USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time, and no edges
 SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
-FAR = 4.0  # standard deviations that points move to an edge at most
+FAR = 5.0  # standard deviations that points move to an edge at most
 SURVEYED = 0.1  # share of the time after which the noise is known
 
 
