@@ -39,7 +39,7 @@ LEAST = 8  # neighbours of a plane
 APART = 1.0
 FITS = 0.9  # mean square of residuals in the noise's up to which a quadric fits: planes leave 0.64 +- 0.14
 DETAIL = 0.15  # as in `fit`
-PROOF = 30.0  # squares, in the noise's, by which planes must be closer than a quadric: chance leaves 12
+PROOF = 30.0  # squares, in the noise's, by which planes must be closer than a quadric
 OPPOSITE = -0.5  # cosine of known normals from which neighbours are of another sheet
 CHUNK = 256
 
@@ -88,7 +88,7 @@ def _candidates(d: Array, k: int, memory: CreaseMemory) -> None:
         farthest, following, count = -1.0, 0, 0
         for j in range(k):
             square = (d[j, 0] - d[place, 0]) ** 2 + (d[j, 1] - d[place, 1]) ** 2 + (d[j, 2] - d[place, 2]) ** 2
-            if square < width:  # a fifth of them: a matrix of all takes three times as long
+            if square < width:
                 w[count] = (1.0 - square / width) ** 2
                 beside[count, 0], beside[count, 1], beside[count, 2] = d[j, 0], d[j, 1], d[j, 2]
                 count += 1

@@ -27,7 +27,7 @@ MUCH = 0.4  # noise in spacings from which creases are not to be told from noise
 # What a quadric leaves beyond the noise, in spacings, from which planes are fitted, and from which a point asks for
 # them: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
 BENT, ASKS = 0.2, 0.12
-BEYOND = 0.6  # the least of it in the noise's standard deviations: planes have it at 3% of their points
+BEYOND = 0.6  # the least of it in the noise's standard deviations: planes have it at 4% of their points
 SHARE = 2  # of the former every so manieth
 ASKED, FEW = 8, 3  # planes that are asked, and how many of them there must be
 AROUND = 3.0  # spacings: how far away they may be
