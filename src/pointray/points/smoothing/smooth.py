@@ -14,14 +14,16 @@ from ...neighbors import neighbor_chunks
 from ...progress import Progress, part_of, tell
 from ..normals.estimate import along_path, mend_normals, with_fits
 from ..normals.jets import Fits, Planes, faces, fit_normals, survey
+from .edges import Edges
 from .fit import SIZES, fit_surface
 from .noise import LITTLE, noise_along
 
 Floats = NDArray[np.float32]
 
 MOVES = 0.09  # noise in spacings from which points move all the way
-USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time
+USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time, and no edges
 SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
+FAR = 5.0  # standard deviations that points move to an edge at most
 SURVEYED = 0.1  # share of the time after which the noise is known
 
 
@@ -119,22 +121,33 @@ class Fitting:
         n = len(path)
         moved, normals = path.copy(), np.zeros_like(path)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
+        shares = np.empty((n, 1), np.float32)
         wanted = 0 if planes is None else planes.wanted(survey(path)[0])
+        edges = Edges(path)
         for part, found in neighbor_chunks(path, max(most, kept, wanted), left):
             rows = np.arange(part.start, part.start + len(found))
             table = np.ascontiguousarray(found[:, :most])
             if planes is not None and wanted:
                 planes.lay(part, found)
-            shifts, normals[part], flat = fit_surface(path, rows, table, None, noise[part])
-            share, spacing = _shares(path, rows, table, noise[part], self._sigma)
-            moved[part] += share * shifts
+            shifts, normals[part], flat, errors = fit_surface(path, rows, table, None, noise[part])
+            shares[part], spacing = _shares(path, rows, table, noise[part], self._sigma)
+            moved[part] += shares[part] * shifts
             residuals[part] = noise[part] / spacing
-            noise[part] *= share[:, 0]
+            if most == USUAL:
+                edges.add(rows, table, noise[part], errors, spacing)
             if eye is not None:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
             near[part] = found[:, : near.shape[1]]
-        return Fits(moved, normals, near, residuals, noise)
+        rows, shifts, turned = edges.settle(normals)
+        likely = np.linalg.norm(shifts, axis=1) < FAR * noise[rows]
+        if eye is not None:  # the scanner sees no side that faces away
+            to_eye = (eye if eye.ndim == 1 else eye[rows]) - path[rows]
+            likely &= ~(np.einsum("ij,ij->i", turned, to_eye) < 0)
+        rows, shifts, turned = rows[likely], shifts[likely], turned[likely]
+        moved[rows] = path[rows] + shares[rows] * shifts
+        normals[rows] = turned
+        return Fits(moved, normals, near, residuals, noise * shares[:, 0])
 
 
 def _smooth_known(points: Points, sigma: str | float, progress: Progress | None = None) -> Placed:
@@ -152,7 +165,7 @@ def _smooth_known(points: Points, sigma: str | float, progress: Progress | None 
         rows = np.arange(part.start, part.start + len(found))
         share, _ = _shares(path, rows, found, noise[part], sigma)
         some = np.flatnonzero(share[:, 0] > 0)
-        shifts, normals, _ = fit_surface(path, rows[some], found[some], known, noise[part][some])
+        shifts, normals, _, _ = fit_surface(path, rows[some], found[some], known, noise[part][some])
         moved[part][some] += share[some] * shifts
         turned[part][some] = _blended(known[part][some], normals, share[some])
         noise[part] *= share[:, 0]
