@@ -85,6 +85,7 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: P
     viewpoint, progress
         As for `find_strays`. Where no place is known, normals tell from which side a surface was seen.
     """
+    check_callback(progress)  # also where there is nothing to look at
     strays, offset = _look(points, viewpoint, part_of(progress, 0.0, LOOKED))
     eyes = None if viewpoint is None else check_eyes(viewpoint, len(points))
     if strays.layer.any():
