@@ -23,7 +23,6 @@ SAMPLE, SHARE = 20_000, 32  # points that are looked at in any case, or every so
 SHOWS = 2  # points off their floor, from which a stretch may show a layer
 SPARSE_MERGED = 0.6  # share of the time
 OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it is another sheet
-ALONG = 0.8  # cosine of a point's given normal and the way to its floor, from which the two are parallel
 
 # A layer is a group of many points that are about as far off on the same side. Clean clouds have groups of at most 10.
 FEWEST = 50
@@ -46,7 +45,7 @@ def merge_for_model(points: Points, progress: Progress | None = None) -> Points:
     floors = ground.floors()
     off = np.flatnonzero(floors.off)
     off = off[np.linalg.norm(floors.offset[off], axis=1) <= LAYER * floors.spacing[off]]
-    off = off[~faces_back(points, rows, floors, off) & _along(points, rows, floors, off)]
+    off = off[~faces_back(points, rows, floors, off)]
     off = off[_in_company(path, floors, off)]
     tell(progress, SPARSE_MERGED)
     if len(off):
@@ -96,16 +95,6 @@ def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
     graph = csr_array((np.ones(ends[-1]), near[is_linked], ends), shape=(m, m))
     part = connected_components(graph, directed=False)[1]
     return np.asarray(np.bincount(part)[part] >= FEWEST)
-
-
-def _along(points: Points, rows: Rows, floors: Floors, some: Rows) -> NDArray[np.bool_]:
-    """Whether the way of some positions to the floor is along their given normals: in a groove it is not."""
-    if points.normals is None:
-        return np.ones(len(some), np.bool_)
-    normals, ways = points.normals[rows[some]].astype(np.float64), floors.offset[some].astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        lengths = np.linalg.norm(normals, axis=1) * np.linalg.norm(ways, axis=1)
-        return ~(np.abs(np.einsum("ij,ij->i", normals, ways)) < ALONG * lengths)
 
 
 def faces_back(points: Points, rows: Rows, floors: Floors, some: Rows) -> NDArray[np.bool_]:
