@@ -32,6 +32,8 @@ from .settings import Settings
 PACKAGE = (__package__ or "").split(".")[0]
 # Seconds that kernels take on one core of 2024; a faster or slower machine is noticed, see `jit.Backlog`.
 BUILD = {
+    "points.strays.survey._survey": 2.6,
+    "points.strays.survey._share": 0.4,
     "splats.voronoi._measure": 1.4,
     "splats.borders._find_gaps": 1.3,
     "splats.medians._medians": 0.2,
