@@ -5,6 +5,7 @@ import pytest
 
 import pointray as pr
 from pointray.baking.surfaces import find_sheets
+from pointray.tree.indices import check_indices
 
 WIDE = 120.0  # in spacings, which are 1
 LOW = WIDE / 2 - 10  # where a box of 20 in its middle begins
@@ -94,6 +95,17 @@ def test_the_margin_is_kept_by_files_levels_and_other_settings(tmp_path):
     assert np.array_equal(pr.Model.load(tmp_path / "a.pointray").tree.noise, model.tree.noise)
     other = model.remade("auto", surface="imls")
     assert np.median(other.tree.noise) == pytest.approx(np.median(model.tree.noise), rel=0.1)
+
+
+def test_noise_from_a_file_is_checked(tmp_path):
+    model = pr.Model(ground(0.3))
+    noise = model.tree.noise
+    for wrong in (noise[:-1], noise * np.float32(np.nan), -noise, noise + np.float32(np.inf)):
+        assert check_indices(model.tree._replace(noise=wrong), len(model.points))
+    model.tree = model.tree._replace(noise=noise[:-1])
+    model.save(tmp_path / "a.pointray")
+    with pytest.raises(ValueError, match="damaged: noise"):
+        pr.Model.load(tmp_path / "a.pointray")
 
 
 def test_clean_points_have_no_margin():

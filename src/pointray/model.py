@@ -328,10 +328,10 @@ def _placed(points: Points, sigma: str | float, merge: bool, progress: Progress)
 
     merge : whether second layers may be moved onto the surface, unless nothing is to be smoothed
     """
-    if merge and sigma != 0.0:
+    merge = merge and sigma != 0.0
+    if merge:
         points = merge_for_model(points, part_of(progress, 0.0, MERGED))
-        progress = part_of(progress, MERGED, 1.0) or progress
-    placed, message = place(points, sigma, progress)
+    placed, message = place(points, sigma, part_of(progress, MERGED if merge else 0.0, 1.0))
     if message:
         warnings.warn(message, stacklevel=3)
     return placed

@@ -31,7 +31,7 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
     """Points moved onto the surface that their neighbours show, as far as they are noisy, with the normals there.
 
     A quadric is fitted to the 16 to 128 nearest neighbours of each noisy point, as noise and detail there require, and
-    the point moves along its normal. Edges move by a fraction of the noise. Clean points stay as they are, to the bit.
+    the point moves along its normal. Edges of points without normals become round. Clean points stay, to the bit.
 
     Parameters
     ----------

@@ -119,6 +119,20 @@ def _planes(d: Array, k: int, second: bool, memory: Memory) -> Vec3:
     return n
 
 
+@inline
+def into_ball(positions: Array, row: int, near: Array, i: int, k: int, d: Array) -> float:
+    """Write to d the places of k neighbours about a point, in the ball of radius 1; returns the radius they had."""
+    far = 1e-30
+    for j in range(k):
+        for c in range(3):
+            d[j, c] = f64(positions[near[i, j], c]) - f64(positions[row, c])
+        far = max(far, math.sqrt(d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2))
+    for j in range(k):
+        for c in range(3):
+            d[j, c] /= far
+    return far
+
+
 @routine
 def fit(
     positions: Array, row: int, near: Array, i: int, k: int, second: bool, memory: Memory
@@ -128,14 +142,7 @@ def fit(
     second : whether the fit begins with the points in the middle of the list, not with all
     """
     d, w, r, sizes, scratch, terms, x, m, _, _ = memory
-    far = 1e-30
-    for j in range(k):
-        for c in range(3):
-            d[j, c] = f64(positions[near[i, j], c]) - f64(positions[row, c])
-        far = max(far, math.sqrt(d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2))
-    for j in range(k):
-        for c in range(3):
-            d[j, c] /= far
+    far = into_ball(positions, row, near, i, k, d)
     n = _planes(d, k, second, memory)
     one, two = tangents(n)
     for j in range(k):

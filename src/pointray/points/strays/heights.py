@@ -8,10 +8,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
+from ...jit import Array, borrow, inline, kernel, next_tile, routine, run
 from ...kernels.vec import Vec3, tangents
 from ..normals.planes import plane
 from ..normals.quadrics import TERMS, solve
+from .fits import into_ball
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -155,14 +156,7 @@ def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Arr
             out[i, 3] = 1.0 if count == 1 else 0.0
             if count == 1 or known[0, COUNT] < FEWEST:
                 continue
-            far = 1e-30
-            for j in range(AROUND):
-                for c in range(3):
-                    d[j, c] = f64(positions[near[i, j], c]) - f64(positions[row, c])
-                far = max(far, math.sqrt(d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2))
-            for j in range(AROUND):
-                for c in range(3):
-                    d[j, c] /= far
+            far = into_ball(positions, row, near, i, AROUND, d)
             n = _fit(memory, facing, near, i)
             clear, way = _way(known, count)
             out[i, 3] = 1.0 if clear else 0.0
