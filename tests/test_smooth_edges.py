@@ -46,14 +46,6 @@ def test_points_near_edges_lie_on_faces_or_on_the_round_edge():
     assert (cosine > 0.7).mean() > 0.985
 
 
-def test_corners_are_seen():
-    moved = pr.smooth(pr.Points(cube(0.3))).positions.astype(float)
-    at = np.abs(moved).min(axis=1) > 1 - 2 * H
-    off = np.linalg.norm(moved - rounded(moved, ROUNDING * H)[0], axis=1)[at] / H
-    assert at.sum() > 50
-    assert np.sqrt((off**2).mean()) < 0.25
-
-
 def test_creases_of_a_valley_are_those_of_a_ridge():
     rng = np.random.default_rng(2)
     xy = rng.uniform(-1, 1, (20_000, 2))
