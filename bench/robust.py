@@ -15,45 +15,18 @@ import warnings
 import numpy as np
 
 import pointray as pr
-from pointray.kernels.tree import Tree
-from pointray.tree.build import Splats, build_tree
+from pointray.tree.build import build_tree
+from pointray.tree.parts import splats_of
 from pointray.tree.settings import LEAF_WIDTH
 
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.2, 1.0, -0.3), (0.1, 0.2, 1.0))
-
-
-def splats_of(model: pr.Model) -> Splats:
-    """The splats that a model's tree was built over."""
-    rows = model.tree.order[model.tree.order >= 0]
-    blocks = model.tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[model.tree.order >= 0]
-    return Splats(
-        np.ascontiguousarray(blocks[:, :3]),
-        np.ascontiguousarray(blocks[:, 3:6]),
-        np.ascontiguousarray(1 / np.sqrt(blocks[:, 6])),
-        rows,
-        None,
-        borders_of(model.tree),
-        sheets_of(model.tree),
-    )
-
-
-def borders_of(tree: Tree) -> np.ndarray | None:
-    """The direction out of the border for each splat, if any splat has one."""
-    return np.float32(tree.borders.reshape(-1, 3)[tree.order >= 0]) / 127 if tree.borders.size else None
-
-
-def sheets_of(tree: Tree) -> np.ndarray | None:
-    """The splats that belong to sheets close together."""
-    if not tree.facing.size:
-        return None
-    return tree.facing.reshape(-1, 3).any(axis=1)[tree.order >= 0].astype(np.int8)
 
 
 def rebuilt(model: pr.Model, **changes: object) -> pr.Model:
     """The same model over another tree."""
     other = object.__new__(pr.Model)
     other.__dict__.update(model.__dict__)
-    other.tree = build_tree(splats_of(model), model.settings._replace(**changes))
+    other.tree = build_tree(splats_of(model.tree, model.radii), model.settings._replace(**changes), in_order=True)
     other.__dict__.pop("longest", None)  # those of the other tree
     return other
 

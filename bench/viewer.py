@@ -229,14 +229,16 @@ def measure_server(file: Path, size: tuple[int, int], seconds: float, runs: int)
     return rows
 
 
-def measure_opening(file: Path, size: tuple[int, int], points: int, cache: str | None = None) -> Figures:
+def measure_opening(
+    file: Path, size: tuple[int, int], points: int, cache: str | None = None, options: tuple[str, ...] = ()
+) -> Figures:
     """Seconds of each event from the command to the picture of all points."""
     begun, events, picture, stage = time.perf_counter(), {}, 0.0, ""
 
     def note(name: str, at: float | None = None) -> None:
         events.setdefault(name, time.perf_counter() - begun if at is None else at)
 
-    with serving(file, cache=cache) as (_, url):
+    with serving(file, *options, cache=cache) as (_, url):
         note("the address")
         with linked(url, size) as link:
             while True:

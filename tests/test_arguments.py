@@ -79,6 +79,7 @@ SENSE: dict[str, set[str]] = {
     **dict.fromkeys(
         ("Attribute", "BakeSettings", "BakedLight", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()
     ),
+    "Client": {"None"},  # of Dask
     **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Survey", "Trajectory", "slice"), set()),
 }
 PATHS = {"path", "image", "host", "trajectory"}  # parameters whose wrong values may raise an OSError
@@ -131,7 +132,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Emissive": (pr.Emissive, {"radiance": 1}),
         "EnvironmentLight": (pr.EnvironmentLight, {}),
         "Mirror": (pr.Mirror, {}),
-        "Model": (pr.Model, {"points": t.rows[:100]}),
+        "Model": (pr.Model, {"points": t.rows[:100], "smooth": 0.5}),
         "Model.load": (pr.Model.load, {"path": t.folder / "a.pointray"}),
         "Model.make_levels": (pr.Model(t.points).make_levels, {}),
         "Model.remade": (t.model.remade, {"smooth": 0, "surface": "imls"}),

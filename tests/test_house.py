@@ -25,10 +25,12 @@ TOWER = [
         "trace",
         "array_file",
         "model_file",
+        "model_folder",
         "model",
+        "parts",
         "model_cache",
     ),
-    *("shade", "image", "scene", "baking", "rendering", "staging"),
+    *("shade", "image", "scene", "cluster", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]
 

@@ -6,7 +6,7 @@ import pytest
 import pointray as pr
 from conftest import shared_model, slow
 from pointray import Points
-from pointray.neighbors import morton_order
+from pointray.neighbors import kd_order
 from pointray.points.normals.jets import fit_normals
 from pointray.points.normals.layers import Layers
 
@@ -44,7 +44,7 @@ def test_only_noisy_points_are_laid_into_planes():
     noise = np.random.default_rng(0).normal(size=(8000, 3)) * spacing
     for share, noisy in ((0, False), (0.1, False), (0.3, True), (1, True)):
         path = np.float32(torus.positions + share * noise)
-        path = path[morton_order(path)]
+        path = path[kd_order(path)]
         layers = Layers(path)
         fit_normals(path, 11, planes=layers)
         assert layers.noisy == noisy

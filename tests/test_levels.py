@@ -10,6 +10,7 @@ from conftest import slow
 from pointray.cli import execute
 from pointray.kernels.records import INSTANCE, SHAPE_ROW
 from pointray.rendering.lod import at_distance
+from pointray.splats.groups import groups_in_cells
 from pointray.splats.levels import coarsen
 
 
@@ -49,6 +50,33 @@ def test_means_of_a_cell():
     assert coarse.normals.tolist() == [[0, 0, 1], [0, 0, -1], [1, 0, 0]]
     assert coarse.colors.tolist() == [[71, 71, 71], [10, 20, 30], [255, 0, 0]]
     assert coarse.attributes["height"].tolist() == [2, 7, 9]
+
+
+def test_groups_are_those_of_cells_and_sides():
+    """Beside NumPy: which rows are together, their means, and how far supports reach."""
+    rng = np.random.default_rng(7)
+    x, normals = rng.normal(size=(2, 20_000, 3)).astype(np.float32)
+    normals[:21] = -np.repeat(np.eye(3, dtype=np.float32), 7, axis=0)
+    radii, colors = rng.uniform(0.1, 0.5, 20_000).astype(np.float32), rng.integers(0, 255, (20_000, 3))
+    cell = np.floor((x - x.min(axis=0)) / np.float32(0.3))
+    axis = np.abs(normals).argmax(axis=1)
+    key = np.column_stack([cell, axis, normals[np.arange(20_000), axis] < 0])
+    _, first, ids, counts = np.unique(key, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    ids, at = ids.ravel(), np.argsort(first)
+    groups = groups_in_cells(x, normals, 0.3)
+    assert len(groups.starts) == len(first) + 1
+    assert groups.order[groups.starts[:-1]].tolist() == np.sort(first).tolist()
+    for rows in np.split(groups.order, groups.starts[1:-1])[::50]:
+        assert rows.tolist() == np.flatnonzero(ids == ids[rows[0]]).tolist()
+    for values in (x, colors.astype(np.float32), radii):
+        sums = np.zeros((len(first), *values.shape[1:]))
+        np.add.at(sums, ids, values)
+        np.testing.assert_allclose(groups.mean(values), (sums.T / counts).T[at], atol=1e-9, rtol=1e-9)
+    middles = np.empty((len(first), 3), np.float32)
+    middles[at] = groups.mean(x)
+    most = np.zeros(len(first))
+    np.maximum.at(most, ids, np.linalg.norm(x - middles[ids], axis=1) + radii)
+    np.testing.assert_allclose(groups.reach(x, radii, middles[at]), most[at], rtol=1e-5)
 
 
 def test_supports_of_levels_reach_no_farther_than_those_they_stand_for():

@@ -223,9 +223,9 @@ def little(monkeypatch):
 @pytest.mark.parametrize("with_normals", [True, False])
 def test_a_model_that_does_not_fit_is_refused_at_once(little, monkeypatch, with_normals):
     rows = sphere_points(100_000)
-    monkeypatch.setattr("pointray.model.place", lambda *args, **more: pytest.fail("work was begun"))
+    monkeypatch.setattr("pointray.points.ready.place", lambda *args, **more: pytest.fail("work was begun"))
     with pytest.raises(
-        ValueError, match=r"29 MiB of memory are needed to make a model of 100,000 points.*--max-points"
+        ValueError, match=r"33 MiB of memory are needed to make a model of 100,000 points.*--max-points"
     ):
         pr.Model(pr.Points(rows, rows if with_normals else None))
 
@@ -248,8 +248,9 @@ MODEL_PEAK = """
 import resource, sys
 import numpy as np
 import pointray as pr
-sphere = pr.procedural("torus", 500_000)
-points = pr.Points(sphere.positions, sphere.normals if sys.argv[1] == "with" else None)
+torus = pr.procedural("torus", 500_000)
+away = np.random.default_rng(1).normal(scale=0.3 * 0.0056, size=(500_000, 3)) if sys.argv[1] == "noisy" else 0.0
+points = pr.Points(torus.positions + away, torus.normals if sys.argv[1] == "with" else None)
 pr.Model(points.select(np.arange(0, 500_000, 100)))
 open("/proc/self/clear_refs", "w").write("5")
 def size(name):
@@ -262,11 +263,12 @@ print(size("VmHWM") - before)
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="how much memory a process took")
-@pytest.mark.parametrize("kind", ["with", "without"])
+@pytest.mark.parametrize("kind", ["with", "without", "noisy"])
 def test_models_take_about_what_is_asked_for(kind):
-    from pointray.model import PEAK
+    """Noisy points do: that is known only when work has begun."""
+    from pointray.points.ready import PEAK
 
     done = subprocess.run([sys.executable, "-c", MODEL_PEAK, kind], capture_output=True, text=True, check=True)
     a_point = int(done.stdout) / 500_000
     print(f"{a_point:.0f} bytes a point")
-    assert 0.5 * PEAK < a_point < 1.25 * PEAK
+    assert (0.7 if kind == "noisy" else 0.2) * PEAK < a_point < 1.1 * PEAK

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from conftest import long, shared_model, slow, sphere_points
 from pointray.data import Points
-from pointray.neighbors import distinct, morton_order, neighbors
+from pointray.neighbors import distinct, kd_order, neighbors
 from pointray.points import estimate_normals, procedural, read
 from pointray.points.normals.checks import agreement_share
 from pointray.points.normals.estimate import mend_normals
@@ -19,60 +18,6 @@ SPHERE = sphere_points(3000)
 
 def degrees(one, other):
     return np.degrees(np.arccos(np.clip(np.sum(one * other, axis=1), -1, 1)))
-
-
-# --------------------------------------------------------------------------------------------------- neighbours
-
-
-def naive_neighbors(positions, k, queries):
-    squares = np.sum((queries[:, None].astype(float) - positions[None]) ** 2, axis=2)
-    return np.sqrt(np.sort(squares, axis=1)[:, :k])
-
-
-def test_neighbors_are_those_of_brute_force():
-    positions, queries = RNG.random((400, 3), np.float32), RNG.random((100, 3), np.float32)
-    for asked, k in ((None, 9), (queries, 1), (queries, 16)):
-        distances, indices = neighbors(positions, k, asked)
-        asked = positions if asked is None else asked
-        np.testing.assert_allclose(distances, naive_neighbors(positions, k, asked), rtol=1e-5)
-        np.testing.assert_allclose(np.linalg.norm(positions[indices] - asked[:, None], axis=2), distances, rtol=1e-5)
-        assert distances.dtype == np.float32
-
-
-def test_few_positions_are_all_neighbors():
-    distances, indices = neighbors(SPHERE[:3], 9)
-    assert distances.shape == (3, 3)
-    assert np.sort(indices, axis=1).tolist() == [[0, 1, 2]] * 3
-    assert neighbors(SPHERE[:1], 9)[0].tolist() == [[0]]
-
-
-def test_duplicates_are_neighbors_at_no_distance():
-    distances, indices = neighbors(np.repeat(SPHERE[:20], 5, axis=0), 5)
-    assert (distances == 0).all()
-    assert (indices // 5 == np.arange(100)[:, None] // 5).all()
-
-
-def test_distinct_finds_equal_rows():
-    doubled = np.vstack([SPHERE, SPHERE[::-1], -np.zeros((2, 3)), np.zeros((1, 3))]).astype(np.float32)
-    rows, groups = distinct(doubled)
-    assert len(rows) == 3001
-    np.testing.assert_array_equal(doubled[rows][groups], doubled)
-    assert rows[:3000].tolist() == list(range(3000))
-
-
-def test_distinct_merges_cells():
-    grid = np.stack(np.meshgrid(*[np.arange(5)] * 3), axis=-1).reshape(-1, 3)
-    clumps = np.repeat(grid, 4, axis=0) + RNG.uniform(0.1, 0.2, (500, 3))
-    rows, groups = distinct(clumps.astype(np.float32), 1.0)
-    assert len(rows) == 125
-    np.testing.assert_array_equal(groups, np.arange(500) // 4)
-
-
-def test_morton_order_keeps_neighbors_together():
-    order = morton_order(SPHERE)
-    assert np.sort(order).tolist() == list(range(3000))
-    step = np.linalg.norm(np.diff(SPHERE[order], axis=0), axis=1)
-    assert np.median(step) < 4 * np.median(cKDTree(SPHERE).query(SPHERE, k=2)[0][:, 1])
 
 
 # ------------------------------------------------------------------------------------------------------ estimate
@@ -100,7 +45,7 @@ def test_each_part_is_turned_by_itself():
 
 
 def test_signs_are_set_right_wherever_they_start():
-    path = SPHERE[morton_order(SPHERE)]
+    path = SPHERE[kd_order(SPHERE)]
     near = neighbors(path, 11)[1]
     for start in (np.ones(3000), -np.ones(3000), RNG.choice([-1, 1], 3000)):
         signs, groups = agree(path, path * start[:, None].astype(np.float32), near)
@@ -162,7 +107,7 @@ def test_noise_is_measured_in_spacings():
 
 
 def test_a_given_number_of_neighbors_is_used():
-    path = SPHERE[morton_order(SPHERE)]
+    path = SPHERE[kd_order(SPHERE)]
     for k in (3, 9, 20):
         _, normals, near, *_ = fit_normals(path, 5, neighbors=k)
         assert near.shape == (3000, 5)
@@ -194,7 +139,7 @@ def test_a_cavity_and_a_plate_thinner_than_the_spacing(gap, residual):
         sheets = np.column_stack([x, z]) + ([0, 0, 0] if inside else [90, 0, 0])
         truth = np.vstack([wall / 56, np.outer(away * np.sign(z), [0, 0, 1])])
         positions = np.vstack([wall, sheets]).astype(np.float32)
-        order = morton_order(positions)
+        order = kd_order(positions)
         path, truth = positions[order], truth[order].astype(np.float32)
         near = neighbors(path, 11)[1]
         is_sheet = order >= len(wall)

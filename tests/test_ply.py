@@ -13,6 +13,7 @@ from conftest import shared_model
 from pointray.cli import BAD_INPUT, execute
 from pointray.data import Points
 from pointray.points import read, write
+from pointray.points.formats._source import CHUNK
 from pointray.points.formats.ply import _ascii
 from pointray.points.replacing import check_writable, replacing
 
@@ -428,3 +429,26 @@ def test_more_vertices_than_can_be_held_are_refused(tmp_path):
     os.truncate(path, 2**31 * 12 + 1000)
     with pytest.raises(ValueError, match="2,147,483,648 points are too many"):
         read(path)
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+def test_rows_of_several_chunks_are_those_of_the_file(tmp_path, mixed):
+    """mixed : whether x, y and z, and the colours, lie side by side in a row, or each beside the others"""
+    count, names = CHUNK + 5000, ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "label"]
+    if mixed:
+        names = ["blue", "x", "nx", "red", "z", "label", "ny", "y", "nz", "green"]
+    types = {"red": "u1", "green": "u1", "blue": "u1", "label": "<i4"}
+    rng = np.random.default_rng(4)
+    rows = np.zeros(count, [(name, types.get(name, "<f4")) for name in names])
+    for name in names:
+        rows[name] = rng.integers(0, 200, count)
+    kinds = {"u1": "uchar", "<i4": "int", "<f4": "float"}
+    lines = [f"property {kinds[types.get(name, '<f4')]} {name}" for name in names]
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {count}", *lines, "end_header", ""]
+    (tmp_path / "a.ply").write_bytes("\n".join(head).encode() + rows.tobytes())
+    points = read(tmp_path / "a.ply")
+    for k in range(3):
+        assert np.array_equal(points.positions[:, k], rows["xyz"[k]])
+        assert np.array_equal(points.normals[:, k], rows["n" + "xyz"[k]])
+        assert np.array_equal(points.colors[:, k], rows[("red", "green", "blue")[k]])
+    assert np.array_equal(points.attributes["label"], rows["label"])

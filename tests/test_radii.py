@@ -7,7 +7,7 @@ from conftest import shared_model, sphere_points
 from pointray.neighbors import distinct, neighbors
 from pointray.points import read
 from pointray.splats import check_radii, choose_radii
-from pointray.splats.radii import NEIGHBORS, OVERLAP
+from pointray.splats.radii import OVERLAP
 from pointray.splats.voronoi import Hood, measure_cells
 
 N = 10_000
@@ -22,7 +22,7 @@ def survey(positions, normals=None):
     positions = np.asarray(positions, np.float32)
     normals = positions / np.linalg.norm(positions, axis=1, keepdims=True) if normals is None else normals
     normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # read-only is another type to Numba
-    return choose_radii(positions, normals, *neighbors(positions, NEIGHBORS + 1))[:2]
+    return choose_radii(positions, normals)[:2]
 
 
 def covers(positions, radii, samples):
@@ -52,7 +52,7 @@ def square(n, seed=0):
 def test_cells_are_those_of_a_brute_force_search():
     """In a plane, a cell's farthest vertex is the centre of an empty circle through the point and two others."""
     x = square(60)
-    hood = Hood(np.arange(60), *neighbors(x, 60))
+    hood = Hood(np.arange(60, dtype=np.int32), neighbors(x, 60).indices)
     farthest, _ = measure_cells(x, np.repeat(UP, 60, axis=0), hood)
     flat = x[:, :2].astype(np.float64)
     one, other = np.triu_indices(60, 1)

@@ -23,12 +23,17 @@ from pointray.simd import (
     count_bits,
     count_trailing_zeros,
     first_quarter,
+    gather16,
+    gather_rows8,
+    join4,
     lane,
     last_quarter,
     load8,
     load16,
     load16_int,
+    load_apart16,
     mask16,
+    one_bit,
     pack,
     permute16,
     power_of_two,
@@ -38,6 +43,7 @@ from pointray.simd import (
     shift_quarter,
     store,
     store_packed,
+    sum_over_lanes,
     sum_over_quarters,
     sums_of_fours,
     third_quarter,
@@ -72,6 +78,30 @@ def test_words_are_taken_apart():
 
 
 @kernel
+def _gathered(table, places, a, out, words):
+    for c in range(8):
+        store(out, 16 * c, gather_rows8(table, places, 2, 3)[c])
+    store(out, 128, gather16(a, places, 1, 2))
+    store(out, 144, load_apart16(a, 5, 7))
+    store(words, 0, one_bit(load16(a, 0)) | one_bit(load16(a, 16)))
+    store(words, 16, select(load16(a, 0) != load16(a, 16), one_bit(load16(a, 0)), 0))
+
+
+def test_vectors_are_gathered():
+    rng = np.random.default_rng(4)
+    table, places = rng.normal(size=(50, 8)).astype(np.float32), rng.integers(0, 50, 48).astype(np.int32)
+    a, out, words = rng.uniform(0, 32, 128).astype(np.float32), np.zeros(160, np.float32), np.zeros(32, np.int32)
+    a[3] = a[19]
+    places[2], places[5] = 0, 49
+    _gathered(table.reshape(-1), places, a, out, words)
+    assert (out[:128].reshape(8, 16) == table[places[2::3][:16]].T).all()
+    assert (out[128:144] == a[places[1::2][:16]]).all() and (out[144:] == a[5::7][:16]).all()
+    bits_set = np.uint32(1) << a[:32].astype(np.uint32)
+    assert (words[:16].view(np.uint32) == bits_set[:16] | bits_set[16:]).all()
+    assert (words[16:].view(np.uint32) == np.where(a[:16] != a[16:32], bits_set[:16], 0)).all() and words[19] == 0
+
+
+@kernel
 def _vectors(a, numbers, out):
     v, w = load16(a, 0), repeat4(a, 4)
     q = quarters(np.float32(1), np.float32(2), np.float32(3), np.float32(4))
@@ -84,7 +114,7 @@ def _vectors(a, numbers, out):
     store(out, 64, select(mask, vabs(x - 9), broadcast16(np.float32(0))))
     store(out, 80, sum_over_quarters(x))
     store(out, 96, first_quarter(x) + last_quarter(x))
-    store(out, 112, trunc(x) + vsqrt(v))
+    store(out, 112, trunc(x) + vsqrt(v) + sum_over_lanes(x))
     store(out, 128, select(mask16(0xF0A5), x, broadcast_from(a, 7)))
     store(out, 144, broadcast16(np.float32(-1)))
     store_packed(out, 144, mask, x)
@@ -101,7 +131,7 @@ def test_vectors_are_numpy():
     mask = (x > 5) & (x < 20)
     want = [x, x, np.concatenate([q[12:], x[:12]]), np.maximum(np.minimum(x, 5), q)]
     want += [np.where(mask, np.abs(x - 9), 0), np.tile(x.reshape(4, 4).sum(0), 4), np.tile(x[:4] + x[12:], 4)]
-    want += [np.trunc(x) + np.sqrt(a[:16]), np.where((0xF0A5 >> np.arange(16)) & 1, x, a[7])]
+    want += [np.trunc(x) + np.sqrt(a[:16]) + x.sum(), np.where((0xF0A5 >> np.arange(16)) & 1, x, a[7])]
     assert out[:144] == pytest.approx(np.concatenate(want))
     assert out[144 : 144 + mask.sum()] == pytest.approx(x[mask])
     assert word == (mask << np.arange(16)).sum() and third == x[3] and first == np.flatnonzero(mask)[0]
@@ -138,15 +168,17 @@ def test_comparisons_know_nan_and_inf():
 @kernel
 def _looked_up(a, indices, out):
     store(out, 0, permute16(a, 5, load16(indices, 0)))
+    store(out, 16, join4(a, 20, 1, 1, 7))
     return 0
 
 
 def test_numbers_are_looked_up_by_their_places():
     rng = np.random.default_rng(6)
-    a, out = rng.normal(size=24).astype(np.float32), np.zeros(16, np.float32)
+    a, out = rng.normal(size=24).astype(np.float32), np.zeros(32, np.float32)
     indices = rng.integers(16, size=16).astype(np.float32)
     _looked_up(a, indices, out)
-    assert np.array_equal(out, a[5 + indices.astype(int)])
+    assert np.array_equal(out[:16], a[5 + indices.astype(int)])
+    assert np.array_equal(out[16:].reshape(4, 4), a[np.add.outer([20, 1, 1, 7], np.arange(4))])
 
 
 @kernel

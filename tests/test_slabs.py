@@ -5,8 +5,8 @@ import pytest
 
 from conftest import long, slow
 from naive import KINDS, bisect, field
-from pointray.jit import kernel, next_tile, run
-from pointray.tree.columns import slab_along
+from pointray.jit import f32, kernel, next_tile, run
+from pointray.tree.columns import LANES, PARTS, Members, slab_along
 from pointray.tree.leaves import limits_of
 
 TRIM, STEPS, LINES = 0.75, 120, 24
@@ -23,7 +23,11 @@ def _outside(work, clouds, normals, lines, settings, out):
         splats, m = clouds[i], normals[i]
         count = len(splats)
         chosen = np.arange(count)
-        low, high = slab_along(splats, range(count), (m[0], m[1], m[2]), limits)
+        members = Members(np.empty(PARTS * 2 * LANES, np.float32), 2 * LANES, count)
+        for k in range(count):
+            for row in range(PARTS):
+                members.rows[row * members.room + k] = splats[k, row]
+        low, high = slab_along(members, (f32(m[0]), f32(m[1]), f32(m[2])), limits)
         found[i], most[i] = 0, 0.0
         for line in range(len(lines[i])):
             o, d = lines[i, line, 0], lines[i, line, 1]

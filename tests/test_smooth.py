@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.points.normals.estimate import along_path
+from pointray.points.path import along_path
 from pointray.points.smoothing.noise import noise_along
 
 RNG = np.random.default_rng(6)
@@ -81,7 +81,7 @@ def test_only_the_noisy_part_moves():
     rows[far] += RNG.normal(size=(far.sum(), 3)) * 0.3 * h
     moved = pr.smooth(pr.Points(rows, normals))
     stayed = (moved.positions == rows.astype(np.float32)).all(axis=1)
-    assert stayed[rows[:, 0] < -0.3].mean() > 0.97  # where a stretch of the Morton curve is half noisy
+    assert stayed[rows[:, 0] < -0.3].mean() > 0.97  # where a stretch of the kd order is half noisy
     assert stayed[rows[:, 0] > 0.3].mean() < 0.01
 
 

@@ -22,7 +22,11 @@ def cube(share, seed=5):
 def rounded(rows, radius):
     """The nearest places of a cube with round edges, and the normals there."""
     core = np.clip(rows, -1 + radius, 1 - radius)
+    deep = (core == rows).all(axis=1)  # farther inside than the edges are round: to the nearest face
+    axis = np.abs(rows[deep]).argmax(axis=1)
+    core[deep, axis] = np.sign(rows[deep, axis]) * (1 - radius)
     away = rows - core
+    away[deep] *= -1
     normals = away / np.linalg.norm(away, axis=1, keepdims=True)
     return core + radius * normals, normals
 

@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from conftest import long, shared_model, slow, sphere_points
-from pointray.neighbors import distinct, morton_order
+from pointray.neighbors import distinct, kd_order
 from pointray.splats.cover import choose, relax
 from pointray.splats.deviation import deviations
 from pointray.splats.grow import grow
@@ -55,7 +55,7 @@ def statue():
 
 
 def cloud_of(points):
-    rows = morton_order(points.positions)
+    rows = kd_order(points.positions)
     return describe_cloud(points.select(rows[distinct(points.positions[rows])[0]]))
 
 

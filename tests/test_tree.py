@@ -6,20 +6,29 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, slow
-from pointray.kernels.tree import NO_SURFACE
+from conftest import long, shared_model, slow, sphere_points, uneven_points
+from pointray.kernels.tree import LEAF, NO_SURFACE, STEP
+from pointray.neighbors import kd_order
 from pointray.tree.build import Splats, build_tree
 from pointray.tree.check import check_tree
-from pointray.tree.settings import LEAF_WIDTH, TreeSettings
+from pointray.tree.settings import LEAF_WIDTH, TreeSettings, check_settings
+from pointray.tree.stored import stored_splats
+
+RNG = np.random.default_rng(9)
 
 
 @cache
 def splats(name):
-    points = (
-        pr.read(shared_model(f"points/{name}.ply"))
-        if name not in ("sphere", "torus", "lattice", "statue")
-        else pr.procedural(name, 200_000 if name == "statue" else 40_000)
-    )
+    if name == "wide among narrow":
+        x = (np.random.default_rng(1).random((2000, 3)) * [0.01, 0.01, 0]).astype(np.float32)
+        radii = np.where(np.arange(2000) % 400, 0.001, 1).astype(np.float32)
+        return Splats(x, np.tile(np.float32([0, 0, 1]), (2000, 1)), radii, np.arange(2000, dtype=np.int32), None)
+    if name == "uneven":
+        points = pr.Points(uneven_points(40_000), uneven_points(40_000))
+    elif name in ("sphere", "torus", "lattice", "statue"):
+        points = pr.procedural(name, 200_000 if name == "statue" else 40_000)
+    else:
+        points = pr.read(shared_model(f"points/{name}.ply"))
     model = pr.Model(points)
     return Splats(points.positions, points.normals, model.radii, np.arange(len(points), dtype=np.int32), points.colors)
 
@@ -29,7 +38,7 @@ def torus():
     return splats("torus")
 
 
-@pytest.mark.parametrize("name", [slow("sphere"), "torus", slow("lattice"), long("statue"), "stanford_bunny"])
+@pytest.mark.parametrize("name", [slow("sphere"), "torus", slow("lattice"), long("statue"), "stanford_bunny", "uneven"])
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), positions=4000) == []
@@ -199,7 +208,9 @@ def seen(cloud, **changes):
     return scene.intersect(origins, b - a).t * np.linalg.norm(b - a, axis=1)
 
 
-@pytest.mark.parametrize("name", ["torus", slow("statue"), "stanford_bunny", slow("stanford_bunny_rangescans")])
+@pytest.mark.parametrize(
+    "name", ["torus", slow("statue"), "stanford_bunny", slow("stanford_bunny_rangescans"), "uneven"]
+)
 def test_slabs_and_boxes_lose_nothing(name):
     cloud = splats(name)
     tight, loose = seen(cloud), seen(cloud, cut=False)
@@ -209,7 +220,7 @@ def test_slabs_and_boxes_lose_nothing(name):
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize("name", ["torus", slow("statue"), "stanford_bunny"])
+@pytest.mark.parametrize("name", ["torus", slow("statue"), "stanford_bunny", "uneven"])
 def test_the_size_of_voxels_changes_nothing(name, factor):
     cloud = splats(name)
     one, other = seen(cloud), seen(cloud, leaf_width=LEAF_WIDTH * factor)
@@ -252,3 +263,54 @@ def test_coincident_and_huge_supports_are_no_trouble():
     tree = build_tree(Splats(np.repeat(x[:1], 500, axis=0), n, radii, rows, None), TreeSettings("imls"))
     assert tree.blocks.size == 125 * 28
     assert check_tree(build_tree(Splats(x, n, radii, rows, None), TreeSettings("imls")), positions=500) == []
+
+
+def test_splats_that_are_in_order_need_no_sort():
+    """The tree is the same, row numbers too, and may have any order of splats."""
+    rng = np.random.default_rng(3)
+    x = sphere_points(2000)
+    out = rng.normal(size=(2000, 3)).astype(np.float32)
+    extras = {
+        "colors": rng.integers(0, 256, (2000, 3)).astype(np.uint8),
+        "borders": np.where(rng.random((2000, 1)) < 0.1, out / np.linalg.norm(out, axis=1, keepdims=True), 0),
+        "sheets": (rng.random(2000) < 0.1).astype(np.int8),
+        "noise": rng.random(2000).astype(np.float32) / 100,
+    }
+    extras["borders"] = extras["borders"].astype(np.float32)
+    splats = Splats(x, x, np.full(2000, 0.1, np.float32), np.arange(2000, dtype=np.int32), **extras)
+    order, settings = kd_order(x), check_settings("apss", 4, 1, "auto")
+    ordered = Splats(*(np.ascontiguousarray(array[order]) for array in splats))
+    for one, other in zip(build_tree(splats, settings), build_tree(ordered, settings, in_order=True), strict=True):
+        assert np.array_equal(one, other, equal_nan=True)
+    assert check_tree(build_tree(splats, settings, in_order=True)) == []
+
+
+@pytest.mark.parametrize("by_row", [True, False])
+def test_the_tree_keeps_the_splats(torus, by_row):
+    rows = RNG.permutation(3 * len(torus.radii)).astype(np.int32)[: len(torus.radii)]
+    noise = np.linspace(0, 1e-3, len(rows)).astype(np.float32)
+    tree = build_tree(torus._replace(rows=rows, noise=noise), TreeSettings("apss"))
+    found = stored_splats(tree, by_row)
+    at = np.argsort(rows)[np.searchsorted(np.sort(rows), found.rows)]
+    assert sorted(found.rows) == sorted(rows) and (not by_row or (np.diff(found.rows) > 0).all())
+    np.testing.assert_array_equal(found.positions, torus.positions[at])
+    np.testing.assert_array_equal(found.normals, torus.normals[at])
+    assert (found.noise >= noise[at]).all() and (found.noise > noise[at]).mean() < 0.8
+
+
+@pytest.mark.parametrize("samples", [4, 32])
+@pytest.mark.parametrize("name", ["torus", "uneven", "wide among narrow"])
+def test_leaves_list_all_splats_within_a_sample_step(name, samples):
+    """So samples beside a voxel's face are the same from both sides."""
+    cloud = splats(name)
+    tree = build_tree(cloud, TreeSettings("apss", samples=samples))
+    leaves, spans = tree.leaves.reshape(-1, LEAF), tree.spans.reshape(-1, 2)
+    is_full = np.isfinite(tree.spheres.reshape(-1, 4, 16)[:, 3]).ravel()
+    for leaf in RNG.permutation(np.flatnonzero(spans[:, 1] > 0))[:200]:
+        step = leaves[leaf, STEP]
+        low, high = leaves[leaf, :3] - 0.999 * step, leaves[leaf, 3:6] + 0.999 * step
+        away = np.maximum(np.maximum(low - cloud.positions, cloud.positions - high), 0)
+        wanted = np.flatnonzero(np.linalg.norm(away, axis=1) < 0.999 * cloud.radii)
+        part = slice(16 * spans[leaf, 0], 16 * spans[leaf].sum())
+        listed = tree.order.reshape(-1, 4)[tree.refs[part][is_full[part]]]
+        assert np.isin(wanted, listed).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.rendering import picture
+from pointray.rendering import plan
 from pointray.rendering.window import EVERYWHERE, window_of
 
 CAMERA = {"eye": (3, -7, 2.5), "target": (0.4, 0, 0.3), "size": (203, 117)}
@@ -26,7 +26,7 @@ def both(scene, camera, settings, monkeypatch):
     """The picture, and the picture with all tiles traced."""
     image = pr.render(scene, camera, settings)
     with monkeypatch.context() as patch:
-        patch.setattr(picture, "window_of", lambda camera, top: EVERYWHERE)
+        patch.setattr(plan, "window_of", lambda camera, top: EVERYWHERE)
         return image, pr.render(scene, camera, settings)
 
 

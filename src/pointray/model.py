@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -13,15 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_callback, check_choice, check_path, check_positive
 from .choices import SURFACES
-from .data import FARTHEST, Points
+from .data import Points
 from .kernels.tree import NODE, WIDTH, Tree
-from .memory import check_memory, give_back
-from .model_file import Part, read_model, write_model
-from .points.smoothing.smooth import Placed, check_sigma, place
-from .points.strays import merge_for_model
-from .progress import Progress, part_of
+from .model_file import Level, Place, place_of, read_model, write_model
+from .model_folder import INDEX, read_folder
+from .points.ready import check_model_memory, finite_rows, placed_for_model
+from .points.smoothing.smooth import Placed, check_sigma
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
-from .splats.make import Sizes, make_splats
+from .splats.make import Made, Sizes, make_splats
 from .splats.radii import check_radii
 from .tree.build import build_tree
 from .tree.settings import LOOSE_TRIM, check_settings, settings_of
@@ -30,11 +29,6 @@ from .tree.stored import stored_splats
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
-# Bytes a point beyond the points, while radii are found: 290 to 330 of 500,000, 262 of 2 million; noisy ones 450.
-PEAK = 300
-MERGED = 0.15  # share of the time for normals until second layers are merged
-SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
-WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
 
 
 class Model:
@@ -68,12 +62,21 @@ class Model:
     progress : callable, optional
         Called with the stage's name and the share done.
 
+    Attributes
+    ----------
+    parts : tuple of Model
+        Of a model in parts, which `load` takes from a folder: the parts, each with the points of the whole. A scene
+        shows them as one model. Empty for others.
+
     Raises
     ------
     ValueError
         If a shape, dtype or value is wrong, all points coincide and no radius is given, or more memory is needed than
         is available.
     """
+
+    parts: tuple[Model, ...] = ()
+    _saved: tuple[Place, tuple[Model, ...]] | None = None  # the file that holds it, with which levels of detail
 
     def __init__(
         self,
@@ -99,31 +102,27 @@ class Model:
         self.smooth: str | float = smooth if given is None or smooth != "auto" else 0.0
         say = progress or (lambda stage, share: None)
         self.levels: tuple[Model, ...] = ()
-        _check_memory(len(self.points))
-        used = _finite_rows(self.points)
+        check_model_memory(len(self.points))
+        used = finite_rows(self.points)
         say("normals", 0.0)
         cloud = self.points if len(used) == len(self.points) else self.points.select(used)
-        placed = _placed(cloud, self.smooth, given is None, partial(say, "normals"))
-        self._build(placed, used, Sizes(None if given is None else given[used], scale), say)
+        made = make_splats(  # which alone holds the placed points, and frees them
+            placed_for_model(cloud, self.smooth, given is None, partial(say, "normals")),
+            used,
+            Sizes(None if given is None else given[used], scale),
+            self.settings,
+            partial(say, "radii"),
+        )
+        self._build(made, say)
 
-    def _build(
-        self,
-        placed: Placed,
-        used: NDArray[np.int32],
-        sizes: Sizes,
-        say: Callable[[str, float], None] = lambda stage, share: None,
-    ) -> None:
-        """Make splats of some rows' points, and the tree over them."""
-        if len(used) > SMALL:
-            give_back()
-        say("radii", 0.0)
-        made = make_splats(placed.points, placed.noise, used, sizes, self.settings, partial(say, "radii"))
+    def _build(self, made: Made, say: Callable[[str, float], None]) -> None:
+        """Build the tree over splats of the model's points."""
         if made.tight:
             self.settings = self.settings._replace(trim=LOOSE_TRIM)
-        self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
-        self.radii[used] = made.radii
-        self.tree: Tree = build_tree(made.splats, self.settings, progress=partial(say, "tree"))
         self._bounds = self.points.bounds
+        self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
+        self.radii[made.rows] = made.radii
+        self.tree: Tree = build_tree(made.splats, self.settings, progress=partial(say, "tree"), in_order=True)
 
     def remade(
         self,
@@ -139,6 +138,7 @@ class Model:
         unless other noise is to be smoothed away.
         """
         check_callback(progress)
+        self.check_whole()
         scale, surface = check_positive(radius_scale, "radius_scale"), check_choice(surface, "surface", SURFACES)
         options: dict[str, Any] = {"surface": surface, "samples": samples, "refine": refine}
         if check_sigma(smooth, "smooth") != self.smooth:
@@ -148,7 +148,8 @@ class Model:
         model.points, model.surface, model.smooth, model.levels = self.points, surface, self.smooth, ()
         used = np.flatnonzero(self.points.finite).astype(np.int32)
         sizes = Sizes(self.radii[used], scale)
-        model._build(self._placed(used), used, sizes, progress or (lambda stage, share: None))
+        say = progress or (lambda stage, share: None)
+        model._build(make_splats(self._placed(used), used, sizes, model.settings, partial(say, "radii")), say)
         return model
 
     def _placed(self, used: NDArray[np.int32]) -> Placed:
@@ -177,18 +178,20 @@ class Model:
         """
         check_path(path)
         check_callback(progress)
-        write_model(path, [model._part() for model in (self, *self.levels)], progress or (lambda share: None))
+        self.check_whole()
+        write_model(path, [model._kept() for model in (self, *self.levels)], progress or (lambda share: None))
+        self._saved = place_of(path), self.levels
 
-    def _part(self) -> Part:
-        return Part(
+    def _kept(self) -> Level:
+        return Level(
             {**self.settings._asdict(), "smooth": self.smooth}, self.points, self.radii, self._bounds, self.tree
         )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Model:
-        """A model that `save` has written, mapped into memory: it is ready at once, whatever its size.
+        """A model that `save` has written, or a folder with one in parts (`pointray prepare IN -o city.pointray/`).
 
-        The file must not change while the model is used.
+        It is mapped into memory: ready at once, whatever its size. The files must not change while the model is used.
 
         Raises
         ------
@@ -198,21 +201,44 @@ class Model:
             If it is no saved model, has another version, or is damaged.
         """
         check_path(path)
-        parts = read_model(path)
+        if os.path.isdir(path):
+            return cls._in_parts(path)
+        kept = read_model(path)
         try:
-            model, *levels = (cls._restore(part) for part in parts)
+            model, *levels = (cls._restore(level) for level in kept)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path}: the model is damaged: {error}") from error
         model.levels = tuple(levels)
+        model._saved = place_of(path), model.levels
+        return model
+
+    @property
+    def place(self) -> Place | None:
+        """The file that holds this model as it is now, if there is one."""
+        if self._saved is None or not self._saved[0].is_there:
+            return None
+        place, levels = self._saved
+        return replace(place, leveled=bool(self.levels)) if self.levels is levels or not self.levels else None
+
+    @classmethod
+    def _in_parts(cls, path: str | os.PathLike[str]) -> Model:
+        """A model in parts, from a folder."""
+        folder = read_folder(path)
+        try:
+            model, *parts = (cls._restore(level) for level in (folder.whole, *folder.parts))
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path}: the model is damaged: {error}") from error
+        model.parts = tuple(parts)
+        model._saved = place_of(path, INDEX), model.levels
         return model
 
     @classmethod
-    def _restore(cls, part: Part) -> Model:
+    def _restore(cls, level: Level) -> Model:
         model = cls.__new__(cls)
-        settings = dict(part.settings)
+        settings = dict(level.settings)
         model.smooth = check_sigma(settings.pop("smooth", 0.0), "smooth")
         model.settings = settings_of(settings)
-        model.points, model.radii, model._bounds, model.tree = part.points, part.radii, part.bounds, part.tree
+        model.points, model.radii, model._bounds, model.tree = level.points, level.radii, level.bounds, level.tree
         model.surface, model.levels = model.settings.surface, ()
         return model
 
@@ -229,9 +255,14 @@ class Model:
             From fine to coarse, without the model itself.
         """
         check_callback(progress)
+        self.check_whole()
         say = progress or (lambda stage, share: None)
-        cloud, rows = self.splats
-        radii, noise, levels = self.radii[rows], stored_splats(self.tree).noise, []
+        rows, positions, normals, noise = stored_splats(self.tree, by_row=False)
+        points = self.points
+        colors = None if points.colors is None else points.colors[rows]
+        attributes = {name: values[rows] for name, values in points.attributes.items()}
+        cloud = Points.about(points.origin, positions, normals, colors, attributes, points.survey)
+        radii, levels = self.radii[rows], []
         spacing = float(np.median(radii))
         while True:
             spacing *= COARSER
@@ -250,8 +281,14 @@ class Model:
         model.points, model.surface, model.levels, model.smooth = placed.points, "paper", (), 0.0
         model.settings = check_settings(model.surface, LEVEL_SAMPLES, 1, "auto")
         used = np.arange(len(placed.points), dtype=np.int32)
-        model._build(placed, used, Sizes(within=within))  # normals are not mended: neighbours may face opposite sides
+        made = make_splats(placed, used, Sizes(within=within), model.settings)
+        model._build(made, lambda stage, share: None)  # normals are not mended: neighbours may face opposite sides
         return model
+
+    def check_whole(self) -> None:
+        """ValueError for a model in parts."""
+        if self.parts:
+            raise ValueError("this needs a model as a whole, not one in parts: prepare the scan anew")
 
     def __getstate__(self) -> dict[str, Any]:
         """State for pickles and copies; it is a copy, as another thread may compute `reach` for the first time."""
@@ -272,14 +309,21 @@ class Model:
         rows : (m,) int64
             The row of each in `points`, ascending.
         """
+        self.check_whole()
         rows, positions, normals, _ = stored_splats(self.tree)
         return self.points.select(rows).changed(positions=positions, normals=normals), rows
 
     @cached_property
     def reach(self) -> NDArray[np.float64]:
         """Bounds of all that rays can hit, (2, 3) float64 about the origin: the surface extends beyond the points."""
+        if self.parts:
+            each = np.array([part.reach for part in self.parts])
+            return np.stack([each[:, 0].min(axis=0), each[:, 1].max(axis=0)])
         root = self.tree.boxes[:NODE].reshape(2, 3, WIDTH)
-        return np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
+        reach = np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
+        if (reach[0] <= reach[1]).all():
+            return reach
+        return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)  # no surface: a box without size
 
     @cached_property
     def spacing(self) -> float:
@@ -293,17 +337,19 @@ class Model:
     @cached_property
     def longest(self) -> int:
         """The number of blocks in the longest leaf."""
-        return 16 * int(self.tree.spans[1::2].max())
+        return 16 * int(max(part.tree.spans[1::2].max(initial=0) for part in self.parts or (self,)))
 
     @property
     def nbytes(self) -> int:
         """Bytes of every array held: the points, their radii, the tree, and the levels."""
         points = self.points
         arrays = [points.positions, points.normals, points.colors, *points.attributes.values(), self.radii, *self.tree]
+        arrays += [array for part in self.parts for array in part.tree]
         return sum(array.nbytes for array in arrays if array is not None) + sum(level.nbytes for level in self.levels)
 
     def __repr__(self) -> str:
-        return f"<Model: {len(self.points):,} points, surface {self.surface}, {self.nbytes / 2**20:.0f} MiB>"
+        parts = f" in {len(self.parts)} parts" if self.parts else ""
+        return f"<Model: {len(self.points):,} points{parts}, surface {self.surface}, {self.nbytes / 2**20:.0f} MiB>"
 
 
 def _points_of(positions: ArrayLike) -> Points:
@@ -311,37 +357,3 @@ def _points_of(positions: ArrayLike) -> Points:
         return Points(positions)
     except ValueError as error:
         raise ValueError(f"points: {error}") from None
-
-
-def _finite_rows(points: Points) -> NDArray[np.int32]:
-    """The rows that are finite; a warning tells how many are not."""
-    used = np.flatnonzero(points.finite).astype(np.int32)
-    lost = len(points) - len(used)
-    if lost:
-        text = f"{lost:,} of {len(points):,} points have no finite position below {FARTHEST:g}: left out"
-        warnings.warn(text, stacklevel=3)
-    return used
-
-
-def _placed(points: Points, sigma: str | float, merge: bool, progress: Progress) -> Placed:
-    """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy.
-
-    merge : whether second layers may be moved onto the surface, unless nothing is to be smoothed
-    """
-    merge = merge and sigma != 0.0
-    if merge:
-        points = merge_for_model(points, part_of(progress, 0.0, MERGED))
-    placed, message = place(points, sigma, part_of(progress, MERGED if merge else 0.0, 1.0))
-    if message:
-        warnings.warn(message, stacklevel=3)
-    return placed
-
-
-def _check_memory(count: int) -> None:
-    """ValueError if the memory that so many points take while a model is made of them is not available."""
-    if count < SMALL:
-        return
-    try:
-        check_memory(PEAK * count, f"to make a model of {count:,} points")
-    except ValueError as error:
-        raise ValueError(f"{error}; {WAYS_OUT}") from None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]
 KIND = Kind("pointray model", 2, LAYOUT, "a saved model", "saved by another version of pointray: save it anew")
 
 
-class Part(NamedTuple):
+class Level(NamedTuple):
     """A model, or one of its levels of detail, as a file keeps it.
 
     Attributes
@@ -44,39 +45,73 @@ class Part(NamedTuple):
     tree: Tree
 
 
-def write_model(path: str | os.PathLike[str], parts: Sequence[Part], say: Say) -> None:
+@dataclass(frozen=True)
+class Place:
+    """A file that holds a model, as it was at one moment.
+
+    path : absolute
+    size : bytes
+    written : when, in nanoseconds
+    leveled : whether its levels of detail belong to the model
+    index : of a folder, the file in it whose size and time these are; else empty
+    """
+
+    path: str
+    size: int
+    written: int
+    leveled: bool = True
+    index: str = ""
+
+    @property
+    def is_there(self) -> bool:
+        """Whether this process sees the file, unchanged."""
+        try:
+            return replace(place_of(self.path, self.index), leveled=self.leveled) == self
+        except OSError:
+            return False
+
+
+def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
+    """The place of a file. index : of a folder, the name of the file in it that stands for all"""
+    facts = os.stat(os.path.join(path, index) if index else path)
+    return Place(os.path.abspath(path), facts.st_size, facts.st_mtime_ns, index=index)
+
+
+def write_model(path: str | os.PathLike[str], levels: Sequence[Level], say: Say) -> None:
     """Write a file that `read_model` reads; the file gets its name when all is written.
 
     Parameters
     ----------
-    parts : sequence of Part
+    levels : sequence of Level
         The model, then its levels of detail.
     say : callable
         Told the share done.
     """
-    named = {f"{_prefix(k)}{name}": array for k, part in enumerate(parts) for name, array in _arrays_of(part).items()}
-    settings = [part.settings for part in parts]
-    about = {"settings": settings[0], "levels": settings[1:], "survey": parts[0].points.survey.facts}
+    named = {
+        f"{_prefix(k)}{name}": array for k, level in enumerate(levels) for name, array in _arrays_of(level).items()
+    }
+    settings = [level.settings for level in levels]
+    about = {"settings": settings[0], "levels": settings[1:], "survey": levels[0].points.survey.facts}
     write_arrays(path, KIND, about, named, say)
 
 
 def _prefix(k: int) -> str:
-    """The prefix of the names of a part's arrays: empty for the model itself."""
+    """The prefix of the names of a level's arrays: empty for the model itself."""
     return f"level{k}." if k else ""
 
 
-def _arrays_of(part: Part) -> Arrays:
-    """A part's arrays, by their names in a file."""
-    points = part.points
+def _arrays_of(level: Level) -> Arrays:
+    """A level's arrays, by their names in a file."""
+    points = level.points
     named = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
     named |= {f"attribute.{name}": values for name, values in points.attributes.items()}
-    named |= {"radii": part.radii, "bounds": part.bounds}
-    named |= {f"tree.{name}": array for name, array in zip(Tree._fields, part.tree, strict=True)}
+    named |= {"radii": level.radii, "bounds": level.bounds}
+    named |= {f"tree.{name}": array for name, array in zip(Tree._fields, level.tree, strict=True)}
     return {name: array for name, array in named.items() if array is not None}
 
 
-def read_model(path: str | os.PathLike[str]) -> list[Part]:
-    """The parts of a file, the model and its levels of detail: mapped, so that they are ready at once.
+def read_model(path: str | os.PathLike[str]) -> list[Level]:
+    """The model of a file and its levels of detail: mapped, so that they are ready at once.
 
     Raises
     ------
@@ -87,14 +122,14 @@ def read_model(path: str | os.PathLike[str]) -> list[Part]:
     """
     try:
         about, found = read_arrays(path, KIND)
-        survey = _survey_in(about)
-        parts = [_take_part(settings, found, _prefix(k), survey) for k, settings in enumerate(_settings_in(about))]
-        for part in parts[1:]:
-            if _columns_of(part.points) != _columns_of(parts[0].points):
+        survey = survey_of(about)
+        levels = [_take_level(settings, found, _prefix(k), survey) for k, settings in enumerate(_settings_in(about))]
+        for level in levels[1:]:
+            if _columns_of(level.points) != _columns_of(levels[0].points):
                 raise ValueError("the model is damaged: a level of detail has other attributes or colors")
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    return parts
+    return levels
 
 
 def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
@@ -105,7 +140,7 @@ def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
     return settings
 
 
-def _survey_in(about: dict[str, Any]) -> Survey:
+def survey_of(about: dict[str, Any]) -> Survey:
     """What is known of the coordinates; an older file says nothing."""
     try:
         return Survey(**about.get("survey", {}))
@@ -122,10 +157,10 @@ def _columns_of(points: Points) -> dict[str, Any]:
     return {"": points.colors is None, **{name: (v.dtype, v.shape[1:]) for name, v in points.attributes.items()}}
 
 
-def _take_part(settings: dict[str, Any], found: Arrays, prefix: str, survey: Survey) -> Part:
-    """The part whose arrays' names begin with a prefix, checked."""
+def _take_level(settings: dict[str, Any], found: Arrays, prefix: str, survey: Survey) -> Level:
+    """The level whose arrays' names begin with a prefix, checked."""
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
-    points = _take_points(mine, survey)
+    points = points_of(mine, survey)
     radii, bounds = (
         take_array(mine, "radii", np.float32, (len(points),)),
         take_array(mine, "bounds", np.float64, (2, 3)),
@@ -133,14 +168,19 @@ def _take_part(settings: dict[str, Any], found: Arrays, prefix: str, survey: Sur
     within = np.abs(bounds - points.origin) <= 2.0 * FARTHEST  # also false for NaN
     if not (within.all() and (bounds[0] <= bounds[1]).all()):
         raise ValueError("the model is damaged: its bounds are none")
-    part = Part(settings, points, radii, bounds, _take_tree(mine))
-    problems = check_indices(part.tree, len(points))
+    level = Level(settings, points, radii, bounds, take_tree(mine))
+    check_level(level.tree, len(points))
+    return level
+
+
+def check_level(tree: Tree, points: int) -> None:
+    """ValueError if a ray could leave a tree that names so many points, see `check_indices`."""
+    problems = check_indices(tree, points)
     if problems:
         raise ValueError(f"the model is damaged: {problems[0]}")
-    return part
 
 
-def _take_points(found: Arrays, survey: Survey) -> Points:
+def points_of(found: Arrays, survey: Survey) -> Points:
     positions = take_array(found, "points.positions", np.float32, (-1, 3))
     origin = take_array(found, "points.origin", np.float64, (3,))
     names = [name for name in found if name.startswith("attribute.")]
@@ -149,7 +189,7 @@ def _take_points(found: Arrays, survey: Survey) -> Points:
     return Points.about(origin, positions, normals, colors, attributes, survey)
 
 
-def _take_tree(found: Arrays) -> Tree:
+def take_tree(found: Arrays) -> Tree:
     whole = {"children", "spans", "refs", "order", "colors"}
     small = {"borders", "facing"}
     types = {name: np.int32 if name in whole else np.int8 if name in small else np.float32 for name in Tree._fields}

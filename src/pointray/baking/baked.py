@@ -159,6 +159,10 @@ class Baked:
         self._warned = reason
         return self._kept.tables(scene, levels)
 
+    def portable(self) -> Kept:
+        """What pictures read of it, which can be pickled; it does not know whether it is stale."""
+        return self._kept
+
     def irradiance(self, id: int, side: int = 1) -> Floats:
         """All light that arrives at each point of an instance on one side, (n, 3), in W/m2 of the lights' units.
 
@@ -181,6 +185,8 @@ class Baked:
             raise wrong("side", "1, the front, or -1, the back", sign)
         front = self._kept.records.get((id, 1, 0)) if isinstance(id, int | np.integer) else None
         model = self._scene.shapes.get(id)
+        if isinstance(model, Model):
+            model.check_whole()
         slots = self._kept.slots_of(id) if front is not None else 0
         if not isinstance(model, Model) or slots != len(model.tree.order):
             raise ValueError(f"no light is baked for a model {id!r}: id is what `Scene.add` returned for one")

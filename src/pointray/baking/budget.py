@@ -41,14 +41,14 @@ def spreads_within(
         least = planes + (levels if isinstance(levels, int) else 0)
         given = f"memory={memory:,}" if memory is not None else f"the {budget:,} that it may take of what is available"
         raise ValueError(f"the light takes at least {least:,} bytes, more than {given}")
-    of = {int(scene.numbers[instance]): level for instance, level in zip(rows, levels, strict=True)}
+    of = {int(scene.keys[instance]): level for instance, level in zip(rows, levels, strict=True)}
     made: dict[tuple[int, int], Spread] = {}
     spreads = {}
     for (instance, row), level in zip(rows.items(), levels, strict=True):
         if level > 0:
             if (row, level) not in made:
                 made[row, level] = make_spread(trees[row], patches[row], level)
-            spreads[int(scene.numbers[instance])] = made[row, level]
+            spreads[int(scene.keys[instance])] = made[row, level]
     return of, spreads
 
 

@@ -74,7 +74,7 @@ class Exchange:
     def _keep(self, scene: Snapshot, arrived: Arrived) -> None:
         self.arrived, _ = smoothed(self.transport, arrived, self._settings.threads)
         self.sides: dict[tuple[int, int], Side] = {
-            (int(scene.numbers[side.sheet.instance]), side.sign): side for side in self.transport.sides
+            (int(scene.keys[side.sheet.instance]), side.sign): side for side in self.transport.sides
         }
 
     def follow(self, scene: Snapshot, other_levels: bool, progress: Progress | None) -> None:

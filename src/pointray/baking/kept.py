@@ -64,7 +64,7 @@ class Kept(NamedTuple):
         rows, frames = np.zeros((len(levels), BAKED), np.int64), np.zeros((len(levels), BAKED_FRAME))
         memory = _Addresses(rows.nbytes)
         memory.kept = []
-        for k, (number, shown, slots) in enumerate(zip(scene.numbers, levels, _slots(scene, levels), strict=False)):
+        for k, (number, shown, slots) in enumerate(zip(scene.keys, levels, _slots(scene, levels), strict=False)):
             grid, spread, level = self.grids.get(int(number)), self.spreads.get(int(number)), int(shown)
             if spread is not None:
                 if level >= len(spread) or spread[level].size // SPREAD * BLOCK_SPLATS != slots:
@@ -85,6 +85,10 @@ class Kept(NamedTuple):
                     rows[k, column], rows[k, BAKED_COUNT] = records.ctypes.data, len(records)
         memory[:] = rows.tobytes()
         return np.frombuffer(memory, np.int64), frames.reshape(-1)
+
+    def portable(self) -> Kept:
+        """This."""
+        return self
 
     def slots_of(self, number: int) -> int:
         """The slots of the model of an instance; or the cells of a plane."""

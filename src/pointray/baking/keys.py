@@ -53,7 +53,7 @@ def keys_of(scene: Snapshot) -> Keys:
     world = scene.world
     models, planes = [_keys_of(model) for model in scene.models], _places(scene)
     shapes = {}
-    for number, record in zip(scene.numbers[:-1].tolist(), world.instances.reshape(-1, INSTANCE), strict=True):
+    for number, record in zip(scene.keys[:-1].tolist(), world.instances.reshape(-1, INSTANCE), strict=True):
         kind, shape = int(record[KIND]), int(record[SHAPE_ROW])
         found = {**models[shape], "transform": _text(record[TO_MODEL:])} if kind == MODEL else {"place": planes[shape]}
         shapes[number] = {"kind": KINDS[kind], **found}
@@ -100,7 +100,7 @@ def shape_of(scene: Snapshot) -> tuple[Any, ...]:
     records[:, MATERIAL : MATERIAL + 2] = 0.0
     planes = np.delete(world.planes.reshape(-1, PLANE_SIZE), COLORED, axis=1)
     levels = tuple(model.levels for model in scene.models)
-    return scene.models, levels, _digest(scene.numbers, records, specular, planes, world.clips)
+    return scene.models, levels, _digest(scene.keys, records, specular, planes, world.clips)
 
 
 def lacks_levels(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, astuple, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from ..arguments import check_positive
 from ..choices import AUTO
 from .baked_light import ONCE
+from .cluster import wait_for_kernels
 from .keys import read_keys
 from .scan_scene import ScanScene
 from .views import SceneView, View
@@ -166,8 +167,11 @@ def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: floa
     return FilmSource(build, settings, exposure, AUTO, inputs, leveled, scan_scene.backdrop, light, scan_scene.bakes)
 
 
-def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource) -> str:
-    """Render the missing frames and write the film; returns a line for the user."""
+def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, client: Any = None) -> str:
+    """Render the missing frames and write the film; returns a line for the user.
+
+    client : whose workers render; None: this process does
+    """
     from ..image.frames import Frames
     from ..image.mp4 import even, write_mp4
     from ..image.write import SHOWN_BYTES
@@ -183,7 +187,7 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource) -> 
     with Progress(source.settings if missing else None, source.bakes and len(missing) > 0) as progress:
         try:
             if missing:
-                _render(frames, missing, camera_path, source, progress)
+                _render(frames, missing, camera_path, (source, client), progress)
             if output.mp4:
                 progress.show("writing the film", 1.0)
                 with writing(output.path):
@@ -205,11 +209,13 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource) -> 
     return f"{output.path}: {shape}, {camera_path.count:,} frames{known}, {seconds:.3g} seconds"
 
 
-def _render(frames: Any, missing: list[int], camera_path: CameraPath, source: FilmSource, progress: Progress) -> None:
-    """Render the missing frames in order; each is stored before the next one begins."""
+def _render(
+    frames: Any, missing: list[int], camera_path: CameraPath, work: tuple[FilmSource, Any], progress: Progress
+) -> None:
+    """Render the missing frames, and store them in order. work : what they show, and whose workers render"""
     from ..rendering.lod import is_far
-    from ..rendering.picture import render
 
+    source, client = work
     scene, first, settings = source.build(progress)
     cameras = camera_path.cameras(first)
     for model in scene.models if source.leveled else ():
@@ -218,23 +224,41 @@ def _render(frames: Any, missing: list[int], camera_path: CameraPath, source: Fi
     if source.light is not None:
         source.light(progress)
 
-    def frame(camera: Any, done: int) -> Any:
-        def show(share: float) -> None:
-            progress.show(f"frame {done + 1} of {len(missing)}", (done + share) / len(missing))
-
-        show(0.0)
-        return render(scene, camera, settings, show)
-
     exposure, curve = source.exposure, "srgb" if source.curve == AUTO else source.curve
     if isinstance(exposure, str):
         progress.show("choosing the exposure", 0.0)
         exposure, curve = in_background(lambda: _exposure(scene, cameras, settings))
     with writing(frames.pattern):
         frames.begin()
-    for done, k in enumerate(missing):
-        image = in_background(partial(frame, cameras[k], done))
+    pictures = _pictures((scene, [cameras[k] for k in missing], settings), missing, progress, client)
+    for k in missing:
+        image = in_background(lambda: next(pictures))
         with writing(frames.path(k)):
             frames.keep(k, image, exposure, curve, source.backdrop)
+
+
+def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Progress, client: Any) -> Iterator[Any]:
+    """Render frames in order. job : scene, cameras and settings"""
+    from ..rendering.picture import render
+    from ..rendering.sequence import render_each
+
+    scene, cameras, settings = job
+    done, count = 0, len(cameras)
+
+    def show(share: float) -> None:
+        progress.show(f"frame {done + 1} of {count}", (done + share) / count)
+
+    def show_all(share: float) -> None:
+        progress.show(f"{count} frames", share)
+
+    if client is not None:
+        wait_for_kernels(client, settings)
+        yield from render_each(scene, cameras, settings, client, show_all, numbers)
+        return
+    for k, camera in enumerate(cameras):
+        done = k
+        show(0.0)
+        yield render(scene, camera, settings, show)
 
 
 def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,8 +39,14 @@ def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
 def describe_files(scan: ScanFiles) -> list[dict[str, Any]]:
     """What the files' headers say: file, format, bytes, rows (None: known only when all are read), and facts."""
     if scan.saved is not None:
-        return [{"file": str(scan.saved), "format": "saved model", "bytes": scan.saved.stat().st_size}]
+        return [{"file": str(scan.saved), "format": "saved model", "bytes": _bytes_of(scan.saved)}]
     return list(_headers(scan))
+
+
+def _bytes_of(saved: Path) -> int:
+    """The bytes of a saved model, or of all files of one in parts."""
+    files = saved.iterdir() if saved.is_dir() else [saved]
+    return sum(file.stat().st_size for file in files)
 
 
 def _headers(scan: ScanFiles) -> Iterator[dict[str, Any]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from .cluster import wait_for_kernels
 from .waiting import Progress, in_background, writing
 
 LEGEND_BYTES = 8  # a pixel, for the copy of the picture into which the legend is drawn
@@ -64,10 +65,11 @@ class Shown(NamedTuple):
     backdrop: Any = None
 
 
-def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progress: Progress) -> str:
+def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progress: Progress, client: Any = None) -> str:
     """Render and write a picture; returns the end of the message about it.
 
     job : scene, camera and settings
+    client : whose workers render; None: this process does
     """
     import pointray as pr
 
@@ -78,14 +80,15 @@ def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progres
     def show(share: float) -> None:
         progress.show("rendering", share)
 
+    wait_for_kernels(client, job[2])
     if not is_layered(output):
-        image = in_background(lambda: render(*job, show))
+        image = in_background(lambda: render(*job, show, client))
         with writing(output):
             exposure, curve = tone_of(image, shown.exposure, shown.curve)
             pr.write_image(output, image, exposure, curve, shown.legend, shown.backdrop)
         soft = ", highlights softened" if shown.curve != curve == "soft" else ""
         return f", exposure {exposure:g}{soft}" if shown.exposure == "auto" else ""
-    layers = in_background(lambda: render_layers(*job, show))
+    layers = in_background(lambda: render_layers(*job, show, client))
     with writing(output):
         pr.write_layers(output, layers)
     return f", {len(layers)} layers"

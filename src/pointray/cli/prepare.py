@@ -13,6 +13,7 @@ import numpy as np
 
 from ..choices import AUTO
 from ..model_file import SAVED
+from ..parts.split import check_new, split
 from ..points.trajectory import read_trajectory
 from ..points.trust import trusted
 from ..splats.radii import radii_in
@@ -50,6 +51,15 @@ def surface_of(settings: Any) -> dict[str, Any]:
     return {"surface": settings.surface, "samples": settings.samples, "refine": settings.refine, "trim": trim}
 
 
+def check_parts(output: Path, part_points: int | None) -> None:
+    """ValueError if a model in parts cannot be written to a folder."""
+    if output.suffix.lower() != SAVED:
+        raise ValueError(f"{output}: a model in parts is a folder whose name ends in {SAVED}, like city{SAVED}/")
+    if part_points is not None and part_points < 1:
+        raise ValueError(f"--part-points must be 1 or more, not {part_points}")
+    check_new(output)
+
+
 def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict[str, Any]) -> str:
     """Do what the options ask for and write the result; returns a line for the user."""
     tolerance = None if options["tolerance"] is None else tolerance_of(options["tolerance"])
@@ -59,7 +69,10 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
         raise ValueError(f"--count must be 1 or more, not {options['count']}")
     if options["smooth"] is not None:
         smooth_of(options["smooth"])
-    check_result(output, SAVED)
+    if options["in_parts"]:
+        check_parts(output, options["part_points"])
+    else:
+        check_result(output, SAVED)
     scan = scan_of(paths, reading)
     check_not_input(scan.files, output, options["force"])
     check_saved(scan.files[0], options["normals"] == AUTO)
@@ -82,6 +95,11 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
                     model = in_background(lambda: pr.Model(points, radii_in(points), **surface, progress=progress.show))
                 except ValueError as error:
                     raise ValueError(f"{scan.name}: {error}") from error
+            if options["in_parts"]:
+                write = partial(split, model, output, options["part_points"])
+                in_background(lambda: write(progress=lambda share: progress.show("writing", share)))
+                parts = len(pr.Model.load(output).parts)
+                return f"{output}: a model of {len(points):,} points in {parts} parts"
             if not options["levels"]:
                 model.levels = ()
             elif not model.levels:

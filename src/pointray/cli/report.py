@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..data import Points
 from ..model import Model
-from ..neighbors import distinct, neighbors
+from ..neighbors import distinct, kd_order, neighbors
 from ..points.cleaning import Flaws, find_flaws
 from ..points.nearby import rows_around
 from ..points.normals.given import compare_normals
@@ -107,12 +107,10 @@ def _count_lone(points: Points, finite: Positions, progress: Progress | None) ->
     cloud = points if len(finite) == len(points) else points.select(points.finite)
     smoothed = place(cloud, "auto", part_of(progress, 0.0, 0.5))[0].points
     assert smoothed.normals is not None
+    path = kd_order(smoothed.positions)
+    positions, normals = smoothed.positions[path], smoothed.normals[path]
     rest = part_of(progress, 0.5, 1.0)
-    return int(
-        find_support(
-            smoothed.positions, smoothed.normals, None, 1.0, borders=False, sheets=False, progress=rest
-        ).lone.sum()
-    )
+    return int(find_support(positions, normals, None, 1.0, borders=False, sheets=False, progress=rest).lone.sum())
 
 
 def describe_model(model: Model) -> dict[str, Any]:
@@ -123,6 +121,7 @@ def describe_model(model: Model) -> dict[str, Any]:
         "samples": model.settings.samples,
         "median_radius": float(np.median(radii)) if len(radii) else 0.0,
         "levels": [len(level.points) for level in model.levels],
+        "parts": len(model.parts),
     }
 
 

@@ -15,7 +15,7 @@ FEW = 3  # files that a note names
 
 
 def is_saved(file: Path) -> bool:
-    """Whether a file has the extension of saved models."""
+    """Whether a file has the extension of saved models; those in parts are folders."""
     from ..model_file import SAVED
 
     return file.suffix.lower() == SAVED
@@ -105,7 +105,12 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
     """The files that a user names, for a folder those in it that can be read; an error if one is not there."""
     from ..points.replacing import check_regular
 
-    files = [file for path in paths for file in (_scans_in(path) if path.is_dir() else [check_regular(path)])]
+    files: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            files += [path] if is_saved(path) else _scans_in(path)
+        else:
+            files.append(check_regular(path))
     seen: dict[Path, Path] = {}
     for file in files:
         other = seen.setdefault(file.resolve(), file)
@@ -116,10 +121,13 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
 
 def check_scan(file: Path, reading: Reading | None = None) -> None:
     """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong."""
+    from ..model_folder import check_folder
     from ..points.files import check_readable
     from ..points.replacing import check_regular
 
-    if is_saved(file):
+    if is_saved(file) and file.is_dir():
+        check_folder(file)
+    elif is_saved(file):
         check_regular(file)
     else:
         check_readable(file, None if reading is None else reading.request)

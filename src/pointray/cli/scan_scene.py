@@ -183,11 +183,11 @@ class ScanScene:
         return with_direct_light(settings) if self._baked is None else settings
 
     def _front(self, model: Any, up: Any) -> float | None:
-        """Where the key light stands, see `ScanLights.make`; a room is not baked unless that was asked for."""
+        """Where the key light stands, see `ScanLights.make`; a room, or a model in parts, is not baked unasked."""
         if self._baked is None:
             return None
         outlook = outlook_of(model, up)
-        if outlook.within and self._baked.quick:
+        if (outlook.within or model.parts) and self._baked.quick:
             self._baked = None
             return None
         return float(outlook.azimuth)

@@ -21,6 +21,7 @@ CAMERA = (*VECTORS, "up", "fov", "size", "projection", "aperture", "focus")
 SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads", "levels")
 ROOT = ("background", "exposure")
 LIGHT = ("bake",)
+WORKERS = ("cluster", "workers")  # who renders
 FILM = ("seconds", "fps", "turns", "keys")  # options about the film, not about what it shows
 
 
@@ -115,24 +116,25 @@ class DescribedScene:
         return FilmSource(build, plan.settings, plan.exposure, plan.curve, self.inputs, bakes=self.bakes)
 
 
-def render_scene(file: Path, output: Path, options: dict[str, Any]) -> str:
+def render_scene(file: Path, output: Path, options: dict[str, Any], client: Any = None) -> str:
     """Render what a scene file describes; returns a line for the user."""
-    described = DescribedScene(file, options)
+    described = DescribedScene(file, options, WORKERS)
     plan = described.plan
     check_fits(output, SceneView(plan.camera).size, plan.settings)
     with Progress(plan.settings, described.bakes) as progress:
         made = described.build(progress)
-        ending = write_picture(output, made[:3], Shown(made.exposure, made.curve), progress)
+        ending = write_picture(output, made[:3], Shown(made.exposure, made.curve), progress, client)
     width, height = made.camera.size
     return f"{output}: {width}x{height}{ending}"
 
 
-def animate_scene(file: Path, output: FilmOutput, options: dict[str, Any], fps: float) -> str:
+def animate_scene(file: Path, output: FilmOutput, options: dict[str, Any], fps: float, client: Any = None) -> str:
     """Make a film of what a scene file describes; returns a line for the user."""
     from .animate import TRANSPARENT, CameraPath, animate
 
-    described = DescribedScene(file, options, FILM)
+    described = DescribedScene(file, options, (*FILM, *WORKERS))
     if output.mp4 and described.plan.background is None:
         raise described.plan.error("background", f"{TRANSPARENT}; or say --background")
     film_options = {name: options.get(name) for name in ("seconds", "turns", "keys", "eye", "target")}
-    return animate(output, CameraPath(SceneView(described.plan.camera), fps, film_options), described.source())
+    camera_path = CameraPath(SceneView(described.plan.camera), fps, film_options)
+    return animate(output, camera_path, described.source(), client)

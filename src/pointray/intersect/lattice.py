@@ -13,6 +13,7 @@ from ..kernels.tree import LEAF, STEP, Tree
 from ..simd import F16, ONE, ZERO, Mask, broadcast16, select, trunc, vabs, vmax, vmin
 
 MOST_STEPS = f32(2.0**22)  # counted from where a ray enters the model's bounds
+TOGETHER = f32(16.0)  # samples whose positions are counted from the same place
 BEHIND = f32(1e-30)  # instead of 0 where a ray begins, so that it has a sign, see `scratch.BEGIN`
 
 
@@ -53,3 +54,19 @@ def span(tree: Tree, leaf: int, sampled: SampleRange) -> tuple[F16, F16]:
     """t of the first and the last sample."""
     step = tree.leaves[leaf * LEAF + STEP]
     return sampled.first * step, sampled.last * step
+
+
+@inline
+def stretch(tree: Tree, leaf: int) -> F16:
+    """The length of the stretches of a ray along which positions are counted from the same place, see `start_of`."""
+    return broadcast16(TOGETHER * tree.leaves[leaf * LEAF + STEP])
+
+
+@inline
+def start_of(t: F16, length: F16) -> F16:
+    """Where the stretch begins in which t is: half a step before a sample.
+
+    It depends on t alone. So a sample has the same bits whichever voxel it is evaluated in, and whichever rays are
+    traced together.
+    """
+    return trunc(t / length + f32(0.5) / TOGETHER) * length

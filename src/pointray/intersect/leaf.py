@@ -9,12 +9,12 @@ from ..kernels.scratch import (
     AT_DY,
     AT_DZ,
     AT_FIRST,
-    AT_FIRST_X,
-    AT_FIRST_Y,
-    AT_FIRST_Z,
     AT_HALF,
     AT_LAST,
     AT_LENGTH,
+    AT_OX,
+    AT_OY,
+    AT_OZ,
     AT_SIDE,
     AT_X,
     AT_Y,
@@ -62,7 +62,7 @@ from ..simd import (
 from .columns import Along, Axes, axes_of, narrow, narrow_one
 from .disc import search_discs
 from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
-from .lattice import SampleRange, sample_range, span
+from .lattice import SampleRange, sample_range, span, stretch
 from .march import Found, search, search_one
 from .refine import Frame
 from .surface import HALF
@@ -102,18 +102,18 @@ def search_alone(
         return hit, lift
     first, last = span(tree, leaf, sampled)
     capsule, start = segment(o, d, lane(first, 0), lane(last, 0)), lane(first, 0)
-    position = o[0] + start * d[0], o[1] + start * d[1], o[2] + start * d[2]
     if int(tree.head[SURFACE]) == DISC:
+        position = o[0] + start * d[0], o[1] + start * d[1], o[2] + start * d[2]
         list_blocks(tree, leaf, capsule, scratch)
         return search_discs(tree, leaf, scratch, (position, start, ray), max(enter, abs(ray.t_min)), leave), lift
     frame = Frame(
-        broadcast16(position[0]),
-        broadcast16(position[1]),
-        broadcast16(position[2]),
+        broadcast16(o[0]),
+        broadcast16(o[1]),
+        broadcast16(o[2]),
         broadcast16(d[0]),
         broadcast16(d[1]),
         broadcast16(d[2]),
-        first,
+        stretch(tree, leaf),
         broadcast16(ray.side),
     )
     lifts = broadcast16(lift)
@@ -178,9 +178,9 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
         store_packed(part, AT_DX + n, active, dx)
         store_packed(part, AT_DY + n, active, dy)
         store_packed(part, AT_DZ + n, active, dz)
-        store_packed(part, AT_FIRST_X + n, active, load16(rows, OX + v) + first * dx)
-        store_packed(part, AT_FIRST_Y + n, active, load16(rows, OY + v) + first * dy)
-        store_packed(part, AT_FIRST_Z + n, active, load16(rows, OZ + v) + first * dz)
+        store_packed(part, AT_OX + n, active, load16(rows, OX + v))
+        store_packed(part, AT_OY + n, active, load16(rows, OY + v))
+        store_packed(part, AT_OZ + n, active, load16(rows, OZ + v))
         store_packed(part, AT_HALF + n, active, half)
         store_packed(part, AT_FIRST + n, active, sampled.first)
         store_packed(part, AT_LAST + n, active, sampled.last)
@@ -218,13 +218,13 @@ def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Sample
         repeat4(part, AT_FIRST + first), repeat4(part, AT_LAST + first), repeat4(part, AT_BEGIN + first)
     )
     frame = Frame(
-        repeat4(part, AT_FIRST_X + first),
-        repeat4(part, AT_FIRST_Y + first),
-        repeat4(part, AT_FIRST_Z + first),
+        repeat4(part, AT_OX + first),
+        repeat4(part, AT_OY + first),
+        repeat4(part, AT_OZ + first),
         repeat4(part, AT_DX + first),
         repeat4(part, AT_DY + first),
         repeat4(part, AT_DZ + first),
-        span(tree, leaf, sampled)[0],
+        stretch(tree, leaf),
         repeat4(part, AT_SIDE + first),
     )
     return frame, sampled

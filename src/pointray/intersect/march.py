@@ -55,7 +55,7 @@ from ..simd import (
     vmin,
     vsqrt,
 )
-from .lattice import SampleRange
+from .lattice import SampleRange, start_of
 from .refine import (
     Frame,
     Pair,
@@ -69,6 +69,7 @@ from .refine import (
     foot_of,
     look_into,
     means_at,
+    place,
     sample,
     unit,
 )
@@ -108,7 +109,7 @@ def accept(
     joined, foot, gap = root.joined, root.foot, vabs(root.rise)
     good = asked
     if bits(joined) & asked != asked:
-        means = means_at(scratch, frame, root.t)
+        means = means_at(scratch, frame, root.t, start_of(root.t, frame.stretch))
         f, u4 = value(int(tree.head[SURFACE]), means)
         foot, gap = choose(joined, foot, foot_of(means, u4)), select(joined, gap, vabs(f) - lift)
         good &= bits(joined | (means.weight > ZERO))
@@ -119,8 +120,7 @@ def accept(
     away = vsqrt(foot.away)
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     trim = tree.head[TRIM]
-    s = root.t - frame.start
-    x, y, z = s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z
+    x, y, z = place(frame, root.t, start_of(root.t, frame.stretch))
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = broadcast16(tree.leaves[leaf * LEAF + LEAST])
     over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # so also where they are NaN

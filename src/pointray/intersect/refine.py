@@ -29,6 +29,7 @@ from ..simd import (
     vmin,
     vsqrt,
 )
+from .lattice import start_of
 from .surface import HALF, TWO, Means, sums, value
 
 # The four samples of a secant step lie about the estimate, in lengths of the bracket: two are so close that the next
@@ -42,10 +43,10 @@ FAINT = f32(0.1)  # weight (1 in the middle of a splat) below which a sample is 
 
 
 class Frame(NamedTuple):
-    """Rays in a voxel, in vectors: four rays as lane 4 s + r, or sixteen rays: the point at t is x + (t - start) d.
+    """Rays in a voxel, in vectors: four rays as lane 4 s + r, or sixteen rays.
 
-    (x, y, z) : position of the first sample, which does not depend on where the ray ends; start : t there
-    (dx, dy, dz) : unit direction
+    (x, y, z) : origin; (dx, dy, dz) : unit direction
+    stretch : see `lattice.start_of`
     side : +1 where a ray that starts on the surface is outside, -1 where it is inside
     """
 
@@ -55,7 +56,7 @@ class Frame(NamedTuple):
     dx: F16
     dy: F16
     dz: F16
-    start: F16
+    stretch: F16
     side: F16
 
 
@@ -118,16 +119,24 @@ def sample(vector: F16, one: Mask) -> F16:
 
 
 @inline
-def means_at(scratch: Scratch, frame: Frame, t: F16) -> Means:
-    """The weighted means at each ray's samples t."""
-    s = t - frame.start
-    return sums(scratch, s * frame.dx + frame.x, s * frame.dy + frame.y, s * frame.dz + frame.z)
+def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
+    """The points at t on the rays, counted from a place near them: differences between samples are exact."""
+    x, y, z = start * frame.dx + frame.x, start * frame.dy + frame.y, start * frame.dz + frame.z
+    s = t - start
+    return s * frame.dx + x, s * frame.dy + y, s * frame.dz + z
+
+
+@inline
+def means_at(scratch: Scratch, frame: Frame, t: F16, start: F16) -> Means:
+    """The weighted means at each ray's samples t; start : see `place`."""
+    x, y, z = place(frame, t, start)
+    return sums(scratch, x, y, z)
 
 
 @inline
 def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F16]:
     """f, counted positive on the rays' own side, and its slope along the rays."""
-    means = means_at(scratch, frame, t)
+    means = means_at(scratch, frame, t, start_of(t, frame.stretch))
     f, _ = value(int(tree.head[SURFACE]), means)
     slope = means.nx * frame.dx + means.ny * frame.dy + means.nz * frame.dz
     return f * frame.side, slope * frame.side
@@ -213,7 +222,7 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         wide = mask16(bits(crosses | grazes) ^ 0xFFFF)
         inner, outer = select(wide, broadcast16(EVEN[0]), inner), select(wide, broadcast16(EVEN[1]), outer)
         step, share = select(crosses, step, broadcast16(-ONE)), select(crosses, share, estimate)
-    span = tb - ta
+    span, start = tb - ta, start_of(ta, frame.stretch)
     none = broadcast16(ZERO)
     foot = Foot(none, none, none, none)
     joined = 0
@@ -225,7 +234,7 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         go = mask16(doing)
         t = _four_t(ta, tb, share, inner, outer)
         inner, outer = broadcast16(CLOSE[0]), broadcast16(CLOSE[1])
-        fresh = means_at(scratch, frame, t)
+        fresh = means_at(scratch, frame, t, start)
         f, u4 = value(int(tree.head[SURFACE]), fresh)
         f = f * frame.side + lift
         before, t_before = shift_quarter(fa, f), shift_quarter(ta, t)

@@ -27,14 +27,16 @@ ROOT = Path(__file__).parent.parent  # of the package
 # Files that files with kernels import: an edit to one of them recompiles all kernels. An edit to any other file
 # recompiles the kernels in it.
 SHARED = (
-    *("arguments.py", "choices.py", "data.py", "neighbors.py", "progress.py", "survey.py"),
+    *("arguments.py", "choices.py", "data.py", "neighbors/", "progress.py", "survey.py"),
     *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),
-    *("points/normals/jets.py", "points/normals/orientation.py", "points/normals/planes.py"),
-    *("points/normals/quadrics.py", "points/smoothing/creases.py"),
+    *("points/normals/axes.py", "points/normals/jet.py", "points/normals/jets.py", "points/normals/moments.py"),
+    *("points/normals/orientation.py", "points/normals/planes.py", "points/normals/quadrics.py"),
+    *("points/normals/sixteen.py", "points/smoothing/candidates.py", "points/smoothing/creases.py"),
+    "points/smoothing/solids.py",
     *("points/strays/fits.py", "points/strays/survey.py"),
-    *("tree/blocks.py", "tree/cells.py", "tree/columns.py"),
-    *("splats/borders.py", "splats/grow.py", "splats/heap.py", "splats/medians.py", "splats/radii.py"),
-    *("splats/sheets.py", "splats/strays.py", "splats/voronoi.py"),
+    *("tree/blocks.py", "tree/cells.py", "tree/columns.py", "tree/near.py"),
+    *("splats/borders.py", "splats/cells.py", "splats/closed.py", "splats/grow.py", "splats/heap.py"),
+    *("splats/sheets.py", "splats/voronoi.py"),
     *("shade/ambient.py", "shade/attributes.py", "shade/bsdf.py", "shade/catcher.py", "shade/choice.py"),
     *("shade/colormaps.py", "shade/direct.py", "shade/emitters.py", "shade/materials/", "shade/path.py"),
     *("shade/shading_points.py", "shade/sky.py", "shade/specular_rays.py"),

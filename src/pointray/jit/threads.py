@@ -75,8 +75,11 @@ def run(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     cancel: Cancel | None = None,
+    first: int = 0,
 ) -> list[Any]:
     """Run `kernel(work, *args)` in worker threads that call `next_tile(work)` until no tile is left.
+
+    tiles : how many there are; first : the number of the first one
 
     The caller only waits, so that Ctrl-C gets through: it cancels the kernels between two tiles, as `cancel` does.
     `progress` is called with the share done, about ten times a second. Returns what each worker returned.
@@ -84,7 +87,7 @@ def run(
     if not wait_for(kernel, lambda: cancel is not None and cancel.wanted):
         return []
     work = np.zeros(SLOTS, np.int64)
-    work[TOTAL] = tiles
+    work[NEXT], work[TOTAL] = first, first + tiles
     if cancel is not None:
         cancel.watch(work)
     results: list[Any] = []
@@ -107,7 +110,7 @@ def run(
             # Thread.join would not do: an interrupt in it marks the thread as ended, so a later join returns at once.
             while not done.acquire(timeout=0.1):
                 if progress is not None:
-                    progress(min(work[NEXT] / max(tiles, 1), 1.0))
+                    progress(min((work[NEXT] - first) / max(tiles, 1), 1.0))
     except BaseException:
         # A worker may be inside the compiler, which cannot be interrupted: wait a little and leave it behind.
         work[CANCEL] = 1

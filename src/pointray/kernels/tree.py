@@ -103,6 +103,16 @@ class Tree(NamedTuple):
     noise: Array
 
 
+def no_tree(bounds: Array) -> Tree:
+    """A tree without splats, which no ray hits. bounds : (6,) as in its head."""
+    head = np.zeros(HEAD, np.float32)
+    head[BOUNDS : BOUNDS + 6], head[TRIM], head[OVERHANG] = bounds, np.inf, np.inf
+    boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), WIDTH)
+    children = np.full(WIDTH, NO_CHILD, np.int32)
+    real, whole, small = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.int8)
+    return Tree(head, boxes, children, real, real, whole, real, whole, real, whole, small, small, whole, real)
+
+
 _F32, _I32, _I8 = f32(0), i32(0), np.int8(0)
 ROW = 2 * len(Tree._fields)  # a model in the table: the address and the length of each array
 

@@ -11,13 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..arguments import check_callback, check_flag, check_kind
 from ..data import Points
 from ..neighbors import distinct, neighbors
 from ..progress import Progress, part_of
+from .linked import linked_parts
 
 AROUND = 8  # neighbours that give the spacing
 FAR = 12.0  # spacings: how far a group must lie from the rest
@@ -90,9 +89,8 @@ def _far(positions: NDArray[np.float32], progress: Progress | None) -> NDArray[n
     # Points closer than FAR spacings are linked; the spacing is the neighbour's or the usual one, whichever is greater.
     local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), usual)
     most = min(max(FEW * n, GROUP), 0.1 * n)
-    link = distances[:, 1:] < FAR * local[near[:, 1:]]
-    one, other = np.repeat(np.arange(n), AROUND).reshape(n, -1)[link], near[:, 1:][link]
-    part = connected_components(coo_array((np.ones(len(one), np.int8), (one, other)), shape=(n, n)), directed=False)[1]
+    near = near[:, 1:]
+    part = linked_parts(near, distances[:, 1:] < FAR * local[near])
     sizes = np.bincount(part)
     suspects = np.flatnonzero(sizes[part] <= most)
     if len(suspects) in (0, n):

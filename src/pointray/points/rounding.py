@@ -50,7 +50,8 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
     positions = points.positions if finite.all() else points.positions[finite]
     if len(positions) < LEAST:
         return none, None
-    sample = positions[np.random.default_rng(0).permutation(len(positions))[:SAMPLE]]
+    chosen = np.random.default_rng(0).choice(len(positions), min(SAMPLE, len(positions)), replace=False, shuffle=False)
+    sample = positions[chosen]
     exact = 2 * np.spacing(np.abs(sample).max(axis=0)).astype(np.float64)
     world = sample + points.origin
     steps = [_step(world[:, axis], exact[axis]) for axis in range(3)]

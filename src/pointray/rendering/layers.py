@@ -13,7 +13,7 @@ from ..scene.rays import Hits, check_rays
 from ..scene.scene import Scene, intersect_snapshot
 from ..scene.world import Snapshot
 from .camera import Camera
-from .picture import check_picture, check_view, picture_bytes, render_snapshot
+from .picture import Client, check_picture, check_view, picture_bytes, render_snapshot, taken
 from .settings import Settings
 
 LAYER_BYTES = 80  # a pixel, of all layers
@@ -25,6 +25,7 @@ def render_layers(
     camera: Camera,
     settings: Settings | None = None,
     progress: Callable[[float], None] | None = None,
+    client: Client = None,
 ) -> dict[str, NDArray[Any]]:
     """Render a scene, and tell for each pixel what it shows.
 
@@ -34,6 +35,8 @@ def render_layers(
         For the radiance. The other layers take one ray, through the pixel's middle: edges are not blended in them.
     progress : callable, optional
         Called with the share done, some ten times a second.
+    client : dask.distributed.Client, optional
+        As for `render`, for the radiance.
 
     Returns
     -------
@@ -65,8 +68,8 @@ def render_layers(
         if progress is not None:
             progress(done)
 
-    now = scene.snapshot()
-    radiance = render_snapshot(now, camera, settings, lambda done: show(share * done))
+    now, crew = taken(scene, client)
+    radiance = render_snapshot(now, camera, settings, lambda done: show(share * done), crew)
     shape = radiance.shape[:2]
     layers: dict[str, NDArray[Any]] = {
         "radiance": radiance,

@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,57 +14,48 @@ from numpy.typing import NDArray
 from ..arguments import check_callback, check_kind
 from ..baking.baked import bake
 from ..baking.settings import BakeSettings
-from ..choices import EXPOSED, FILTERS, INTEGRATORS, NOISY, number_of
+from ..cluster.client import check_client
+from ..cluster.crew import Crew
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run
-from ..kernels.records import (
-    DISK_LIGHT,
-    EMISSIVE,
-    INSTANCE,
-    LIGHT,
-    LIGHT_KIND,
-    MATERIAL_KIND,
-    MATERIAL_SIZE,
-    NO_SKY,
-    RECT_LIGHT,
-    SKY_KIND,
-    SPHERE_LIGHT,
-    World,
-)
 from ..kernels.vec import LUMINANCE
 from ..memory import check_memory
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
-from ..shade.environment import EnvironmentLight
 from .baked import baked_frame
 from .camera import Camera
-from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS, Window
-from .integrate import BLOCK_EDGE, Pass, quick_frame, sampled_frame
-from .lod import at_distance
-from .settings import AO, BAKED, COST, PATH, PHONG, Settings
-from .window import EVERYWHERE, window_of
+from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
+from .integrate import BLOCK_EDGE, quick_frame, sampled_frame
+from .pieces import Floats, Order, add_in_pieces
+from .plan import plan
+from .settings import Settings
 
-AO_SHARE = 0.2  # share of the scene's diagonal: how far ambient occlusion looks
-MOST_SPECULAR = 32  # limit of mirrors and panes one behind the other
 IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel, and of each of its numbers in a film
 DENOISE_BYTES = 68  # a pixel: its light, its noisy share, colours and normals, and what Open Image Denoise takes
 ROUNDING = 4e-6  # share of a squared mean: the variance that sums of equal samples may have by rounding
 BAND = 1 << 17  # pixels that are processed together where noise is measured
-SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights that paths see
 SURFACE_SAMPLES = 16  # samples of the colours and normals that the denoiser gets
 
 Progress = Callable[[float], None]
+Client: TypeAlias = Any  # a distributed.Client, or None
 
 
 def render(
-    scene: Scene, camera: Camera, settings: Settings | None = None, progress: Progress | None = None
+    scene: Scene,
+    camera: Camera,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+    client: Client = None,
 ) -> NDArray[np.float32]:
     """Render a scene.
 
     Parameters
     ----------
     progress : callable, optional
-        Called with the share done, some ten times a second.
+        Called with the share done, some ten times a second. An error in it ends the work.
+    client : dask.distributed.Client, optional
+        The workers of a cluster render, each with all of its threads (`pip install 'pointray[cluster]'`). The picture
+        is the same, on processors of one kind to the last bit, unless a time limit ends it. See docs/scale.md.
 
     Returns
     -------
@@ -77,16 +68,25 @@ def render(
     white sky of radiance 1. "baked" shows `Scene.baked`; without it, light is baked first, and a warning says so.
     """
     settings = check_view(scene, camera, settings, progress)
-    return render_snapshot(scene.snapshot(), camera, settings, progress)
+    now, crew = taken(scene, client)
+    return render_snapshot(now, camera, settings, progress, crew)
+
+
+def taken(scene: Scene, client: Client) -> tuple[Snapshot, Crew | None]:
+    """A scene as it is now, and those who render it: None is this process."""
+    if check_client(client) is None:
+        return scene.snapshot(), None
+    scene = scene.copy()
+    return scene.snapshot(), Crew(client, scene)
 
 
 def render_snapshot(
-    scene: Snapshot, camera: Camera, settings: Settings, progress: Progress | None
+    scene: Snapshot, camera: Camera, settings: Settings, progress: Progress | None, crew: Crew | None = None
 ) -> NDArray[np.float32]:
     """See `render`."""
     if settings.denoised:
         check_denoise()
-    picture = Picture(scene, camera, settings)
+    picture = Picture(scene, camera, settings, crew=crew)
     for share in picture.passes(progress):
         if progress is not None:
             progress(share)
@@ -94,7 +94,7 @@ def render_snapshot(
         return picture.image
     image, (light, noisy) = picture.image, picture.light()
     del picture  # all that it holds besides the image is freed
-    albedo, normal = (_surfaces(scene, camera, settings, name) for name in ("color", "normal"))
+    albedo, normal = (_surfaces(scene, camera, replace(settings, integrator=i), crew) for i in ("color", "normal"))
     for row in normal:  # they are stored as 0 to 1, times alpha
         row[:, :3] = 2.0 * row[:, :3] - row[:, 3:]
     if scene.shows_sky:  # its samples differ, but not by chance: only the rest of a pixel is noisy
@@ -137,11 +137,11 @@ def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Setting
     return settings
 
 
-def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, integrator: str) -> NDArray[np.float32]:
+def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, crew: Crew | None) -> NDArray[np.float32]:
     """Colours or normals of the first hits, without a background, from 16 or fewer of the picture's own samples."""
     spp = min(settings.most, SURFACE_SAMPLES)
-    few = replace(settings, integrator=integrator, spp=spp, time_limit=None, noise=None, denoise=False)
-    picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0))
+    few = replace(settings, spp=spp, time_limit=None, noise=None, denoise=False)
+    picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0), crew=crew)
     for _ in picture.passes(None):
         pass
     return picture.image
@@ -156,6 +156,10 @@ class Picture:
         The result of `Scene.snapshot`; later changes of the scene change nothing here.
     in_passes : bool
         Keep the sums of the samples, so that they can be added bit by bit even if the settings have no limit.
+    crew : Crew, optional
+        Those who add the samples, of the same scene.
+    in_part : bool
+        Only a piece of it will be made: no memory is asked for, and what is not touched takes none.
 
     Attributes
     ----------
@@ -170,18 +174,22 @@ class Picture:
         settings: Settings,
         background: tuple[float, float, float, float] | None = None,
         in_passes: bool = False,
+        crew: Crew | None = None,
+        in_part: bool = False,
     ) -> None:
         self._settings, self._camera = settings, camera.record()
+        self._crew, self._seen, self._background = crew, camera, background
         scene = scene.seen_by(self._camera)
         width, height = camera.size
         self._blocks = -(-width // BLOCK_EDGE) * -(-height // BLOCK_EDGE)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
         self._kernel = kernel_for(settings)
-        self._world, self._pass = _plan(scene, camera, settings)
+        self._world, self._pass = plan(scene, camera, settings)
         if background is not None:
             self._pass = self._pass._replace(background=background)
         catchers = self._world.catchers > 0
-        check_picture(camera.size, picture_bytes(settings, catchers))
+        if not in_part:
+            check_picture(camera.size, picture_bytes(settings, catchers))
         sums = _sums(settings, catchers)
         self.image = np.empty((height, width, 4), np.float32)
         without_film = self._one_pass and not settings.denoised
@@ -212,12 +220,36 @@ class Picture:
     def add(self, first: int, end: int, progress: Progress | None = None, cancel: Cancel | None = None) -> None:
         """Add the samples from one number up to another.
 
-        A cancelled call has added samples to some tiles only: no more can be added.
+        A cancelled call has added samples to some tiles only: no more can be added. A crew cannot be cancelled so.
         """
-        job = self._pass._replace(first=first, end=end)
-        args = (self._world, self._camera, job, self._film, self.image)
-        run(self._kernel, self._blocks, *args, threads=self._settings.threads, progress=progress, cancel=cancel)
+        if self._crew is None:
+            self._run((first, end), (0, self._blocks), progress, cancel)
+        else:
+            order = Order(self._seen, self._settings, self._background, (first, end))
+            add_in_pieces(self._crew, render_piece, order, (self.image, self._film), progress)
         self._done = end
+
+    def _run(
+        self, samples: tuple[int, int], blocks: tuple[int, int], progress: Progress | None, cancel: Cancel | None = None
+    ) -> None:
+        """Add samples to some blocks. blocks : the number of the first one, and how many there are"""
+        args = (
+            self._world,
+            self._camera,
+            self._pass._replace(first=samples[0], end=samples[1]),
+            self._film,
+            self.image,
+        )
+        threads = self._settings.threads
+        run(self._kernel, blocks[1], *args, threads=threads, progress=progress, cancel=cancel, first=blocks[0])
+
+    def add_to(self, order: Order, progress: Progress | None) -> tuple[Floats, Floats | None]:
+        """Add samples to a piece; returns its image, and its sums if they are wanted."""
+        piece = order.piece
+        if order.sums is not None:
+            piece.of(self._film)[:] = order.sums
+        self._run(order.samples, (piece.block, piece.blocks), progress)
+        return piece.of(self.image).copy(), piece.of(self._film).copy() if order.returns else None
 
     def light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Light along the rays without the background, (h, w, 4); and 1 where samples differ, else 0, (h, w).
@@ -246,6 +278,15 @@ class Picture:
         return float(np.sqrt(variance / pixels)) * pixels / light if light > 0 else 0.0
 
 
+def render_piece(
+    scene: Snapshot, order: Order, threads: int, progress: Progress | None
+) -> tuple[Floats, Floats | None]:
+    """Do an order on a worker; returns the piece of the image, and its sums if they are wanted."""
+    settings, in_passes = replace(order.settings, threads=threads), order.returns or order.sums is not None
+    picture = Picture(scene, order.camera, settings, order.background, in_passes, in_part=True)
+    return picture.add_to(order, progress)
+
+
 # The kernel of each of `choices.INTEGRATORS`.
 KERNELS: dict[str, Any] = {
     **dict.fromkeys(("phong", "normal", "depth", "color", "cost"), quick_frame),
@@ -257,60 +298,3 @@ KERNELS: dict[str, Any] = {
 def kernel_for(settings: Settings) -> Any:
     """The kernel that makes pictures with an integrator."""
     return KERNELS[settings.integrator]
-
-
-def _plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, Pass]:
-    """The world as the integrator needs it, and what the kernel needs to know of all samples."""
-    world, levels = scene.world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
-    if settings.levels:
-        world, levels = at_distance(scene, camera, settings.most)
-    color = scene.background
-    integrator = number_of(INTEGRATORS, settings.integrator)
-    lit = integrator == PATH or (integrator == AO and scene.shows_sky)
-    world = _lit(world) if lit else world
-    if integrator == BAKED:
-        if scene.baked is None:
-            raise ValueError("no light is baked: set scene.baked = pr.bake(scene)")
-        baked, frames = scene.baked.tables(scene, levels)
-        world = world._replace(baked=baked, baked_frames=frames)
-    looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
-    job = Pass(
-        integrator=integrator,
-        shadows=settings.shadows,
-        max_depth=min(settings.depth, MOST_SPECULAR) if integrator in (PHONG, BAKED) else settings.depth,
-        sky_shows=scene.shows_sky and settings.integrator in EXPOSED,
-        sky_rays=settings.sky_rays if looks_up else 0,
-        ao_distance=_ao_distance(scene, settings) if looks_up or integrator == AO else 0.0,
-        seed=settings.seed,
-        spp=settings.most,
-        filter=number_of(FILTERS, settings.filter),
-        draws=settings.most > 1 or looks_up or settings.integrator in NOISY,
-        first=0,
-        end=settings.most,
-        window=EVERYWHERE,
-        background=(0.0, 0.0, 0.0, 0.0) if color is None else (float(color[0]), float(color[1]), float(color[2]), 1.0),
-    )
-    return world, job._replace(window=_window(camera, world, job))
-
-
-def _ao_distance(scene: Snapshot, settings: Settings) -> float:
-    """How far ambient occlusion looks."""
-    return float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
-
-
-def _window(camera: Camera, world: World, job: Pass) -> Window:
-    """The part of the picture in which something can be met: only models have known bounds."""
-    lights = job.integrator == PATH and np.isin(world.lights[LIGHT_KIND::LIGHT], SIZED_LIGHTS).any()
-    if job.integrator == COST or job.sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
-        return EVERYWHERE
-    return window_of(camera, world.top)
-
-
-def _lit(world: World) -> World:
-    """The world with an even sky if there is no light in it at all."""
-    if world.lights.size > 0 or world.sky[SKY_KIND] != NO_SKY:
-        return world
-    if (world.materials[MATERIAL_KIND::MATERIAL_SIZE] == EMISSIVE).any():
-        return world
-    sky, colors, rows, columns, mean = EnvironmentLight().tables()
-    return world._replace(sky=sky, sky_colors=colors, sky_rows=rows, sky_columns=columns, sky_mean=mean)

@@ -32,14 +32,24 @@ from .settings import Settings
 PACKAGE = (__package__ or "").split(".")[0]
 # Seconds that kernels take on one core of 2024; a faster or slower machine is noticed, see `jit.Backlog`.
 BUILD = {
+    "neighbors.distinct._number": 0.3,
+    "neighbors.order._cut": 0.7,
+    "neighbors.rows._take": 0.2,
+    "neighbors.sites._fill_blocks": 0.2,
+    "neighbors.sites._fill_leaves": 0.2,
+    "neighbors.sites._fill_levels": 0.1,
+    "neighbors.search.find_nearest": 2.8,
     "points.strays.survey._survey": 2.6,
     "points.strays.survey._share": 0.4,
+    "splats.closed._pack": 0.1,
+    "splats.closed._measure_closed": 0.8,
     "splats.voronoi._measure": 1.4,
-    "splats.borders._find_gaps": 1.3,
+    "splats.borders._find_gaps": 0.5,
     "splats.medians._medians": 0.2,
+    "splats.medians._medians_of": 0.3,
     "splats.sheets._find": 0.3,
-    "tree.blocks._sort_rows": 0.3,
     "tree.blocks._fill_blocks": 0.3,
+    "tree.top._bound_groups": 0.4,
     "tree.cells.cut_roots": 3.2,
     "tree.leaves.fill_leaves": 3.7,
     "tree.leaves.fill_groups": 0.2,
@@ -127,6 +137,9 @@ class _NoLight:
 
     def tables(self, scene: Snapshot, levels: Any) -> tuple[Any, Any]:
         return np.zeros(BAKED * len(levels), np.int64), np.zeros(BAKED_FRAME * len(levels))
+
+    def portable(self) -> _NoLight:
+        return self
 
 
 def _full(name: str) -> str:

@@ -34,6 +34,7 @@ from ..kernels.records import (
 from ..model import Model
 from ..shade.materials.base import Material
 from ..shade.materials.diffuse import Diffuse
+from ..tree.instance_bvh import boxes_around
 from .paints import Coat, Paints, PaintTables, check_attribute
 
 
@@ -165,6 +166,22 @@ class Instances:
         world = corners @ matrix[:3, :3].T + matrix[:3, 3]
         self._boxes[row, :3], self._boxes[row, 3:] = world.min(axis=0), world.max(axis=0)
 
+    def in_parts(self) -> Instances:
+        """The same with a row for each part of a model in parts; itself, if there is none."""
+        parts = [_with_surface(shape.parts) if isinstance(shape, Model) else () for shape in self.shapes]
+        if not any(parts):
+            return self
+        twin = self.copy()
+        rows = np.repeat(np.arange(len(self)), [len(some) or 1 for some in parts])
+        twin._records, twin._boxes, twin._numbers = self.records[rows], self.boxes[rows], self.numbers[rows]
+        twin.materials = [self.materials[row] for row in rows]
+        twin.shapes = [part for shape, some in zip(self.shapes, parts, strict=True) for part in some or (shape,)]
+        for row, shape in enumerate(twin.shapes):
+            if isinstance(shape, Model) and parts[rows[row]]:
+                bounds = shape.bounds - shape.points.origin
+                twin._boxes[row] = boxes_around(twin.records[row, TO_MODEL:].reshape(1, 3, 4), bounds[None])[0]
+        return twin
+
     def detach(self) -> None:
         """Leave the arrays to their other holders: later changes are made in a copy."""
         self._records, self._boxes, self._numbers = self._records.copy(), self._boxes.copy(), self._numbers.copy()
@@ -230,6 +247,11 @@ class Instances:
         shape, attribute = self.shapes[row], self.materials[row].attribute
         assert isinstance(shape, Model) and attribute is not None
         return Coat(attribute, shape, self.records[row, TO_MODEL:].reshape(3, 4))
+
+
+def _with_surface(parts: tuple[Model, ...]) -> tuple[Model, ...]:
+    """The parts that a ray can hit."""
+    return tuple(part for part in parts if part.tree.blocks.size)
 
 
 def _grown(array: NDArray[Any]) -> NDArray[Any]:

@@ -33,6 +33,8 @@ from ..tree.instance_bvh import boxes_around, build_top
 from .clips import clip_records
 from .instances import Instances
 
+PARTS = 1 << 30  # numbers from which keys of parts are counted
+
 
 class LightTables(NamedTuple):
     """The parts of a `World` that depend on its lights."""
@@ -49,6 +51,9 @@ class BakedLight(Protocol):
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """What kernels read of it: `World.baked` and `World.baked_frames`, for instances in these levels of detail."""
 
+    def portable(self) -> BakedLight:
+        """The light alone, which can be pickled: the same object until the light changes."""
+
 
 class Snapshot(NamedTuple):
     """A scene as it was at one moment: all that a picture or a batch of rays needs of it. Nothing in it changes.
@@ -63,6 +68,8 @@ class Snapshot(NamedTuple):
         All lights but the environment light.
     numbers : (n + 1,) int32
         What `Scene.add` returned for each instance; -1 behind the last one, so that row -1 (a miss) is -1.
+    keys : (n + 1,) int32
+        The same, but each part of a model in parts has one of its own.
     boxes : (n, 6) float64
         World bounds of instances, see `Instances.boxes`.
     shown : tuple of Attribute
@@ -78,6 +85,7 @@ class Snapshot(NamedTuple):
     models: tuple[Model, ...]
     lamps: tuple[Light, ...]
     numbers: NDArray[np.int32]
+    keys: NDArray[np.int32]
     boxes: NDArray[np.float64]
     shown: tuple[Attribute, ...]
     background: NDArray[np.float64] | None
@@ -134,6 +142,7 @@ def take_snapshot(
     baked: BakedLight | None,
 ) -> Snapshot:
     """The current scene of instances and lights. `instances` detaches from it before it changes."""
+    instances = instances.in_parts()
     models, planes, materials, paints = instances.finish()
     lamps = [light for light in lights if not isinstance(light, EnvironmentLight)]
     skies = [light.tables() for light in lights if isinstance(light, EnvironmentLight)]
@@ -163,8 +172,12 @@ def take_snapshot(
         np.zeros(0),
     )
     numbers = np.append(instances.numbers, -1).astype(np.int32)
+    alone = np.append(np.bincount(instances.numbers)[instances.numbers] == 1, True)
+    keys = np.where(alone, numbers, PARTS + np.arange(len(numbers))).astype(np.int32)
     shown = tuple(instances.paints.shown)
-    return Snapshot(world, tuple(models), tuple(lamps), numbers, instances.boxes, shown, background, shows_sky, baked)
+    return Snapshot(
+        world, tuple(models), tuple(lamps), numbers, keys, instances.boxes, shown, background, shows_sky, baked
+    )
 
 
 def _light_tables(

@@ -12,6 +12,7 @@ from ..arguments import check_positive
 from ..choices import NORMALS
 from ..model import SURFACE, Model
 from ..model_file import SAVED
+from ..model_folder import check_folder
 from ..points import procedural, read
 from ..points.files import check_readable
 from ..points.known_formats import extensions
@@ -101,6 +102,9 @@ def _check_file(source: Source, key: Key, file: Path, values: dict[str, Any]) ->
     if values.get("normals", "auto") not in NORMALS:
         raise source.error((*key, "normals"), unknown("kind of normals", values["normals"], NORMALS))
     with source.errors_at((*key, "file")):
+        if file.is_dir() and file.suffix.lower() == SAVED:
+            check_folder(file)
+            return
         check_regular(file)
         if file.suffix.lower() not in (SAVED, *PACKED, *extensions()):  # only its contents may tell what it is
             check_readable(file)
@@ -125,7 +129,7 @@ def _check_procedural(source: Source, key: Key, name: str, count: int, seed: int
 def load_model(source: Source, recipe: Recipe, say: Say) -> Model:
     """Read and build a model, and its levels of detail if the recipe wants them."""
     model = _load(source, recipe, say)
-    if recipe.levels and not model.levels:  # a saved model may have them already
+    if recipe.levels and not model.levels and not model.parts:  # a saved model may have them already
         with source.errors_at(recipe.key):
             model.make_levels(say)
     return model

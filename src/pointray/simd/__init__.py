@@ -1,16 +1,19 @@
 """The vector type of the kernels: 4, 8 or 16 numbers, its lanes, that one instruction handles together.
 
-Vectors are LLVM's own (<16 x float>, <8 x float>, <4 x float>, <16 x i32>); LLVM splits them into what the processor
-has. A comparison gives a mask, `bits` turns a mask into an integer whose set bits are walked with
-`count_trailing_zeros`. Arithmetic with a scalar broadcasts it to all lanes.
+Vectors are LLVM's own (<16 x float>, <8 x float>, <4 x float>, <8 x double>, <16 x i32>, <8 x i32>); LLVM splits them
+into what the processor has. A comparison gives a mask, `bits` turns a mask into an integer whose set bits are walked
+with `count_trailing_zeros`. Arithmetic with a scalar broadcasts it to all lanes.
 
-vector : the type and its operators; lanes : operations lane by lane and across; memory : loads and stores
+vector : the type and its operators; lanes : operations lane by lane and across; doubles : float64;
+memory : loads and stores; gather : loads from 16 places
 
 Begin with vector.
 """
 
 from __future__ import annotations
 
+from .doubles import count_where, narrow, square_sum, widen_high, widen_low, zeros8, zeros16
+from .gather import gather16, gather_rows8, load_apart16
 from .lanes import (
     bit_fields,
     bits,
@@ -25,6 +28,7 @@ from .lanes import (
     lane,
     last_quarter,
     mask16,
+    one_bit,
     power_of_two,
     quarters,
     reduce_max,
@@ -32,6 +36,7 @@ from .lanes import (
     select,
     shift_lane,
     shift_quarter,
+    sum_over_lanes,
     sum_over_quarters,
     sums_of_fours,
     third_quarter,
@@ -43,7 +48,10 @@ from .lanes import (
 )
 from .memory import (
     broadcast_from,
+    join4,
+    load4,
     load8,
+    load8_double,
     load16,
     load16_int,
     move4,
@@ -54,13 +62,15 @@ from .memory import (
     store,
     store_packed,
 )
-from .vector import F8, F16, I16, INF, ONE, ZERO, Bits, Mask, Real
+from .vector import D8, F8, F16, I8, I16, INF, ONE, ZERO, Bits, Mask, Real
 
 __all__ = [
     "Bits",
+    "D8",
     "F16",
     "F8",
     "I16",
+    "I8",
     "INF",
     "Mask",
     "ONE",
@@ -70,20 +80,29 @@ __all__ = [
     "bits",
     "columns",
     "count_bits",
+    "count_where",
     "float_bits",
     "first_quarter",
     "fours",
+    "join4",
+    "gather16",
+    "gather_rows8",
     "reduce_max",
     "lane",
     "last_quarter",
     "reduce_min",
     "load16",
     "load16_int",
+    "load4",
+    "load_apart16",
     "load8",
+    "load8_double",
     "permute16",
     "count_trailing_zeros",
     "mask16",
     "move4",
+    "narrow",
+    "one_bit",
     "pack",
     "power_of_two",
     "prefetch",
@@ -95,8 +114,10 @@ __all__ = [
     "broadcast16",
     "broadcast8",
     "broadcast_from",
+    "square_sum",
     "store",
     "store_packed",
+    "sum_over_lanes",
     "sum_over_quarters",
     "sums_of_fours",
     "third_quarter",
@@ -105,4 +126,8 @@ __all__ = [
     "vmin",
     "vsqrt",
     "trunc",
+    "widen_high",
+    "widen_low",
+    "zeros16",
+    "zeros8",
 ]

@@ -12,13 +12,11 @@ from .vector import F4, F8, F16, FLAGS, I16, INT, Vector, broadcast, shuffle
 
 
 def _maker(vector: Vector, doc: str) -> Any:
-    scalar = types.float32 if vector.kind == "float" else types.int32
-
     def make(typingctx: Any, value: Any) -> Any:
         def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return broadcast(builder, args[0], vector)
 
-        return vector(scalar), codegen
+        return vector(vector.scalar), codegen
 
     make.__doc__ = doc
     return intrinsic(make)
@@ -78,10 +76,10 @@ def _choose(symbol: str, a: Any, b: Any) -> Any:
 def _llvm_unary(name: str, doc: str) -> Any:
     def make(typingctx: Any, a: Any) -> Any:
         def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            vector = sig.args[0]
-            kind = ir.FunctionType(vector.llvm, [vector.llvm])
-            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{vector.lanes}f32")
-            return builder.call(function, args)
+            kind = sig.args[0].llvm if isinstance(sig.args[0], Vector) else ir.FloatType()
+            suffix = f"v{sig.args[0].lanes}f32" if isinstance(sig.args[0], Vector) else "f32"
+            called = ir.FunctionType(kind, [kind])
+            return builder.call(cgutils.get_or_insert_function(builder.module, called, f"llvm.{name}.{suffix}"), args)
 
         return a(a), codegen
 
@@ -90,7 +88,7 @@ def _llvm_unary(name: str, doc: str) -> Any:
 
 
 vabs = _llvm_unary("fabs", "Absolute values.")
-vsqrt = _llvm_unary("sqrt", "Square roots; NaN of what is negative.")
+vsqrt = _llvm_unary("sqrt", "Square roots; NaN of what is negative. Of a float32 too.")
 
 
 @intrinsic
@@ -131,6 +129,16 @@ def power_of_two(typingctx: Any, exponents: Any) -> Any:
 
 
 @intrinsic
+def one_bit(typingctx: Any, places: Any) -> Any:
+    """int32 lanes in which one bit is set, at the place that each lane tells without its fraction, from 0 to 31."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.shl(broadcast(builder, INT(1), I16), builder.fptosi(args[0], I16.llvm))
+
+    return I16(F16), codegen
+
+
+@intrinsic
 def select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
     """The lane of a where the mask is set, else the lane of b."""
     vector = a if isinstance(a, Vector) else b
@@ -165,14 +173,15 @@ def mask16(typingctx: Any, word: Any) -> Any:
 
 @intrinsic
 def float_bits(typingctx: Any, value: Any) -> Any:
-    """The 32 bits of a float32 as an int32."""
-    if value != types.float32:
+    """The bits of a float32 as an int32, of a float64 as an int64."""
+    whole: Any = {types.float32: types.int32, types.float64: types.int64}.get(value)
+    if whole is None:
         return None
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.bitcast(args[0], ir.IntType(32))
+        return builder.bitcast(args[0], ir.IntType(sig.return_type.bitwidth))
 
-    return types.int32(value), codegen
+    return whole(value), codegen
 
 
 @intrinsic
@@ -198,12 +207,11 @@ def count_trailing_zeros(typingctx: Any, word: Any) -> Any:
 @intrinsic
 def lane(typingctx: Any, vector: Any, index: Any) -> Any:
     """One lane as a number."""
-    scalar = types.float32 if vector.kind == "float" else types.int32
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.extract_element(args[0], args[1])
 
-    return scalar(vector, types.int64), codegen
+    return vector.scalar(vector, types.int64), codegen
 
 
 def _reducer(name: str, doc: str) -> Any:
@@ -225,7 +233,7 @@ reduce_min = _reducer("fmin", "The least lane; none may be NaN.")
 reduce_max = _reducer("fmax", "The greatest lane; none may be NaN.")
 
 
-def _folder(steps: tuple[int, int], doc: str) -> Any:
+def _folder(steps: tuple[int, ...], doc: str) -> Any:
     def fold(typingctx: Any, vector: Any) -> Any:
         def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             value = args[0]
@@ -241,6 +249,7 @@ def _folder(steps: tuple[int, int], doc: str) -> Any:
 
 
 sum_over_quarters = _folder((4, 8), "The sum of the four quarters, lane by lane, in all of them.")
+sum_over_lanes = _folder((1, 2, 4, 8), "The sum of all lanes, in all of them.")
 
 
 def _picker(quarter: int, doc: str) -> Any:

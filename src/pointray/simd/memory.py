@@ -9,7 +9,7 @@ from numba.core import cgutils, types
 
 from ..jit import CHECK, cpu_features, inline, intrinsic
 from .lanes import bits, count_bits, count_trailing_zeros, lane
-from .vector import F4, F8, F16, I16, INT, Vector, broadcast, shuffle
+from .vector import D8, F4, F8, F16, I16, INT, Vector, broadcast, shuffle
 
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Vector) -> Any:
@@ -48,8 +48,9 @@ PACKS = "+avx512f" in cpu_features()  # one instruction packs lanes; other proce
 
 load8 = _loader(F8, "Lanes 0..7: array[index + lane] of a flat float32 array.")
 load16 = _loader(F16, "Lanes 0..15: array[index + lane] of a flat float32 array.")
+load8_double = _loader(D8, "Lanes 0..7: array[index + lane] of a flat float64 array.")
 load16_int = _loader(I16, "Lanes 0..15: array[index + lane] of a flat int32 array.")
-_load4 = _loader(F4, "Lanes 0..3: array[index + lane] of a flat float32 array.")
+load4 = _loader(F4, "Lanes 0..3: array[index + lane] of a flat float32 array.")
 
 
 @intrinsic
@@ -122,7 +123,7 @@ def _each_quarter(typingctx: Any, four: Any) -> Any:
 @inline
 def repeat4(array: Any, index: Any) -> Any:
     """array[index : index + 4] in every quarter: one broadcasting load."""
-    return _each_quarter(_load4(array, index))
+    return _each_quarter(load4(array, index))
 
 
 @intrinsic
@@ -161,10 +162,25 @@ def _check_indices(indices: Any) -> None:
             raise IndexError("an index is not from 0 to 15")
 
 
+@intrinsic
+def _join4(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        low, high = (shuffle(builder, args[k], args[k + 1], list(range(8))) for k in (0, 2))
+        return shuffle(builder, low, high, list(range(16)))
+
+    return F16(F4, F4, F4, F4), codegen
+
+
+@inline
+def join4(array: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """array[a : a + 4] in the first quarter, array[b : b + 4] in the second, and so on."""
+    return _join4(load4(array, a), load4(array, b), load4(array, c), load4(array, d))
+
+
 @inline
 def move4(source: Any, index: Any, target: Any, start: Any) -> None:
     """target[at : at + 4] = source[index : index + 4]."""
-    store(target, start, _load4(source, index))
+    store(target, start, load4(source, index))
 
 
 @intrinsic

@@ -16,7 +16,7 @@ INT = ir.IntType(32)
 
 
 class Vector(types.Type):
-    """Numba type of `lanes` float32, int32 or truth values."""
+    """Numba type of `lanes` float32, float64, int32 or truth values."""
 
     def __init__(self, kind: str, lanes: int) -> None:
         self.kind, self.lanes = kind, lanes
@@ -24,7 +24,12 @@ class Vector(types.Type):
 
     @property
     def element(self) -> Any:
-        return {"float": ir.FloatType(), "int": INT, "mask": ir.IntType(1)}[self.kind]
+        return {"float": ir.FloatType(), "double": ir.DoubleType(), "int": INT, "mask": ir.IntType(1)}[self.kind]
+
+    @property
+    def scalar(self) -> Any:
+        """Numba's type of one lane."""
+        return {"float": types.float32, "double": types.float64, "int": types.int32}[self.kind]
 
     @property
     def llvm(self) -> Any:
@@ -50,8 +55,7 @@ def shuffle(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
 
 @lower_cast(types.Number, Vector)
 def _number_to_vector(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
-    scalar = types.float32 if toty.kind == "float" else types.int32
-    return broadcast(builder, context.cast(builder, value, fromty, scalar), toty)
+    return broadcast(builder, context.cast(builder, value, fromty, toty.scalar), toty)
 
 
 def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -> None:
@@ -77,7 +81,7 @@ def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -
 
 def _arithmetic(float_op: str, int_op: str | None) -> Any:
     def emit(builder: Any, kind: str, a: Any, b: Any) -> Any:
-        if kind == "float":
+        if kind != "int":
             return getattr(builder, float_op)(a, b, flags=FLAGS)
         return getattr(builder, str(int_op))(a, b)
 
@@ -86,25 +90,28 @@ def _arithmetic(float_op: str, int_op: str | None) -> Any:
 
 def _compare(symbol: str) -> Any:
     def emit(builder: Any, kind: str, a: Any, b: Any) -> Any:
-        if kind == "float":
+        if kind != "int":
             return builder.fcmp_ordered(symbol, a, b)
         return builder.icmp_signed(symbol, a, b)
 
     return emit
 
 
-_binary(operator.add, ("float", "int"), _arithmetic("fadd", "add"))
-_binary(operator.sub, ("float", "int"), _arithmetic("fsub", "sub"))
-_binary(operator.mul, ("float", "int"), _arithmetic("fmul", "mul"))
-_binary(operator.truediv, ("float",), _arithmetic("fdiv", None))
-for _op, _symbol in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
-    _binary(_op, ("float", "int"), _compare(_symbol), to_mask=True)
+NUMBERS = "float", "double", "int"
+_binary(operator.add, NUMBERS, _arithmetic("fadd", "add"))
+_binary(operator.sub, NUMBERS, _arithmetic("fsub", "sub"))
+_binary(operator.mul, NUMBERS, _arithmetic("fmul", "mul"))
+_binary(operator.truediv, ("float", "double"), _arithmetic("fdiv", None))
+_ORDERS = ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.ne, "!="))
+for _op, _symbol in _ORDERS:
+    _binary(_op, NUMBERS, _compare(_symbol), to_mask=True)
 _binary(operator.and_, ("mask",), lambda builder, kind, a, b: builder.and_(a, b))
-_binary(operator.or_, ("mask",), lambda builder, kind, a, b: builder.or_(a, b))
+_binary(operator.or_, ("mask", "int"), lambda builder, kind, a, b: builder.or_(a, b))
 _binary(operator.xor, ("mask",), lambda builder, kind, a, b: builder.xor(a, b))
 
 F4, F8, F16 = Vector("float", 4), Vector("float", 8), Vector("float", 16)
-I16 = Vector("int", 16)
+D8 = Vector("double", 8)
+I16, I8 = Vector("int", 16), Vector("int", 8)
 
 Mask, Real, Bits = Vector("mask", 16), Any, int  # names of annotations, see `__init__.pyi`
 ZERO, ONE, INF = np.float32(0.0), np.float32(1.0), np.float32(np.inf)

@@ -14,20 +14,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f64, inline, kernel, next_tile, run
+from ..jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ..kernels.vec import Vec3, tangents
 
 GAP = math.radians(115)  # a straight border leaves 180 degrees; one in 75 sets of 20 random directions leaves this
+TURNED = 1.2  # the least that `_turn` grows along an angle of GAP is 1.22
 FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
 COMPANY = 2  # a border is a curve: at least this many of a splat's neighbours lie on it too
 CHUNK = 2048
 
 
 @inline
-def _closed_angles(
-    positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], angles: Array
+def _turn(x: float, y: float) -> float:
+    """A number from -2 to 2 that grows with the angle of (x, y), which is not (0, 0), without a call of atan2."""
+    share = y / (abs(x) + abs(y))
+    return share if x >= 0.0 else math.copysign(2.0, y) - share
+
+
+@inline
+def _insert(found: Array, count: int, x: float, y: float) -> int:
+    """Insert a direction into the first rows of `found`, ascending in turn; rows are turn, x, y."""
+    if x == 0.0 and y == 0.0:
+        return count
+    turn, k = _turn(x, y), count
+    while k > 0 and found[k - 1, 0] > turn:
+        for c in range(3):
+            found[k, c] = found[k - 1, c]
+        k -= 1
+    found[k, 0], found[k, 1], found[k, 2] = turn, x, y
+    return count + 1
+
+
+@inline
+def _closed_directions(
+    positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], found: Array
 ) -> int:
-    """Angles in the tangent plane of splat i that its neighbours close; returns their number."""
+    """Directions in the tangent plane of splat i that its neighbours close; returns their number."""
     u, v = axes
     count = 0
     for j in near:
@@ -40,41 +62,45 @@ def _closed_angles(
             at_v += d * v[c]
             lean_u += normals[j, c] * u[c]
             lean_v += normals[j, c] * v[c]
-        if at_u != 0.0 or at_v != 0.0:
-            angles[count] = math.atan2(at_v, at_u)
-            count += 1
-        if cosine < FOLD and (lean_u != 0.0 or lean_v != 0.0):
+        count = _insert(found, count, at_u, at_v)
+        if cosine < FOLD:
             side = -1.0 if height > 0.0 else 1.0
-            angles[count] = math.atan2(side * lean_v, side * lean_u)
-            count += 1
+            count = _insert(found, count, side * lean_u, side * lean_v)
     return count
+
+
+@inline
+def _widest(found: Array, count: int) -> tuple[float, float]:
+    """The widest gap between directions that is wider than GAP, as an angle, else 0; and its middle's angle."""
+    gap, middle = (2.0 * math.pi, 0.0) if count == 0 else (0.0, 0.0)
+    for k in range(count):
+        before = k - 1 if k > 0 else count - 1
+        whole = 0.0 if k > 0 else 1.0
+        if found[k, 0] + 4.0 * whole - found[before, 0] > TURNED:
+            angle = math.atan2(found[k, 2], found[k, 1])
+            here = angle + 2.0 * math.pi * whole - math.atan2(found[before, 2], found[before, 1])
+            if here > gap:
+                gap, middle = here, angle - 0.5 * here
+    return gap if gap > GAP else 0.0, middle
 
 
 @kernel
 def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> int:
     """Write to out the direction of the middle of each splat's widest gap, or zero if it is no wider than GAP."""
     positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
-    angles = np.empty(2 * near.shape[1])
+    memory = np.empty((2 * near.shape[1], 3))
+    found = borrow(memory)
     tile = next_tile(work)
     while tile >= 0:
         for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
-            i = rows[at]
-            n = (f64(normals[i, 0]), f64(normals[i, 1]), f64(normals[i, 2]))
-            axes = tangents(n)
-            count = _closed_angles(positions, normals, i, near[i], axes, angles)
-            found = np.sort(angles[:count])
-            gap, middle = 2.0 * math.pi, 0.0
-            if count > 0:
-                gap = found[0] + 2.0 * math.pi - found[count - 1]
-                middle = found[0] - 0.5 * gap
-            for k in range(1, count):
-                if found[k] - found[k - 1] > gap:
-                    gap = found[k] - found[k - 1]
-                    middle = found[k] - 0.5 * gap
+            i = i64(rows[at])
+            axes = tangents((f64(normals[i, 0]), f64(normals[i, 1]), f64(normals[i, 2])))
+            gap, middle = _widest(found, _closed_directions(positions, normals, i, near[at], axes, found))
             for c in range(3):
-                outward = math.cos(middle) * axes[0][c] + math.sin(middle) * axes[1][c]
-                out[at, c] = outward if gap > GAP else 0.0
+                outward = math.cos(middle) * axes[0][c] + math.sin(middle) * axes[1][c] if gap > 0.0 else 0.0
+                out[at, c] = outward
         tile = next_tile(work)
+    keep_alive(memory)
     return 0
 
 
@@ -92,8 +118,8 @@ def find_gaps(
     normals : (n, 3) float32, unit
     rows : (m,) int64
         The points to examine.
-    near : (n, k) int
-        Rows of each point's neighbours, itself first.
+    near : (m, k) int
+        Rows of their neighbours, themselves first.
 
     Returns
     -------
@@ -105,8 +131,9 @@ def find_gaps(
     return out
 
 
-def drop_lone(borders: NDArray[np.float32], near: NDArray[np.integer[Any]]) -> None:
-    """Set borders to zero, in place, where too few neighbours lie on one too: a single gap occurs by chance."""
-    found: NDArray[np.bool_] = np.any(borders, axis=1)
-    rows = np.flatnonzero(found)
-    borders[rows[found[near[rows, 1:]].sum(axis=1) < COMPANY]] = 0
+def lone_borders(found: NDArray[np.bool_], near: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+    """Which borders have too few neighbours that lie on one too: a single gap occurs by chance.
+
+    found : (n,) bool, where borders are; near : (m, k) neighbours of the points on borders, themselves first
+    """
+    return np.asarray(found[near[:, 1:]].sum(axis=1) < COMPANY)

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from ..jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ..kernels.vec import Vec3, add, dot, length, scale
-from ..neighbors import morton_order, neighbors
+from ..neighbors import NeighborTree, kd_order
+from .cells import NEIGHBORS
 from .grow import Floats, at
-from .radii import NEIGHBORS
 from .sheets import find_sheets
+from .voronoi import Hood
 
 WIDE = 8  # boxes in a box
 SHARING = 32  # neighbouring points that share one search for splats
@@ -180,10 +181,11 @@ def deviations(
     bare : (n,) bool
         True where no support reaches the point, or only rims do, or there is no surface along its normal.
     """
-    order = morton_order(splats[0])
+    order = kd_order(splats[0])
     sorted_splats = [np.ascontiguousarray(array[order]) for array in splats]
     positions_of, normals_of, radii = sorted_splats
-    sheets = find_sheets(positions_of, normals_of, radii, neighbors(positions_of, NEIGHBORS + 1)[1])
+    near = NeighborTree(positions_of, in_order=True).rows(NEIGHBORS + 1)
+    sheets = find_sheets(positions_of, normals_of, radii, near, Hood(np.arange(len(near)), near))
     none = np.zeros(len(order), np.int8)
     boxes = _box(positions_of - radii[:, None], positions_of + radii[:, None])
     out, hollow = np.empty(len(positions), np.float32), np.empty(len(positions), np.float32)

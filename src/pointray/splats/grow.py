@@ -27,7 +27,7 @@ Floats = NDArray[np.float32]
 
 
 class Cloud(NamedTuple):
-    """The points to be covered: distinct positions along a Morton curve."""
+    """The points to be covered: distinct positions in kd order."""
 
     positions: Floats  # (n, 3)
     normals: Floats  # (n, 3), unit

@@ -5,13 +5,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points
 from .averages import attribute_averages
+from .groups import groups_in_cells
 
 LEAST_POINTS = 700  # 200 points no longer show the statue's shape or shading: pictures are 9% brighter
 LEAST_GAIN = 1.5  # a level has at least this many times fewer points than the one before
@@ -19,7 +18,6 @@ LEAST_GAIN = 1.5  # a level has at least this many times fewer points than the o
 # than 1.6 radii was invisible, as its sides cancel. For scans with a lower share, pictures come only 3 to 7% closer to
 # those of all points, and take 1.3 to 1.7 times as long; 1,000 statues take 2.2 times as long.
 THIN = 0.5
-MOST_CELLS = 2**20  # along an axis
 # The least support, in edges of a cell. A few small supports shorten the rays' steps everywhere: frames took 1.4 to 1.7
 # times as long. Larger ones make pictures calmer: 1,000 statues from afar change by 0.63 (the smallest that cover the
 # surface), 0.50 (1.0), 0.48 (1.1), 0.46 (1.2) of the change with all points; but 10,000 take 163, 175, 188 ms.
@@ -47,46 +45,27 @@ def coarsen(
     Returns
     -------
     points : Points
-        About the same origin, in the order of the cells. Colours are means of squares, which is nearly the mean of
-        light. Attributes are means of finite values, NaN where less than half are finite; categories the commonest.
+        About the same origin, in the order of the first point of each. Colours are means of squares, which is nearly
+        the mean of light. Attributes are means of finite values, NaN where less than half are finite; categories the
+        commonest.
     limits : (m,) float32
         Upper limit of each point's support: as far as the supports extend that it stands for, at least SUPPORT.
     noise : (m,) float32 or None
         Its mean.
     """
     assert points.normals is not None
-    order, starts = _cells(points, cell)
-    counts = np.diff(np.append(starts, len(order)))
-
-    def mean(values: NDArray[Any]) -> NDArray[np.float64]:
-        total = np.add.reduceat(values[order].astype(np.float64), starts, axis=0)
-        return np.asarray(total / counts.reshape(-1, *[1] * (values.ndim - 1)))
-
-    normals = mean(points.normals)
-    colors = None
+    groups = groups_in_cells(points.positions, points.normals, cell)
+    normals, colors = groups.mean(points.normals), None
     if points.colors is not None:
-        colors = np.rint(np.sqrt(mean(points.colors.astype(np.float32) ** 2))).astype(np.uint8)
-    middles = mean(points.positions).astype(np.float32)
-    away = np.linalg.norm(points.positions[order] - np.repeat(middles, counts, axis=0), axis=1) + radii[order]
+        colors = np.rint(np.sqrt(groups.mean(points.colors.astype(np.float32) ** 2))).astype(np.uint8)
+    middles = groups.mean(points.positions).astype(np.float32)
     coarse = Points.about(
         points.origin,
         middles,
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
         colors,
-        attribute_averages(points.attributes, order, starts),
+        attribute_averages(points.attributes, groups.order, groups.starts[:-1]),
         points.survey,
     )
-    limits = np.maximum(np.maximum.reduceat(away, starts), np.float32(SUPPORT * cell))
-    return coarse, limits, None if noise is None else mean(noise).astype(np.float32)
-
-
-def _cells(points: Points, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows ordered by cell and direction, and where each group begins."""
-    x = points.positions
-    cells = np.minimum((x - x.min(axis=0)) / np.float32(cell), MOST_CELLS - 1).astype(np.int64)
-    assert points.normals is not None
-    axis = np.abs(points.normals).argmax(axis=1)
-    side = 2 * axis + (np.take_along_axis(points.normals, axis[:, None], axis=1)[:, 0] < 0)
-    key = ((cells[:, 0] * MOST_CELLS + cells[:, 1]) * MOST_CELLS + cells[:, 2]) * 6 + side
-    order = np.argsort(key, kind="stable")
-    return order, np.flatnonzero(np.diff(key[order], prepend=-1))
+    limits = np.maximum(groups.reach(points.positions, radii, middles), np.float32(SUPPORT * cell))
+    return coarse, limits, None if noise is None else groups.mean(noise).astype(np.float32)

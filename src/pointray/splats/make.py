@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import Points
-from ..progress import Progress
+from ..neighbors import kd_order, take
+from ..points.smoothing.smooth import Placed
+from ..progress import Progress, tell
 from ..tree.build import Splats
 from ..tree.settings import TreeSettings
 from .levels import THIN
@@ -34,20 +35,21 @@ class Sizes(NamedTuple):
 
 
 class Made(NamedTuple):
-    """Splats, and what is said of them.
+    """Splats in kd order, and what is said of them.
 
-    radii : (n,) float32, those of all the points, also where no splat stands for them
+    rows : (n,) int32, the caller's rows in that order, also those for which no splat stands
+    radii : (n,) float32, their radii
     tight : whether many are too small to cover the surface
     """
 
     splats: Splats
+    rows: NDArray[np.int32]
     radii: Floats
     tight: bool
 
 
 def make_splats(
-    points: Points,
-    noise: Floats | None,
+    placed: Placed,
     rows: NDArray[np.int32],
     sizes: Sizes,
     settings: TreeSettings,
@@ -57,35 +59,41 @@ def make_splats(
 
     Parameters
     ----------
-    points : Points
-        Finite, with unit normals, where rays shall meet them.
-    noise : (n,) float32 or None
-        See `Splats`.
+    placed : Placed
+        Finite points.
     rows : (n,) int32
         The caller's row of each.
     """
     automatic, level = settings.overhang < np.inf, sizes.within is not None
-    normals = np.asarray(points.normals)
+    tell(progress, 0.0)
+    points, noise, order, apart = placed
+    order = kd_order(points.positions) if order is None else order
+    positions, normals = take(points.positions, order), take(np.asarray(points.normals), order)
+    colors, noise = (None if array is None else take(array, order) for array in (points.colors, noise))
+    rows, given = take(rows, order), None if sizes.given is None else take(sizes.given, order)
+    within = None if sizes.within is None else (sizes.within[0], take(sizes.within[1], order))
+    del placed, points, order  # if the caller has no use for them, their memory is free from here on
     support = find_support(
-        points.positions,
+        positions,
         normals,
-        sizes.given,
+        given,
         sizes.scale,
         borders=automatic,
         sheets=automatic and (settings.surface != "paper" or level),
-        within=sizes.within,
+        within=within,
+        apart=apart,
         progress=progress,
     )
     _check_size(support.radii)
     if support.note and not level:
-        warnings.warn(support.note, stacklevel=4)
+        warnings.warn(support.note, stacklevel=3)
     sheets = support.sheets
     if level and sheets is not None and sheets.mean() < THIN:
         sheets = None
     if noise is not None:  # whatever a caller says of the noise, a surface has no bumps higher than that
         noise = np.minimum(noise, support.radii)
-    splats = Splats(points.positions, normals, support.radii, rows, points.colors, support.borders, sheets, noise)
-    return Made(_not_crowded(splats, support.crowded), support.radii, support.tight)
+    splats = Splats(positions, normals, support.radii, rows, colors, support.borders, sheets, noise)
+    return Made(_not_crowded(splats, support.crowded), rows, support.radii, support.tight)
 
 
 def _check_size(radii: Floats) -> None:
@@ -102,6 +110,6 @@ def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
     lost = int(crowded.sum())
     if not lost:
         return splats
-    warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=5)
+    warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=4)
     arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[~crowded]) for array in splats]
     return Splats(*arrays)

@@ -11,12 +11,14 @@ an edge, the wide discs of dense points would also cover detail on the other sid
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import distinct, neighbors
+from .medians import quantile
 
 NOTICE = 3.0  # medians of reach: a disc wider than this is examined
 OTHERS = 10.0  # this many other discs are enough however wide a disc is: a sphere of 100 points explains itself
@@ -39,6 +41,7 @@ CHUNK = 1 << 15  # rows at a time
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
+Around = Callable[[NDArray[np.int64]], NDArray[np.int32]]
 
 
 class Company(NamedTuple):
@@ -54,7 +57,7 @@ class Company(NamedTuple):
 
 
 def limit_wide(
-    positions: Floats, normals: Floats, reach: Floats, near: NDArray[np.int32], usual_here: Floats
+    positions: Floats, normals: Floats, reach: Floats, around: Around, usual_here: Floats
 ) -> NDArray[np.bool_]:
     """Make strays reach no farther than their neighbours, and other discs no farther than needed, in place.
 
@@ -65,8 +68,8 @@ def limit_wide(
     normals : (n, 3) float32, unit
     reach : (n,) float32
         How far each point's cell reaches; discs are wider by the overlap of the supports.
-    near : (n, k) int32
-        Rows of each point's neighbours, itself first.
+    around : callable
+        Gives the neighbours of some rows, themselves first, (m, k) int32.
     usual_here : (n,) float32
         How far the cells around each point reach.
 
@@ -75,7 +78,7 @@ def limit_wide(
     (n,) bool
         Which points are strays.
     """
-    usual = np.float32(np.median(reach))
+    usual = np.float32(quantile(reach, 0.5))
     stray = np.zeros(len(reach), np.bool_)
     rows = np.flatnonzero(reach > NOTICE * usual)
     if len(rows) == 0:
@@ -83,7 +86,7 @@ def limit_wide(
     company = _find_company(positions, normals, reach, rows, usual)
     rows = _find_strays(reach, company, usual)
     stray[rows] = True
-    beside = near[rows, 1:]
+    beside = around(rows)[:, 1:]
     limit = _first_medians(np.where(stray[beside], np.float32(np.nan), reach[beside]), usual)
     stray[rows] = reach[rows] > limit
     reach[rows] = np.minimum(reach[rows], limit)

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind, check_positive, check_whole
 from ..data import Points
-from ..neighbors import distinct, morton_order, neighbors
+from ..neighbors import distinct, kd_order, neighbors
 from ..points.smoothing.smooth import check_sigma, place
 from ..survey import RESIDUAL
 from .averages import attribute_averages
+from .cells import NEIGHBORS
 from .cover import relax
 from .grow import Cloud, Floats, Splats, join
-from .radii import NEIGHBORS, choose_radii
+from .radii import choose_radii
 from .subset import (
     Progress,
     Subset,
@@ -138,7 +139,7 @@ def find_subsample(
     finite = np.flatnonzero(points.finite)
     placed, message = place(points.select(finite) if len(finite) < len(points) else points, smooth)
     mended = placed.points
-    rows = morton_order(mended.positions)
+    rows = kd_order(mended.positions)
     rows = rows[distinct(mended.positions[rows])[0]]
     if len(rows) < 2:
         raise ValueError(f"all {len(points):,} points are at one place: nothing says how large a splat is")
@@ -170,7 +171,7 @@ def _check_target(tolerance: Any, count: Any) -> None:
 
 
 def describe_cloud(points: Points) -> Cloud:
-    """Neighbours, areas and borders of points with distinct positions, along a Morton curve, with unit normals."""
+    """Neighbours, areas and borders of points with distinct positions, in kd order, with unit normals."""
     positions, normals = points.positions, points.normals
     assert normals is not None
     distances, near = neighbors(positions, NEIGHBORS + 1)
@@ -178,7 +179,7 @@ def describe_cloud(points: Points) -> Cloud:
     radii = distances[:, k]
     radii = np.minimum(radii, np.float32(STRAY) * np.median(radii[near[:, 1 : k + 1]], axis=1))
     radii = np.minimum(radii, np.float32(STRAY * np.quantile(radii, 0.99)))
-    border: NDArray[Any] = np.any(choose_radii(positions, normals, distances, near)[1], axis=1)
+    border: NDArray[Any] = np.any(choose_radii(positions, normals).borders, axis=1)
     area = (np.pi / k * np.float64(radii) ** 2).astype(np.float32)
     around = np.ascontiguousarray(near[:, 1 : AROUND + 1])
     return Cloud(np.ascontiguousarray(positions), np.ascontiguousarray(normals), around, area, radii, border)

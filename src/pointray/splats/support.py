@@ -7,16 +7,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..neighbors import distinct, neighbors
-from ..progress import Progress, part_of
-from .radii import NEIGHBORS, choose_radii
+from ..neighbors import NeighborTree, distinct, take
+from ..progress import Progress, part_of, tell
+from .cells import NEIGHBORS
+from .radii import choose_radii
 from .sheets import find_sheets
+from .voronoi import Hood
 
 # If more than TIGHT_SHARE of the radii are smaller than TIGHT times the covering ones, the surface has gaps.
 TIGHT, TIGHT_SHARE = 0.9, 1e-3
 CROWD = 16  # splats at one position
-PLACED, FOUND, CHOSEN = 0.05, 0.75, 0.98  # shares of the time after which positions, neighbours, radii are known
+# Shares of the time after which the tree and radii are known.
+SORTED, CHOSEN = 0.1, 0.98
 HANDFUL = 1e-5  # share of lone points below which they are not mentioned: a mesh of 400,000 vertices has one
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int32]
 
 
 class Support(NamedTuple):
@@ -26,24 +32,25 @@ class Support(NamedTuple):
     borders : (n, 3) float32, the direction out of the surface on an open border, else zero; None if not searched for
     sheets : (n,) int8, 1 for splats of sheets close together, else 0; None if there are none
     tight : whether many radii are too small to cover the surface
-    position_ids : (n,) int64, equal for splats at one position
+    position_ids : (n,) int32, equal for splats at one position; None if no two are at one
     lone : (n,) bool, strays whose chosen radii were made smaller
     """
 
-    radii: NDArray[np.float32]
-    borders: NDArray[np.float32] | None
+    radii: Floats
+    borders: Floats | None
     sheets: NDArray[np.int8] | None
     tight: bool
-    position_ids: NDArray[np.int64]
+    position_ids: Rows | None
     lone: NDArray[np.bool_]
 
     @property
     def crowded(self) -> NDArray[np.bool_]:
         """Which splats share their position with CROWD splats of lower numbers: rays would have to test all of them."""
-        if np.bincount(self.position_ids).max() <= CROWD:
-            return np.zeros(len(self.position_ids), np.bool_)
-        order = np.argsort(self.position_ids, kind="stable")
-        start = np.searchsorted(self.position_ids[order], self.position_ids[order])
+        ids = self.position_ids
+        if ids is None or np.bincount(ids).max() <= CROWD:
+            return np.zeros(len(self.radii), np.bool_)
+        order = np.argsort(ids, kind="stable")
+        start = np.searchsorted(ids[order], ids[order])
         crowded = np.empty(len(order), np.bool_)
         crowded[order] = np.arange(len(order)) - start >= CROWD
         return crowded
@@ -59,14 +66,15 @@ class Support(NamedTuple):
 
 
 def find_support(
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    radii: NDArray[np.float32] | None,
+    positions: Floats,
+    normals: Floats,
+    radii: Floats | None,
     scale: float,
     *,
     borders: bool,
     sheets: bool,
-    within: tuple[float, NDArray[np.float32]] | None = None,
+    within: tuple[float, Floats] | None = None,
+    apart: bool = False,
     progress: Progress | None = None,
 ) -> Support:
     """The support of every splat, all of it from one search for neighbours.
@@ -74,7 +82,7 @@ def find_support(
     Parameters
     ----------
     positions : (n, 3) float32
-        Finite.
+        Finite, in kd order, or in another one that keeps neighbours together.
     normals : (n, 3) float32, unit
     radii : (n,) float32 or None
         Given radii. None: the smallest that cover the surface, see `choose_radii`.
@@ -84,6 +92,8 @@ def find_support(
         What to search for besides radii; sheets only with borders. NEIGHBORS positions or fewer have neither.
     within : (float, (n,) float32), optional
         Lower and upper limits of chosen radii.
+    apart : bool
+        Whether all positions are known to be different.
     progress : callable, optional
 
     Raises
@@ -91,22 +101,42 @@ def find_support(
     ValueError
         If all positions are equal and no radii are given.
     """
-    rows, ids = distinct(positions)
+    rows, ids = (None, None) if apart else _places(positions)
+    # Nearly always all positions are distinct; then avoiding copies saves half a GiB at the peak for 24 million points.
+    sites = positions if rows is None else take(positions, rows)
     given = None if radii is None else radii * np.float32(scale)
-    borders = borders and len(rows) > NEIGHBORS
-    none = np.zeros(len(ids), np.bool_)
+    borders = borders and len(sites) > NEIGHBORS
+    none = np.zeros(len(positions), np.bool_)
     if given is not None and not borders:
         return Support(given, None, None, False, ids, none)
-    # Nearly always all positions are distinct; then avoiding copies saves half a GiB at the peak for 24 million points.
-    sites = (positions, normals) if len(rows) == len(positions) else (positions[rows], normals[rows])
-    hood = neighbors(sites[0], NEIGHBORS + 1, progress=part_of(progress, PLACED, FOUND))
-    covering, ends, strays = choose_radii(*sites, *hood, part_of(progress, FOUND, CHOSEN))
-    lone = strays[ids] if given is None else none
+    facing = normals if rows is None else take(normals, rows)
+    tree = NeighborTree(sites, in_order=True)
+    tell(progress, SORTED)
+    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree)
+    covering = found.radii
+    lone = _spread(found.lone, ids) if given is None else none
     if within is not None:
-        covering = np.clip(covering, np.float32(within[0]), within[1][rows])
-    chosen = covering[ids] * np.float32(scale) if given is None else given
+        covering = np.clip(covering, np.float32(within[0]), within[1] if rows is None else within[1][rows])
+    chosen = _spread(covering, ids) * np.float32(scale) if given is None else given
     if not borders:
         return Support(chosen, None, None, False, ids, lone)
-    tight = bool((chosen[rows] < TIGHT * covering).mean() > TIGHT_SHARE)
-    sides: NDArray[Any] | None = find_sheets(*sites, chosen[rows], hood[1]) if sheets else None
-    return Support(chosen, ends[ids], None if sides is None else sides[ids], tight, ids, lone)
+    at_sites = chosen if rows is None else chosen[rows]
+    tight = bool((at_sites < TIGHT * covering).mean() > TIGHT_SHARE)
+    sides: NDArray[Any] | None = None
+    if sheets:
+        some = np.flatnonzero(found.facing)
+        hood = Hood(some, tree.rows_at(NEIGHBORS + 1, sites[some]))
+        sides = find_sheets(sites, facing, at_sites, found.near, hood)
+        sides = None if sides is None else _spread(sides, ids)
+    return Support(chosen, _spread(found.borders, ids), sides, tight, ids, lone)
+
+
+def _places(positions: Floats) -> tuple[Rows, Rows] | tuple[None, None]:
+    """See `distinct`; None if all positions are different."""
+    rows, ids = distinct(positions)
+    return (None, None) if len(rows) == len(ids) else (rows, ids)
+
+
+def _spread(values: NDArray[Any], ids: Rows | None) -> NDArray[Any]:
+    """What is known of each place, for each splat."""
+    return values if ids is None else values[ids]

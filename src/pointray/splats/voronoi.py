@@ -8,7 +8,7 @@ bounds no cell. The cell is cut out of a square; corners on the square's sides d
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,22 +82,39 @@ def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) ->
 
 
 @inline
+def _is_cut(corners: Array, count: int, a: float, b: float) -> bool:
+    """Whether a corner lies closer to (a, b) than to the origin: many neighbours cut nothing off."""
+    limit = 0.5 * (a * a + b * b)
+    farthest = -np.inf
+    for k in range(count):
+        farthest = max(farthest, a * corners[k, 0] + b * corners[k, 1])
+    return farthest - limit > SHARED * limit
+
+
+@inline
+def _square(positions: Array, i: int, j: int) -> float:
+    """The square of the distance of two points."""
+    at = load3_flat(positions, 3 * j)
+    d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
+    return dot(d, d)
+
+
+@inline
 def _cell(
-    positions: Array, normals: Array, i: int, axes: tuple[Vec3, Vec3], hood: tuple[Array, Array], polygons: Array
+    positions: Array, normals: Array, i: int, axes: tuple[Vec3, Vec3], near: Array, polygons: Array
 ) -> tuple[int, int, float]:
     """Which of the polygons is point i's cell, the number of its corners, and the farthest one's squared distance."""
-    distances, near = hood
-    side = f64(distances[len(near) - 1])
+    side = math.sqrt(_square(positions, i, i64(near[len(near) - 1])))
     for k in range(4):
         polygons[0, k, 0] = side if k == 0 or k == 3 else -side
         polygons[0, k, 1] = side if k < 2 else -side
         polygons[0, k, 2] = -1.0
     which, count, square = 0, 4, 2.0 * side * side
     for k in range(1, len(near)):
-        if f64(distances[k]) ** 2 > 4.0 * square:
+        if _square(positions, i, i64(near[k])) > 4.0 * square:
             break
         a, b = _unfolded(positions, normals, i, i64(near[k]), axes)
-        if a != 0.0 or b != 0.0:
+        if (a != 0.0 or b != 0.0) and _is_cut(polygons[which], count, a, b):
             count = _cut(polygons, which, count, a, b, near[k])
             which, square = 1 - which, 0.0
             for c in range(count):
@@ -201,13 +218,13 @@ def _measure(
     positions: Array,
     normals: Array,
     rows: Array,
-    hood: tuple[Array, Array],
+    near: Array,
     known: tuple[Array, Array, float],
     out: tuple[Array, Array],
 ) -> int:
     """Measure the cell of each row; known : gaps and usual, empty or as in `measure_cells`, and void."""
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
-    (distances, near), (gaps, usual, void), (reach, closed) = borrow(hood), borrow(known), borrow(out)
+    near, (gaps, usual, void), (reach, closed) = borrow(near), borrow(known), borrow(out)
     memory = np.empty((2, CORNERS, 3))
     polygons = borrow(memory)
     tile = next_tile(work)
@@ -216,8 +233,7 @@ def _measure(
             i = i64(rows[at])
             n = load3_flat(normals, 3 * i)
             axes = tangents((f64(n[0]), f64(n[1]), f64(n[2])))
-            hood_here = distances[at], near[at]
-            which, count, square = _cell(positions, normals, i, axes, hood_here, polygons)
+            which, count, square = _cell(positions, normals, i, axes, near[at], polygons)
             own, ahead = np.inf, (0.0, 0.0)
             if len(usual) > 0:
                 gap = load3_flat(gaps, 3 * i)
@@ -226,7 +242,7 @@ def _measure(
             said = own, usual, void
             reach[at], closed[at] = _reach((positions, normals), i, polygons[which], count, said, ahead)
             if len(usual) == 0:
-                closed[at] = 4.0 * square <= f64(distances[at, near.shape[1] - 1]) ** 2
+                closed[at] = 4.0 * square <= _square(positions, i, i64(near[at, near.shape[1] - 1]))
         tile = next_tile(work)
     keep_alive(memory)
     return 0
@@ -235,12 +251,10 @@ def _measure(
 class Hood(NamedTuple):
     """Neighbours of given points.
 
-    rows : (m,) int64, the points; distances : (m, k) float32, near : (m, k) int32, nearest first, each point itself
-    before its neighbours
+    rows : (m,) int32 or int64, the points; near : (m, k) int32, nearest first, each point itself before its neighbours
     """
 
-    rows: NDArray[np.int64]
-    distances: NDArray[np.float32]
+    rows: NDArray[np.integer[Any]]
     near: NDArray[np.int32]
 
 
@@ -280,7 +294,7 @@ def measure_cells(
     reach, closed = np.empty(len(hood.rows), np.float32), np.empty(len(hood.rows), np.bool_)
     none = np.empty(0, np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
-    tables = np.ascontiguousarray(hood.distances), np.ascontiguousarray(hood.near)
+    near = np.ascontiguousarray(hood.near)
     known = (none, none, void) if usual is None or gaps is None else (gaps.reshape(-1), usual, void)
-    run(_measure, -(-len(reach) // CHUNK), *flat, hood.rows, tables, known, (reach, closed))
+    run(_measure, -(-len(reach) // CHUNK), *flat, hood.rows, near, known, (reach, closed))
     return reach, closed

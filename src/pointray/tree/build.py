@@ -26,10 +26,12 @@ from ..kernels.tree import (
     WIDTH,
     Tree,
 )
-from .blocks import make_blocks, sort_splats
+from ..neighbors import kd_order
+from .blocks import make_blocks
 from .leaves import fill_groups, fill_leaves, limits_of, longest_step
 from .settings import TreeSettings
 from .subtrees import build_cells
+from .top import Top, cut_top, groups_of
 from .wide import collapse, enclose
 
 
@@ -56,35 +58,63 @@ class Splats(NamedTuple):
     noise: NDArray[np.float32] | None = None
 
 
+class Whole(NamedTuple):
+    """What the tree of a part of a model takes from the whole, so that rays meet in it what they meet in the whole.
+
+    top : the part's roots, whose groups are numbered among the part's splats
+    bounds : (6,) float32, of all supports, lo x y z, hi x y z: where a ray enters them its lattice of samples begins
+    reference : the radius that steps are powers of two of
+    """
+
+    top: Top
+    bounds: NDArray[np.float32]
+    reference: float
+
+
 def build_tree(
     splats: Splats,
     settings: TreeSettings,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
+    in_order: bool = False,
+    whole: Whole | None = None,
 ) -> Tree:
     """Build the tree of a model (paper, parts III and IV).
 
     Four splats make a block. Space is cut into voxels that list every block with a splat over them. In each voxel a
     conservative test bounds where the surface can be, as a whole and column by column. The voxels' tight boxes are
     gathered into nodes of eight.
+
+    Parameters
+    ----------
+    splats : Splats
+    settings : TreeSettings
+    threads : int, optional
+    progress : callable, optional
+    in_order : bool
+        Whether the splats are in the order of `kd_order` already, or in another one that keeps neighbours together.
+    whole : Whole, optional
+        Of what the splats are a part: groups of 256, in order.
     """
     say = progress or (lambda share: None)
-    order = sort_splats(splats.positions, threads)
+    n = len(splats.radii)
+    order = np.arange(n, dtype=np.int32) if in_order else kd_order(splats.positions, threads)
     say(0.3)
     blocks, bounds = make_blocks(splats.positions, splats.normals, splats.radii, order, threads)
     say(0.4)
-    cells = build_cells(blocks, bounds, settings.leaf_width, longest_step(settings.samples), threads)
+    step = longest_step(settings.samples)
+    if whole is None:
+        top = cut_top(groups_of(blocks, bounds, threads), step)
+        whole = Whole(top, bounds_of(splats), reference_of(splats.radii))
+    cells = build_cells(blocks, whole.top, settings.leaf_width, step, threads)
     say(0.7)
 
     nodes = np.flatnonzero(cells.children[:, 0] < 0).astype(np.int32)
     leaves = np.zeros(len(nodes) * LEAF, np.float32)
     tight = np.empty((len(nodes), 6))
     patches = np.empty(len(nodes) * PATCH, np.float32)
-    low = len(splats.radii) // 50
-    reference = float(np.partition(splats.radii, low)[low])
-    chosen = (limits_of(settings.surface, settings.trim), settings.samples, reference, int(settings.cut))
-    borders = _borders(order, splats.borders, len(bounds))
-    marks = borders, _facing(order, splats, len(bounds))
+    chosen = (limits_of(settings.surface, settings.trim), settings.samples, whole.reference, int(settings.cut))
+    marks = _borders(order, splats.borders, len(bounds)), _facing(order, splats, len(bounds))
     out = nodes, leaves, patches, tight
     run(fill_leaves, -(-len(nodes) // 64), cells, blocks, marks, chosen, out, threads=threads)
     full = tight[:, 0] <= tight[:, 3]
@@ -107,9 +137,7 @@ def build_tree(
 
     head = np.zeros(HEAD, np.float32)
     # Bounds of the supports, not of the boxes: the sample lattice starts where a ray enters them, whatever the tree.
-    radii = splats.radii[:, None]
-    head[BOUNDS : BOUNDS + 3] = (splats.positions - radii).min(axis=0)
-    head[BOUNDS + 3 : BOUNDS + 6] = (splats.positions + radii).max(axis=0)
+    head[BOUNDS : BOUNDS + 6] = whole.bounds
     head[SURFACE], head[REFINE], head[TRIM] = number_of(SURFACES, settings.surface), settings.refine, settings.trim
     head[OVERHANG] = settings.overhang
     head[LONGEST] = leaves.reshape(-1, LEAF)[:, STEP].max(initial=0.0)
@@ -131,12 +159,41 @@ def build_tree(
     )
 
 
+def bounds_of(splats: Splats) -> NDArray[np.float32]:
+    """Bounds of the supports, (6,) lo x y z, hi x y z."""
+    out = np.empty(6, np.float32)
+    for c, column in enumerate(splats.positions.T):  # column by column in 1/8 of the time for rows of three
+        out[c], out[3 + c] = (column - splats.radii).min(), (column + splats.radii).max()
+    return out
+
+
+def reference_of(radii: NDArray[np.float32]) -> float:
+    """The radius that the steps in the leaves are powers of two of: fifty times as many are larger."""
+    return float(np.partition(radii, len(radii) // 50)[len(radii) // 50])
+
+
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
     """The normals of the slots whose splats are of close sheets, in 127ths; empty if there are no such splats."""
     if splats.sheets is None or not splats.sheets.any():
         return np.zeros(0, np.int8)
+    return _directions(order, splats.sheets != 0, splats.normals, slots)
+
+
+def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slots: int) -> NDArray[np.int8]:
+    """The direction out of the border at each slot, in 127ths; empty if no splat lies on a border."""
+    if borders is None or not borders.any():
+        return np.zeros(0, np.int8)
+    x, y, z = borders.T
+    return _directions(order, (x != 0) | (y != 0) | (z != 0), borders, slots)
+
+
+def _directions(
+    order: NDArray[np.int32], chosen: NDArray[np.bool_], directions: NDArray[np.float32], slots: int
+) -> NDArray[np.int8]:
+    """The directions of the slots with chosen splats, in 127ths; zero in the others, which are most of them."""
     out = np.zeros((slots, 3), np.int8)
-    out[: len(order)] = np.where(splats.sheets[order, None] != 0, np.rint(127 * splats.normals[order]), 0)
+    at = np.flatnonzero(chosen[order])
+    out[at] = np.rint(127 * directions[order[at]])
     return out.reshape(-1)
 
 
@@ -147,22 +204,13 @@ def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDAr
     return out
 
 
-def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slots: int) -> NDArray[np.int8]:
-    """The direction out of the border at each slot, in 127ths; empty if no splat lies on a border."""
-    if borders is None or not borders.any():
-        return np.zeros(0, np.int8)
-    out = np.zeros((slots, 3), np.int8)
-    out[: len(order)] = np.rint(127 * borders[order])
-    return out.reshape(-1)
-
-
 def _colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: int) -> NDArray[np.int32]:
     """The packed colour of each slot; empty if the points have no colours."""
     if colors is None:
         return np.zeros(0, np.int32)
-    out = np.zeros(slots, np.int32)
-    out[: len(order)] = (colors[order].astype(np.int32) * np.array([1, 256, 65536], np.int32)).sum(axis=1)
-    return out
+    out = np.zeros((slots, 4), np.uint8)
+    out[: len(order), :3] = colors[order]
+    return out.reshape(-1).view("<i4").astype(np.int32, copy=False)
 
 
 def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: int) -> NDArray[np.float32]:
@@ -171,4 +219,4 @@ def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: i
         return np.zeros(0, np.float32)
     out = np.zeros(slots, np.float32)
     out[: len(order)] = noise[order]
-    return np.asarray(out.reshape(-1, 4).max(axis=1))
+    return np.maximum(np.maximum(out[::4], out[1::4]), np.maximum(out[2::4], out[3::4]))

@@ -29,20 +29,22 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..jit import Array, f32, i64, inline, kernel, next_tile
+from ..jit import Array, f32, f64, i64, inline, kernel, next_tile
 from ..kernels.tree import (
     BLOCK,
     BORDERED,
     CELL,
     FAR,
     GROUP,
+    INV_R2,
     LEAF,
     LEAST,
     NX,
     PATCH,
     PATCH_HIGH,
     PATCH_LOW,
-    PX,
+    PY,
+    PZ,
     RADIUS,
     SHEETED,
     SLAB,
@@ -50,12 +52,33 @@ from ..kernels.tree import (
     SLAB_LO,
     STEP,
 )
+from ..simd import (
+    F16,
+    INF,
+    ONE,
+    ZERO,
+    bits,
+    broadcast16,
+    count_bits,
+    join4,
+    load16,
+    mask16,
+    reduce_max,
+    reduce_min,
+    select,
+    store_packed,
+    vmax,
+    vmin,
+    vsqrt,
+)
 from .blocks import PER_BLOCK
-from .cells import Cells, overlap
-from .columns import Limits, fill_patches, slab_along
+from .cells import Cells
+from .columns import LANES, PARTS, Limits, Members, N, R, along, fill_patches, live, slab_along, sum_of_row
+from .near import distances, four_from
 
 BEND = 0.361  # the greatest k^2 / e^2 where e > d
 LEEWAY = 0.1  # a step may be 2**0.1 times the requested length, so that nearly equal radii share one lattice
+SLIGHT = 1e-5  # of the mean radius, by which a slab is thicker for the tight box: a ball that it just touches
 PAD = 1e-3  # slabs and boxes are padded by this share of the mean radius, against rounding
 
 Slab: TypeAlias = tuple[float, float, float, float, float]  # unit normal m, least and greatest m.x
@@ -64,7 +87,7 @@ Slab: TypeAlias = tuple[float, float, float, float, float]  # unit normal m, lea
 def limits_of(surface: str, trim: float) -> Limits:
     """How far a surface leaves its splats: the greater of a + b / c^2 and d + e / c^2, see the head of this file.
 
-    With the earlier bound (2 S)^2 for `apss`, 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15
+    With the bound (2 S)^2 for `apss`, 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15
     (bounces) times as long; 32,000 points took as long as now.
     """
     far = min(1.0, trim) ** 2
@@ -79,63 +102,68 @@ def longest_step(samples: int) -> float:
 
 
 @inline
-def _members(blocks: Array, refs: Array, span: Array, cell: Array, out: Array) -> int:
-    """Rows x, y, z, nx, ny, nz, r of the splats whose support overlaps the cell; returns their number."""
-    count = 0
-    for s in range(span[0], span[1]):
-        for k in range(PER_BLOCK):
-            slot = refs[s] * BLOCK + k
-            r2, distance = overlap(blocks, slot, cell)
-            if distance <= r2 and blocks[slot] < FAR:
-                for c in range(3):
-                    out[count, c] = blocks[slot + PX + 4 * c]
-                    out[count, 3 + c] = blocks[slot + NX + 4 * c]
-                out[count, 6] = math.sqrt(r2)
-                count += 1
-    return count
+def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) -> Members:
+    """The splats whose support overlaps the cell."""
+    room, count = len(rows) // PARTS, 0
+    box = (cell[0], cell[1], cell[2], cell[3], cell[4], cell[5])
+    for s in range(span[0], span[1], 4):
+        (i, j, k, m), valid = four_from(refs, s, span[1])
+        i, j, k, m = BLOCK * i, BLOCK * j, BLOCK * k, BLOCK * m
+        x, y = join4(blocks, i, j, k, m), join4(blocks, i + PY, j + PY, k + PY, m + PY)
+        z = join4(blocks, i + PZ, j + PZ, k + PZ, m + PZ)
+        r2 = ONE / join4(blocks, i + INV_R2, j + INV_R2, k + INV_R2, m + INV_R2)
+        there = (distances(box, x, y, z) <= r2) & (x < FAR) & mask16(valid)
+        if bits(there) == 0:
+            continue
+        store_packed(rows, count, there, x - cell[0])
+        store_packed(rows, room + count, there, y - cell[1])
+        store_packed(rows, 2 * room + count, there, z - cell[2])
+        for row in range(3):
+            n = NX + PER_BLOCK * row
+            store_packed(rows, (N + row) * room + count, there, join4(blocks, i + n, j + n, k + n, m + n))
+        store_packed(rows, R * room + count, there, vsqrt(r2))
+        count += count_bits(bits(there))
+    return Members(rows, room, count)
 
 
 @inline
-def _slab(members: Array, limits: Limits) -> Slab:
+def _slab(members: Members, limits: Limits) -> Slab:
     """Mean normal m, least and greatest m.x of any surface: see the head of this file."""
-    mx = my = mz = 0.0
-    for row in members:
-        mx += row[3]
-        my += row[4]
-        mz += row[5]
+    mx, my, mz = sum_of_row(members, N), sum_of_row(members, N + 1), sum_of_row(members, N + 2)
     length = math.sqrt(mx * mx + my * my + mz * mz)
     if length < 1e-6:
         mx, my, mz, length = 0.0, 0.0, 1.0, 1.0
-    mx, my, mz = mx / length, my / length, mz / length
-    low, high = slab_along(members, range(len(members)), (mx, my, mz), limits)
-    return mx, my, mz, low, high
+    m = f32(mx / length), f32(my / length), f32(mz / length)  # as rays read it
+    low, high = slab_along(members, m, limits)
+    return m[0], m[1], m[2], low, high
 
 
 @inline
-def _farthest(m: float, r: float, low: float, high: float) -> float:
-    """Greatest coordinate of a ball cut by the slab, along an axis whose cosine with the slab's normal is m.
+def _farthest(m: float, r: F16, low: F16, high: F16) -> F16:
+    """Greatest coordinates of balls cut by the slab, along an axis whose cosine with the slab's normal is m.
 
-    The ball has radius r and its centre at height 0; the slab goes from low to high.
+    The balls have radius r and their centres at height 0; the slab goes from low to high.
     """
-    height = min(max(r * m, low), high)
-    return m * height + math.sqrt(max(0.0, r * r - height * height)) * math.sqrt(max(0.0, 1.0 - m * m))
+    height = vmin(vmax(r * m, low), high)
+    across = f32(math.sqrt(max(0.0, 1.0 - m * m)))
+    return height * m + vsqrt(vmax((r - height) * (r + height), broadcast16(ZERO))) * across
 
 
 @inline
-def _tight_box(members: Array, slab: Slab, box: Array) -> None:
+def _tight_box(members: Members, slab: Slab, mean: float, cell: Array, box: Array) -> None:
     """Shrink box to the balls of the members cut by the slab."""
-    mx, my, mz, low, high = slab
+    m, slight = (slab[0], slab[1], slab[2]), f32(SLIGHT * mean)
+    rows, room, inf = members.rows, members.room, broadcast16(INF)
     for c in range(3):
-        m = mx if c == 0 else (my if c == 1 else mz)
-        least, greatest = np.inf, -np.inf
-        for row in members:
-            height = mx * row[0] + my * row[1] + mz * row[2]
-            if low - height > row[6] or high - height < -row[6]:
-                continue
-            greatest = max(greatest, row[c] + _farthest(m, row[6], low - height, high - height))
-            least = min(least, row[c] - _farthest(-m, row[6], low - height, high - height))
-        box[c] = max(box[c], least)
-        box[3 + c] = min(box[3 + c], greatest)
+        least, greatest = inf, ZERO - inf
+        for first in range(0, members.number, LANES):
+            x, r, height = load16(rows, c * room + first), load16(rows, R * room + first), along(members, 0, first, m)
+            low, high = slab[3] - slight - height, slab[4] + slight - height
+            there = live(members, first) & (low <= r) & (high >= ZERO - r)
+            greatest = select(there, vmax(x + _farthest(m[c], r, low, high), greatest), greatest)
+            least = select(there, vmin(x - _farthest(-m[c], r, low, high), least), least)
+        box[c] = max(box[c], f64(cell[c]) + f64(reduce_min(least)))
+        box[3 + c] = min(box[3 + c], f64(cell[c]) + f64(reduce_max(greatest)))
 
 
 @inline
@@ -196,13 +224,13 @@ def fill_leaves(
     longest = 0
     for node in nodes:
         longest = max(longest, spans[node, 1] - spans[node, 0])
-    rows = np.empty((longest * PER_BLOCK, 7), np.float64)
-    room = np.empty(longest * PER_BLOCK, np.int64), np.empty(6, np.float64)
+    rows = np.empty((longest * PER_BLOCK + LANES) * PARTS, np.float32)
+    words = np.empty(longest * PER_BLOCK, np.int64)
     tile = next_tile(work)
     while tile >= 0:
         for leaf in range(tile * 64, min((tile + 1) * 64, nodes.size)):
             cell = boxes[nodes[leaf]]
-            members = rows[: _members(blocks, refs, spans[nodes[leaf]], cell, rows)]
+            members = _members(blocks, refs, spans[nodes[leaf]], cell, rows)
             record = records[leaf * LEAF : (leaf + 1) * LEAF]
             box = tight[leaf]
             box[:] = cell
@@ -212,12 +240,10 @@ def fill_leaves(
             patch[PATCH_LOW:PATCH_HIGH], patch[PATCH_HIGH:] = -np.inf, np.inf
             record[CELL : CELL + 6] = cell
             record[SLAB + 2], record[SLAB_LO], record[SLAB_HI] = 1.0, -np.inf, np.inf
-            mean, least = 0.0, cells.least[nodes[leaf]]
-            for row in members:
-                mean += row[6] / len(members)
-            if len(members) == 0:
+            if members.number == 0:
                 box[0], box[3] = np.inf, -np.inf
                 continue
+            mean, least = sum_of_row(members, R) / members.number, cells.least[nodes[leaf]]
             # Each step is the reference step times a power of two, so that different sample lattices are nested.
             record[STEP] = (
                 2.0 * reference / samples * 2.0 ** math.floor(math.log2(max(least, 1e-30) / reference) + LEEWAY)
@@ -227,15 +253,18 @@ def fill_leaves(
             record[SHEETED] = 1.0 if _is_marked(facing, refs, spans[nodes[leaf]]) else 0.0
             if cut == 0:
                 continue
-            slab = _slab(members, limits)
-            _tight_box(members, slab, box)
+            near = _slab(members, limits)
+            _tight_box(members, near, mean, cell, box)
+            base = f64(near[0]) * cell[0] + f64(near[1]) * cell[1] + f64(near[2]) * cell[2]
+            slab = (near[0], near[1], near[2], base + near[3], base + near[4])
             _cut_by_slab(slab, box)
             pad = PAD * mean
-            record[SLAB : SLAB + 5] = (slab[0], slab[1], slab[2], slab[3] - pad, slab[4] + pad)
+            record[SLAB : SLAB + 3] = near[:3]
+            record[SLAB_LO], record[SLAB_HI] = slab[3] - pad, slab[4] + pad
             if not (box[0] <= box[3] and box[1] <= box[4] and box[2] <= box[5]):
                 box[0], box[3] = np.inf, -np.inf
                 continue
-            fill_patches(members, cell, mean, (record[SLAB : SLAB + 3], slab[4] - slab[3], limits), room, patch)
+            fill_patches(members, cell, mean, (near[:3], near[4] - near[3], limits), words, patch)
             for c in range(3):
                 box[c] -= pad
                 box[3 + c] += pad

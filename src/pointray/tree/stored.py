@@ -7,13 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jit import Array, borrow, i64, kernel, next_tile, run
 from ..kernels.tree import BLOCK, NX, PX, Tree
+
+CHUNK = 1 << 14  # splats of a tile
 
 Floats = NDArray[np.float32]
 
 
 class Stored(NamedTuple):
-    """Splats in the order of their rows.
+    """Splats that a tree keeps.
 
     rows : (m,) int64, the caller's row of each
     positions, normals : (m, 3) float32
@@ -26,11 +29,30 @@ class Stored(NamedTuple):
     noise: Floats | None
 
 
-def stored_splats(tree: Tree) -> Stored:
-    """All splats of a tree, as new arrays."""
-    at = np.flatnonzero(tree.order >= 0)
-    at = at[np.argsort(tree.order[at])]
-    table = tree.blocks.reshape(-1, BLOCK // 4, 4).transpose(0, 2, 1).reshape(-1, BLOCK // 4)[at]
-    noise = tree.noise[at // 4] if tree.noise.size else None
-    positions, normals = (table[:, first // 4 : first // 4 + 3] for first in (PX, NX))
-    return Stored(tree.order[at].astype(np.int64), positions, normals, noise)
+@kernel
+def _unpack(work: Array, blocks: Array, slots: Array, positions: Array, normals: Array) -> int:
+    blocks, slots, positions, normals = borrow(blocks), borrow(slots), borrow(positions), borrow(normals)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(slots))):
+            slot = i64(slots[i])
+            at = slot // 4 * BLOCK + slot % 4
+            for c in range(3):
+                positions[i, c], normals[i, c] = blocks[at + PX + 4 * c], blocks[at + NX + 4 * c]
+        tile = next_tile(work)
+    return 0
+
+
+def stored_splats(tree: Tree, by_row: bool = True) -> Stored:
+    """All splats of a tree, as new arrays, in the order of their rows, or as they are stored: neighbours together."""
+    slots = np.flatnonzero(tree.order >= 0)
+    rows = tree.order[slots].astype(np.int64)
+    if by_row and len(rows):
+        slot_of = np.full(rows.max() + 1, -1)
+        slot_of[rows] = slots
+        rows = np.flatnonzero(slot_of >= 0)
+        slots = slot_of[rows]
+    positions, normals = np.empty((2, len(slots), 3), np.float32)
+    run(_unpack, -(-len(slots) // CHUNK), tree.blocks, slots, positions, normals)
+    noise = tree.noise[slots // 4] if tree.noise.size else None
+    return Stored(rows, positions, normals, noise)

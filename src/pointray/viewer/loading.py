@@ -96,7 +96,11 @@ class Files:
         models = [self._whole(cloud, k, shared, notes) for k, cloud in enumerate(clouds)]
         if found and self.leveled and not models[0].levels and len(models[0].points) > WORTH:
             large[0], found = True, False  # it was kept by a command that needs no levels
-        without_levels = [model for model, is_large in zip(models, large, strict=True) if is_large and self.leveled]
+        without_levels = [
+            model
+            for model, is_large in zip(models, large, strict=True)
+            if is_large and self.leveled and not model.parts
+        ]
         if without_levels and self.light is None:
             self._show(models, shared)
         for model in without_levels:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..data import Points
 from ..image.tone import srgb_to_linear
@@ -49,6 +48,8 @@ class Sketch:
             some.append(cloud.select(np.flatnonzero(cloud.finite & (rng.random(len(cloud)) < share))))
         world = np.concatenate([cloud.origin + cloud.positions for cloud in some])
         self.points = Points(world, _together([cloud.normals for cloud in some]))
+        from scipy.spatial import cKDTree  # a tenth of a second, and only while kernels are compiled
+
         ranks = np.arange(1, min(NEIGHBORS, len(world)) + 1)
         distances, near = cKDTree(self.points.positions).query(self.points.positions, ranks)
         self._spacing = float(np.median(distances[:, min(CLOSE, len(ranks) - 1)]))

@@ -40,6 +40,8 @@ from ..options import (
 from ..read_options import Reading, with_reading
 from ..scan_files import check_not_input, scan_of
 
+SEPARATORS = ("/", "\\")  # at the end of a folder's name
+
 
 @with_reading
 def bake(
@@ -105,7 +107,15 @@ def bake(
 def prepare(
     files: PointsArgument,
     reading: Reading,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The result: .ply, or .pointray: the model, ready.")],
+    output: Annotated[
+        str,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="PATH",
+            help="The result: .ply; .pointray: the model, ready; or a folder, .pointray/: the model in parts.",
+        ),
+    ],
     tolerance: Annotated[
         str | None,
         typer.Option(help="Leave out what the surface can spare: it stays within 0.5 (units), or 0.05% (diagonal)."),
@@ -132,6 +142,10 @@ def prepare(
     levels: Annotated[
         bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
     ] = True,
+    part_points: Annotated[
+        int | None,
+        typer.Option(help="Of a model in parts: the points of a part, rounded down to a power of two [4194304]."),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
     threads: ThreadsOption = None,
 ) -> None:
@@ -159,9 +173,11 @@ def prepare(
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
         "trajectory": trajectory,
         "levels": levels,
+        "in_parts": output.endswith(SEPARATORS) or part_points is not None,
+        "part_points": part_points,
         "force": force,
     }
-    print(work(files, reading, output, options))
+    print(work(files, reading, Path(output), options))
 
 
 @with_reading

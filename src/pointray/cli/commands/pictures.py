@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ...choices import AUTO
+from ..cluster import ClusterOption, WorkersOption, rendering_on
 from ..options import (
     SCANS,
     TOGETHER,
@@ -95,6 +96,8 @@ def render(
     filter: FilterOption = Filter["blackman-harris"],
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    cluster: ClusterOption = None,
+    workers: WorkersOption = None,
     cache: CacheOption = True,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
@@ -122,18 +125,19 @@ def render(
     check_output(output, exposure != AUTO and stops != 0, legend)
     scene_file = scene_of(files)
     if scene_file is not None:
-        print(render_scene(scene_file, output, given(context)))
+        with rendering_on(cluster, workers) as client:
+            print(render_scene(scene_file, output, given(context), client))
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
     scan_view, settings, scan_scene = staged(scan_of(files, reading, cache), options, is_layered(output))
     check_fits(output, scan_view.size, settings, legend)
-    with Progress(settings, scan_scene.bakes) as progress:
+    with rendering_on(cluster, workers) as client, Progress(settings, scan_scene.bakes) as progress:
         scene, model, scan = scan_scene.build(progress)
         scan_scene.light(progress)
         settings, camera = scan_scene.shown_with(settings), scan_view.camera(scan)
         shown = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop)
-        ending = write_picture(output, (scene, camera, settings), shown, progress)
+        ending = write_picture(output, (scene, camera, settings), shown, progress, client)
         scan_scene.keep(progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{ending}")
     if scan_view.framed and scan.found:
@@ -177,6 +181,8 @@ def animate(
     filter: FilterOption = Filter["blackman-harris"],
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    cluster: ClusterOption = None,
+    workers: WorkersOption = None,
     cache: CacheOption = True,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
@@ -206,12 +212,14 @@ def animate(
     checked_output = film_output(output, background)
     scene_file = scene_of(files)
     if scene_file is not None:
-        print(animate_scene(scene_file, checked_output, given(context), fps))
+        with rendering_on(cluster, workers) as client:
+            print(animate_scene(scene_file, checked_output, given(context), fps, client))
         return
     scan_view, settings, scan_scene = staged(scan_of(files, reading, cache), options)
     camera_path = CameraPath(scan_view, fps, context.params)
     source = scan_source(scan_scene, scan_view, settings, exposure_of(exposure, options["integrator"].value))
-    print(work(checked_output, camera_path, source))
+    with rendering_on(cluster, workers) as client:
+        print(work(checked_output, camera_path, source, client))
 
 
 @with_reading

@@ -1,7 +1,8 @@
 """Points -> unit normals: directions from each point's neighbours, signs from all points together.
 
 estimate : all steps on one page
-jets, planes : the direction at a point, from a fitted surface or plane; quadrics : the surface
+jets : the direction at a point, from a fitted surface; sixteen, axes, moments, jet : fits to sixteen points at once
+planes, quadrics : fits to one point's neighbours with any weights
 orientation : signs that agree
 layers : signs in noise and layers
 outward : which side is outside, and whether all normals face inwards

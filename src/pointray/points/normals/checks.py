@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import Array, kernel
-from ...neighbors import distinct, morton_order, neighbors
+from ...neighbors import distinct, kd_order, neighbors
 
 Floats = NDArray[np.float32]
 
 ACROSS = 0.1  # sine at which a point lies out of another's tangent plane
 OPPOSITE = -0.5  # cosine below which two normals face opposite sides
-RUNS, RUN = 64, 2048  # stretches of the Morton curve that stand for a large cloud
+RUNS, RUN = 64, 2048  # stretches of the kd order that stand for a large cloud
 
 
 @kernel
@@ -38,9 +38,12 @@ def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array)
     return level + 2 * min(before, behind)
 
 
-def agreement_share(positions: Floats, normals: Floats) -> float:
-    """Share of the three nearest neighbours that face the opposite side, from a sample if there are many points."""
-    order = morton_order(positions)
+def agreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32] | None = None) -> float:
+    """Share of the three nearest neighbours that face the opposite side, from a sample if there are many points.
+
+    order : of the positions, like that of `kd_order`, if it is known
+    """
+    order = kd_order(positions) if order is None else order
     if len(order) > RUNS * RUN:
         starts = np.linspace(0, len(order) - RUN, RUNS).astype(np.int64)
         order = order[(starts[:, None] + np.arange(RUN)).ravel()]

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import check_callback, check_kind, check_whole
 from ...data import Points
-from ...neighbors import distinct, morton_order, neighbor_chunks, neighbors
+from ...neighbors import distinct, neighbor_chunks, neighbors
 from ...progress import Progress, part_of, tell
+from ..path import Path, along_path
 from .checks import agreement_share
 from .jets import Fits, Planes, fit_normals
 from .layers import Layers
@@ -20,6 +21,7 @@ from .orientation import NEAR
 from .outward import looks_inward, orient
 from .sheets import part_sheets
 from .stations import check_apart, check_eyes, eyes_of, faced, is_known, settle_unknown, warn_of_lost_scans
+from .units import to_units
 
 MENDING = 8  # good normals that stand in for a missing one
 UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
@@ -82,14 +84,19 @@ def estimate_normals(
 
 
 def with_fits(
-    points: Points, fit: Fitting, viewpoint: ArrayLike | None = None, progress: Progress | None = None
+    points: Points,
+    fit: Fitting,
+    viewpoint: ArrayLike | None = None,
+    progress: Progress | None = None,
+    along: Path | None = None,
 ) -> tuple[Points, Floats | None]:
     """The points with what is fitted to their neighbours, and the noise that was smoothed away at each, (n,), if any.
 
-    Normals get signs like those of `estimate_normals`.
+    Normals get signs like those of `estimate_normals`. `along`, if it is known, is the path through the points.
     """
     eyes = eyes_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
-    path, ids, rows = along_path(points)
+    along = along or along_path(points)
+    path, rows = along.positions, along.rows
     if len(path) < 3:
         raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
     if viewpoint is None:
@@ -111,44 +118,32 @@ def with_fits(
         part_sheets(found.positions, found.normals, found.near, found.residuals)
     elif not known.all():
         settle_unknown(found.positions, found.normals, found.near, known)
-    normals = np.zeros_like(points.positions)
-    normals[points.finite] = found.normals[ids]
+    normals = along.spread(found.normals, points)
     if found.positions is path:
         return points.with_normals(normals), None
-    positions = points.positions.copy()
-    positions[points.finite] = found.positions[ids]
-    noise = np.zeros(len(points), np.float32)
+    positions = along.spread(found.positions, points)
+    positions[~points.finite] = points.positions[~points.finite]
     assert found.noise is not None
-    noise[points.finite] = found.noise[ids]
-    return points.changed(positions=positions, normals=normals), noise
+    return points.changed(positions=positions, normals=normals), along.spread(found.noise, points)
 
 
-def _seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int64]) -> Floats:
+def _seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
     """The eyes of some rows, (m, 3), about the origin."""
     chosen = eyes if eyes.ndim == 1 else eyes[rows]
     return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
 
 
-def along_path(points: Points) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """The distinct positions of the finite rows along a Morton curve, the number of each row's, the first row of each.
-
-    The second has an entry for each finite row.
-    """
-    finite = np.flatnonzero(points.finite)
-    positions = points.positions[finite]
-    rows, ids = distinct(positions)
-    order = morton_order(positions[rows])
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return positions[rows[order]], rank[ids], finite[rows[order]]
-
-
-def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Points, str | None]:
+def mend_normals(
+    points: Points, progress: Progress | None = None, along: Path | None = None
+) -> tuple[Points, str | None]:
     """The points with unit normals wherever the position is finite, and a message on what was mended.
 
     Parameters
     ----------
     points : Points
+    progress : callable, optional
+    along : Path, optional
+        The path through the points, if it is known.
 
     Returns
     -------
@@ -164,31 +159,33 @@ def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Poin
     if points.normals is None:
         why = "the points have no normals: estimated from their neighbours"
         return estimate_normals(points, progress=progress), why
-    unit, length = _normalise(points.normals)
+    unit, length = to_units(points.normals)
     good = length > 0
     sound = finite & good
-    if not sound.any():
+    whole = bool(sound.all())  # then nothing is copied
+    if not (whole or sound.any()):
         why = "all normals are zero or not finite: estimated from the points' neighbours"
         return estimate_normals(points, progress=progress), why
-    unit[~sound] = 0
-    said = []
-    lost = finite & ~good
+    said, lost = [], finite & ~good
+    if not whole:
+        unit[~sound] = 0
     if lost.any():
         said.append(f"{lost.sum():,} of {len(points):,} normals are zero or not finite: taken from their neighbours")
         unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(sound), lost)
-    odd = _odd_lengths(length[sound])
+    odd = _odd_lengths(length if whole else length[sound])
     if odd:
         said.append(f"{odd:,} of {len(points):,} normals are not of unit length: made so")
-    share = agreement_share(points.positions[sound], unit[sound])
+    known, facing = (points.positions, unit) if whole else (points.positions[sound], unit[sound])
+    share = agreement_share(known, facing, along.rows if along and whole else None)
     if share > DISAGREE:
         eyes = eyes_of(points)
-        known = "" if eyes is not None else " (pass viewpoint= to estimate_normals where it is known)"
+        advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals where it is known)"
         turned = unit
-        unit = _reorient(points, unit, eyes)
+        unit = _reorient(points, unit, eyes, along)
         if not np.array_equal(unit, turned):
             opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
-            said.append(f"{opposite}: directions kept, signs set anew{known}")
-    elif looks_inward(points.positions[sound], unit[sound]):
+            said.append(f"{opposite}: directions kept, signs set anew{advice}")
+    elif looks_inward(known, facing):
         said.append(
             "the normals look inwards: used as they are; unless this is a room seen from inside, turn them with "
             "points.with_normals(-points.normals)"
@@ -198,19 +195,21 @@ def mend_normals(points: Points, progress: Progress | None = None) -> tuple[Poin
 
 def _odd_lengths(length: NDArray[np.float64]) -> int:
     """How many lengths are not 1 within UNIT; 0 if all are scaled alike."""
+    if length.max() - length.min() <= UNIT * length.min():  # as nearly always
+        return 0
     usual = np.median(length)
     if np.abs(length - usual).max() <= UNIT * usual:
         return 0
     return int((np.abs(length - 1) > UNIT).sum())
 
 
-def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None) -> Floats:
+def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, along: Path | None) -> Floats:
     """The same directions with recomputed signs; rows with equal positions face the same side, or their stations."""
     if eyes is not None and np.isfinite(eyes).all():
         out = unit.copy()
         out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
         return out
-    path, ids, first = along_path(points)
+    path, ids, first = along or along_path(points)
     finite = np.flatnonzero(points.finite)
     directions = unit[first]
     near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])
@@ -226,18 +225,10 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None) ->
     return out
 
 
-def _normalise(normals: Floats) -> tuple[Floats, NDArray[np.float64]]:
-    """Unit vectors, and their lengths before; 0 where a vector is zero or not finite."""
-    wide = normals.astype(np.float64)  # no square of a float32 is too large or too small
-    length = np.sqrt(np.einsum("ij,ij->i", wide, wide))
-    good = np.isfinite(length) & (length > 0)
-    return (wide / np.where(good, length, 1)[:, None]).astype(np.float32), np.where(good, length, 0)
-
-
 def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: NDArray[np.bool_]) -> Floats:
     good = good[distinct(positions[good])[0]]  # a thousand equal positions make the search very slow
     _, near = neighbors(positions[good], MENDING, positions[lost])
     nearest = unit[good][near]
-    mean, length = _normalise(nearest.mean(axis=1))
+    mean, length = to_units(nearest.mean(axis=1))
     mean[length == 0] = nearest[length == 0, 0]  # they cancel out
     return mean

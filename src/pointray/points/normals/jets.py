@@ -10,118 +10,58 @@ fits, where there is no detail.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
-from ...kernels.vec import Vec3, tangents
-from ...neighbors import neighbor_chunks, neighbors
+from ...jit import Array, borrow, f32, kernel, next_tile, routine, run
+from ...neighbors import NeighborTree, neighbor_chunks
 from ...progress import Progress, part_of, tell
-from .planes import least_axis, plane
-from .quadrics import TERMS, height_variance, residual, slope_variance, solve
+from ...simd import INF, ONE, broadcast16, load16, select, store, vmax
+from .jet import AXIS, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, jet, take_triple
+from .sixteen import LANES, Sixteen, load_point, new_sixteen, zeros
 
 Floats = NDArray[np.float32]
-# One thread's memory: weights, weights by distance alone, terms and height of each point; coefficients and factor of
-# the quadric; variances and axes of the plane.
-Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 SIZES = (10, 16, 32, 64)  # neighbourhoods to choose from; the point itself is one of them
 CLEAN = 0.01  # noise in spacings below which 16 are enough
 DETAIL = 0.15  # weight of squared residuals beyond the noise: 1 takes noise for detail
-WIDTH = 1.0  # weights fall to 1/e at the rim
 SURVEY = 0.15  # share of the time after which the noise is known
 NOISE_SAMPLE, NOISE_SIZES = 5000, (12, 32, 64)
 LINED = 0.1  # share of fits that may be to points on a line; beyond it, more points are used
 QUANTILE, AT_QUANTILE = 0.25, 0.75  # a quarter of the residuals of pure noise are below 0.75 of the mean
-SLIM = 0.2  # ratio of the plane's variances below which points are on a line or two, and more points are used
-LINE = 0.05  # ratio below which a plane is fitted if there are no more points
-SLIM_VARIANCE = 1e30  # stands for the slope's variance where no quadric was fitted
-RIDGE = 1e-4  # so that points on a line still have an answer
-JET_LEAST = 8  # points; fewer are fitted by a plane
 CHUNK = 1024
+NOT_KNOWN = f32(np.nan)
+PLANE, LEFT, CHOSEN = 3, 6, 7  # what `_choose` finds, in rows of lanes: normal, plane's normal, residual; so many rows
 FACING = 0.03  # cosine to the eye from which a normal's own sign is clear
 GRAZING = 0.2  # cosine to the eye up to which the plane through the neighbours grazes it
 
 
-@inline
-def _slimness(a: Array) -> float:
-    """The second largest number on the diagonal over the largest."""
-    low, high = min(a[0, 0], a[1, 1]), max(a[0, 0], a[1, 1])
-    return max(low, min(high, a[2, 2])) / max(high, a[2, 2], 1e-300)
-
-
 @routine
-def jet(d: Array, k: int, slim: float, memory: Memory) -> tuple[Vec3, float, float]:
-    """Normal, residual (in d's unit) and the slope's variance for unit residuals, of the quadric through k points.
+def _choose(sizes: Array, noise: float, spacing: float, memory: Sixteen, found: Array) -> None:
+    """Find the normal of the size with the least error in each lane, a plane's normal, and the least size's residual.
 
-    The first fit has weights by distance; in the second, points far off the first fit count less.
+    noise : in spacings; spacing : in the unit of the places
     """
-    w, near, terms, x, m, a, v = memory
-    farthest = math.sqrt(d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
-    for j in range(k):
-        near[j] = math.exp(-WIDTH * (d[j, 0] ** 2 + d[j, 1] ** 2 + d[j, 2] ** 2) / (farthest * farthest))
-        w[j] = near[j]
-    n = plane(d, w, k, a, v)
-    if k < JET_LEAST or _slimness(a) < slim:
-        return n, 0.0, SLIM_VARIANCE
-    one, two = tangents(n)
-    for j in range(k):
-        p = (d[j, 0] * one[0] + d[j, 1] * one[1] + d[j, 2] * one[2]) / farthest
-        q = (d[j, 0] * two[0] + d[j, 1] * two[1] + d[j, 2] * two[2]) / farthest
-        terms[j, 0], terms[j, 1], terms[j, 2] = 1.0, p, q
-        terms[j, 3], terms[j, 4], terms[j, 5] = p * p, p * q, q * q
-        terms[j, TERMS] = (d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2]) / farthest
-    total = solve(terms, w, k, RIDGE, m, x)
-    square = 0.0
-    for j in range(k):
-        square += w[j] * residual(terms, x, j) ** 2
-    square = 4.0 * square / total + 1e-12
-    for j in range(k):
-        w[j] = near[j] / (1.0 + residual(terms, x, j) ** 2 / square) ** 2
-    total = solve(terms, w, k, RIDGE, m, x)
-    square = squares = 0.0
-    for j in range(k):
-        square += w[j] * residual(terms, x, j) ** 2
-        squares += w[j] * w[j]
-    effective = total * total / squares
-    square *= effective / (total * max(effective - TERMS, 1.0))
-    g0 = n[0] - x[1] * one[0] - x[2] * two[0]
-    g1 = n[1] - x[1] * one[1] - x[2] * two[1]
-    g2 = n[2] - x[1] * one[2] - x[2] * two[2]
-    length = math.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
-    variance = slope_variance(m) * squares / total / (farthest * farthest)
-    return (g0 / length, g1 / length, g2 / length), farthest * math.sqrt(square), variance
-
-
-@routine
-def height(d: Array, k: int, memory: Memory) -> tuple[float, float]:
-    """The height of the quadric that `jet` has just fitted over the origin of d, along the plane's normal, in d's unit.
-
-    The second number is its variance for unit noise.
-    """
-    w, _, _, x, m, _, _ = memory
-    farthest = math.sqrt(d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2)
-    total = squares = 0.0
-    for j in range(k):
-        total += w[j]
-        squares += w[j] * w[j]
-    return farthest * x[0], height_variance(m) * squares / total
-
-
-@inline
-def jet_memory(most: int) -> Memory:
-    """Memory for fits to at most so many points."""
-    return (
-        np.empty(most),
-        np.empty(most),
-        np.empty((most, TERMS + 1)),
-        np.empty(TERMS),
-        np.zeros((TERMS, TERMS)),
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-    )
+    least, settled = broadcast16(INF), zeros() > ONE
+    for s in range(len(sizes)):
+        last = s == len(sizes) - 1
+        jet(sizes[s], LINE if last else SLIM, memory)
+        slope = load16(memory.results, LANES * SLOPE)
+        residual = load16(memory.results, LANES * RESIDUAL) * (1.0 / spacing)
+        sound = slope < SLIM_VARIANCE
+        take_triple(settled, found, PLANE, memory.results, AXIS, found, PLANE)
+        settled = settled | (sound & (zeros() + sizes[s] >= f32(SIZES[1])))
+        if s == 0:
+            store(found, LANES * LEFT, select(sound, residual, broadcast16(NOT_KNOWN)))
+        excess = vmax(residual * residual - noise * noise, zeros())
+        error = slope * (noise * noise * spacing * spacing) + DETAIL * excess
+        better = error < least
+        if not last:
+            better = better & sound
+        least = select(better, error, least)
+        take_triple(better, memory.results, NORMAL, found, 0, found, 0)
 
 
 @kernel
@@ -132,31 +72,21 @@ def _fit(
 
     Residuals are those of the smallest size. The plane is fitted to 16 points, or more if they are on a line.
     """
-    positions, near, out, most = borrow(positions), borrow(near), borrow(out), near.shape[1]
-    d = np.empty((most, 3))
-    memory = jet_memory(most)
+    positions, rows, near, out = borrow(positions), borrow(rows), borrow(near), borrow(out)
+    memory = new_sixteen(sizes[-1])
+    found, spacing = np.zeros(LANES * CHOSEN, np.float32), 1.0 / math.sqrt(near.shape[1])
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
-            for j in range(most):
-                for c in range(3):
-                    d[j, c] = f64(positions[near[i, j], c]) - f64(positions[rows[i], c])
-            spacing = math.sqrt((d[most - 1, 0] ** 2 + d[most - 1, 1] ** 2 + d[most - 1, 2] ** 2) / most)
-            least, settled = np.inf, False
-            for k in sizes:
-                n, residual, variance = jet(d, k, SLIM if k < sizes[-1] else LINE, memory)
-                if not settled:
-                    out[i, 3], out[i, 4], out[i, 5] = least_axis(memory[5], memory[6])
-                    settled = k >= SIZES[1] and variance < SLIM_VARIANCE
-                if k == sizes[0]:
-                    residuals[i] = residual / spacing if variance < SLIM_VARIANCE else np.nan
-                if k < sizes[-1] and variance == SLIM_VARIANCE:
-                    continue
-                excess = (residual / spacing) ** 2 - noise * noise
-                error = variance * (noise * spacing) ** 2 + DETAIL * max(excess, 0.0)
-                if error < least:
-                    least = error
-                    out[i, 0], out[i, 1], out[i, 2] = n
+        stop = min((tile + 1) * CHUNK, len(out))
+        for first in range(tile * CHUNK, stop, LANES):
+            for lane in range(LANES):
+                i = min(first + lane, stop - 1)
+                load_point(positions, rows[i], near, i, near.shape[1] - 1, lane, memory)
+            _choose(sizes, noise, spacing, memory, found)
+            for lane in range(min(LANES, stop - first)):
+                for c in range(LEFT):
+                    out[first + lane, c] = found[LANES * c + lane]
+                residuals[first + lane] = found[LANES * LEFT + lane]
         tile = next_tile(work)
     return 0
 
@@ -184,7 +114,7 @@ def survey(positions: Floats) -> tuple[float, int]:
     if len(positions) <= NOISE_SIZES[0]:
         return 0.0, SIZES[1]
     rows = np.random.default_rng(0).permutation(len(positions))[:NOISE_SAMPLE]
-    _, near = neighbors(positions, NOISE_SIZES[-1], positions[rows])
+    near = NeighborTree(positions, in_order=True).query(NOISE_SIZES[-1], positions[rows]).indices
     noise, size = 0.0, 0
     for size in NOISE_SIZES:
         _, residuals = _fit_rows(positions, rows, near, [min(size, len(positions))], 0.0)
@@ -196,7 +126,7 @@ def survey(positions: Floats) -> tuple[float, int]:
 
 
 class Fits(NamedTuple):
-    """What is fitted to the neighbours of points that are all different and lie along a Morton curve.
+    """What is fitted to the neighbours of points that are all different and lie in kd order.
 
     Attributes
     ----------
@@ -254,7 +184,7 @@ def fit_normals(
     Parameters
     ----------
     positions : (n, 3) float32
-        All different, along a Morton curve.
+        All different, in kd order.
     kept : int
         Number of neighbours to return, the point itself first.
     eye : (3,) or (n, 3) float32, optional

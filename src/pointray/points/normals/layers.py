@@ -7,13 +7,14 @@ planes lie in one layer again. Of 15 range scans of the dragon 0.2% are flipped;
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f64, kernel, next_tile, run
-from .planes import plane
+from ...jit import Array, borrow, kernel, next_tile, run
+from ...simd import store
+from .axes import fit_plane
+from .jet import store_triple
+from .sixteen import LANES, inner, load_point, new_sixteen
 
 Floats = NDArray[np.float32]
 
@@ -27,29 +28,24 @@ CHUNK = 1024
 @kernel
 def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array, moved: Array) -> int:
     """Write the normal of the plane through the neighbours of positions[rows[i]], and the point moved onto it."""
-    positions, near, planes, moved = borrow(positions), borrow(near), borrow(planes), borrow(moved)
-    most = near.shape[1]
-    d, w, a, v = np.empty((most, 3)), np.empty(most), np.empty((3, 3)), np.empty((3, 3))
+    positions, rows, near = borrow(positions), borrow(rows), borrow(near)
+    planes, moved = borrow(planes), borrow(moved)
+    memory = new_sixteen(near.shape[1])
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
-            r, farthest = rows[i], 1e-300
-            for j in range(most):
-                w[j] = 0.0
+        stop = min((tile + 1) * CHUNK, len(rows))
+        for first in range(tile * CHUNK, stop, LANES):
+            for lane in range(LANES):
+                i = min(first + lane, stop - 1)
+                load_point(positions, rows[i], near, i, near.shape[1] - 1, lane, memory)
+            plane = fit_plane(near.shape[1], memory)
+            store_triple(memory, 0, plane.normal)
+            store(memory.results, 3 * LANES, inner(plane.normal, plane.mean))
+            for lane in range(min(LANES, stop - first)):
+                r, height = rows[first + lane], memory.results[3 * LANES + lane] * memory.units[lane]
                 for c in range(3):
-                    d[j, c] = f64(positions[near[i, j], c]) - f64(positions[r, c])
-                    w[j] += d[j, c] * d[j, c]
-                farthest = max(farthest, w[j])
-            total = height = 0.0
-            for j in range(most):
-                w[j] = math.exp(-w[j] / farthest)
-            n = plane(d, w, most, a, v)
-            for j in range(most):
-                total += w[j]
-                height += w[j] * (d[j, 0] * n[0] + d[j, 1] * n[1] + d[j, 2] * n[2])
-            for c in range(3):
-                planes[r, c] = n[c]
-                moved[r, c] = positions[r, c] + height / total * n[c]
+                    planes[r, c] = memory.results[LANES * c + lane]
+                    moved[r, c] = positions[r, c] + height * planes[r, c]
         tile = next_tile(work)
     return 0
 
@@ -71,7 +67,7 @@ def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array
 
 
 class Layers:
-    """Planes through the neighbours of points along a Morton curve, for `fit_normals` to fill if the points are noisy.
+    """Planes through the neighbours of points in kd order, for `fit_normals` to fill if the points are noisy.
 
     Attributes
     ----------

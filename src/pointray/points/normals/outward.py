@@ -48,28 +48,39 @@ def looks_inward(positions: Floats, normals: Floats) -> bool:
 
 def inward_groups(positions: Floats, normals: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which groups must be turned, by votes of their outermost points and the mean normal's upward part."""
-    order = np.argsort(groups, kind="stable")
-    starts = np.flatnonzero(np.diff(groups[order], prepend=-1))
-    ends = np.append(starts[1:], len(order))
-    # There are many small groups: sum the normals times the offsets from the middle, and the upward parts, at once.
-    count = (ends - starts)[:, None]
-    x, unit = positions[order].astype(np.float64), normals[order].astype(np.float64)
-    x -= np.repeat(np.add.reduceat(x, starts) / count, ends - starts, axis=0)
-    out = np.add.reduceat(np.einsum("ij,ij->i", x, unit), starts)
-    size = np.sqrt(np.add.reduceat(np.einsum("ij,ij->i", x, x), starts) * count[:, 0])
-    inward = out + UPWARD * size * np.add.reduceat(unit[:, 2], starts) / count[:, 0] < 0
+    sizes = np.bincount(groups)
+    inward = np.zeros(len(sizes), np.bool_)
+    small = np.flatnonzero(sizes < LARGE)
+    if len(small):
+        inward[small] = _small_inward(positions, normals, groups, sizes)
     weight = 1 + UPWARD * even_directions(DIRECTIONS)[:, 2]
-    for g in np.flatnonzero(ends - starts >= LARGE):
-        rows = order[starts[g] : ends[g]]
+    for g in np.flatnonzero(sizes >= LARGE):
+        rows = np.flatnonzero(groups == g) if len(sizes) > 1 else slice(None)
         out = weight @ outward_votes(positions[rows], normals[rows]) / DIRECTIONS
         inward[g] = out + normals[rows, 2].mean() < 0
-    return np.asarray(inward)
+    return inward
+
+
+def _small_inward(
+    positions: Floats, normals: Floats, groups: NDArray[np.int64], sizes: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """`inward_groups` for the small ones: there are many, so their sums are taken at once."""
+    rows = np.flatnonzero(sizes[groups] < LARGE)
+    rows = rows[np.argsort(groups[rows], kind="stable")]
+    count = sizes[sizes < LARGE]
+    starts = np.cumsum(count) - count
+    # The normals times the offsets from the middle, and the upward parts.
+    x, unit = positions[rows].astype(np.float64), normals[rows].astype(np.float64)
+    x -= np.repeat(np.add.reduceat(x, starts) / count[:, None], count, axis=0)
+    out = np.add.reduceat(np.einsum("ij,ij->i", x, unit), starts)
+    size = np.sqrt(np.add.reduceat(np.einsum("ij,ij->i", x, x), starts) * count)
+    return np.asarray(out + UPWARD * size * np.add.reduceat(unit[:, 2], starts) / count < 0)
 
 
 def orient(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Signs:
     """Signs, (n,) int8, so that normals agree with their neighbours' and face outward, or up if there is no outside.
 
-    Positions lie along a Morton curve; parameters are as in `agree`.
+    Positions lie in kd order; parameters are as in `agree`.
     """
     signs, groups = agree(positions, normals, near)
     inward = inward_groups(positions, normals * signs[:, None], groups)

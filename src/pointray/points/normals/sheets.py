@@ -230,7 +230,7 @@ def part_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], res
     Parameters
     ----------
     positions : (n, 3) float32
-        Along a Morton curve.
+        In kd order.
     normals : (n, 3) float32, unit
         With signs from the edges.
     near : (n, k) int32

@@ -3,7 +3,7 @@
 smooth : all steps on one page
 noise : how far points lie off their surface, place by place
 fit : the surface beside each point
-creases : planes where no quadric fits; edges : which points they move
+candidates, solids, creases : planes where no quadric fits; edges : which points they move
 
 Begin with smooth.
 """

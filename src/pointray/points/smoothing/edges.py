@@ -180,7 +180,7 @@ class Edges:
 
     def _widen(self, seats: NDArray[np.int64], models: Floats) -> None:
         """Replace models by those of more neighbours, where planes fit these too."""
-        tree, errors = NeighborTree(self._positions), np.concatenate(self._errors)
+        tree, errors = NeighborTree(self._positions, in_order=True), np.concatenate(self._errors)
         for start in range(0, len(seats), PART):
             part = slice(start, start + PART)
             near = tree.query(WIDE, self._positions[seats[part]])[1]

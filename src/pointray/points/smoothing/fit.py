@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f64, kernel, next_tile, run
-from ..normals.jets import LINE, SLIM, SLIM_VARIANCE, height, jet, jet_memory
-from ..normals.planes import least_axis
+from ...jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
+from ...simd import INF, ONE, Mask, bits, broadcast16, load16, select, store, vmax, vsqrt
+from ..normals.jet import AXIS, HEIGHT, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, SPREAD, jet, take_triple
+from ..normals.sixteen import LANES, Sixteen, inner, load_place, load_point, new_sixteen, zeros
 
 Floats = NDArray[np.float32]
 
@@ -24,6 +23,10 @@ FEWEST = 6  # neighbours
 # which saves a tenth of a noisy model's time.
 HALVED = 1.8
 CHUNK = 512
+LOUDEST = f32(1e15)  # noise in the distance of the farthest neighbour, whose square float32 still holds
+# What is found in each lane, in rows: the way to the surface, its normal and the plane's; what the largest quadric
+# leaves beyond noise; the error; and the square of the noise, which is given.
+SHIFT, BEYOND, ERROR, SQUARE, FOUND = 0, 9, 10, 11, 12
 
 
 @kernel
@@ -35,49 +38,89 @@ def _fit(
     normals : (n, 3), or (0, 3); neighbours that look to the opposite side are left out
     noise : (m,) standard deviation of the points' distance from the surface
     """
-    positions, near, normals, out = borrow(positions), borrow(near), borrow(normals), borrow(out)
-    most = near.shape[1]
-    d = np.empty((most, 3))
-    memory = jet_memory(most)
+    positions, rows, near = borrow(positions), borrow(rows), borrow(near)
+    normals, noise, out = borrow(normals), borrow(noise), borrow(out)
+    memory, found = new_sixteen(near.shape[1]), np.zeros(LANES * FOUND, np.float32)
+    same = np.empty((1, near.shape[1]), np.int32)
     tile = next_tile(work)
     while tile >= 0:
-        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
-            row, count = rows[i], 0
-            for j in range(most):
-                other = near[i, j]
-                same = 1.0
-                if len(normals) > 0:
-                    same = 0.0
-                    for c in range(3):
-                        same += f64(normals[row, c]) * f64(normals[other, c])
-                if same >= 0.0:
-                    for c in range(3):
-                        d[count, c] = f64(positions[other, c]) - f64(positions[row, c])
-                    count += 1
-            least, square, left = np.inf, f64(noise[i]) * f64(noise[i]), 0.0
-            for s in range(len(sizes) - 1, -1, -1):
-                k, largest = min(sizes[s], count), s == len(sizes) - 1
-                if not largest and k == count:
-                    continue
-                reach = d[k - 1, 0] ** 2 + d[k - 1, 1] ** 2 + d[k - 1, 2] ** 2 if k > 0 else 0.0
-                if k < FEWEST or (reach < WIDE * WIDE * square and not largest):
-                    break
-                n, residual, variance = jet(d, k, LINE if largest else SLIM, memory)
-                if variance < SLIM_VARIANCE:
-                    left = residual * residual if largest else left
-                    h, spread = height(d, k, memory)
-                    error = spread * square + DETAIL * max(residual * residual - SEEN * square, 0.0)
-                    if error < least:
-                        least = error
-                        a = least_axis(memory[5], memory[6])
-                        along = h * (n[0] * a[0] + n[1] * a[1] + n[2] * a[2])
-                        for c in range(3):
-                            out[i, c], out[i, 3 + c], out[i, 6 + c] = along * n[c], n[c], a[c]
-                    if least <= HALVED * spread * square:
-                        break
-            out[i, 9], out[i, 10] = math.sqrt(max(left - SEEN * square, 0.0)), math.sqrt(least)
+        stop = min((tile + 1) * CHUNK, len(out))
+        for first in range(tile * CHUNK, stop, LANES):
+            for lane in range(LANES):
+                i = min(first + lane, stop - 1)
+                count = _same_side(normals, rows[i], near, i, same)
+                load_point(positions, rows[i], same, 0, count - 1, lane, memory)
+                memory.counts[lane] = count
+                found[LANES * SQUARE + lane] = min(noise[i] / memory.units[lane], LOUDEST) ** 2
+            _choose(sizes, memory, found)
+            for lane in range(min(LANES, stop - first)):
+                for c in range(SQUARE):
+                    unit = ONE if SHIFT + 3 <= c < BEYOND else memory.units[lane]
+                    out[first + lane, c] = found[LANES * c + lane] * unit
         tile = next_tile(work)
     return 0
+
+
+@inline
+def _same_side(normals: Array, row: int, near: Array, i: int, same: Array) -> int:
+    """Write a row's neighbours that do not look to the opposite side, the last one repeated; returns how many."""
+    count = 0
+    same[0, 0] = row
+    for j in range(near.shape[1]):
+        other, cosine = near[i, j], 0.0
+        if len(normals) > 0:
+            for c in range(3):
+                cosine += f64(normals[row, c]) * f64(normals[other, c])
+        if cosine >= 0.0:
+            same[0, count] = other
+            count += 1
+    for j in range(max(count, 1), near.shape[1]):
+        same[0, j] = same[0, j - 1]
+    return count
+
+
+@routine
+def _choose(sizes: Array, memory: Sixteen, found: Array) -> None:
+    """Find the fit with the least error in each lane, from the largest size down; all in the unit of the places."""
+    square, counts = load16(found, LANES * SQUARE), load16(memory.counts, 0)
+    least, left = broadcast16(INF), zeros()
+    for c in range(SQUARE):
+        store(found, LANES * c, zeros())
+    going = counts >= f32(FEWEST)
+    for s in range(len(sizes) - 1, -1, -1):
+        k, largest = sizes[s], s == len(sizes) - 1
+        tried = going
+        if not largest:
+            last = load_place(memory.places, k - 1)
+            going = going & ((counts <= f32(k)) | (inner(last, last) >= WIDE * WIDE * square))
+            tried = going & (counts > f32(k))
+        if bits(tried) == 0:
+            continue
+        jet(k, LINE if largest else SLIM, memory)
+        spread = load16(memory.results, LANES * SPREAD) * square
+        residual = load16(memory.results, LANES * RESIDUAL)
+        tried = tried & (load16(memory.results, LANES * SLOPE) < SLIM_VARIANCE)
+        if largest:
+            left = select(tried, residual * residual, left)
+        error = spread + DETAIL * vmax(residual * residual - SEEN * square, zeros())
+        better = tried & (error < least)
+        least = select(better, error, least)
+        _take(better, memory.results, found)
+        going = going ^ (tried & (least <= HALVED * spread))
+    store(found, LANES * BEYOND, vsqrt(vmax(left - SEEN * square, zeros())))
+    store(found, LANES * ERROR, vsqrt(least))
+
+
+@inline
+def _take(mask: Mask, results: Array, found: Array) -> None:
+    """Write the way to the surface, the normal and the plane's normal where the mask is set."""
+    n = load16(results, LANES * NORMAL), load16(results, LANES * (NORMAL + 1)), load16(results, LANES * (NORMAL + 2))
+    a = load16(results, LANES * AXIS), load16(results, LANES * (AXIS + 1)), load16(results, LANES * (AXIS + 2))
+    along = load16(results, LANES * HEIGHT) * inner(n, a)
+    for c in range(3):
+        store(found, LANES * (SHIFT + c), select(mask, along * n[c], load16(found, LANES * (SHIFT + c))))
+    take_triple(mask, results, NORMAL, found, SHIFT + 3, found, SHIFT + 3)
+    take_triple(mask, results, AXIS, found, SHIFT + 6, found, SHIFT + 6)
 
 
 def fit_surface(

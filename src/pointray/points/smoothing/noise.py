@@ -2,7 +2,7 @@
 
 Quadrics are fitted to k and to 2 k neighbours of some points. Residuals of noise are as large in both; those of a
 crease grow like the radius, so that their squares double, and those of smooth detail grow faster. So 2 r(k)^2 - r(2k)^2
-is what is left for noise: at detail it is below zero for many points. A low quantile over a stretch of the Morton curve
+is what is left for noise: at detail it is below zero for many points. A low quantile over a stretch of the kd order
 tells them apart. Points that have normals of their own tell more: two points of a sphere, whatever its radius, have no
 height over the mean of their tangent planes; and what is not noise bends the normals.
 """
@@ -44,7 +44,7 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
     Parameters
     ----------
     path : (n, 3) float32
-        Positions, all different, along a Morton curve.
+        Positions, all different, in kd order.
     normals : (n, 3) float32, optional
         Unit normals that were measured or known.
 
@@ -61,15 +61,14 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
     rows = np.arange(0, n, max(min(SHARE, n // FEWEST), 1))
     ends = np.linspace(0, len(rows), max(len(rows) // STRETCH, 1) + 1).astype(int)
     stretches = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
-    tree = NeighborTree(path)
-    away, near = tree.query(AROUND, path[rows])
+    away, near = NeighborTree(path, in_order=True).query(MOST if normals is None else AROUND, path[rows])
     spacing = _quantiles(away[:, AROUND - 1].astype(np.float64), stretches) * math.sqrt(math.pi / AROUND)
     if normals is not None:
         square = _quantiles(_heights(path, normals, rows, near[:, 1 : 1 + BESIDE]), stretches) / HEIGHTS
         if (square > (LITTLE * spacing) ** 2).any():  # wrong normals look like noise, but fits to clean points do not
             square = np.minimum(square, _quantiles(fit_residuals(path, rows, near, FEW) ** 2, stretches) / LEFT)
     else:
-        square = _residuals(path, rows, tree.query(MOST, path[rows])[1], stretches, spacing)
+        square = _residuals(path, rows, near, stretches, spacing)
     middles = rows[(ends[:-1] + ends[1:]) // 2]
     square = np.maximum(square, _around(path[middles], np.sqrt(square) / spacing) * spacing**2)
     noise, spacing = (np.interp(np.arange(n), middles, values) for values in (np.sqrt(square), spacing))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import check_callback, check_kind, check_number
 from ...data import Points
-from ...neighbors import neighbor_chunks
+from ...neighbors import neighbor_chunks, take
 from ...progress import Progress, part_of, tell
-from ..normals.estimate import along_path, mend_normals, with_fits
+from ..normals.estimate import mend_normals, with_fits
 from ..normals.jets import Fits, Planes, faces, fit_normals, survey
+from ..path import Path, along_path
 from .edges import Edges
 from .fit import SIZES, fit_surface
 from .noise import LITTLE, noise_along
@@ -69,21 +70,30 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
 
 
 class Placed(NamedTuple):
-    """Points where rays shall meet them, with unit normals, and the noise that was smoothed away: none, if it is None.
+    """Points where rays shall meet them, with unit normals.
 
-    noise : (n,) float32, standard deviation, in the points' unit
+    noise : (n,) float32, standard deviation of the noise that was smoothed away, in the points' unit; None if none was
+    order : (n,) int, their kd order, or about that; None if it is not known
+    apart : whether all positions are known to be different
     """
 
     points: Points
     noise: Floats | None
+    order: NDArray[np.integer[Any]] | None = None
+    apart: bool = False
 
 
-def place(points: Points, sigma: str | float, progress: Progress | None = None) -> tuple[Placed, str | None]:
-    """Points with unit normals, moved where they are noisy, and what `mend_normals` says."""
+def place(
+    points: Points, sigma: str | float, progress: Progress | None = None, along: Path | None = None
+) -> tuple[Placed, str | None]:
+    """Points with unit normals, moved where they are noisy, and what `mend_normals` says.
+
+    along : the path through the points, if it is known
+    """
     if points.normals is None:
-        return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress)), None
-    mended, said = mend_normals(points, progress)
-    return _smooth_known(mended, sigma, progress), said
+        return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, along=along)), None
+    mended, said = mend_normals(points, progress, along)
+    return _smooth_known(mended, sigma, progress, along), said
 
 
 def check_sigma(value: object, name: str) -> str | float:
@@ -150,13 +160,16 @@ class Fitting:
         return Fits(moved, normals, near, residuals, noise * shares[:, 0])
 
 
-def _smooth_known(points: Points, sigma: str | float, progress: Progress | None = None) -> Placed:
+def _smooth_known(
+    points: Points, sigma: str | float, progress: Progress | None = None, along: Path | None = None
+) -> Placed:
     """`smooth` for points with unit normals, whose sides the moved points' normals keep."""
     if sigma == 0.0:
         return Placed(points, None)
-    path, ids, rows = along_path(points)
+    along = along or along_path(points)
+    path = along.positions
     assert points.normals is not None
-    known = points.normals[rows]
+    known = take(points.normals, along.rows)
     noise, most = _noise_of(path, sigma, known)
     if noise is None:
         return Placed(points, None)
@@ -169,10 +182,9 @@ def _smooth_known(points: Points, sigma: str | float, progress: Progress | None 
         moved[part][some] += share[some] * shifts
         turned[part][some] = _blended(known[part][some], normals, share[some])
         noise[part] *= share[:, 0]
-    finite = points.finite
-    positions, out, smoothed = points.positions.copy(), points.normals.copy(), np.zeros(len(points), np.float32)
-    positions[finite], out[finite], smoothed[finite] = moved[ids], turned[ids], noise[ids]
-    return Placed(points.changed(positions=positions, normals=out), smoothed)
+    positions, out = along.spread(moved, points), along.spread(turned, points)
+    positions[~points.finite] = points.positions[~points.finite]
+    return Placed(points.changed(positions=positions, normals=out), along.spread(noise, points))
 
 
 def _noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> tuple[Floats | None, int]:

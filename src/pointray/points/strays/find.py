@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import check_callback, check_kind
 from ...data import Points
-from ...neighbors import distinct, morton_order
+from ...neighbors import distinct, kd_order
 from ...progress import Progress, part_of, tell
 from ..normals.stations import check_eyes, eyes_of
 from .floors import LEAST, Floors, find_floors
@@ -121,7 +121,7 @@ def _look(points: Points, viewpoint: ArrayLike | None, progress: Progress | None
     kinds, offset = np.zeros((len(points), 4), np.bool_), np.zeros((len(points), 3), np.float32)
     if len(first) >= LEAST:
         rows = finite[first]
-        path = morton_order(points.positions[rows])
+        path = kd_order(points.positions[rows])
         rank = np.empty(len(path), np.int64)
         rank[path] = np.arange(len(path))
         found, floors = _kinds(points, rows[path], eyes, progress)
@@ -133,7 +133,7 @@ def _look(points: Points, viewpoint: ArrayLike | None, progress: Progress | None
 def _kinds(
     points: Points, rows: NDArray[np.int64], eyes: NDArray[np.float64] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], Floors]:
-    """The kinds of rows at different places along a Morton curve, (m, 4) bool, and their floors."""
+    """The kinds of rows at different places in kd order, (m, 4) bool, and their floors."""
     positions = np.ascontiguousarray(points.positions[rows])
     floors = find_floors(positions, part_of(progress, 0.0, FLOORED))
     off = np.flatnonzero(floors.off)

@@ -48,7 +48,7 @@ class Ground:
     Parameters
     ----------
     positions : (n, 3) float32
-        All different and along a Morton curve; at least `LEAST`.
+        All different and in kd order; at least `LEAST`.
     """
 
     def __init__(self, positions: Floats) -> None:
@@ -92,7 +92,7 @@ def _in_layer(about: Floats) -> NDArray[np.bool_]:
 
 
 def find_floors(positions: Floats, progress: Progress | None = None) -> Floors:
-    """The floors of positions, which are all different and along a Morton curve; at least `LEAST` of them."""
+    """The floors of positions, which are all different and in kd order; at least `LEAST` of them."""
     ground = Ground(positions)
     ground.look(np.arange(len(ground.survey.known)), progress)
     return ground.floors()

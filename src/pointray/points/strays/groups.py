@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from ...jit import run
 from ...neighbors import neighbors
+from ..linked import linked_parts
 from .floors import Floors
 from .links import CHUNK, link, third_least
 from .survey import CORE
@@ -38,9 +37,7 @@ def adrift(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDAr
     core = np.maximum(floors.core, np.float32(np.median(floors.core)))
     near, is_linked = floors.near[:, 1 : CORE + 1], np.empty((n, min(CORE, floors.near.shape[1] - 1)), np.bool_)
     run(link, -(-n // CHUNK), positions, near, GAP * core, strays, is_linked)
-    ends = np.concatenate([[0], is_linked.sum(axis=1, dtype=np.int32).cumsum(dtype=np.int32)])
-    graph = csr_array((np.ones(ends[-1]), near[is_linked], ends), shape=(n, n))
-    part = connected_components(graph, directed=False)[1]
+    part = linked_parts(near, is_linked)
     sizes = np.bincount(part)
     small = (sizes[part] <= max(FEW, SHARE * n)) & ~strays
     rest = np.flatnonzero(~small & ~strays)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from ...data import Points
 from ...neighbors import neighbors
 from ...progress import Progress, part_of, tell
-from ..normals.estimate import along_path
+from ..linked import linked_parts
+from ..path import Path, along_path
 from .floors import LAYER, LEAST, Floors, Ground
 from .passes import merge_passes
 from .survey import GROUP
@@ -18,7 +19,7 @@ from .survey import GROUP
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-STRETCH = 16  # groups that follow each other along the Morton curve: a place about 8 spacings wide
+STRETCH = 16  # groups that follow each other in kd order: a place about 8 spacings wide
 SAMPLE, SHARE = 20_000, 32  # points that are looked at in any case, or every so manieth
 SHOWS = 2  # points off their floor, from which a stretch may show a layer
 SPARSE_MERGED = 0.6  # share of the time
@@ -30,13 +31,15 @@ LINKS, APART = 8, 6.0  # the nearest points of the layer that it links, at most 
 LEVEL, ALIKE = 1.0, 0.5  # differences in height, in spacings, and cosines of the ways to the floor
 
 
-def merge_for_model(points: Points, progress: Progress | None = None) -> Points:
+def merge_for_model(points: Points, progress: Progress | None = None, along: Path | None = None) -> Points:
     """The points with those of second layers and passes moved onto one surface; `points` itself, where there are none.
 
-    Unlike `merge_layers` it looks closely only where a few stretches of the Morton curve show layers, and moves only
-    groups of `FEWEST` points or more: a surface without layers stays as it is, to the bit.
+    Unlike `merge_layers` it looks closely only where a few stretches of the kd order show layers, and moves only
+    groups of `FEWEST` points or more: a surface without layers stays as it is, to the bit. `along`, if it is known, is
+    the path through the points.
     """
-    path, ids, rows = along_path(points)
+    along = along or along_path(points)
+    path, ids, rows = along
     tell(progress, 0.1)
     if len(path) < LEAST:
         return points
@@ -53,8 +56,8 @@ def merge_for_model(points: Points, progress: Progress | None = None) -> Points:
         shift[off] = floors.offset[off]
         positions = points.positions.copy()
         positions[points.finite] += shift[ids]
-        points = points.changed(positions=positions)
-    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0))
+        points, along = points.changed(positions=positions), None
+    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0), along=along)
 
 
 def _look_for_layers(ground: Ground, n: int, progress: Progress | None) -> None:
@@ -91,13 +94,11 @@ def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
     ways = offset / np.maximum(height, 1e-30)[:, None]
     is_linked = (away < APART * spacing[:, None]) & (np.abs(height[near] - height[:, None]) < LEVEL * spacing[:, None])
     is_linked &= np.einsum("ij,ikj->ik", ways, ways[near]) > ALIKE
-    ends = np.concatenate([[0], is_linked.sum(axis=1, dtype=np.int32).cumsum(dtype=np.int32)])
-    graph = csr_array((np.ones(ends[-1]), near[is_linked], ends), shape=(m, m))
-    part = connected_components(graph, directed=False)[1]
+    part = linked_parts(near, is_linked)
     return np.asarray(np.bincount(part)[part] >= FEWEST)
 
 
-def faces_back(points: Points, rows: Rows, floors: Floors, some: Rows) -> NDArray[np.bool_]:
+def faces_back(points: Points, rows: NDArray[np.integer[Any]], floors: Floors, some: Rows) -> NDArray[np.bool_]:
     """Which of some positions have a given normal against those around: they are the back of a thin body.
 
     rows : the row of `points` of each position

@@ -14,8 +14,8 @@ from ...data import Points
 from ...neighbors import NeighborTree
 from ...progress import Progress, part_of, tell
 from ...survey import SCAN
-from ..normals.estimate import along_path
 from ..normals.stations import eyes_of
+from ..path import Path, along_path
 from .heights import AROUND, even_out, heights
 
 Floats = NDArray[np.float32]
@@ -28,7 +28,12 @@ ROWS = 1 << 16  # rows of a table at a time
 TOLD, LAID = 0.1, 0.9  # shares of the time until the sample is seen, and all moves are known
 
 
-def merge_passes(points: Points, eyes: NDArray[np.float64] | None = None, progress: Progress | None = None) -> Points:
+def merge_passes(
+    points: Points,
+    eyes: NDArray[np.float64] | None = None,
+    progress: Progress | None = None,
+    along: Path | None = None,
+) -> Points:
     """The points with those of scans that do not fit moved onto the mean of the scans, by density and noise.
 
     Parameters
@@ -40,6 +45,8 @@ def merge_passes(points: Points, eyes: NDArray[np.float64] | None = None, progre
         Who saw each point. None: the stations of the survey; where nobody is known the normals, if there are some, tell
         the side from which a surface was seen.
     progress : callable, optional
+    along : Path, optional
+        The path through the points, if it is known.
 
     Returns
     -------
@@ -49,11 +56,11 @@ def merge_passes(points: Points, eyes: NDArray[np.float64] | None = None, progre
     scans = _scans_of(points)
     if scans is None:
         return points
-    path, ids, rows = along_path(points)
+    path, ids, rows = along or along_path(points)
     facing = _facing(points, eyes_of(points) if eyes is None else eyes)
     if facing is None or len(path) <= AROUND:
         return points
-    scans, facing, tree = scans[rows], facing[rows], NeighborTree(path)
+    scans, facing, tree = scans[rows], facing[rows], NeighborTree(path, in_order=True)
     some = np.arange(0, len(path), max(len(path) // SAMPLE, 1))
     seen = heights(path, some, tree.query(AROUND, path[some])[1], scans, facing)
     tell(progress, TOLD)
@@ -73,7 +80,7 @@ def _shifts(
     moves, near = np.zeros((n, 4), np.float32), np.empty((n, KEPT), np.int32)
     for start in range(0, n, ROWS):
         rows = np.arange(start, min(start + ROWS, n))
-        found = tree.query(AROUND, path[rows])[1]
+        found = tree.rows(AROUND, slice(start, start + ROWS))
         moves[rows], near[rows] = heights(path, rows, found, scans, facing), found[:, :KEPT]
         tell(progress, LAID * rows[-1] / n)
     return even_out(moves, near, scans)

@@ -1,4 +1,4 @@
-"""The survey: a smooth floor near each point, one for four points that follow each other along the Morton curve.
+"""The survey: a smooth floor near each point, one for four points that follow each other in kd order.
 
 A quadric for each point would take four times as long, and so would a search for 48 neighbours; the few points that lie
 off the floor of their four are examined on their own afterwards.
@@ -117,7 +117,7 @@ def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> i
 
 
 class Survey:
-    """What is known of positions that are all different and along a Morton curve; NaN where they were not looked at.
+    """What is known of positions that are all different and in kd order; NaN where they were not looked at.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class Survey:
 
     def __init__(self, positions: Floats) -> None:
         n = len(positions)
-        self._positions, self.tree = positions, NeighborTree(positions)
+        self._positions, self.tree = positions, NeighborTree(positions, in_order=True)
         self._about = np.full((n, 4), np.nan, np.float32)
         self.height, self.noise, self.spacing, self.core = self._about.T
         self.near = np.zeros((n, min(KEPT, n)), np.int32)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
@@ -25,6 +26,7 @@ from ._names import COLORS, NORMALS
 from ._write import write
 
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+SHORT = 64  # bytes of a row of which columns may be views, which keep it
 CHUNK_BYTES = 1 << 25  # bytes of a chunk's rows at most: a splat has 248
 
 Columns = dict[str, NDArray[Any]]
@@ -171,6 +173,17 @@ def _typed(column: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Columns side by side: a view where they lie so in the file's rows, so that these are copied only once more."""
+    first = columns[0]
+    places = [column.ctypes.data - first.ctypes.data for column in columns]
+    alike = all(column.dtype == first.dtype and column.strides == first.strides for column in columns)
+    if (
+        alike
+        and first.strides[0] <= SHORT
+        and first.dtype.isnative
+        and places == [k * first.itemsize for k in range(len(columns))]
+    ):
+        return as_strided(first, (len(first), len(columns)), (first.strides[0], first.itemsize))
     return np.stack(columns, axis=1).astype(np.result_type(*(c.dtype.newbyteorder("=") for c in columns)), copy=False)
 
 

@@ -1,0 +1,136 @@
+"""The workers of a client at work on one scene."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+import uuid
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+from ..model import Model
+from ..model_file import Place
+from ..scene.scene import Scene
+from .client import unfit
+from .dispatch import Dispatch, Job
+from .parcels import Parcel, parcels_of
+from .recipe import write_recipe
+from .worker import Ticket, do_job
+
+ROLL_CALL = 1.0  # seconds between two looks at who is there
+LOST = "the scheduler of Dask is lost"
+ALONE = 60.0  # seconds without any worker after which a crew gives up
+
+
+class Crew:
+    """The workers of a client, and a scene.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        As `check_client` takes it.
+    scene : Scene
+        As it is now; later changes of the scene change nothing here.
+
+    Attributes
+    ----------
+    workers : dict
+        The threads of each, by its address.
+    """
+
+    def __init__(self, client: Any, scene: Scene) -> None:
+        self._client, self._parcels = client, parcels_of(client)
+        scene = scene.copy()
+        self._baked = scene.baked
+        self._models: list[Model] = scene.models
+        recipe = write_recipe(scene, self._models)
+        self._name = hashlib.sha256(recipe).hexdigest()[:16]
+        self._recipe = Parcel("scene", recipe)
+        self.workers: dict[str, int] = {}
+        self._unfit: set[str] = set()
+        self._called, self._seen = -ROLL_CALL, time.monotonic()
+        self._call_roll()
+
+    def run(self, jobs: deque[Job], tick: Callable[[], None]) -> Iterator[tuple[Job, Any]]:
+        """Do jobs; yields each with its result, in the order in which they are ready.
+
+        jobs : the caller may add others between two results
+        tick : called ten times a second; an error in it ends all
+
+        Raises
+        ------
+        RuntimeError
+            If the scheduler, or all workers, are lost, or several workers died of the same job.
+        """
+        work = Dispatch(self, jobs)
+        try:
+            while not work.is_done:
+                self._call_roll()
+                work.drop_lost()
+                work.hand_out()
+                tick()
+                yield from work.take_in()
+        finally:
+            work.end()
+
+    def submit(self, job: Job, worker: str) -> Any:
+        """Have a worker do a job; returns the future, None if that failed: no worker takes what has to be sent.
+
+        If the worker dies, Dask may have another one do it.
+        """
+        client = self._client
+        try:
+            baked, recipe = self._send_baked(), self._recipe.send(client)
+            models = [self._parcels.of_model(model) for model in self._models]
+            sent = [model if isinstance(model, Place) else model.send(client) for model in models]
+        except OSError:  # of Dask, which found no worker in time, or lost the scheduler
+            return None
+        except AttributeError:
+            if self._client.scheduler is None:  # Dask asks it for its methods all the same
+                raise RuntimeError(LOST) from None
+            raise
+        scene = " ".join([self._name, *(_name(one) for one in (baked, *sent))])
+        todo = do_job, Ticket(scene, job.work, job.args), recipe, baked, *sent
+        key = f"{job.name}-{uuid.uuid4().hex}"
+        return client.submit(*todo, key=key, workers=[worker], allow_other_workers=True, pure=False)
+
+    def unsee(self, place: Place) -> None:
+        """From now on the model in a file is sent, as not all workers see it."""
+        self._parcels.unseen.add(place)
+
+    def _send_baked(self) -> Any:
+        """The future of the baked light; None: there is none."""
+        if self._baked is None:
+            return None
+        return self._parcels.of(self._baked, "baked light", self._baked.portable()).send(self._client)
+
+    def _call_roll(self) -> None:
+        """See which workers are there, once a second."""
+        now = time.monotonic()
+        if now - self._called < ROLL_CALL:
+            return
+        self._called = now
+        if self._client.status != "running":
+            raise RuntimeError(LOST)
+        with suppress(OSError):  # the connection is lost: its status will tell
+            self._call(self._client.nthreads())
+        if now - self._seen > ALONE:
+            raise RuntimeError(f"all workers of Dask are gone, for {ALONE:.0f} seconds")
+
+    def _call(self, there: dict[str, int]) -> None:
+        """Take note of the workers that are there."""
+        new = [worker for worker in there if worker not in self.workers and worker not in self._unfit]
+        for worker, reason in (unfit(self._client, new) if new else {}).items():
+            self._unfit.add(worker)
+            warnings.warn(f"it is not used: {reason}", stacklevel=2)
+        self.workers = {worker: count for worker, count in there.items() if worker not in self._unfit}
+        if self.workers:
+            self._seen = time.monotonic()
+
+
+def _name(sent: Any) -> str:
+    """What tells a thing that was sent from others."""
+    return str(getattr(sent, "key", sent))

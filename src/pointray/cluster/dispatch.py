@@ -1,0 +1,180 @@
+"""Which worker does which job: each has two, one that it does and one that waits there.
+
+A job whose worker has died is done again elsewhere. When all jobs are handed out, workers without any take over those
+that wait elsewhere, and those that take much longer than usual: what is ready first counts, and both give the same.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from statistics import median
+from typing import Any, Protocol
+
+from ..model_file import Place
+from .worker import UnseenFileError
+
+TICK = 0.1  # seconds between two reports of progress
+AT_ONCE = 2  # jobs of a worker: one more than it does, so that it need not wait for the next one
+SLOW, LEAST_SLOW = 3.0, 2.0  # a job is slow that takes so many times the median, and so many seconds
+ATTEMPTS = 4  # of a job whose workers die: it may be what kills them
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """Something to do on any worker.
+
+    name : what the dashboard shows
+    work, args : see `worker.Ticket`
+    """
+
+    name: str
+    work: Callable[..., Any]
+    args: tuple[Any, ...]
+
+
+@dataclass(eq=False)
+class _Flight:
+    """A job on a worker. begun : when the worker took it up, as far as is known"""
+
+    job: Job
+    attempt: int
+    worker: str
+    future: Any
+    begun: float
+
+
+class Hands(Protocol):
+    """Those who do jobs, see `crew.Crew`."""
+
+    workers: dict[str, int]
+
+    def submit(self, job: Job, worker: str) -> Any:
+        """Have a worker do a job; returns the future, None if that failed."""
+
+    def unsee(self, place: Place) -> None:
+        """A worker does not see a file."""
+
+
+class Dispatch:
+    """Jobs, where they are being done, and what is ready."""
+
+    def __init__(self, crew: Hands, jobs: deque[Job]) -> None:
+        self._crew, self._jobs = crew, jobs
+        self._again: deque[tuple[Job, int]] = deque()  # jobs of workers that have died, and the number of attempts
+        self.flights: list[_Flight] = []  # in the order in which they were handed out
+        self._ready: queue.Queue[Any] = queue.Queue()
+        self._times: deque[float] = deque(maxlen=64)  # seconds that jobs took
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing is left to do."""
+        return not (self._jobs or self._again or self.flights)
+
+    def drop_lost(self) -> None:
+        """Do again what workers did that are gone."""
+        for flight in [one for one in self.flights if one.worker not in self._crew.workers]:
+            self._drop(flight)
+            self._retry(flight, flight.attempt + 1)
+
+    def hand_out(self) -> None:
+        """Give each worker as many jobs as it should have."""
+        for round in range(AT_ONCE):
+            for worker in self._crew.workers:
+                if len(self._flights_of(worker)) <= round and not self._give(worker):
+                    return
+
+    def _give(self, worker: str) -> bool:
+        """Give a worker a job, if there is one for it; returns whether jobs can be sent."""
+        if self._again:
+            return self._launch(*self._again.popleft(), worker)
+        if self._jobs:
+            return self._launch(self._jobs.popleft(), 1, worker)
+        return bool(self._flights_of(worker)) or self._take_over(worker)
+
+    def _take_over(self, worker: str) -> bool:
+        """Have an idle worker do what waits at another one, or what another one takes too long for."""
+        for flight in self.flights:
+            alone = len(self._flights_for(flight.job)) == 1
+            first = self._flights_of(flight.worker)[0] is flight
+            if alone and not first:
+                self._drop(flight)
+            if alone and (not first or self._is_slow(flight)):
+                return self._launch(flight.job, flight.attempt, worker)
+        return True
+
+    def _is_slow(self, flight: _Flight) -> bool:
+        spent = time.monotonic() - flight.begun
+        return bool(self._times) and spent > max(SLOW * median(self._times), LEAST_SLOW)
+
+    def take_in(self) -> Iterator[tuple[Job, Any]]:
+        """Wait a moment for results; yields those that are ready."""
+        try:
+            futures = [self._ready.get(timeout=TICK)]
+        except queue.Empty:
+            return
+        while not self._ready.empty():
+            futures.append(self._ready.get())
+        for future in futures:
+            flight = next((one for one in self.flights if one.future is future), None)
+            if flight is not None:  # it is still wanted
+                yield from self._finish(flight)
+
+    def _finish(self, flight: _Flight) -> Iterator[tuple[Job, Any]]:
+        """A job has ended: with a result, with an error, or as what it needs is lost."""
+        future, now = flight.future, time.monotonic()
+        self.flights.remove(flight)
+        for waiting in self._flights_of(flight.worker):
+            waiting.begun = now
+        if future.status == "finished":
+            self._times.append(now - flight.begun)
+            for twin in self._flights_for(flight.job):
+                self._drop(twin)
+            self._again = deque(other for other in self._again if other[0] is not flight.job)
+            yield flight.job, future.result()
+            return
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, UnseenFileError):
+            self._crew.unsee(error.args[0])
+            self._retry(flight, flight.attempt)
+        elif error is None or type(error).__name__ == "KilledWorker":
+            self._retry(flight, flight.attempt + 1)
+        else:
+            raise error
+
+    def _retry(self, flight: _Flight, attempt: int) -> None:
+        """Do a job again, unless it is being done elsewhere too."""
+        if self._flights_for(flight.job):
+            return
+        if attempt > ATTEMPTS:
+            raise RuntimeError(f"{flight.job.name}: given up, as {ATTEMPTS} workers of Dask were lost with it")
+        self._again.append((flight.job, attempt))
+
+    def _launch(self, job: Job, attempt: int, worker: str) -> bool:
+        """Have a worker do a job; returns whether that could be sent."""
+        future = self._crew.submit(job, worker)
+        if future is None:
+            self._again.appendleft((job, attempt))
+            return False
+        self.flights.append(_Flight(job, attempt, worker, future, time.monotonic()))
+        future.add_done_callback(self._ready.put)
+        return True
+
+    def _drop(self, flight: _Flight) -> None:
+        """Nobody wants this any more: the worker stops."""
+        self.flights.remove(flight)
+        flight.future.release()
+
+    def _flights_of(self, worker: str) -> list[_Flight]:
+        return [one for one in self.flights if one.worker == worker]
+
+    def _flights_for(self, job: Job) -> list[_Flight]:
+        return [one for one in self.flights if one.job is job]
+
+    def end(self) -> None:
+        """Stop all that is still being done."""
+        for flight in self.flights[:]:
+            self._drop(flight)

@@ -1,0 +1,79 @@
+"""What a client sends to its workers once: models, baked light, recipes of scenes. It stays there between calls.
+
+A model that was loaded from a file, or saved to one, goes as the file's path; workers that do not see the same file say
+so, and get the model itself from then on. What Dask carries is kept as long as its owner lives here: the model, the
+light, the call. Dask copies it from worker to worker as jobs need it. If all workers that had it die, it is sent again.
+"""
+
+from __future__ import annotations
+
+import copy
+import uuid
+from dataclasses import dataclass, field
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from ..model import Model
+from ..model_file import Place
+
+PATIENCE = 5  # seconds for any worker to be there
+
+
+@dataclass
+class Parcel:
+    """A thing that Dask keeps on workers. future : what holds it there"""
+
+    name: str
+    thing: Any
+    future: Any = None
+
+    def send(self, client: Any) -> Any:
+        """The future of the thing, which is sent if it is not there (any more)."""
+        if self.future is None or self.future.status != "finished":
+            key = f"{self.name}-{uuid.uuid4().hex}"
+            self.future = client.scatter({key: self.thing}, timeout=PATIENCE)[key]
+        return self.future
+
+
+@dataclass
+class Parcels:
+    """All that one client has sent.
+
+    unseen : files of models that not all workers see
+    """
+
+    client: Any
+    kept: WeakKeyDictionary[Any, Parcel] = field(default_factory=WeakKeyDictionary)
+    unseen: set[Place] = field(default_factory=set)
+
+    def of(self, owner: Any, name: str, thing: Any) -> Parcel:
+        """The parcel of a thing, which is new if its owner has another thing now."""
+        parcel = self.kept.get(owner)
+        if parcel is None or not _is_same(parcel.thing, thing):
+            parcel = self.kept[owner] = Parcel(name, thing)
+        return parcel
+
+    def of_model(self, model: Model) -> Parcel | Place:
+        """A model: the place of its file, or a parcel."""
+        place = model.place
+        if place is not None and place not in self.unseen:
+            return place
+        # Levels of detail may be made later, so that a copy is sent, which they do not change.
+        return self.of(model, f"model of {len(model.points)} points", copy.copy(model))
+
+
+def _is_same(old: Any, new: Any) -> bool:
+    """Whether two things are the same, or copies of one model with the same levels of detail."""
+    if isinstance(old, Model) and isinstance(new, Model):
+        return old.levels is new.levels
+    return old is new
+
+
+_PARCELS: WeakKeyDictionary[Any, Parcels] = WeakKeyDictionary()  # by client
+
+
+def parcels_of(client: Any) -> Parcels:
+    """All that a client has sent."""
+    if client not in _PARCELS:
+        _PARCELS[client] = Parcels(client)
+    return _PARCELS[client]

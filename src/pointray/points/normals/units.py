@@ -1,0 +1,35 @@
+"""Unit vectors, and how long they were."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import Array, borrow, f64, kernel, next_tile, run
+
+CHUNK = 1 << 14  # vectors of a tile
+
+
+@kernel
+def _to_units(work: Array, vectors: Array, units: Array, lengths: Array) -> int:
+    """Doubles hold the square of every float32."""
+    vectors, units, lengths = borrow(vectors), borrow(units), borrow(lengths)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(vectors))):
+            x, y, z = f64(vectors[i, 0]), f64(vectors[i, 1]), f64(vectors[i, 2])
+            length = math.sqrt(x * x + y * y + z * z)
+            good = 0.0 < length < math.inf  # not of NaN
+            lengths[i] = length if good else 0.0
+            units[i, 0], units[i, 1], units[i, 2] = (x / length, y / length, z / length) if good else (0.0, 0.0, 0.0)
+        tile = next_tile(work)
+    return 0
+
+
+def to_units(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Unit vectors, (n, 3), and their lengths before, (n,); both are 0 where a vector is zero or not finite."""
+    units, lengths = np.empty_like(vectors, order="C"), np.empty(len(vectors))
+    run(_to_units, -(-len(vectors) // CHUNK), np.ascontiguousarray(vectors), units, lengths)
+    return units, lengths

@@ -1,0 +1,90 @@
+"""From a scene and settings to what the kernel of a picture reads."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..choices import EXPOSED, FILTERS, INTEGRATORS, NOISY, number_of
+from ..kernels.records import (
+    DISK_LIGHT,
+    EMISSIVE,
+    INSTANCE,
+    LIGHT,
+    LIGHT_KIND,
+    MATERIAL_KIND,
+    MATERIAL_SIZE,
+    NO_SKY,
+    RECT_LIGHT,
+    SKY_KIND,
+    SPHERE_LIGHT,
+    World,
+)
+from ..scene.world import Snapshot
+from ..shade.environment import EnvironmentLight
+from .camera import Camera
+from .film import Window
+from .integrate import Pass
+from .lod import at_distance
+from .settings import AO, BAKED, COST, PATH, PHONG, Settings
+from .window import EVERYWHERE, window_of
+
+AO_SHARE = 0.2  # share of the scene's diagonal: how far ambient occlusion looks
+MOST_SPECULAR = 32  # limit of mirrors and panes one behind the other
+SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights that paths see
+
+
+def plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, Pass]:
+    """The world as the integrator needs it, and what the kernel needs to know of all samples."""
+    world, levels = scene.world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
+    if settings.levels:
+        world, levels = at_distance(scene, camera, settings.most)
+    color = scene.background
+    integrator = number_of(INTEGRATORS, settings.integrator)
+    lit = integrator == PATH or (integrator == AO and scene.shows_sky)
+    world = _lit(world) if lit else world
+    if integrator == BAKED:
+        if scene.baked is None:
+            raise ValueError("no light is baked: set scene.baked = pr.bake(scene)")
+        baked, frames = scene.baked.tables(scene, levels)
+        world = world._replace(baked=baked, baked_frames=frames)
+    looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
+    job = Pass(
+        integrator=integrator,
+        shadows=settings.shadows,
+        max_depth=min(settings.depth, MOST_SPECULAR) if integrator in (PHONG, BAKED) else settings.depth,
+        sky_shows=scene.shows_sky and settings.integrator in EXPOSED,
+        sky_rays=settings.sky_rays if looks_up else 0,
+        ao_distance=_ao_distance(scene, settings) if looks_up or integrator == AO else 0.0,
+        seed=settings.seed,
+        spp=settings.most,
+        filter=number_of(FILTERS, settings.filter),
+        draws=settings.most > 1 or looks_up or settings.integrator in NOISY,
+        first=0,
+        end=settings.most,
+        window=EVERYWHERE,
+        background=(0.0, 0.0, 0.0, 0.0) if color is None else (float(color[0]), float(color[1]), float(color[2]), 1.0),
+    )
+    return world, job._replace(window=_window(camera, world, job))
+
+
+def _ao_distance(scene: Snapshot, settings: Settings) -> float:
+    """How far ambient occlusion looks."""
+    return float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
+
+
+def _window(camera: Camera, world: World, job: Pass) -> Window:
+    """The part of the picture in which something can be met: only models have known bounds."""
+    lights = job.integrator == PATH and np.isin(world.lights[LIGHT_KIND::LIGHT], SIZED_LIGHTS).any()
+    if job.integrator == COST or job.sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
+        return EVERYWHERE
+    return window_of(camera, world.top)
+
+
+def _lit(world: World) -> World:
+    """The world with an even sky if there is no light in it at all."""
+    if world.lights.size > 0 or world.sky[SKY_KIND] != NO_SKY:
+        return world
+    if (world.materials[MATERIAL_KIND::MATERIAL_SIZE] == EMISSIVE).any():
+        return world
+    sky, colors, rows, columns, mean = EnvironmentLight().tables()
+    return world._replace(sky=sky, sky_colors=colors, sky_rows=rows, sky_columns=columns, sky_mean=mean)

@@ -1,0 +1,112 @@
+"""Vectors loaded from 16 places of an array at once. With POINTRAY_CHECK=1 each access is checked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.ir as ir
+from numba.core import types
+
+from ..jit import CHECK, inline, intrinsic
+from .vector import F8, F16, INT, shuffle
+
+# The low and the high pairs of two vectors within each quarter, one by one and two by two: a transposition's steps.
+_LOW, _HIGH = ([4 * (k // 4) + first + k % 4 // 2 + 16 * (k % 2) for k in range(16)] for first in (0, 2))
+_LOW2, _HIGH2 = ([4 * (k // 4) + first + k % 2 + 16 * (k % 4 // 2) for k in range(16)] for first in (0, 2))
+_EVEN, _ODD = ([4 * quarter + k for quarter in (p, p + 2, p + 4, p + 6) for k in range(4)] for p in (0, 1))
+
+
+def _pointers(context: Any, builder: Any, array_type: Any, array: Any, places: Any, size: int) -> list[Any]:
+    """Pointers to the items that the lanes read: item size * index[start + lane * stride] of a flat array."""
+    index_type, index, start, stride = places
+    data = context.make_array(array_type)(context, builder, array).data
+    rows = context.make_array(index_type)(context, builder, index).data
+    found = []
+    for lane in range(16):
+        place = builder.add(start, builder.mul(stride, ir.Constant(stride.type, lane)))
+        row = builder.sext(builder.load(builder.gep(rows, [place])), ir.IntType(64))
+        found.append(builder.gep(data, [builder.mul(row, ir.Constant(ir.IntType(64), size))]))
+    return found
+
+
+@intrinsic
+def _gather16(typingctx: Any, array: Any, index: Any, start: Any, stride: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        out = ir.Constant(F16.llvm, ir.Undefined)
+        places = sig.args[1], *args[1:]
+        for lane, pointer in enumerate(_pointers(context, builder, sig.args[0], args[0], places, 1)):
+            out = builder.insert_element(out, builder.load(pointer), INT(lane))
+        return out
+
+    return F16(array, index, types.intp, types.intp), codegen
+
+
+@intrinsic
+def _gather_rows8(typingctx: Any, table: Any, index: Any, start: Any, stride: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        eight = F8.llvm.as_pointer()
+        places = sig.args[1], *args[1:]
+        pointers = _pointers(context, builder, sig.args[0], args[0], places, 8)
+        rows = [builder.load(builder.bitcast(pointer, eight), align=4) for pointer in pointers]
+
+        def pair(a: Any, b: Any, lanes: list[int]) -> Any:
+            return shuffle(builder, a, b, lanes)
+
+        # Rows k and k + 4 side by side, k from 0 to 3 and from 8 to 11; then quarters of four rows and one column each.
+        halves: list[list[Any]] = []
+        for first in (0, 8):
+            a, b, c, d = (pair(rows[k], rows[k + 4], list(range(16))) for k in range(first, first + 4))
+            low, high = (pair(a, b, _LOW), pair(c, d, _LOW)), (pair(a, b, _HIGH), pair(c, d, _HIGH))
+            halves.append([pair(two[0], two[1], lanes) for two in (low, high) for lanes in (_LOW2, _HIGH2)])
+        columns = [pair(a, b, lanes) for lanes in (_EVEN, _ODD) for a, b in zip(*halves, strict=True)]
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(F16, 8)(table, index, types.intp, types.intp), codegen
+
+
+@intrinsic
+def _load_apart16(typingctx: Any, array: Any, start: Any, stride: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        out = ir.Constant(F16.llvm, ir.Undefined)
+        for lane in range(16):
+            place = builder.add(args[1], builder.mul(args[2], ir.Constant(args[2].type, lane)))
+            out = builder.insert_element(out, builder.load(builder.gep(data, [place])), INT(lane))
+        return out
+
+    return F16(array, types.intp, types.intp), codegen
+
+
+@inline
+def load_apart16(array: Any, start: Any, stride: Any) -> Any:
+    """array[start + lane * stride] in each lane; array : flat float32."""
+    if CHECK and (start < 0 or stride < 0 or start + 15 * stride >= array.size):
+        raise IndexError("a lane would be read outside its array")
+    return _load_apart16(array, start, stride)
+
+
+@inline
+def _check(array: Any, size: Any, index: Any, start: Any, stride: Any) -> None:
+    """Raise where a lane would read outside the array, or its index outside the indices."""
+    for k in range(16):
+        place = start + k * stride
+        if place < 0 or place >= index.size:
+            raise IndexError("an index of a gather lies outside its array")
+        if index[place] < 0 or size * (index[place] + 1) > array.size:
+            raise IndexError("a gather reads outside its array")
+
+
+@inline
+def gather16(array: Any, index: Any, start: Any, stride: Any) -> Any:
+    """array[index[start + lane * stride]] in each lane; array : flat float32, index : flat int32."""
+    if CHECK:
+        _check(array, 1, index, start, stride)
+    return _gather16(array, index, start, stride)
+
+
+@inline
+def gather_rows8(table: Any, index: Any, start: Any, stride: Any) -> Any:
+    """Eight vectors: in each lane the columns of row index[start + lane * stride] of a flat table of rows of eight."""
+    if CHECK:
+        _check(table, 8, index, start, stride)
+    return _gather_rows8(table, index, start, stride)
