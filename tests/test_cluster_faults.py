@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from pointray.cluster.dispatch import Job
 from pointray.rendering.sequence import render_each
 
 pytestmark = pytest.mark.slow  # each starts processes
+UNHEARD = 300.0  # seconds after which Dask gives up a worker that it does not hear
 HARD = pr.Settings("path", spp=24, max_depth=2)
 
 
@@ -84,19 +86,51 @@ def test_all_workers_may_be_replaced(client: Any) -> None:
     np.testing.assert_array_equal(pr.render(scene, camera, client=client), pr.render(scene, camera))
 
 
+def stop_one(client: Any, stopped: list[int]) -> None:
+    """Have a worker stand still, which only its process knows."""
+    if not stopped:
+        stopped.append(next(iter(client.run(os.getpid).values())))
+        os.kill(stopped[0], signal.SIGSTOP)
+
+
+def go_on(stopped: list[int]) -> None:
+    with suppress(ProcessLookupError):  # if it was given up
+        os.kill(stopped[0], signal.SIGCONT)
+
+
 def test_a_worker_that_stands_still_is_not_waited_for(client: Any) -> None:
     scene, camera, stopped = scene_of(ball()), camera_of(400, 300), []
-
-    def stop(share: float) -> None:
-        if share > 0.2 and not stopped:
-            stopped.append(next(iter(client.run(os.getpid).values())))
-            os.kill(stopped[0], signal.SIGSTOP)
-
+    start = time.monotonic()
     try:
-        image = pr.render(scene, camera, HARD, stop, client=client)
+        image = pr.render(scene, camera, HARD, lambda share: share > 0.2 and stop_one(client, stopped), client=client)
+        spent = time.monotonic() - start
     finally:
-        os.kill(stopped[0], signal.SIGCONT)
+        go_on(stopped)
     np.testing.assert_array_equal(image, pr.render(scene, camera, HARD))
+    assert spent < UNHEARD
+
+
+def test_a_worker_that_stands_still_before_its_result_is_fetched(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    fetch, pids, stopped, fetched = Crew.fetch, client.run(os.getpid), [], []
+
+    def stop_and_fetch(crew: Crew, future: Any) -> Any:
+        fetched.append(future.key)
+        if len(fetched) == 3:
+            holder = client.who_has([future])[future.key][0]
+            stopped.append(pids[holder])
+            os.kill(stopped[0], signal.SIGSTOP)
+        return fetch(crew, future)
+
+    monkeypatch.setattr(Crew, "fetch", stop_and_fetch)
+    scene, camera = scene_of(ball()), camera_of(400, 300)
+    start = time.monotonic()
+    try:
+        image = pr.render(scene, camera, HARD, client=client)
+        spent = time.monotonic() - start
+    finally:
+        go_on(stopped)
+    np.testing.assert_array_equal(image, pr.render(scene, camera, HARD))
+    assert spent < UNHEARD
 
 
 def die(scene: Any, threads: int, check: Any) -> None:

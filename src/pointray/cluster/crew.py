@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import time
 import uuid
@@ -96,6 +97,11 @@ class Crew:
         todo = do_job, Ticket(scene, job.work, job.args), recipe, baked, *sent
         key = f"{job.name}-{uuid.uuid4().hex}"
         return client.submit(*todo, key=key, workers=[worker], allow_other_workers=True, pure=False)
+
+    def fetch(self, future: Any) -> Any:
+        """Begin to fetch what a future holds; returns the `concurrent.futures.Future` of that."""
+        gathered = self._client.gather(future, asynchronous=True)
+        return asyncio.run_coroutine_threadsafe(gathered, self._client.loop.asyncio_loop)
 
     def unsee(self, place: Place) -> None:
         """From now on the model in a file is sent, as not all workers see it."""

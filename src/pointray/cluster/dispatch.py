@@ -1,7 +1,8 @@
 """Which worker does which job: each has two, one that it does and one that waits there.
 
 A job whose worker has died is done again elsewhere. When all jobs are handed out, workers without any take over those
-that wait elsewhere, and those that take much longer than usual: what is ready first counts, and both give the same.
+that wait elsewhere, and those that take much longer than usual, in the work or on the way back: what is ready first
+counts, and both give the same.
 """
 
 from __future__ import annotations
@@ -38,13 +39,18 @@ class Job:
 
 @dataclass(eq=False)
 class _Flight:
-    """A job on a worker. begun : when the worker took it up, as far as is known"""
+    """A job on a worker, until its result is here.
+
+    begun : when the worker took it up, or began to send the result, as far as is known
+    result : the future of what is being sent; None while the worker is at it
+    """
 
     job: Job
     attempt: int
     worker: str
     future: Any
     begun: float
+    result: Any = None
 
 
 class Hands(Protocol):
@@ -54,6 +60,9 @@ class Hands(Protocol):
 
     def submit(self, job: Job, worker: str) -> Any:
         """Have a worker do a job; returns the future, None if that failed."""
+
+    def fetch(self, future: Any) -> Any:
+        """Begin to fetch what a future holds; returns the `concurrent.futures.Future` of that."""
 
     def unsee(self, place: Place) -> None:
         """A worker does not see a file."""
@@ -97,12 +106,12 @@ class Dispatch:
 
     def _take_over(self, worker: str) -> bool:
         """Have an idle worker do what waits at another one, or what another one takes too long for."""
-        for flight in self.flights:
+        for flight in [one for one in self.flights if one.worker != worker]:
             alone = len(self._flights_for(flight.job)) == 1
-            first = self._flights_of(flight.worker)[0] is flight
-            if alone and not first:
+            waits = flight in self._flights_of(flight.worker)[1:]
+            if alone and waits:
                 self._drop(flight)
-            if alone and (not first or self._is_slow(flight)):
+            if alone and (waits or self._is_slow(flight)):
                 return self._launch(flight.job, flight.attempt, worker)
         return True
 
@@ -119,24 +128,40 @@ class Dispatch:
         while not self._ready.empty():
             futures.append(self._ready.get())
         for future in futures:
-            flight = next((one for one in self.flights if one.future is future), None)
-            if flight is not None:  # it is still wanted
-                yield from self._finish(flight)
+            flight = next((one for one in self.flights if future in (one.future, one.result)), None)
+            if flight is None:  # it is no longer wanted
+                continue
+            if flight.result is None:
+                self._land(flight)
+            else:
+                yield from self._unload(flight)
 
-    def _finish(self, flight: _Flight) -> Iterator[tuple[Job, Any]]:
-        """A job has ended: with a result, with an error, or as what it needs is lost."""
-        future, now = flight.future, time.monotonic()
-        self.flights.remove(flight)
-        for waiting in self._flights_of(flight.worker):
+    def _land(self, flight: _Flight) -> None:
+        """A worker is through with a job: fetch the result, which takes for ever where the worker stands still now."""
+        now = time.monotonic()
+        for waiting in self._flights_of(flight.worker)[1:]:
             waiting.begun = now
-        if future.status == "finished":
-            self._times.append(now - flight.begun)
-            for twin in self._flights_for(flight.job):
-                self._drop(twin)
-            self._again = deque(other for other in self._again if other[0] is not flight.job)
-            yield flight.job, future.result()
+        if flight.future.status != "finished":
+            self._fail(flight, flight.future.exception() if flight.future.status == "error" else None)
             return
-        error = future.exception() if future.status == "error" else None
+        self._times.append(now - flight.begun)
+        flight.begun, flight.result = now, self._crew.fetch(flight.future)
+        flight.result.add_done_callback(self._ready.put)
+
+    def _unload(self, flight: _Flight) -> Iterator[tuple[Job, Any]]:
+        """A result is here, or was lost on its way."""
+        error = flight.result.exception()
+        if error is not None:
+            self._fail(flight, None)
+            return
+        for one in self._flights_for(flight.job):
+            self._drop(one)
+        self._again = deque(other for other in self._again if other[0] is not flight.job)
+        yield flight.job, flight.result.result()
+
+    def _fail(self, flight: _Flight, error: BaseException | None) -> None:
+        """A job gave an error; None: it, or its result, was lost with its worker."""
+        self._drop(flight)
         if isinstance(error, UnseenFileError):
             self._crew.unsee(error.args[0])
             self._retry(flight, flight.attempt)
@@ -169,7 +194,8 @@ class Dispatch:
         flight.future.release()
 
     def _flights_of(self, worker: str) -> list[_Flight]:
-        return [one for one in self.flights if one.worker == worker]
+        """What a worker has to do: the first is what it is at."""
+        return [one for one in self.flights if one.worker == worker and one.result is None]
 
     def _flights_for(self, job: Job) -> list[_Flight]:
         return [one for one in self.flights if one.job is job]
