@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import NeighborTree, distinct, take
+from ..points.usual import Usual
 from ..progress import Progress, part_of, tell
 from .cells import NEIGHBORS
 from .radii import choose_radii
@@ -76,6 +77,7 @@ def find_support(
     within: tuple[float, Floats] | None = None,
     apart: bool = False,
     progress: Progress | None = None,
+    usual: Usual | None = None,
 ) -> Support:
     """The support of every splat, all of it from one search for neighbours.
 
@@ -95,6 +97,8 @@ def find_support(
     apart : bool
         Whether all positions are known to be different.
     progress : callable, optional
+    usual : Usual, optional
+        See `choose_radii`.
 
     Raises
     ------
@@ -112,7 +116,7 @@ def find_support(
     facing = normals if rows is None else take(normals, rows)
     tree = NeighborTree(sites, in_order=True)
     tell(progress, SORTED)
-    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree)
+    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual)
     covering = found.radii
     lone = _spread(found.lone, ids) if given is None else none
     if within is not None:
