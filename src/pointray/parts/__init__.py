@@ -1,5 +1,6 @@
 """Models in parts: how they are made.
 
+columns : arrays on disk, for clouds that do not fit into memory
 trees : splats in kd order -> a file with a tree for each part
 split : a model -> the same in parts
 
