@@ -66,6 +66,11 @@ class Column:
         return os.fstat(self._file).st_size // self._row
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """(n,) or (n, width)."""
+        return (len(self), self.width) if self.width else (len(self),)
+
+    @property
     def nbytes(self) -> int:
         """Bytes of all rows."""
         return len(self) * self._row
@@ -189,6 +194,10 @@ class Columns:
         if len(files) > 1:
             raise ValueError(f"{self.folder}: has {name} twice: {', '.join(sorted(f.name for f in files))}")
         return Column(files[0])
+
+    def find(self, name: str) -> Column | None:
+        """The column with a name; None if there is none."""
+        return self[name] if name in self else None  # noqa: SIM401
 
     def make(self, name: str, dtype: DTypeLike, width: int = 0, rows: int = 0) -> Column:
         """A new column in place of one with this name. Its rows are 0, and take no room until they are written."""

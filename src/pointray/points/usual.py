@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +82,10 @@ class Usual:
         """The least of numbers, one for each point at hand."""
         return self.ask(name, lambda: float(self._of_sample(values).min()))
 
+    def share(self, name: str, flags: NDArray[np.bool_]) -> float:
+        """How many of the points at hand have a flag, of all."""
+        return self.ask(name, lambda: float(self._of_sample(flags).mean()))
+
     def merged(self, members: Rows) -> Usual:
         """What is usual where points count as one: `members` has the number of each point's place among all places."""
         other = Usual(self._rows, self.known, self._is_told)
@@ -97,7 +102,7 @@ class Usual:
         rows = np.arange(count) if self._rows is None else self._rows
         return rows[:: max(len(rows) // most, 1)]
 
-    def _of_sample(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _of_sample(self, values: NDArray[Any]) -> NDArray[Any]:
         """The numbers of the sample's points."""
         rows = self._rows
         if self._members is not None:

@@ -7,7 +7,7 @@ OVERLAP is the factor.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -186,7 +186,12 @@ def check_radii(radii: ArrayLike, n: int) -> Floats:
 def radii_in(points: Points) -> Floats | None:
     """The support radii that come with points: the numbers of the attribute `radius`, if each is a positive one."""
     radii = points.attributes.get("radius")
-    if radii is None or radii.ndim != 1 or radii.dtype == np.bool_:
+    return None if radii is None else radii_among(radii)
+
+
+def radii_among(radii: NDArray[Any]) -> Floats | None:
+    """The values of an attribute as radii; None if not each is a positive number."""
+    if radii.ndim != 1 or radii.dtype == np.bool_:
         return None
     with np.errstate(over="ignore"):
         narrow = np.asarray(radii, np.float32)

@@ -59,11 +59,15 @@ class Support(NamedTuple):
     @property
     def note(self) -> str:
         """A message about lone points, if there are more than a handful."""
-        count = int(self.lone.sum())
-        if count <= HANDFUL * len(self.lone):
-            return ""
-        points, whose = ("1 lone point is", "its") if count == 1 else (f"{count:,} lone points are", "their")
-        return f"{points} drawn no larger than {whose} neighbours' supports"
+        return lone_note(int(self.lone.sum()), len(self.lone))
+
+
+def lone_note(count: int, total: int) -> str:
+    """A message about so many lone points, if they are more than a handful."""
+    if count <= HANDFUL * total:
+        return ""
+    points, whose = ("1 lone point is", "its") if count == 1 else (f"{count:,} lone points are", "their")
+    return f"{points} drawn no larger than {whose} neighbours' supports"
 
 
 def find_support(
@@ -125,7 +129,8 @@ def find_support(
     if not borders:
         return Support(chosen, None, None, False, ids, lone)
     at_sites = chosen if rows is None else chosen[rows]
-    tight = bool((at_sites < TIGHT * covering).mean() > TIGHT_SHARE)
+    usual = usual or Usual.of(len(sites))
+    tight = usual.share("tight radii", at_sites < TIGHT * covering) > TIGHT_SHARE
     sides: NDArray[Any] | None = None
     if sheets:
         some = np.flatnonzero(found.facing)
