@@ -84,7 +84,7 @@ class Column:
     def write(self, start: int, rows: ArrayLike) -> None:
         """Write rows (n,) or (n, width) over those from number `start` on; the column grows where that is needed."""
         array = np.ascontiguousarray(rows, self.dtype)
-        if array.shape[1:] != ((self.width,) if self.width else ()) or array.ndim == 0:
+        if array.shape[1:] != ((self.width,) if self.width else ()):
             raise ValueError(f"rows of {self.path.name} cannot have the shape {array.shape}")
         if start < 0:
             raise ValueError(f"rows of {self.path.name} begin with number 0, not {start}")

@@ -142,6 +142,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
         if located.losses is None or name != ATTRIBUTE + RESIDUAL:
             _write(cloud, located, name, names.get(name, name), target, part_of(progress, begin, end))
         cloud.raw(name).drop()
+        tell(progress, end)
     if located.losses is not None:
         cloud.columns.rename(LOSSES, names[ATTRIBUTE + RESIDUAL])
     cloud.columns.drop(LEFT_OUT)
