@@ -11,8 +11,8 @@ import re
 import sys
 import threading
 import weakref
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -89,17 +89,15 @@ class Column:
     def write(self, start: int, rows: ArrayLike) -> None:
         """Write rows (n,) or (n, width) over those from number `start` on; the column grows where that is needed."""
         array = np.ascontiguousarray(rows, self.dtype)
-        if array.shape[1:] != ((self.width,) if self.width else ()) or array.ndim == 0:
+        if array.shape[1:] != ((self.width,) if self.width else ()):
             raise ValueError(f"rows of {self.path.name} cannot have the shape {array.shape}")
         if start < 0:
             raise ValueError(f"rows of {self.path.name} begin with number 0, not {start}")
         bytes_left, place = array.reshape(-1).view(np.uint8).data, start * self._row
-        while len(bytes_left):
-            try:
+        with _told(self.path):
+            while len(bytes_left):
                 written = self._put(bytes_left, place)
-            except OSError as error:
-                raise OSError(error.errno, error.strerror, str(self.path)) from error
-            bytes_left, place = bytes_left[written:], place + written
+                bytes_left, place = bytes_left[written:], place + written
 
     def append(self, rows: ArrayLike) -> None:
         """Write rows behind the last one; by one thread at a time."""
@@ -107,7 +105,8 @@ class Column:
 
     def sync(self) -> None:
         """Return when all that was written has reached the disk."""
-        os.fsync(self._file)
+        with _told(self.path):
+            os.fsync(self._file)
 
     def _room(self, n: int) -> NDArray[Any]:
         return np.empty((n, self.width) if self.width else n, self.dtype)
@@ -203,7 +202,7 @@ class Columns:
         """A new column in place of one with this name. Its rows are 0, and take no room until they are written."""
         path = self._path(name, np.dtype(dtype), width)
         self.drop(name)
-        with path.open("xb") as file:
+        with _told(path), path.open("xb") as file:
             file.truncate(rows * np.dtype(dtype).itemsize * max(width, 1))
         return Column(path)
 
@@ -214,10 +213,9 @@ class Columns:
         column.path.replace(self._path(new, column.dtype, column.width))
 
     def drop(self, name: str) -> None:
-        """Remove a column, if there is one with this name."""
-        for file in self._files(name):
-            with suppress(FileNotFoundError):
-                file.unlink()
+        """Remove the column and the facts with this name, if there are any."""
+        for file in (*self._files(name), self._facts(name)):
+            file.unlink(missing_ok=True)
 
     def put(self, name: str, facts: Mapping[str, Any]) -> None:
         """Keep small facts, values of JSON, in place of those with this name."""
@@ -248,6 +246,15 @@ class Columns:
 
     def _facts(self, name: str) -> Path:
         return self.folder / f"{_checked(name)}.json"
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Put the name of a file into the system's error: of a full disk, say."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _parsed(path: Path) -> tuple[str, str, int]:
