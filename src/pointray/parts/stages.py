@@ -7,7 +7,7 @@ that hold for all parts come from a sample, see `points.usual`, or from all part
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray

@@ -146,10 +146,18 @@ def prepare(
         int | None,
         typer.Option(help="Of a model in parts: the points of a part, rounded down to a power of two [4194304]."),
     ] = None,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            help="Of a model in parts: make it part by part if it does not fit into so much memory, like 4GiB; "
+            "an interrupted run goes on [what is available]."
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
     threads: ThreadsOption = None,
 ) -> None:
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
+    from ..prepare import bytes_of
     from ..prepare import prepare as work
 
     if estimate_normals and normals == "file":
@@ -173,8 +181,9 @@ def prepare(
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
         "trajectory": trajectory,
         "levels": levels,
-        "in_parts": output.endswith(SEPARATORS) or part_points is not None,
+        "in_parts": output.endswith(SEPARATORS) or part_points is not None or memory is not None,
         "part_points": part_points,
+        "memory": None if memory is None else bytes_of(memory),
         "force": force,
     }
     print(work(files, reading, Path(output), options))
