@@ -2,6 +2,7 @@
 
 trees : splats in kd order -> a file with a tree for each part
 split : a model -> the same in parts
+signs : normals of parts that agree over all parts
 
 Begin with trees.
 """
