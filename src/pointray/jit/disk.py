@@ -29,8 +29,9 @@ ROOT = Path(__file__).parent.parent  # of the package
 SHARED = (
     *("arguments.py", "choices.py", "data.py", "neighbors/", "progress.py", "survey.py"),
     *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),
-    *("points/normals/axes.py", "points/normals/jet.py", "points/normals/jets.py", "points/normals/moments.py"),
-    *("points/normals/orientation.py", "points/normals/planes.py", "points/normals/quadrics.py"),
+    *("points/normals/agreement.py", "points/normals/axes.py", "points/normals/jet.py", "points/normals/jets.py"),
+    *("points/normals/moments.py", "points/normals/pieces.py", "points/normals/planes.py"),
+    *("points/normals/quadrics.py", "points/normals/votes.py"),
     *("points/normals/sixteen.py", "points/smoothing/candidates.py", "points/smoothing/creases.py"),
     "points/smoothing/solids.py",
     *("points/strays/fits.py", "points/strays/survey.py"),

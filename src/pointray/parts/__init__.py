@@ -3,6 +3,7 @@
 columns : arrays on disk, for clouds that do not fit into memory
 trees : splats in kd order -> a file with a tree for each part
 split : a model -> the same in parts
+signs : normals of parts that agree over all parts
 
 Begin with trees.
 """

@@ -58,11 +58,12 @@ BUILD = {
 }
 NORMALS = {
     "points.normals.jets._fit": 1.4,
-    "points.normals.orientation._join_parts": 0.7,
-    "points.normals.orientation._count_votes": 0.1,
-    "points.normals.orientation._cast_votes": 0.3,
-    "points.normals.orientation._join_clearest": 0.3,
-    "points.normals.orientation._flatten": 0.1,
+    "points.normals.pieces._join_tiles": 0.7,
+    "points.normals.votes._count_votes": 0.1,
+    "points.normals.votes._cast_votes": 0.3,
+    "points.normals.joins._join_clearest": 0.3,
+    "points.normals.joins._flatten": 0.1,
+    "points.normals.outward._choose": 0.1,
     "points.normals.sheets._spacings": 0.2,
     "points.normals.sheets._build": 0.5,
     "points.normals.sheets._wind": 0.5,

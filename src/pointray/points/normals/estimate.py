@@ -16,9 +16,9 @@ from ...progress import Progress, part_of, tell
 from ..path import Path, along_path
 from .checks import agreement_share
 from .jets import Fits, Planes, fit_normals
-from .layers import Layers
-from .orientation import NEAR
-from .outward import looks_inward, orient
+from .layers import Layers, sides
+from .orientation import NEAR, orient
+from .outward import looks_inward
 from .sheets import part_sheets
 from .stations import check_apart, check_eyes, eyes_of, faced, is_known, settle_unknown, warn_of_lost_scans
 from .units import to_units
@@ -111,7 +111,7 @@ def with_fits(
     if layers is not None:
         if layers.noisy:
             layers.planes *= orient(layers.moved, layers.planes, layers.near)[:, None]
-            found.normals[:] *= layers.sides(found.normals)[:, None]
+            found.normals[:] *= sides(found.normals, layers.planes, layers.near)[:, None]
         else:
             found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
         tell(progress, ORIENTED)
