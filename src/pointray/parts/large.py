@@ -27,18 +27,23 @@ from ..progress import Progress, tell
 from ..splats.make import check_size
 from ..splats.radii import radii_among
 from ..splats.support import Support, lone_note
+from ..survey import SCAN
 from ..tree.build import Splats
 from ..tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import CHUNK, TILE, Arrangement
 from .columns import Columns
+from .facing import turn_fits, turn_given
 from .local import Local
 from .spooled import Spooled
 from .stages import (
+    FACED,
     GIVEN,
+    KNOWN,
     MERGED,
     NOISE,
     NORMALS,
     PLACED,
+    PLANES,
     POSITIONS,
     Cloud,
     examine,
@@ -51,12 +56,14 @@ from .stages import (
 from .trees import bounds_about, least_size, plan_of, shown, tree_of
 from .work import Facts, Work
 
-SEERS = "scan", "point_source_id"  # attributes that tell who saw each point
+SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
 RADIUS = "radius"  # the attribute that holds given radii
 RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
 LOOKED = 50_000  # points that tell whether all normals look inwards
 # Shares of the time after which stages are done.
-ARRANGED, SORTED, MERGED_AT, EXAMINED, PLACED_AT, SUPPORTED, GROWN = 0.12, 0.16, 0.3, 0.35, 0.5, 0.8, 0.95
+ARRANGED, SORTED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, FACED_AT, SUPPORTED, GROWN = (
+    *(0.12, 0.16, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8, 0.95),
+)
 
 
 @dataclass(frozen=True)
@@ -95,14 +102,14 @@ class Large:
     def __init__(
         self, folder: Path, columns: Columns, spooled: Spooled, wanted: Wanted, progress: Progress | None = None
     ) -> None:
-        self._folder, self._columns = folder, columns
+        self._folder, self._columns, self._spooled = folder, columns, spooled
         self._names = {name: f"attribute.{k}" for k, name in enumerate(spooled.attributes)}
         size = max(wanted.size, least_size(spooled.rows), TILE)
         given = self._given_radii()
         smooth = 0.0 if given and wanted.smooth == "auto" else wanted.smooth
         self._wanted, self._given = replace(wanted, size=size, smooth=smooth), given
         seers = {name: f"points.{self._names[name]}" for name in SEERS if name in self._names}
-        self._cloud = Cloud(columns, spooled.rows, spooled.origin, spooled.survey, seers)
+        self._cloud = Cloud(columns, spooled.rows, spooled.origin, spooled.survey, seers, self._is_seen())
         self._work = Work(columns, spooled.rows, size, progress)
 
     def build(self) -> None:
@@ -121,6 +128,15 @@ class Large:
             return False
         chunks = (column[start : start + CHUNK] for start in range(0, len(column), CHUNK))
         return all(radii_among(chunk) is not None for chunk in chunks)
+
+    def _is_seen(self) -> bool:
+        """Whether it is told of any point who saw it, see `eyes_of`."""
+        stations, name = len(self._spooled.survey.stations), self._names.get(SCAN)
+        column = None if name is None else self._columns.find(name) or self._columns.find(f"points.{name}")
+        if column is None or column.width:
+            return stations == 1
+        chunks = (column[start : start + CHUNK] for start in range(0, len(column), CHUNK))
+        return any(bool(((chunk >= 0) & (chunk < stations) & (chunk == np.rint(chunk))).any()) for chunk in chunks)
 
     def _arrange(self) -> None:
         columns = self._columns
@@ -150,32 +166,37 @@ class Large:
 
     def _place(self) -> None:
         """Find normals and noise, and move noisy points."""
-        cloud, sigma = self._cloud, self._wanted.smooth
-        if GIVEN in self._columns:
+        cloud, sigma, work = self._cloud, self._wanted.smooth, self._work
+        has_normals = GIVEN in self._columns
+        if has_normals:
             self._check_signs()
         stretches = self._stretches() if sigma == "auto" else None
-        usual = None
-        if GIVEN not in self._columns:
-            usual = self._work.surveyed("fits", partial(survey_fits, cloud))
-        rooms = {name: self._work.room(name, np.float32, 3) for name in (PLACED, NORMALS)}
-        noise = self._work.room(NOISE, np.float32)
+        usual = None if has_normals else work.surveyed("fits", partial(survey_fits, cloud))
+        rooms = {name: work.room(name, np.float32, 3) for name in (PLACED, NORMALS, *PLANES)}
+        noise, known = work.room(NOISE, np.float32), work.room(KNOWN, np.int8) if cloud.is_seen else None
 
         def put(part: int) -> Facts:
-            local = self._work.local(part)
-            found = (
-                place(cloud, local, sigma, stretches) if usual is None else fit(cloud, local, sigma, stretches, usual)
-            )
+            local = work.local(part)
+            rest = local, sigma, stretches
+            found = place(cloud, *rest) if usual is None else fit(cloud, *rest, usual)
             local.write(rooms[PLACED], found.positions)
             local.write(rooms[NORMALS], found.normals)
             if found.noise is not None:
                 local.write(noise, found.noise)
-            return {"is_noisy": found.noise is not None, "mended": list(found.mended)}
+            for name, values in zip(PLANES, found.planes or (), strict=False):
+                local.write(rooms[name], values)
+            if known is not None and found.known is not None:
+                local.write(known, found.known)
+            said = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
+            return {**said, "mended": list(found.mended)}
 
-        facts = self._work.each("place", put, (EXAMINED, PLACED_AT))
+        facts = work.each("place", put, (EXAMINED, PLACED_AT))
+        self._is_noisy = any(fact["is_noisy"] for fact in facts)
+        if not has_normals:
+            turn_fits(work, cloud, any(fact["has_planes"] for fact in facts), (PLACED_AT, FACED_AT))
         lost, odd = np.sum([fact["mended"] for fact in facts], axis=0).tolist()
         for text in told(lost, odd, cloud.total):
             warnings.warn(text, stacklevel=4)
-        self._is_noisy = any(fact["is_noisy"] for fact in facts)
 
     def _stretches(self) -> Stretches:
         """The noise of all parts."""
@@ -184,7 +205,7 @@ class Large:
             found = examine(self._cloud, self._work.local(part))
             return {name: values.tolist() for name, values in found._asdict().items()}
 
-        facts = self._work.each("noise", look, (MERGED_AT, EXAMINED))
+        facts = self._work.each("noise", look, (TURNED_AT, EXAMINED))
         kinds = np.int64, np.float32, np.float64, np.float64
         arrays = [
             np.concatenate([np.array(fact[name], kind) for fact in facts])
@@ -203,7 +224,9 @@ class Large:
         good = np.flatnonzero(length > 0)
         share = agreement_share(where[rows][good], unit[good], np.arange(len(good), dtype=np.int32))
         if share > DISAGREE:
-            warnings.warn(f"{100 * share:.0f}% of neighbouring normals look to opposite sides", stacklevel=5)
+            turn_given(self._work, self._cloud, (MERGED_AT, TURNED_AT))
+            opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
+            warnings.warn(f"{opposite}: directions kept, signs set anew", stacklevel=5)
 
     def _support(self) -> None:
         """Find the support of each point."""
@@ -234,7 +257,7 @@ class Large:
                 "tight": found.tight,
             }
 
-        self._supports = self._work.each("support", put, (PLACED_AT, SUPPORTED))
+        self._supports = self._work.each("support", put, (FACED_AT, SUPPORTED))
         note = lone_note(sum(fact["lone"] for fact in self._supports), cloud.total)
         if note:
             warnings.warn(note, stacklevel=4)
@@ -248,7 +271,13 @@ class Large:
         if self._is_noisy:
             self._limit_noise()
         arrays: list[Any] = [
-            *(columns[PLACED], columns[NORMALS], columns[RADII], Numbers(), columns.find("points.colors")),
+            *(
+                columns[PLACED],
+                columns[self._cloud.latest(FACED, NORMALS)],
+                columns[RADII],
+                Numbers(),
+                columns.find("points.colors"),
+            ),
             columns[BORDERS] if any(fact["borders"] for fact in facts) else None,
             columns[SHEETS] if any(fact["sheets"] for fact in facts) else None,
             columns[NOISE] if self._is_noisy else None,

@@ -18,7 +18,7 @@ from ..points.normals.estimate import estimate_normals, seen_from, with_units
 from ..points.normals.jets import survey
 from ..points.normals.layers import Layers
 from ..points.normals.orientation import NEAR
-from ..points.normals.stations import eyes_of, is_known
+from ..points.normals.stations import eyes_of, faced, is_known
 from ..points.path import Path
 from ..points.smoothing.noise import Stretches, examined, points_per_stretch
 from ..points.smoothing.smooth import Fitting, Noise, noise_by, smooth_known
@@ -34,7 +34,9 @@ Floats = NDArray[np.float32]
 
 # Columns: of the cloud as it was given, and of what is found, stage by stage.
 POSITIONS, GIVEN = "points.positions", "points.normals"
-MERGED, TURNED, PLACED, NORMALS, NOISE = "merged", "turned", "placed", "normals", "noise"
+MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
+PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"
+PLANES = "planes.moved", "planes.normals"
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Cloud:
     origin : (3,) float64
     survey : Survey
     seers : dict of str to str, the columns of the attributes that tell who saw each point
+    is_seen : whether they tell it of any
     """
 
     columns: Columns
@@ -53,6 +56,7 @@ class Cloud:
     origin: NDArray[np.float64]
     survey: Survey
     seers: dict[str, str]
+    is_seen: bool
 
     def points(self, local: Local) -> Points:
         """Some of the points, where they are by now, with the normals that they have by now."""
@@ -73,6 +77,7 @@ class Surface(NamedTuple):
     positions, normals : (n, 3) float32, unit normals
     noise : (n,) float32, what was smoothed away; None if nothing was
     planes : (n, 3) float32 each, positions on planes around noisy points and the planes' normals, which tell signs
+    known : (n,) bool, whose scanner is known; None: nobody's
     mended : how many normals were lost, and of another length
     """
 
@@ -80,6 +85,7 @@ class Surface(NamedTuple):
     normals: Floats
     noise: Floats | None
     planes: tuple[Floats, Floats] | None = None
+    known: NDArray[np.bool_] | None = None
     mended: tuple[int, int] = (0, 0)
 
 
@@ -125,15 +131,13 @@ def survey_fits(cloud: Cloud, local: Local, usual: Usual) -> None:
 
 
 def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None, usual: Usual) -> Surface:
-    """Points without normals, moved where they are noisy; signs are those of a scanner that saw all, or not known."""
+    """Points without normals, moved where they are noisy; signs are those that scanners tell, or not known."""
     points = cloud.points(local)
-    along, eyes = path_of(points.positions), eyes_of(points)
-    path, eye = along.positions, None if eyes is None else seen_from(points, eyes, along.rows)
-    if eye is not None and not (is_known(eye) & (eye != path).any(axis=1)).all():
-        eye = None
-    layers = Layers(path) if eye is None else None
+    along, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
+    path, eyes = along.positions, None if eye is None else take(eye, along.rows)
+    layers = None if cloud.is_seen else Layers(path)
     fitting = Fitting(sigma, _noise_along(local, along, stretches), usual)
-    found = fitting.fit(path, 1 if layers is None else NEAR, eye, None, layers)
+    found = fitting.fit(path, NEAR, eyes, None, layers)
     normals, noise = along.spread(found.normals, points), None
     if found.noise is not None:
         noise = along.spread(found.noise, points)
@@ -141,7 +145,27 @@ def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | N
     planes = None
     if layers is not None and layers.noisy:
         planes = along.spread(layers.moved, points), along.spread(layers.planes, points)
-    return Surface(positions, normals, noise, planes)
+    return Surface(positions, normals, noise, planes, known)
+
+
+def units(cloud: Cloud, local: Local) -> Surface:
+    """Points with unit normals, which face those who saw them, where that is known."""
+    points = cloud.points(local)
+    mended, (eye, known) = _units_of(points), _eyes_of(cloud, points)
+    if eye is not None:
+        mended.normals[~faced(points.positions, mended.normals, eye)] *= -1
+    return mended._replace(known=known)
+
+
+def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bool_] | None]:
+    """Who saw each point, about the origin, (n, 3), NaN where that is not known; and where it is known."""
+    if not cloud.is_seen:
+        return None, None
+    eyes = eyes_of(points)
+    if eyes is None:
+        return None, np.zeros(len(points), np.bool_)
+    eye = seen_from(points, eyes, np.arange(len(points), dtype=np.int32))
+    return eye, is_known(eye) & (eye != points.positions).any(axis=1)
 
 
 def _noise_along(local: Local, along: Path, stretches: Stretches | None) -> Noise | None:
@@ -158,7 +182,7 @@ def _units_of(points: Points) -> Surface:
 
 def support(cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, usual: Usual) -> Support:
     """The support of points on their surface. given : (n,), their radii; None: chosen"""
-    positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, NORMALS))
+    positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.latest(FACED, NORMALS)))
     automatic = settings.overhang < np.inf
     return find_support(
         positions,

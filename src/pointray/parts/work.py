@@ -6,7 +6,7 @@ What is done is not done again, so that an interrupted run goes on.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from .columns import Column, Columns
 from .local import Local, local_of
 
 Facts = dict[str, Any]
+Result = TypeVar("Result")
 
 
 class Work:
@@ -67,6 +68,14 @@ class Work:
             self.columns.put(f"usual-{stage}", known)
         return Usual(None, known, is_told=True)
 
+    def all(self, do: Callable[[int], Result], span: tuple[float, float]) -> list[Result]:
+        """Do something for each part, whether or not it is done; what each gives."""
+        results = []
+        for part in range(self.parts):
+            results.append(do(part))
+            tell(self.watch(span), (part + 1) / self.parts)
+        return results
+
     def each(self, stage: str, do: Callable[[int], Facts | None], span: tuple[float, float]) -> list[Facts]:
         """Do a stage for each part, unless it is done; what each says."""
         facts: list[Facts] = []
@@ -78,5 +87,5 @@ class Work:
                 give_back()
                 self.columns.put(name, said)
             facts.append(said)
-            tell(part_of(self._progress, *span), (part + 1) / self.parts)
+            tell(self.watch(span), (part + 1) / self.parts)
         return facts
