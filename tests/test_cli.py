@@ -370,3 +370,18 @@ def test_interrupted_while_compiling(command: str, scan: Path, tmp_path: Path) -
         if waited[-1] < 0.5:
             return
     pytest.fail(f"it took {waited} seconds")
+
+
+def test_an_interrupt_while_a_class_is_made_is_one(monkeypatch, capsys):
+    """Python 3.11 makes a RuntimeError of it."""
+
+    class Interrupted:
+        def __set_name__(self, owner, name):
+            raise KeyboardInterrupt
+
+    def make(*arguments, **options):
+        type("Made", (), {"part": Interrupted()})
+
+    monkeypatch.setattr("pointray.cli.commands.app", make)
+    assert execute(["demo"]) == 130
+    assert capsys.readouterr().err == ""

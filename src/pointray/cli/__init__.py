@@ -42,7 +42,14 @@ def execute(arguments: Sequence[str]) -> int:
         except KeyboardInterrupt:
             return INTERRUPTED
         except Exception as error:
-            return _report(error)
+            return INTERRUPTED if _is_interrupted(error) else _report(error)
+
+
+def _is_interrupted(error: BaseException | None) -> bool:
+    """Whether an error stands for a Ctrl-C: Python turns one that meets a class while it is made into RuntimeError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__
+    return error is not None
 
 
 def _report(error: Exception) -> int:
