@@ -45,12 +45,24 @@ def test_rows_come_back(columns, monkeypatch, rows, span):
 
 
 def test_only_what_is_asked_for_is_read(columns, monkeypatch):
-    """Neighbours in one piece; rows that lie far apart by themselves."""
+    """Neighbours in one piece, up to its most bytes; rows that lie far apart by themselves."""
     column = columns.make("a", np.float64, rows=10**6)
     read = []
     monkeypatch.setattr(Column, "_read", lambda self, start, out: read.append((start, len(out))))
-    column[np.array([500_000, 7, 500_003, 500_001, 999_999])]
-    assert read == [(7, 1), (500_000, 4), (999_999, 1)]
+    column[np.array([5000, 7, 5003, 5001, 1000, 999_999])]
+    assert read == [(7, 1), (1000, 1), (5000, 4), (999_999, 1)]
+    read.clear()
+    column[np.arange(0, 10**6, 100)]
+    assert len(read) == -(-8 * 10**6 // own.SPAN) and max(rows for _, rows in read) <= own.SPAN / 8
+
+
+def test_the_system_may_take_and_give_a_part(columns, monkeypatch):
+    get, put = Column._get, Column._put
+    monkeypatch.setattr(Column, "_get", lambda self, out, place: get(self, out[:100], place))
+    monkeypatch.setattr(Column, "_put", lambda self, data, place: put(self, data[:100], place))
+    column = columns.make("a", np.float32, 3)
+    column.append(ROWS)
+    np.testing.assert_array_equal(column[:], ROWS)
 
 
 def test_rows_are_written_anywhere(columns):
