@@ -6,37 +6,31 @@ parts; what each finds stays in columns in the folder "unfinished", so that an i
 
 from __future__ import annotations
 
-import secrets
 import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..kernels.tree import LONGEST
-from ..model_folder import Index, PartFile, write_columns, write_index, write_part
 from ..points.normals.checks import RUN, RUNS, agreement_share
 from ..points.normals.estimate import DISAGREE, told
 from ..points.normals.units import to_units
 from ..points.smoothing.noise import Stretches, settled
 from ..points.usual import Usual
-from ..progress import Progress, tell
+from ..progress import Progress
 from ..splats.make import check_size
 from ..splats.radii import radii_among
 from ..splats.support import Support, lone_note
 from ..survey import SCAN
-from ..tree.build import Splats
 from ..tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import CHUNK, TILE, Arrangement
 from .columns import Columns
 from .facing import turn_fits, turn_given
+from .finish import BORDERS, RADII, SHEETS, Described, finish
 from .local import Local
 from .spooled import Spooled
 from .stages import (
-    FACED,
     GIVEN,
     KNOWN,
     MERGED,
@@ -53,16 +47,14 @@ from .stages import (
     support,
     survey_fits,
 )
-from .trees import bounds_about, least_size, plan_of, shown, tree_of
+from .trees import least_size
 from .work import Facts, Work
 
 SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
 RADIUS = "radius"  # the attribute that holds given radii
-RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
-LOOKED = 50_000  # points that tell whether all normals look inwards
 # Shares of the time after which stages are done.
-ARRANGED, SORTED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, FACED_AT, SUPPORTED, GROWN = (
-    *(0.12, 0.16, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8, 0.95),
+ARRANGED, SORTED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, FACED_AT, SUPPORTED = (
+    *(0.12, 0.16, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8),
 )
 
 
@@ -76,13 +68,6 @@ class Wanted:
     settings: TreeSettings
     smooth: str | float
     size: int
-
-
-class Numbers:
-    """The numbers of rows, for slices and for rows."""
-
-    def __getitem__(self, rows: Any) -> NDArray[np.int32]:
-        return np.arange(rows.start, rows.stop, dtype=np.int32) if isinstance(rows, slice) else rows.astype(np.int32)
 
 
 class Large:
@@ -263,68 +248,12 @@ class Large:
             warnings.warn(note, stacklevel=4)
 
     def _write(self) -> None:
-        """Write the trees of the parts, the points and the index."""
-        columns, facts = self._columns, self._supports
-        settings = self._wanted.settings
+        """Write all files of the model."""
+        facts, settings = self._supports, self._wanted.settings
         if any(fact["tight"] for fact in facts):
             settings = settings._replace(trim=LOOSE_TRIM)
-        if self._is_noisy:
-            self._limit_noise()
-        arrays: list[Any] = [
-            *(
-                columns[PLACED],
-                columns[self._cloud.latest(FACED, NORMALS)],
-                columns[RADII],
-                Numbers(),
-                columns.find("points.colors"),
-            ),
-            columns[BORDERS] if any(fact["borders"] for fact in facts) else None,
-            columns[SHEETS] if any(fact["sheets"] for fact in facts) else None,
-            columns[NOISE] if self._is_noisy else None,
-        ]
-        splats = Splats(*arrays)
-        id, size = self._id(), self._work.size
-        plan = plan_of([shown(splats, size, part) for part in range(self._work.parts)], splats.radii, size)
-
-        def grow(part: int) -> Facts:
-            tree = tree_of(splats, plan, part, settings)
-            here = columns[POSITIONS][self._work.stretch(part)]
-            file = write_part(self._folder, id, part, len(here), bounds_about(here, self._cloud.origin), tree)
-            return {"file": file._asdict(), "longest": float(tree.head[LONGEST])}
-
-        trees = self._work.each("tree", grow, (SUPPORTED, GROWN))
-        files = [PartFile(**tree["file"]) for tree in trees]
-        self._write_index(id, settings, files, plan.supports, max(tree["longest"] for tree in trees))
-
-    def _write_index(
-        self, id: str, settings: TreeSettings, files: list[PartFile], supports: Any, longest: float
-    ) -> None:
-        columns, cloud = self._columns, self._cloud
-        named = {name: columns.find(f"points.{name}") for name in ("positions", "normals", "colors")}
-        attributes = {name: columns[f"points.{column}"] for name, column in self._names.items()}
-        say = self._work.watch((GROWN, 1.0))
-        sizes = write_columns(
-            self._folder, id, cloud.origin, named, attributes, columns[RADII], lambda share: tell(say, share)
-        )
-        boxes = np.array([file.bounds for file in files])
-        bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
-        about = {**settings._asdict(), "smooth": self._wanted.smooth}
-        write_index(
-            self._folder,
-            Index(id, about, cloud.survey.facts, bounds, supports.astype(float).tolist(), longest, *sizes, files),
-        )
-
-    def _limit_noise(self) -> None:
-        """Whatever a caller says of the noise, a surface has no bumps higher than its supports."""
-        noise, radii = self._columns[NOISE], self._columns[RADII]
-        for start in range(0, self._cloud.total, CHUNK):
-            rows = slice(start, start + CHUNK)
-            noise.write(start, np.minimum(noise[rows], radii[rows]))
-
-    def _id(self) -> str:
-        """What all files of the folder name."""
-        facts = self._columns.get("id")
-        if facts is None:
-            facts = {"id": secrets.token_hex(8)}
-            self._columns.put("id", facts)
-        return str(facts["id"])
+        optional = [name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts)]
+        optional += [NOISE] if self._is_noisy else []
+        attributes = {name: f"points.{column}" for name, column in self._names.items()}
+        model = Described(settings, self._wanted.smooth, attributes, tuple(optional))
+        finish(self._folder, self._work, self._cloud, model, (SUPPORTED, 1.0))
