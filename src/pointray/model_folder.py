@@ -27,6 +27,7 @@ from .model_file import LAYOUT, Level, check_level, points_of, survey_of, take_t
 from .points.replacing import replacing
 
 INDEX, POINTS = "index.json", "points.pointray"
+UNFINISHED = "unfinished"  # the folder in it that holds what is found until all is done
 FORMAT, VERSION = "pointray parts", 1
 MOST = 2**31  # rows are int32 in trees
 OUTDATED = "written by another version of pointray: prepare it anew"
@@ -154,6 +155,8 @@ def check_folder(path: str | os.PathLike[str]) -> None:
 
 def _read_index(folder: Path) -> Index:
     path = folder / INDEX
+    if not path.is_file() and (folder / UNFINISHED).is_dir():
+        raise ValueError(f"{folder}: is unfinished: run the same `pointray prepare` again, it goes on")
     if not path.is_file():
         raise ValueError(f"{folder}: no model in parts: it has no {INDEX}")
     try:

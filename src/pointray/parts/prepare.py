@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..memory import available_memory
-from ..model_folder import INDEX
+from ..model_folder import INDEX, UNFINISHED
 from ..points.files import headers, open_files, stamp
 from ..points.formats._source import Request
 from ..points.ready import PEAK
@@ -27,7 +27,6 @@ from .spooled import spooled_in
 if sys.platform != "win32":
     import fcntl
 
-UNFINISHED = "unfinished"  # the folder, in that of the model, that holds what is found until all is done
 TASK = "task"  # what is known of the files and settings, there
 SPOOLED = 0.25  # share of the time
 # Bytes at the peak: of a point of a part, with its share of a margin; of all else, the sample of the cloud included.
