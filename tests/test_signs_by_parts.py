@@ -198,8 +198,8 @@ def test_a_part_begins_with_a_tile():
 def votes_of(rows):
     """Votes (one, other, sum, mass), in full ones."""
     table = np.array(sorted(rows), np.float64).reshape(-1, 4)
-    whole = np.rint(table[:, 2:] * STEPS).astype(np.int64)
-    return Votes(table[:, 0].astype(np.int64) << 32 | table[:, 1].astype(np.int64), *whole.T)
+    sums, masses = (np.rint(table[:, c] * STEPS).astype(np.int64) for c in (2, 3))
+    return Votes(table[:, 0].astype(np.int64) << 32 | table[:, 1].astype(np.int64), sums, masses)
 
 
 def test_joins_follow_the_clearest_votes():
