@@ -14,11 +14,10 @@ from typing import Any
 
 from ..model import Model
 from ..model_file import Place
-from ..scene.scene import Scene
 from .client import unfit
 from .dispatch import Dispatch, Job
 from .parcels import Parcel, parcels_of
-from .recipe import write_recipe
+from .recipe import Stage, write_recipe
 from .worker import Ticket, do_job
 
 ROLL_CALL = 1.0  # seconds between two looks at who is there
@@ -42,7 +41,7 @@ class Crew:
         The threads of each, by its address.
     """
 
-    def __init__(self, client: Any, scene: Scene) -> None:
+    def __init__(self, client: Any, scene: Stage) -> None:
         self._client, self._parcels = client, parcels_of(client)
         scene = scene.copy()
         self._baked = scene.baked
