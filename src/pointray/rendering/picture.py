@@ -127,12 +127,17 @@ def _sums(settings: Settings, catchers: bool) -> int:
 
 def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Settings:
     """The settings, or the default ones for None; ValueError if an argument of `render` has a wrong type."""
-    check_kind(scene, "scene", Scene, "a Scene")
     check_kind(camera, "camera", Camera, "a Camera")
+    return check_scene(scene, settings, progress, 4)
+
+
+def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -> Settings:
+    """The same for pictures from any camera. stacklevel : of the caller's caller, whom a warning names"""
+    check_kind(scene, "scene", Scene, "a Scene")
     check_callback(progress)
     settings = Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
     if settings.integrator == "baked" and scene.baked is None:
-        warnings.warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=3)
+        warnings.warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=stacklevel)
         scene.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
     return settings
 
