@@ -42,12 +42,15 @@ class Ticket:
     """What is wanted.
 
     scene : the name of the scene
-    work : a function of a module, which takes the scene's snapshot, `args`, a number of threads and a `Progress`
+    work : a function of a module, which takes the scene's snapshot, `args`, things that were sent before, a number of
+    threads and a `Progress`
+    things : how many there are of these
     """
 
     scene: str
     work: Callable[..., Any]
     args: tuple[Any, ...]
+    things: int = 0
 
 
 @dataclass(frozen=True)
@@ -102,15 +105,16 @@ def version_here() -> str:
     return pointray.__version__
 
 
-def do_job(ticket: Ticket, recipe: bytes, baked: Any, *models: Model | Place) -> Any:
-    """Do a job on a worker of Dask; returns what its work returns.
+def do_job(ticket: Ticket, recipe: bytes, baked: Any, *sent: Any) -> Any:
+    """Do a job on a worker of Dask; returns what its work returns. sent : models, then other things
 
     Raises
     ------
     UnseenFileError
         If a model is to be read from a file that is not here.
     """
-    return at_work(lambda bench: bench.scene(ticket.scene, recipe, baked, models), ticket.work, ticket.args)
+    models, things = sent[: len(sent) - ticket.things], sent[len(sent) - ticket.things :]
+    return at_work(lambda bench: bench.scene(ticket.scene, recipe, baked, models), ticket.work, (*ticket.args, *things))
 
 
 def at_work(scene_of: Callable[[Bench], Any], work: Callable[..., Any], args: tuple[Any, ...]) -> Any:

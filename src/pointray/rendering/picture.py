@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..arguments import check_callback, check_kind
 from ..baking.baked import bake
 from ..baking.settings import BakeSettings
-from ..cluster.client import check_client
-from ..cluster.crew import Crew
+from ..cluster.client import Client
+from ..cluster.crew import Crew, taken
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run
 from ..kernels.vec import LUMINANCE
@@ -37,7 +37,6 @@ BAND = 1 << 17  # pixels that are processed together where noise is measured
 SURFACE_SAMPLES = 16  # samples of the colours and normals that the denoiser gets
 
 Progress = Callable[[float], None]
-Client: TypeAlias = Any  # a distributed.Client, or None
 
 
 def render(
@@ -70,14 +69,6 @@ def render(
     settings = check_view(scene, camera, settings, progress)
     now, crew = taken(scene, client)
     return render_snapshot(now, camera, settings, progress, crew)
-
-
-def taken(scene: Scene, client: Client) -> tuple[Snapshot, Crew | None]:
-    """A scene as it is now, and those who render it: None is this process."""
-    if check_client(client) is None:
-        return scene.snapshot(), None
-    scene = scene.copy()
-    return scene.snapshot(), Crew(client, scene)
 
 
 def render_snapshot(

@@ -11,19 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import check_kind, wrong
-from ..cluster.crew import Crew
+from ..cluster.client import Client
+from ..cluster.crew import Crew, taken
 from ..cluster.dispatch import AT_ONCE, Job
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
 from .picture import (
-    Client,
     Progress,
     check_picture,
     check_scene,
     picture_bytes,
     render_snapshot,
-    taken,
 )
 from .pieces import in_order
 from .settings import Settings
