@@ -89,7 +89,11 @@ def send_on(crew: Crew, ground: Parcel, stretches: Sequence[Stretch], found: Fou
         Job(f"bake {k}/{len(stretches)}", send_stretch, (stretch,), (ground,)) for k, stretch in enumerate(stretches, 1)
     )
     done, total = 0, sum(len(stretch.rows) for stretch in stretches)
-    for job, parts in crew.run(jobs, lambda: tell(progress, done / total)):
+
+    def tick() -> None:
+        tell(progress, done / total)
+
+    for job, parts in crew.run(jobs, tick):
         stretch: Stretch = job.args[0]
         done += len(stretch.rows)
         for array, span, part in zip(found, stretch.spans, parts, strict=True):
@@ -106,13 +110,8 @@ def send_stretch(
     rows[stretch.begin : stretch.begin + len(stretch.rows)] = stretch.rows
     patches = Patches(_whole(positions), _whole(normals), rows, _whole(stretch.tiles))
     rays = stretch.rays._replace(suns=_whole(stretch.rays.suns))
-    links, tints, nearness, direct = stretch.sizes
-    found = Found(
-        np.zeros(links, np.int32),
-        np.zeros(tints, np.int32),
-        np.zeros(nearness, np.float32),
-        np.zeros(direct, np.float32),
-    )
+    dtypes = np.int32, np.int32, np.float32, np.float32
+    found = Found(*(np.zeros(size, dtype) for size, dtype in zip(stretch.sizes, dtypes, strict=True)))
     args = scene.without_camera_lights().world, patches, targets, rays, found
     run(send_rays, len(stretch.tiles) // ONE_TILE, *args, threads=threads, progress=progress)
     return [array[span].copy() for array, span in zip(found, stretch.spans, strict=True)]

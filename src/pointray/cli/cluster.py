@@ -13,11 +13,11 @@ from .waiting import in_background
 ClusterOption = Annotated[
     str | None,
     typer.Option(
-        help="Have the work done by the workers of a Dask scheduler, tcp://host:8786: see docs/scale.md. Trust them."
+        help="Let the workers of a Dask scheduler do the work, tcp://host:8786: see docs/scale.md. Trust them."
     ),
 ]
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, help="Have it done by so many processes, by Dask, which share the cores evenly.")
+    int | None, typer.Option(min=1, help="Let so many processes do the work, by Dask, which share the cores evenly.")
 ]
 
 
