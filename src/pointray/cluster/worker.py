@@ -156,7 +156,7 @@ def _fetch(sent: Sent) -> Model:
     client = distributed.get_client()
     if client.scheduler_info()["id"] != sent.scheduler:
         raise ValueError("a model was sent to the workers of another client: ask the scene again, with this one")
-    future = distributed.Future(sent.key, client)
+    future = distributed.Future(sent.key, client, state="memory")  # as a client knows one that another client made
     if not client.who_has([future])[sent.key]:
         raise RuntimeError("the workers that had a model are lost: ask the scene again")
     model = future.result()
