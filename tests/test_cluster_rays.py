@@ -4,6 +4,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -243,7 +244,7 @@ def test_a_later_worker_that_does_not_see_a_file_says_so(
 
 def test_another_version_is_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     lazy = scene_of(MODEL).occluded(*(da.from_array(each, chunks=-1) for each in rays()))
-    monkeypatch.setattr(stowed, "version_here", iter(["0.0.9", pr.__version__]).__next__)
+    monkeypatch.setattr(stowed, "version_here", chain(["0.0.9"], repeat(pr.__version__)).__next__)
     with pytest.raises(
         ValueError, match=rf"this worker has pointray {pr.__version__}, the scene is of pointray 0\.0\.9"
     ):
