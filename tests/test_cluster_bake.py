@@ -45,7 +45,7 @@ def shiny() -> pr.Scene:
     scene.add(model, pr.transform(translate=(0, 2, 0)), pr.Emissive(2.0))
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1)))
     scene.add_light(pr.RectLight((0, 0, 4), (1, 0, 0), (0, -1, 0), 3.0))
-    scene.add_light(pr.EnvironmentLight(sky_with_a_sun()))
+    scene.add_light(pr.EnvironmentLight(image=sky_with_a_sun()))
     scene.clips = [((0, 0, 0.6), (0, 0, 1))]
     return scene
 
