@@ -180,7 +180,7 @@ def test_other_processes_bake_the_same_and_may_be_killed(monkeypatch: pytest.Mon
     import signal
 
     monkeypatch.undo()
-    many = pr.BakeSettings(links=128, patches=16_384, seed=3)
+    many = pr.BakeSettings(links=32, patches=8192, seed=3)
     killed: list[float] = []
     with cluster_of(2, processes=True) as client:
 
