@@ -39,6 +39,7 @@ def test_each_picture_is_the_one_that_render_makes(client: Any, settings: pr.Set
     assert_same(list(pr.animate(scene, CAMERAS, settings, told.append, client)), scene, settings)
     assert 0 <= told[0] <= told[-1] <= 1 and told[-1] > 0.5
     assert told == sorted(told) or settings.denoise
+    assert client is not None or {round(7 * share) for share in told} >= set(range(1, 8))
 
 
 def test_the_scene_and_the_cameras_are_those_of_the_call(client: Any) -> None:

@@ -186,6 +186,14 @@ def test_workers_compute_the_same_and_get_the_model_once(client: Any, monkeypatc
     np.testing.assert_array_equal(lazy.t.compute(), wanted.t)
 
 
+def test_models_in_scenes_that_are_else_alike_are_not_confused(client: Any) -> None:
+    given = rays()
+    chunked = [da.from_array(each, chunks=(20, 30, 3)) for each in given]
+    scenes = [scene_of(ball(n)) for n in (1000, 1001)]
+    for lazy, wanted in [(scene.intersect(*chunked).t, scene.intersect(*given).t) for scene in scenes]:
+        np.testing.assert_array_equal(client.compute(lazy).result(), wanted)
+
+
 def test_what_the_graph_holds_of_a_scene_is_small(client: Any) -> None:
     model = ball(20_000)
     with client.as_current():

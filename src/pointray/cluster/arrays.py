@@ -72,10 +72,8 @@ def chunked_like(
     pairs: list[Any] = []
     for k, array in enumerate(arrays):
         own = array.ndim - (k < 2)
-        # Axes that arrays have in common are the last ones of the rays; the axis of x, y, z is one chunk.
-        if not is_chunked(array):
-            array = da.from_array(array, chunks=-1)
-        pairs.append(array.rechunk({-1: -1}) if k < 2 else array)
+        # Axes that arrays have in common are the last ones of the rays; along x, y, z chunks are put together.
+        pairs.append(array if is_chunked(array) else da.from_array(array, chunks=-1))
         pairs.append(rays[axes - own :] + ((axes,) if k < 2 else ()))
     stowed = Stowed(scene)
     box = dask.delayed(stowed, name=stowed.key, traverse=False)
