@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ...choices import AUTO
+from ..cluster import ClusterOption, WorkersOption, working_on
 from ..options import (
     SCANS,
     TOGETHER,
@@ -67,6 +68,8 @@ def bake(
     albedo_scale: AlbedoScaleOption = 1.0,
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    cluster: ClusterOption = None,
+    workers: WorkersOption = None,
     up: UpOption = AUTO,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
@@ -87,7 +90,7 @@ def bake(
     the studio. Light that goes with the camera is not baked.
     """
     from ..bake import BAKING, BakeOutput, bake_scan, bake_scene, check_output, scan_to_bake
-    from ..scene_file import DescribedScene, scene_of
+    from ..scene_file import WORKERS, DescribedScene, scene_of
 
     wanted, file = BakeOutput(output, colors), scene_of(files)
     check_output(wanted)
@@ -95,12 +98,16 @@ def bake(
     if file is None:
         scan = scan_of(files, reading)
         check_not_input(scan.files, output, force)
-        print(bake_scan(*scan_to_bake(scan, context.params), wanted))
+        baking = scan_to_bake(scan, context.params)
+        with working_on(cluster, workers) as client:
+            print(bake_scan(*baking, wanted, client))
         return
     check_not_input(files, output, force)
     typed = given(context)
     settings = {name: typed.pop(name) for name in BAKING if name in typed}
-    print(bake_scene(DescribedScene(file, typed, ("colors", "force"), pictures=False), settings, wanted))
+    described = DescribedScene(file, typed, ("colors", "force", *WORKERS), pictures=False)
+    with working_on(cluster, workers) as client:
+        print(bake_scene(described, settings, wanted, client))
 
 
 @with_reading
