@@ -33,7 +33,7 @@ SHARED = (
     *("points/normals/moments.py", "points/normals/pieces.py", "points/normals/planes.py"),
     *("points/normals/quadrics.py", "points/normals/votes.py"),
     *("points/normals/sixteen.py", "points/smoothing/candidates.py", "points/smoothing/creases.py"),
-    "points/smoothing/solids.py",
+    *("points/smoothing/solids.py", "points/usual.py"),
     *("points/strays/fits.py", "points/strays/survey.py"),
     *("tree/blocks.py", "tree/cells.py", "tree/columns.py", "tree/near.py"),
     *("splats/borders.py", "splats/cells.py", "splats/closed.py", "splats/grow.py", "splats/heap.py"),
