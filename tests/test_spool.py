@@ -152,11 +152,13 @@ def _checked(points, spooled, expected, said, columns):
 
 
 def test_files_of_every_format(tmp_path, columns):
-    kinds = small_scans(tmp_path / "scans")
+    with noted():  # of what formats cannot hold
+        kinds = small_scans(tmp_path / "scans")
     assert len(kinds) > 9
     for kind, files in kinds.items():
         for file in files:
-            assert check([file], columns, **OPTIONS) is not None, (kind, file)
+            known = not file.name.startswith("1.spz.")  # it is packed twice
+            assert (check([file], columns, **OPTIONS) is not None) == known, (kind, file)
     some = [kinds[kind][0] for kind in ("ply", "npz", "pcd", "text", "ptx", "kitti", "splat")]
     assert set(check(some, columns, **OPTIONS).attributes) >= {"intensity", "classification", SCAN}
 
