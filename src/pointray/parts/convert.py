@@ -139,11 +139,10 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
         attributes.append(ATTRIBUTE + RESIDUAL)
     names = {name: f"{ATTRIBUTE}{k}" for k, name in enumerate(attributes)}
     for (name, target), begin, end in zip(made.items(), ends[:-1], ends[1:], strict=True):
-        if located.losses is None or name != ATTRIBUTE + RESIDUAL:
-            _write(cloud, located, name, names.get(name, name), target, part_of(progress, begin, end))
+        _write(cloud, located, name, names.get(name, name), target, part_of(progress, begin, end))
         cloud.raw(name).drop()
         tell(progress, end)
-    if located.losses is not None:
+    if located.losses is not None:  # in place of an attribute of the files that has its name
         cloud.columns.rename(LOSSES, names[ATTRIBUTE + RESIDUAL])
     cloud.columns.drop(LEFT_OUT)
     for name in (POSITIONS, *(name for name in (NORMALS, COLORS) if name in made), *names.values()):
