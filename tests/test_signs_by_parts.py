@@ -14,7 +14,7 @@ from pointray.points.normals.jets import fit_normals
 from pointray.points.normals.joins import join
 from pointray.points.normals.layers import Layers, sides
 from pointray.points.normals.orientation import NEAR, agree, orient
-from pointray.points.normals.outward import LARGE, SAMPLE
+from pointray.points.normals.outward import LARGE, SAMPLE, take_sample
 from pointray.points.normals.votes import STEPS, Votes
 
 STRETCH = 2048  # points that a margin consists of
@@ -140,6 +140,22 @@ def test_groups_of_all_kinds_are_asked():
     np.testing.assert_array_equal(groups.points, np.bincount(each))
     terrain = made("terrain")
     assert np.bincount(agree(terrain.positions, terrain.normals, terrain.near)[1]).max() > SAMPLE
+
+
+def test_samples_of_parts_are_those_of_the_whole():
+    """Each n-th point of a group is taken as it is counted over all parts."""
+    cloud = made("terrain")
+    groups = np.random.default_rng(4).choice(3, len(cloud.path), p=(0.9, 0.08, 0.02)).astype(np.int32)
+    signs, sizes = np.ones(len(groups), np.int8), np.bincount(groups)
+    assert sizes[0] > SAMPLE > sizes[1]
+    whole = take_sample(cloud.positions, cloud.normals, signs, groups, sizes)
+    assert np.bincount(whole.groups).tolist() == [-(-sizes[0] // 2), *sizes[1:]]
+    parts = []
+    for first, last in ((0, 4097), (4097, 4098), (4098, 30_000), (30_000, len(groups))):
+        arrays = (array[first:last] for array in (cloud.positions, cloud.normals, signs, groups))
+        parts.append(take_sample(*arrays, sizes, np.bincount(groups[:first], minlength=3)))
+    for expected, found in zip(whole, zip(*parts, strict=True), strict=True):
+        np.testing.assert_array_equal(np.concatenate(found), expected)
 
 
 def test_a_noisy_torus_follows_its_planes():
