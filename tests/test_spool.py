@@ -294,7 +294,7 @@ def test_whole_numbers_of_a_file(columns, far):
     """What float32 loses of them is kept, beside rows that are left out; a file may have such an attribute."""
     survey = Survey(scale=(1e-3, 1e-3, 1e-4), offset=(500_000.0, 5_500_000.0, 0.0))
     numbers = RNG.integers(0, 10**9, (1000, 3))
-    numbers[:200] = [5 * 10**8, 5 * 10**8, 0] + np.arange(200)[:, None]  # beside the origin nothing is lost
+    numbers[:200] = [-500_000_000, -5_500_000_000, 0] + np.arange(200)[:, None]  # beside the origin nothing is lost
     world = numbers * survey.scale + np.array(survey.offset)
     world[500:600] += far
     known, unknown = (Chunk(world), 100, True, survey), (Chunk(world), 100, False, survey)
