@@ -150,8 +150,7 @@ class Dispatch:
 
     def _unload(self, flight: _Flight) -> Iterator[tuple[Job, Any]]:
         """A result is here, or was lost on its way."""
-        error = flight.result.exception()
-        if error is not None:
+        if flight.result.cancelled() or flight.result.exception() is not None:
             self._fail(flight, None)
             return
         for one in self._flights_for(flight.job):
