@@ -13,7 +13,7 @@ from PIL import Image
 import pointray as pr
 from conftest import sphere_points
 from pointray.cli import execute
-from pointray.rendering import picture
+from pointray.rendering import sequence
 
 SMALL = ["--size", "24x18", "--spp", "1", "--integrator", "phong"]
 FOUR = ["--seconds", "2", "--fps", "2"]
@@ -88,7 +88,7 @@ def rendered(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     class Calls(list):
         stop = 1000
 
-    calls, real = Calls(), picture.render
+    calls, real = Calls(), sequence.render_snapshot
 
     def render(scene: object, camera: object, *others: object) -> object:
         if len(calls) == calls.stop:
@@ -96,7 +96,7 @@ def rendered(monkeypatch: pytest.MonkeyPatch) -> list[object]:
         calls.append(camera)
         return real(scene, camera, *others)
 
-    monkeypatch.setattr(picture, "render", render)
+    monkeypatch.setattr(sequence, "render_snapshot", render)
     return calls
 
 

@@ -162,6 +162,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "SphereLight": (pr.SphereLight, {"center": (0, 0, 3), "radius": 1, "radiance": 1}),
         "Survey": (pr.Survey, {"scale": (1, 1, 1), "offset": (0, 0, 0)}),
         "SunLight": (pr.SunLight, {"direction": (0, 0, -1)}),
+        "animate": (lambda **told: list(pr.animate(**told)), {"scene": t.scene, "cameras": [t.camera]}),
         "BakeSettings": (pr.BakeSettings, {}),
         "bake": (pr.bake, {"scene": t.lit, "settings": pr.BakeSettings(links=1, patches=64)}),
         "clean": (pr.clean, {"points": t.points}),

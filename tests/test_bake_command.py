@@ -400,9 +400,9 @@ def test_a_film_with_a_file_of_light(scan, bakes, capsys, monkeypatch):
 
 
 def test_an_interrupted_film_goes_on_with_the_same_light_only(scan, bakes, capsys, monkeypatch):
-    from pointray.rendering import picture
+    from pointray.rendering import sequence
 
-    real, left = picture.render, [1]
+    real, left = sequence.render_snapshot, [1]
 
     def render(*arguments):
         if not left:
@@ -410,10 +410,10 @@ def test_an_interrupted_film_goes_on_with_the_same_light_only(scan, bakes, capsy
         left.pop()
         return real(*arguments)
 
-    monkeypatch.setattr(picture, "render", render)
+    monkeypatch.setattr(sequence, "render_snapshot", render)
     film = ["--size", "24x18", "--spp", "1", "--seconds", "1", "--fps", "2", "--integrator", "baked"]
     assert run(capsys, "animate", scan, "-o", scan.with_name("frames"), *film)[0] == 130
-    monkeypatch.setattr(picture, "render", real)
+    monkeypatch.setattr(sequence, "render_snapshot", real)
     status, out, err = run(capsys, "animate", scan, "-o", scan.with_name("frames"), *film, "--seed", "2")
     assert status == 0 and "not as before: seed, bake" in err and "from before" not in out
 

@@ -76,3 +76,13 @@ def test_ties_are_cut_as_in_memory(points):
     order, parts = kd_order(points), parts_of(points, 16384)
     for k, start in enumerate(range(0, len(points), 16384)):
         assert np.array_equal(np.flatnonzero(parts == k), np.sort(order[start : start + 16384]))
+
+
+@pytest.mark.parametrize("name", ["sphere", "grid"])
+def test_a_part_that_is_sorted_by_itself_has_the_order_of_the_whole(name):
+    clouds = {"sphere": CLOUDS["sphere"], "grid": RNG.integers(0, 30, (70_000, 3))}
+    points, size = clouds[name].astype(np.float32), 16384
+    order, parts = kd_order(points), parts_of(points, size)
+    for k, start in enumerate(range(0, len(points), size)):
+        rows = np.flatnonzero(parts == k)
+        assert np.array_equal(rows[kd_order(points[rows])], order[start : start + size])

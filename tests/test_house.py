@@ -30,7 +30,7 @@ TOWER = [
         "parts",
         "model_cache",
     ),
-    *("shade", "image", "scene", "cluster", "baking", "rendering", "staging"),
+    *("shade", "image", "cluster", "scene", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]
 

@@ -15,7 +15,7 @@ from pointray.points.colors import to_uint8
 from pointray.points.filling import Filling
 from pointray.points.formats._source import Chunk, Listing, Source
 from pointray.points.formats.ply import ply
-from pointray.points.gather import Opener
+from pointray.points.opening import Opener
 from pointray.points.selection import Selection
 from pointray.survey import RESIDUAL, SCAN, Survey, numbers_of
 

@@ -41,6 +41,7 @@ _HOME = {
     "Settings": "rendering.settings",
     "StaleLightWarning": "baking.baked",
     "SunLight": "shade.lights",
+    "animate": "rendering.sequence",
     "bake": "baking.baked",
     "check_normals": "points",
     "clean": "points.cleaning",
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
     from .rendering.camera_path import turntable as turntable
     from .rendering.layers import render_layers as render_layers
     from .rendering.picture import render as render
+    from .rendering.sequence import animate as animate
     from .rendering.settings import Settings as Settings
     from .scene.instances import Plane as Plane
     from .scene.rays import Hits as Hits

@@ -129,6 +129,22 @@ def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any
     return array
 
 
+def real_numbers(value: Any, name: str) -> NDArray[Any]:
+    """An array of ints or floats of NumPy, of any shape."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} is no regular array of numbers") from None
+    check_real(array.dtype, name)
+    return array
+
+
+def check_real(dtype: Any, name: str) -> None:
+    """The dtype of ints or floats."""
+    if dtype.kind not in "iuf":
+        raise ValueError(f"{name} must hold real numbers, not {dtype}")
+
+
 def _is_int(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 

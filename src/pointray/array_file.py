@@ -10,7 +10,7 @@ import math
 import mmap
 import os
 from collections.abc import Callable, Mapping
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.lib import format as npy
@@ -23,6 +23,16 @@ CHUNK = 1 << 24  # items that are written between two progress reports
 
 Say = Callable[[float], None]
 Arrays = dict[str, NDArray[Any]]
+
+
+class Pieces(Protocol):
+    """An array, or what can be read like one, piece by piece."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]: ...
 
 
 class Kind(NamedTuple):
@@ -49,7 +59,7 @@ class Kind(NamedTuple):
 
 
 def write_arrays(
-    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], say: Say
+    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, Pieces], say: Say
 ) -> None:
     """Write a file that `read_arrays` reads; the file gets its name when all is written.
 
@@ -57,20 +67,24 @@ def write_arrays(
     ----------
     about : dict
         What the description says besides, in a form that JSON can hold.
+    arrays : dict of str to array
+        Or to what gives arrays for slices, and has their dtype and shape.
     say : callable
         Told the share done.
     """
     known = {"format": kind.format, "version": kind.version, "layout": kind.layout, "arrays": list(arrays)}
     head = np.frombuffer(json.dumps({**known, **about}).encode(), np.uint8)
-    total, done = sum(array.size for array in arrays.values()) or 1, 0
+    total, done = sum(math.prod(array.shape) for array in arrays.values()) or 1, 0
     with replacing(path) as file:
         for array in (head, *arrays.values()):
-            npy.write_array_header_1_0(file, npy.header_data_from_array_1_0(array))
-            flat = np.ascontiguousarray(array).reshape(-1)
-            for start in range(0, flat.size, CHUNK):
-                file.write(flat[start : start + CHUNK].data)
+            descr = {"descr": npy.dtype_to_descr(array.dtype), "fortran_order": False, "shape": array.shape}
+            npy.write_array_header_1_0(file, descr)
+            rows = max(CHUNK // math.prod(array.shape[1:]), 1)
+            for start in range(0, array.shape[0], rows):
+                piece = np.ascontiguousarray(array[start : start + rows])
+                file.write(piece.reshape(-1).data)
                 if array is not head:
-                    done += len(flat[start : start + CHUNK])
+                    done += piece.size
                     say(done / total)
             file.write(bytes(-file.tell() % ALIGN))
         file.write(bytes(ALIGN))

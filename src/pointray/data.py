@@ -120,8 +120,8 @@ class Points:
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
-        if not (_finite(positions[:PROBE]).any() or _finite(positions).any()):
-            raise ValueError(f"positions: none of the {n:,} rows is finite and below {FARTHEST:g}")
+        if not (are_finite(positions[:PROBE]).any() or are_finite(positions).any()):
+            check_any_finite(0, n)
 
     @property
     def crs(self) -> str | None:
@@ -136,7 +136,7 @@ class Points:
     @property
     def finite(self) -> NDArray[np.bool_]:
         """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond `FARTHEST`."""
-        return _finite(self.positions)
+        return are_finite(self.positions)
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -234,7 +234,14 @@ def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.fl
     return _float32(np.subtract(world, origin, dtype=np.float64) if origin.any() else world)
 
 
-def _finite(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+def check_any_finite(finite: int, n: int) -> None:
+    """ValueError if none of n rows is finite."""
+    if not finite:
+        raise ValueError(f"positions: none of the {n:,} rows is finite and below {FARTHEST:g}")
+
+
+def are_finite(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(n,) bool: whether each of some positions (n, 3) can be used, see `Points.finite`."""
     x, y, z = positions.T
     limit = np.float32(FARTHEST)
     return np.asarray((np.abs(x) <= limit) & (np.abs(y) <= limit) & (np.abs(z) <= limit))
@@ -295,10 +302,11 @@ def _check_colors(colors: ArrayLike, n: int) -> NDArray[np.uint8]:
 def _check_attributes(attributes: Mapping[str, ArrayLike] | None, n: int) -> dict[str, NDArray[Any]]:
     if attributes is None:
         return {}
-    return {name: _check_attribute(name, values, n) for name, values in check_mapping(attributes, "attributes").items()}
+    return {name: check_attribute(name, values, n) for name, values in check_mapping(attributes, "attributes").items()}
 
 
-def _check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
+def check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
+    """An attribute of n points, (n,) or (n, k), in the dtype in which it is kept; ValueError if it is none."""
     if not isinstance(name, str) or not name:
         raise ValueError(f"attributes: the name of one must be a string with letters in it, not {name!r}")
     array = _numbers(values, f"attributes: attribute {name!r}")

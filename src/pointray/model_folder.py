@@ -13,20 +13,21 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .array_file import Kind, read_arrays, take_array, write_arrays
+from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
 from .data import Points
 from .kernels.tree import BOUNDS, LONGEST, Tree, no_tree
 from .model_file import LAYOUT, Level, check_level, points_of, survey_of, take_tree
 from .points.replacing import replacing
 
 INDEX, POINTS = "index.json", "points.pointray"
+UNFINISHED = "unfinished"  # the folder in it that holds what is found until all is done
 FORMAT, VERSION = "pointray parts", 1
 MOST = 2**31  # rows are int32 in trees
 OUTDATED = "written by another version of pointray: prepare it anew"
@@ -88,9 +89,22 @@ def digest_of(path: Path) -> tuple[int, str]:
 
 def write_points(folder: Path, id: str, points: Points, radii: NDArray[np.float32], say: Say) -> tuple[int, str]:
     """Write the points' file; returns its `digest_of`."""
-    named = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
-    named |= {f"attribute.{name}": values for name, values in points.attributes.items()}
-    known = {name: array for name, array in named.items() if array is not None}
+    named: dict[str, Any] = {name: getattr(points, name) for name in ("positions", "normals", "colors")}
+    return write_columns(folder, id, points.origin, named, points.attributes, radii, say)
+
+
+def write_columns(
+    folder: Path,
+    id: str,
+    origin: NDArray[np.float64],
+    named: Mapping[str, Pieces | None],
+    attributes: Mapping[str, Pieces],
+    radii: Pieces,
+    say: Say,
+) -> tuple[int, str]:
+    """`write_points`, of columns: "positions", "normals" and "colors", the last two perhaps None, and attributes."""
+    known = {f"points.{name}": column for name, column in named.items() if column is not None}
+    known |= {"points.origin": origin, **{f"attribute.{name}": values for name, values in attributes.items()}}
     write_arrays(folder / POINTS, POINTS_KIND, {"folder": id}, {**known, "radii": radii}, say)
     return digest_of(folder / POINTS)
 
@@ -141,6 +155,8 @@ def check_folder(path: str | os.PathLike[str]) -> None:
 
 def _read_index(folder: Path) -> Index:
     path = folder / INDEX
+    if not path.is_file() and (folder / UNFINISHED).is_dir():
+        raise ValueError(f"{folder}: is unfinished: run the same `pointray prepare` again, it goes on")
     if not path.is_file():
         raise ValueError(f"{folder}: no model in parts: it has no {INDEX}")
     try:

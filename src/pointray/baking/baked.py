@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind, check_path, wrong
+from ..cluster.client import Client
+from ..cluster.crew import Crew, taken
 from ..jit import Array
 from ..kernels.records import World
 from ..model import Model
@@ -46,12 +48,16 @@ class Baked:
     >>> shade = scene.baked.ambient_occlusion(statue)
     """
 
-    def __init__(self, scene: Scene, settings: BakeSettings, progress: Progress | None) -> None:
+    def __init__(self, scene: Scene, settings: BakeSettings, progress: Progress | None, client: Client = None) -> None:
         self._scene, self._settings = scene, settings
-        self._bake(scene.snapshot().without_camera_lights(), progress)
+        if client is not None:
+            scene = scene.copy()
+            scene.baked = None  # it is not sent
+        now, crew = taken(scene, client)
+        self._bake(now.without_camera_lights(), progress, crew)
 
-    def _bake(self, snapshot: Snapshot, progress: Progress | None) -> None:
-        self._exchange = Exchange(snapshot, self._settings, progress)
+    def _bake(self, snapshot: Snapshot, progress: Progress | None, crew: Crew | None = None) -> None:
+        self._exchange = Exchange(snapshot, self._settings, progress, crew)
         self._shape = shape_of(snapshot)
         self._write(snapshot)
         tell(progress, 1.0)
@@ -280,13 +286,18 @@ class Baked:
         return f"<Baked: {whence}, {self.nbytes / 2**20:.0f} MiB{ending}>"
 
 
-def bake(scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None) -> Baked:
+def bake(
+    scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None, client: Client = None
+) -> Baked:
     """Bake the light of a scene: for every instance and plane the light that arrives, after all bounces.
 
     Parameters
     ----------
     progress : callable, optional
         Called with the share done.
+    client : dask.distributed.Client, optional
+        The workers of a cluster send the rays (`pip install 'pointray[cluster]'`). The light is the same, on processors
+        of one kind to the last bit. `Baked.update` does without them. See docs/scale.md.
 
     Notes
     -----
@@ -305,4 +316,4 @@ def bake(scene: Scene, settings: BakeSettings | None = None, progress: Progress 
     check_callback(progress)
     if not scene.shapes:
         raise ValueError("the scene is empty: there is nothing to bake")
-    return Baked(scene, settings, progress)
+    return Baked(scene, settings, progress, client)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cluster.crew import Crew
 from ..kernels.records import INSTANCE, KIND, MODEL
 from ..kernels.vec import LUMINANCE
 from ..progress import Progress, part_of, tell
@@ -41,19 +42,24 @@ class Exchange:
     levels, spreads : see `Kept.levels`, and `levels.Spread` by the numbers of instances with coarser light
     """
 
-    def __init__(self, scene: Snapshot, settings: BakeSettings, progress: Progress | None) -> None:
-        self._settings = settings
+    def __init__(
+        self, scene: Snapshot, settings: BakeSettings, progress: Progress | None, crew: Crew | None = None
+    ) -> None:
+        self._settings, self._crew = settings, crew
         self._sheets = find_sheets(scene, _chosen(scene, settings), settings.albedo_scale)
         self._materials = materials_of(scene)
         tell(progress, 0.1)
         sky = look_at_sky(scene.world)
-        self._probe = _probe(scene, self._sheets, settings)
+        self._probe = _probe(scene, self._sheets, settings, crew)
         self._find(scene, sky, _lit_sides(scene, sky, self._probe, settings), part_of(progress, 0.1, 0.9))
+        self._crew = None  # later light is found here
+        self._probe.dismiss()
+        self.transport.dismiss()
 
     def _find(self, scene: Snapshot, sky: Sky, lit: list[tuple[int, int]], progress: Progress | None) -> None:
         """Find the links of the sides that are lit, more where there is noise; and the light along them."""
         settings, self._lit = self._settings, lit
-        transport = Transport(scene, self._sheets, lit, settings.seed, settings.threads)
+        transport = Transport(scene, self._sheets, lit, settings.seed, settings.threads, self._crew)
         self._sheets = transport.shared_sheets()
         found = spreads_within(scene, transport.sides, settings.memory)
         rows = np.arange(len(transport), dtype=np.int32)
@@ -111,10 +117,10 @@ def _chosen(scene: Snapshot, settings: BakeSettings) -> int:
     return int(np.clip(splats // 2, LEAST_CHOSEN, MOST_CHOSEN))
 
 
-def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings) -> Transport:
+def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings, crew: Crew | None) -> Transport:
     """Few patches on both sides of all sheets, with few links."""
     sides = [(k, sign) for k in range(len(sheets)) for sign in ALL_SIDES]
-    probe = Transport(scene, _few(sheets), sides, settings.seed, settings.threads)
+    probe = Transport(scene, _few(sheets), sides, settings.seed, settings.threads, crew)
     probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)
     return probe
 

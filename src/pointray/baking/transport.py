@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cluster.crew import Crew
+from ..cluster.parcels import Parcel
 from ..jit import run, uncompiled
 from ..kernels.records import DIELECTRIC, INSTANCE, MATERIAL_KIND, MATERIAL_SIZE, MIRROR, PLANE_SIZE, SHAPE_ROW, World
 from ..kernels.scratch import TILE
@@ -18,6 +20,7 @@ from .directions import strata
 from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, INSIDE, ONE_TILE, Found, Patches, Rays, send_rays
 from .patches import NEAR, PIECE
 from .planes import Grid, grid_neighbors
+from .stretches import cut, ground_of, send_on
 from .surfaces import Sheet, find_targets
 
 NO_FLOATS, NO_INTS, NO_BITS = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.uint8)
@@ -55,6 +58,7 @@ class Transport:
     lit : list of (int, int)
         The number of a sheet and a sign, for each side.
     seed, threads : see `BakeSettings`
+    crew : who sends its rays; None: this process
 
     Attributes
     ----------
@@ -69,7 +73,13 @@ class Transport:
     """
 
     def __init__(
-        self, scene: Snapshot, sheets: list[Sheet], lit: list[tuple[int, int]], seed: int, threads: int | None
+        self,
+        scene: Snapshot,
+        sheets: list[Sheet],
+        lit: list[tuple[int, int]],
+        seed: int,
+        threads: int | None,
+        crew: Crew | None = None,
     ) -> None:
         self.sides: list[Side] = []
         first = 0
@@ -85,13 +95,18 @@ class Transport:
         signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
         self.normals: Floats = self._joined("normals", np.float32) * signs[:, None].astype(np.float32)
         self._targets = find_targets(scene, sheets, {(s.sheet.instance, s.sign): s.first for s in self.sides})
-        self._world, self._seed, self._threads = scene.world, seed, threads
+        self._world, self._seed, self._threads, self._crew = scene.world, seed, threads, crew
+        self._ground: Parcel | None = None  # of the crew
         self.links: list[Links] = []
         self.nearness, self._inside = np.zeros((2, len(self.positions)), np.float32)
         self._set_trust()
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def dismiss(self) -> None:
+        """From now on this process sends the rays."""
+        self._crew = self._ground = None
 
     def _joined(self, name: str, dtype: type) -> NDArray[Any]:
         """A column of all sheets, one after the other."""
@@ -205,6 +220,10 @@ class Transport:
 
     def _run(self, rows: NDArray[np.int32], world: World, rays: Rays, found: Found, progress: Progress | None) -> None:
         patches = self.patches(rows)
+        if self._crew is not None:
+            self._ground = self._ground or ground_of(patches, self._targets)
+            send_on(self._crew, self._ground, cut(patches, rays, found, self._crew.workers), found, progress)
+            return
         tiles = len(patches.tiles) // ONE_TILE
         args = world, patches, self._targets, rays, found
         run(send_rays, tiles, *args, threads=self._threads, progress=progress)

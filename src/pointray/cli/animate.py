@@ -22,6 +22,7 @@ from .waiting import Progress, in_background, writing
 
 SECONDS, TURNS = 6.0, 1.0  # defaults of a turntable
 PREVIEWS, PREVIEW, PREVIEW_SAMPLES = 8, 128, 16  # frames that choose the exposure: number, longer side, samples
+ROUNDING = 1e-6  # of frames: a share that is a whole number of frames may be a little less
 TRANSPARENT = "an MP4 cannot be transparent, numbered .png can"
 
 
@@ -239,26 +240,18 @@ def _render(
 
 def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Progress, client: Any) -> Iterator[Any]:
     """Render frames in order. job : scene, cameras and settings"""
-    from ..rendering.picture import render
     from ..rendering.sequence import render_each
 
     scene, cameras, settings = job
-    done, count = 0, len(cameras)
+    count = len(cameras)
 
     def show(share: float) -> None:
-        progress.show(f"frame {done + 1} of {count}", (done + share) / count)
+        number = min(math.floor(share * count + ROUNDING), count - 1) + 1
+        progress.show(f"{count} frames" if client is not None else f"frame {number} of {count}", share)
 
-    def show_all(share: float) -> None:
-        progress.show(f"{count} frames", share)
-
-    if client is not None:
-        wait_for_kernels(client, settings)
-        yield from render_each(scene, cameras, settings, client, show_all, numbers)
-        return
-    for k, camera in enumerate(cameras):
-        done = k
-        show(0.0)
-        yield render(scene, camera, settings, show)
+    wait_for_kernels(client, settings)
+    show(0.0)
+    return render_each(scene, cameras, settings, client, show, numbers)
 
 
 def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str]:

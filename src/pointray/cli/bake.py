@@ -16,6 +16,7 @@ from ..image.tone import linear_to_srgb, srgb_to_linear, tone
 from ..staging import HEADLIGHT
 from ..staging.first_view import ViewChoice
 from .baked_light import LightSource
+from .cluster import wait_for_kernels
 from .options import up_axis
 from .scan_files import ScanFiles, check_result
 from .scan_scene import APPEARANCE, SURFACE, ScanScene
@@ -75,11 +76,12 @@ def scan_to_bake(scan: ScanFiles, options: dict[str, Any]) -> tuple[ScanScene, L
     return scan_scene, source
 
 
-def bake_scan(scan_scene: ScanScene, source: LightSource, output: BakeOutput) -> str:
-    """Bake a scan's light and write it; returns lines for the user."""
+def bake_scan(scan_scene: ScanScene, source: LightSource, output: BakeOutput, client: Any = None) -> str:
+    """Bake a scan's light and write it; returns lines for the user. client : whose workers do; None: this process"""
     with Progress(bakes=True) as progress:
         scene, model, scan = scan_scene.build(progress)
-        baked = in_background(lambda: source.make(scene, progress.show))
+        wait_for_kernels(client)
+        baked = in_background(lambda: source.make(scene, progress.show, client))
         if output.is_light:
             told = _write_light(output, baked, len(model.points), progress)
         else:
@@ -88,10 +90,11 @@ def bake_scan(scan_scene: ScanScene, source: LightSource, output: BakeOutput) ->
     return f"{told}\n{scan.found}" if scan.found else told
 
 
-def bake_scene(described: DescribedScene, settings: dict[str, Any], output: BakeOutput) -> str:
+def bake_scene(described: DescribedScene, settings: dict[str, Any], output: BakeOutput, client: Any = None) -> str:
     """Bake the light of a scene file and write it; returns a line for the user.
 
     settings : of `BakeSettings`, those that options give
+    client : whose workers do; None: this process
     """
     plan, count = described.plan, described.plan.model_instances
     if not output.is_light and count != 1:
@@ -100,7 +103,8 @@ def bake_scene(described: DescribedScene, settings: dict[str, Any], output: Bake
     source = LightSource(replace(plan.bake.settings, **settings))
     with Progress(bakes=True) as progress:
         scene = in_background(lambda: plan.build(progress.show, lit=False)).scene
-        baked = in_background(lambda: source.make(scene, progress.show))
+        wait_for_kernels(client)
+        baked = in_background(lambda: source.make(scene, progress.show, client))
         if output.is_light:
             return _write_light(output, baked, sum(len(model.points) for model in scene.models), progress)
         number = next(number for number, shape in scene.shapes.items() if shape is scene.models[0])

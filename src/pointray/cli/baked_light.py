@@ -45,8 +45,12 @@ class LightSource:
             return {"light": [str(self.file.resolve()), facts.st_size, facts.st_mtime_ns]}
         return {"bake": {name: value for name, value in asdict(self.settings).items() if name != "threads"}}
 
-    def make(self, scene: Any, show: Any) -> Any:
-        """The light of a scene; ValueError if that of the file does not fit. show : takes a stage and the share done"""
+    def make(self, scene: Any, show: Any, client: Any = None) -> Any:
+        """The light of a scene; ValueError if that of the file does not fit.
+
+        show : takes a stage and the share done
+        client : whose workers send the rays of a bake; None: this process
+        """
         import pointray as pr
 
         from ..scenefile.light import load_light
@@ -55,7 +59,7 @@ class LightSource:
             show("reading light", 0.0)
             return load_light(self.file, scene)
         show("baking light", 0.0)
-        return pr.bake(scene, self.settings, partial(show, "baking light"))
+        return pr.bake(scene, self.settings, partial(show, "baking light"), client)
 
     def light(self, scene: Any, progress: Progress, told: str = FIRST) -> None:
         """Give a scene its light. told : what is said if it is baked"""

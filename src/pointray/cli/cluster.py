@@ -1,4 +1,4 @@
-"""The options --cluster and --workers: who renders."""
+"""The options --cluster and --workers: who renders, or bakes."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from .waiting import in_background
 
 ClusterOption = Annotated[
     str | None,
-    typer.Option(help="Render on the workers of a Dask scheduler, tcp://host:8786: see docs/scale.md. Trust them."),
+    typer.Option(
+        help="Let the workers of a Dask scheduler do the work, tcp://host:8786: see docs/scale.md. Trust them."
+    ),
 ]
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, help="Render in so many processes, by Dask, which share the cores evenly.")
+    int | None, typer.Option(min=1, help="Let so many processes do the work, by Dask, which share the cores evenly.")
 ]
 
 
 @contextmanager
-def rendering_on(cluster: str | None, workers: int | None) -> Iterator[Any]:
-    """A client of Dask whose workers render; None: this process does. What is wrong raises ValueError at once."""
+def working_on(cluster: str | None, workers: int | None) -> Iterator[Any]:
+    """A client of Dask whose workers do the work; None: this process does. What is wrong raises ValueError at once."""
     if cluster is None and workers is None:
         yield None
         return
@@ -33,8 +35,11 @@ def rendering_on(cluster: str | None, workers: int | None) -> Iterator[Any]:
         yield client
 
 
-def wait_for_kernels(client: Any, settings: Any) -> None:
-    """Wait until the kernel of pictures is compiled, if workers of this machine take it from the same cache."""
+def wait_for_kernels(client: Any, settings: Any = None) -> None:
+    """Wait until the kernel of pictures is compiled, if workers of this machine take it from the same cache.
+
+    settings : of the pictures; None: the kernel is that of the rays of a bake
+    """
     from ..rendering.warmup import wait_until_warm
 
     if client is not None and client.cluster is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Sequence
 from functools import partial
@@ -12,11 +13,17 @@ from typing import Any
 import numpy as np
 
 from ..choices import AUTO
+from ..memory import available_memory
+from ..model import SURFACE
 from ..model_file import SAVED
-from ..parts.split import check_new, split
+from ..parts.prepare import check_unfinished, fits, part_points_within
+from ..parts.prepare import prepare as prepare_parts
+from ..parts.split import PART, check_new, split
+from ..points.selection import Selection
 from ..points.trajectory import read_trajectory
 from ..points.trust import trusted
 from ..splats.radii import radii_in
+from ..tree.settings import check_settings
 from .read_options import Reading
 from .scan_files import ScanFiles, check_not_input, check_result, scan_of
 from .scan_scene import check_saved, smooth_of
@@ -51,13 +58,57 @@ def surface_of(settings: Any) -> dict[str, Any]:
     return {"surface": settings.surface, "samples": settings.samples, "refine": settings.refine, "trim": trim}
 
 
+def bytes_of(text: str) -> int:
+    """Parse `4GiB`, `500MB` or `2000000`: a number of bytes."""
+    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(?:([kmgt])(i?)b?)?\s*", text, re.IGNORECASE)
+    if match is None:
+        raise ValueError(f"--memory must be a size like 4GiB or 500MB, not {text!r}")
+    number, unit, binary = match.groups()
+    return int(float(number) * (1024 if binary else 1000) ** (" kmgt".index(unit.lower()) if unit else 0))
+
+
 def check_parts(output: Path, part_points: int | None) -> None:
     """ValueError if a model in parts cannot be written to a folder."""
     if output.suffix.lower() != SAVED:
         raise ValueError(f"{output}: a model in parts is a folder whose name ends in {SAVED}, like city{SAVED}/")
     if part_points is not None and part_points < 1:
         raise ValueError(f"--part-points must be 1 or more, not {part_points}")
+    if check_unfinished(output).exists():
+        return
     check_new(output)
+
+
+IN_MEMORY = "tolerance", "count", "drop_duplicates", "drop_outliers", "smooth", "estimate_normals", "trajectory"
+
+
+def _goes_by_parts(scan: ScanFiles, reading: Reading, output: Path, options: dict[str, Any]) -> bool:
+    """Whether a model in parts is made part by part, as its scan is too large for the memory, or had been begun so."""
+    if scan.saved is not None:
+        return False
+    memory = options["memory"]
+    unfinished = check_unfinished(output).exists()
+    if not unfinished and fits(scan.files, reading.request, memory):
+        return False
+    whole = [name for name in IN_MEMORY if options[name] not in (None, False)]
+    whole += ["max_points"] * (reading.max_points is not None) + ["drop_strays"] * reading.drop_strays
+    if whole and (unfinished or memory is not None):
+        name = whole[0].replace("_", "-")
+        raise ValueError(f"--{name} is for scans that fit into memory: leave it out, or read fewer points")
+    return not whole
+
+
+def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dict[str, Any]) -> str:
+    """Make a model in parts, part by part; returns a line for the user."""
+    import pointray as pr
+
+    memory = options["memory"] or available_memory() or 1 << 32
+    size = min(part_points_within(memory), options["part_points"] or PART)
+    selection = Selection(reading.every, None, reading.request.bounds, reading.keep, reading.drop)
+    settings = check_settings(SURFACE, 4, 1, "auto"), AUTO
+    with Progress() as progress:
+        work = partial(prepare_parts, scan.files, (reading.request, selection), output, settings, size)
+        count = in_background(lambda: work(partial(progress.show, "preparing")))
+    return f"{output}: a model of {count:,} points in {len(pr.Model.load(output).parts)} parts"
 
 
 def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict[str, Any]) -> str:
@@ -77,6 +128,8 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
     check_not_input(scan.files, output, options["force"])
     check_saved(scan.files[0], options["normals"] == AUTO)
     scan.check()
+    if options["in_parts"] and _goes_by_parts(scan, reading, output, options):
+        return _prepare_parts(scan, reading, output, options)
     if options["trajectory"] is not None:  # what is wrong with it is told before a large scan is read
         options = {**options, "trajectory": read_trajectory(options["trajectory"])}
     import pointray as pr

@@ -7,13 +7,15 @@ import queue
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 from ..arguments import wrong
 from ..extras import require
 from ..jit import thread_count
 from .worker import version_here
+
+Client: TypeAlias = Any  # a distributed.Client, or None
 
 PATIENCE = 4  # seconds for a scheduler to answer
 _FIT: WeakKeyDictionary[Any, set[str]] = WeakKeyDictionary()  # by client: workers of our version

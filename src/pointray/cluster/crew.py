@@ -14,11 +14,10 @@ from typing import Any
 
 from ..model import Model
 from ..model_file import Place
-from ..scene.scene import Scene
-from .client import unfit
+from .client import check_client, unfit
 from .dispatch import Dispatch, Job
 from .parcels import Parcel, parcels_of
-from .recipe import write_recipe
+from .recipe import Stage, write_recipe
 from .worker import Ticket, do_job
 
 ROLL_CALL = 1.0  # seconds between two looks at who is there
@@ -42,7 +41,7 @@ class Crew:
         The threads of each, by its address.
     """
 
-    def __init__(self, client: Any, scene: Scene) -> None:
+    def __init__(self, client: Any, scene: Stage) -> None:
         self._client, self._parcels = client, parcels_of(client)
         scene = scene.copy()
         self._baked = scene.baked
@@ -87,6 +86,7 @@ class Crew:
             baked, recipe = self._send_baked(), self._recipe.send(client)
             models = [self._parcels.of_model(model) for model in self._models]
             sent = [model if isinstance(model, Place) else model.send(client) for model in models]
+            things = [parcel.send(client) for parcel in job.parcels]
         except OSError:  # of Dask, which found no worker in time, or lost the scheduler
             return None
         except AttributeError:
@@ -94,7 +94,7 @@ class Crew:
                 raise RuntimeError(LOST) from None
             raise
         scene = " ".join([self._name, *(_name(one) for one in (baked, *sent))])
-        todo = do_job, Ticket(scene, job.work, job.args), recipe, baked, *sent
+        todo = do_job, Ticket(scene, job.work, job.args, len(things)), recipe, baked, *sent, *things
         key = f"{job.name}-{uuid.uuid4().hex}"
         return client.submit(*todo, key=key, workers=[worker], allow_other_workers=True, pure=False)
 
@@ -135,6 +135,14 @@ class Crew:
         self.workers = {worker: count for worker, count in there.items() if worker not in self._unfit}
         if self.workers:
             self._seen = time.monotonic()
+
+
+def taken(scene: Stage, client: Any) -> tuple[Any, Crew | None]:
+    """A scene's snapshot as it is now, and those who work for it: None is this process."""
+    if check_client(client) is None:
+        return scene.snapshot(), None
+    scene = scene.copy()
+    return scene.snapshot(), Crew(client, scene)
 
 
 def _name(sent: Any) -> str:

@@ -16,6 +16,7 @@ from statistics import median
 from typing import Any, Protocol
 
 from ..model_file import Place
+from .parcels import Parcel
 from .worker import UnseenFileError
 
 TICK = 0.1  # seconds between two reports of progress
@@ -30,11 +31,13 @@ class Job:
 
     name : what the dashboard shows
     work, args : see `worker.Ticket`
+    parcels : what workers get once; the work takes the things in them after `args`
     """
 
     name: str
     work: Callable[..., Any]
     args: tuple[Any, ...]
+    parcels: tuple[Parcel, ...] = ()
 
 
 @dataclass(eq=False)

@@ -40,11 +40,13 @@ class Parcels:
     """All that one client has sent.
 
     unseen : files of models that not all workers see
+    asked : files of models that all workers were asked for
     """
 
     client: Any
     kept: WeakKeyDictionary[Any, Parcel] = field(default_factory=WeakKeyDictionary)
     unseen: set[Place] = field(default_factory=set)
+    asked: set[Place] = field(default_factory=set)
 
     def of(self, owner: Any, name: str, thing: Any) -> Parcel:
         """The parcel of a thing, which is new if its owner has another thing now."""

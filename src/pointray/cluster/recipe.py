@@ -8,10 +8,25 @@ from __future__ import annotations
 import io
 import pickle
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from ..model import Model
-from ..scene.scene import Scene
+
+
+class Stage(Protocol):
+    """What is asked of a scene here, see `scene.scene.Scene`."""
+
+    baked: Any
+
+    @property
+    def models(self) -> list[Model]:
+        """All models, each once."""
+
+    def copy(self) -> Stage:
+        """An independent scene of the same models."""
+
+    def snapshot(self) -> Any:
+        """What jobs take: the scene as it is now."""
 
 
 class _Writer(pickle.Pickler):
@@ -38,15 +53,14 @@ class _Reader(pickle.Unpickler):
         return self._models[number]
 
 
-def write_recipe(scene: Scene, models: Sequence[Model]) -> bytes:
+def write_recipe(scene: Stage, models: Sequence[Model]) -> bytes:
     """Everything of a scene but its models and its baked light. models : `scene.models`"""
     file = io.BytesIO()
     _Writer(file, models).dump(scene)
     return file.getvalue()
 
 
-def read_recipe(recipe: bytes, models: Sequence[Model]) -> Scene:
+def read_recipe(recipe: bytes, models: Sequence[Model]) -> Stage:
     """The scene, with these models. The bytes come from our own client by Dask, which itself uses pickle."""
-    scene = _Reader(io.BytesIO(recipe), models).load()
-    assert isinstance(scene, Scene)
+    scene: Stage = _Reader(io.BytesIO(recipe), models).load()
     return scene

@@ -1,20 +1,23 @@
-"""What runs on a worker: it makes the scene once, then does jobs for it, one at a time, each on all of its threads."""
+"""What runs on a worker: it makes the scene once, then does jobs for it, one at a time, each on all of its threads.
+
+Chunks of arrays are made in the same way where there is no worker, by threads of this process or by other processes.
+"""
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 
 from ..kernels.tree import Tree
 from ..model import Model
 from ..model_file import Place
-from ..scene.world import Snapshot
 from .recipe import read_recipe
 
 SCENES, FILES = 2, 8  # scenes that a worker keeps, and files of models; the least recently used ones go
@@ -26,6 +29,9 @@ T = TypeVar("T")
 class UnseenFileError(Exception):
     """The worker does not see the file of a model. args : its place"""
 
+    def __str__(self) -> str:
+        return f"a worker does not see {self.args[0].path}, or sees another file: save it where all see it"
+
 
 class DroppedError(Exception):
     """Nobody wants the result any more."""
@@ -36,24 +42,60 @@ class Ticket:
     """What is wanted.
 
     scene : the name of the scene
-    work : a function of a module, which takes the scene's snapshot, `args`, a number of threads and a `Progress`
+    work : a function of a module, which takes the scene's snapshot, `args`, things that were sent before, a number of
+    threads and a `Progress`
+    things : how many there are of these
     """
 
     scene: str
     work: Callable[..., Any]
     args: tuple[Any, ...]
+    things: int = 0
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A model that workers have. key : by which Dask knows it; scheduler : whose workers these are"""
+
+    key: str
+    scheduler: str
 
 
 @dataclass
-class _Bench:
-    """What a worker keeps. A lock is held by the job that is at work."""
+class Bench:
+    """What a worker keeps. A lock is held by the job that is at work.
+
+    scenes : their snapshots; files, sent : models
+    """
 
     lock: threading.Lock = field(default_factory=threading.Lock)
-    scenes: OrderedDict[str, Snapshot] = field(default_factory=OrderedDict)
+    scenes: OrderedDict[str, Any] = field(default_factory=OrderedDict)
     files: OrderedDict[Place, Model] = field(default_factory=OrderedDict)
+    sent: WeakValueDictionary[Sent, Model] = field(default_factory=WeakValueDictionary)
+
+    def scene(self, name: str, recipe: bytes, baked: Any, models: Sequence[Model | Place | Sent]) -> Any:
+        """The snapshot of a scene, which is kept."""
+        return _kept(self.scenes, name, SCENES, lambda: self._snapshot(recipe, baked, models))
+
+    def _snapshot(self, recipe: bytes, baked: Any, models: Sequence[Model | Place | Sent]) -> Any:
+        scene = read_recipe(recipe, [self._model(model) for model in models])
+        scene.baked = baked
+        return scene.snapshot()
+
+    def _model(self, model: Model | Place | Sent) -> Model:
+        """A model that Dask has brought, that it can fetch, or that is in a file."""
+        if isinstance(model, Place):
+            return _kept(self.files, model, FILES, lambda: _load(model))
+        if isinstance(model, Sent):
+            found = self.sent.get(model)
+            if found is None:
+                found = self.sent[model] = _aligned(_fetch(model))
+            return found
+        return _aligned(model)
 
 
-_BENCHES: WeakKeyDictionary[Any, _Bench] = WeakKeyDictionary()  # by worker: several may share a process
+_BENCHES: WeakKeyDictionary[Any, Bench] = WeakKeyDictionary()  # by worker: several may share a process
+_HERE = Bench()  # where there is no worker
 
 
 def version_here() -> str:
@@ -63,18 +105,28 @@ def version_here() -> str:
     return pointray.__version__
 
 
-def do_job(ticket: Ticket, recipe: bytes, baked: Any, *models: Model | Place) -> Any:
-    """Do a job on a worker of Dask; returns what its work returns.
+def do_job(ticket: Ticket, recipe: bytes, baked: Any, *sent: Any) -> Any:
+    """Do a job on a worker of Dask; returns what its work returns. sent : models, then other things
 
     Raises
     ------
     UnseenFileError
         If a model is to be read from a file that is not here.
     """
-    import distributed
+    models, things = sent[: len(sent) - ticket.things], sent[len(sent) - ticket.things :]
+    return at_work(lambda bench: bench.scene(ticket.scene, recipe, baked, models), ticket.work, (*ticket.args, *things))
 
-    worker = distributed.get_worker()
-    key, bench = worker.get_current_task(), _BENCHES.setdefault(worker, _Bench())
+
+def at_work(scene_of: Callable[[Bench], Any], work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+    """Do work of which there is one at a time: on a worker, as one of its tasks, or in any other thread.
+
+    scene_of : makes the scene, given what is kept here; work : see `Ticket`
+    """
+    worker = _worker_here()
+    if worker is None:
+        with _HERE.lock:
+            return work(scene_of(_HERE), *args, None, None)
+    key, bench = worker.get_current_task(), _BENCHES.setdefault(worker, Bench())
 
     def check(share: float = 0.0) -> None:
         task = worker.state.tasks.get(key)
@@ -84,26 +136,32 @@ def do_job(ticket: Ticket, recipe: bytes, baked: Any, *models: Model | Place) ->
     with bench.lock:
         try:
             check()
-            scene = _kept(bench.scenes, ticket.scene, SCENES, lambda: _scene(bench, recipe, baked, models))
-            return ticket.work(scene, *ticket.args, worker.state.nthreads, check)
+            return work(scene_of(bench), *args, worker.state.nthreads, check)
         except DroppedError:
             return None
 
 
-def _scene(bench: _Bench, recipe: bytes, baked: Any, models: tuple[Model | Place, ...]) -> Snapshot:
-    """The scene of a recipe."""
-    scene = read_recipe(recipe, [_model(bench, model) for model in models])
-    scene.baked = baked
-    return scene.snapshot()
+def _worker_here() -> Any:
+    """The worker of Dask that this thread works for; None: it does not."""
+    distributed: Any = sys.modules.get("distributed")
+    try:
+        return None if distributed is None else distributed.get_worker()
+    except ValueError:
+        return None
 
 
-def _model(bench: _Bench, model: Model | Place) -> Model:
-    """A model that Dask has brought, or that is in a file."""
-    if isinstance(model, Model):
-        for one in (model, *model.levels, *model.parts):
-            _align(one)
-        return model
-    return _kept(bench.files, model, FILES, lambda: _load(model))
+def _fetch(sent: Sent) -> Model:
+    """A model from the workers that have it."""
+    distributed: Any = sys.modules["distributed"]
+    client = distributed.get_client()
+    if client.scheduler_info()["id"] != sent.scheduler:
+        raise ValueError("a model was sent to the workers of another client: ask the scene again, with this one")
+    future = distributed.Future(sent.key, client, state="memory")  # as a client knows one that another client made
+    if not client.who_has([future])[sent.key]:
+        raise RuntimeError("the workers that had a model are lost: ask the scene again")
+    model = future.result()
+    assert isinstance(model, Model)
+    return model
 
 
 def _load(place: Place) -> Model:
@@ -125,6 +183,13 @@ def _kept(things: OrderedDict[K, T], key: K, most: int, make: Callable[[], T]) -
         things[key] = made
     things.move_to_end(key)
     return things[key]
+
+
+def _aligned(model: Model) -> Model:
+    """A model whose arrays kernels can read."""
+    for one in (model, *model.levels, *model.parts):
+        _align(one)
+    return model
 
 
 def _align(model: Model) -> None:

@@ -3,6 +3,9 @@
 A span of points is cut across its longest side, again and again. The first part holds the largest power of two that
 leaves something over, so that all aligned stretches of 4, 16, 64 ... points are boxes of the kd-tree: four points are a
 splats' block of the ray tracing tree, 16 a block of the neighbour search, and no box has to be stored for the cuts.
+
+Points on a cut, and those of a leaf, follow their numbers. So a stretch that is sorted by itself has the order that it
+has in the whole, see `cuts`.
 """
 
 from __future__ import annotations
@@ -14,14 +17,13 @@ from ..jit import Array, borrow, cancelled, f32, inline, kernel, next_tile, run
 from ..simd import INF, broadcast16, lane, load4, load16, store, vmax, vmin
 
 ROW = 4  # float32 of a row: x, y, z, and the point's number as bits
-LEAF = 4  # points in an order of their own
+LEAF = 4  # points in the order of their numbers
 COARSE = 32  # spans from which threads sort a span each; before that a span is cut by one thread
 FEW = 1 << 14  # points that one thread sorts sooner than others begin
 SAMPLE = 32  # rows that tell where to cut a span
 MANY = 4 * SAMPLE  # rows of a span from which a sample is asked
 DEPTH = 64  # of the stack of spans
 NUMBER = 3  # the column of a point's number; as float32 numbers below 2^31 - 2^23 are in their order
-TIED = 1 << 14  # points of a span from which ties are cut by their numbers, so that `cuts` finds the same parts
 
 Floats = NDArray[np.float32]
 
@@ -126,6 +128,16 @@ def _order_ties(rows: Array, axis: int, low: int, high: int, nth: int, sample: A
     _select(rows, NUMBER, begin, end, nth, sample)
 
 
+@inline
+def _sort_leaf(rows: Array, low: int, high: int) -> None:
+    """Sort a few rows by their numbers."""
+    for i in range(low + 1, high):
+        j = i
+        while j > low and rows[ROW * (j - 1) + NUMBER] > rows[ROW * j + NUMBER]:
+            _swap(rows, j - 1, j)
+            j -= 1
+
+
 @kernel
 def _cut(work: Array, rows: Array, spans: Array, least: int) -> int:
     """Sort each span of rows, flat, down to spans of `least` rows."""
@@ -139,11 +151,12 @@ def _cut(work: Array, rows: Array, spans: Array, least: int) -> int:
             depth -= 1
             low, high = stack[depth, 0], stack[depth, 1]
             if high - low <= least or cancelled(work):
+                if least == LEAF:
+                    _sort_leaf(rows, low, high)
                 continue
             middle, axis = low + first_part(high - low), _longest_side(rows, low, high)
             _select(rows, axis, low, high, middle, sample)
-            if high - low > TIED:
-                _order_ties(rows, axis, low, high, middle, sample)
+            _order_ties(rows, axis, low, high, middle, sample)
             stack[depth, 0], stack[depth, 1] = low, middle
             stack[depth + 1, 0], stack[depth + 1, 1] = middle, high
             depth += 2

@@ -7,7 +7,7 @@ one model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points
-from ..kernels.tree import LONGEST
+from ..kernels.tree import LONGEST, Tree
 from ..model_folder import PartFile, write_part
 from ..progress import Progress, tell
 from ..tree.blocks import PER_BLOCK, make_blocks
@@ -27,6 +27,21 @@ from ..tree.top import PER_GROUP, Groups, groups_of, groups_per_root, top_of_par
 
 GROUP = PER_BLOCK * PER_GROUP  # splats
 BINS = 1 << 16  # of the upper half of a float's bits, and of the lower
+
+
+class Plan(NamedTuple):
+    """What the trees of all parts share.
+
+    size : splats of a part, a power of two, `least_size` or more
+    groups : of all splats, each of `GROUP`
+    supports : (6,) float32, bounds of all supports
+    reference : the radius that steps are powers of two of
+    """
+
+    size: int
+    groups: Groups
+    supports: NDArray[np.float32]
+    reference: float
 
 
 class Trees(NamedTuple):
@@ -61,28 +76,50 @@ def write_trees(
     points : Points
         A row for each splat.
     splats : Splats
-        In kd order; arrays may be mapped.
+        In kd order.
     size : int
         Splats of a part, a power of two, `least_size` or more.
     """
-    count = len(splats.radii)
-    stretches = [slice(start, min(start + size, count)) for start in range(0, count, size)]
-    some = [_groups_of(part_of(splats, stretch)) for stretch in stretches]
-    groups = Groups(*(np.concatenate(arrays) for arrays in zip(*some, strict=True)))
-    supports = _around([bounds_of(part_of(splats, stretch)) for stretch in stretches])
-    reference = nth_least([splats.radii[stretch] for stretch in stretches], count // 50)
-    files, longest, step = [], 0.0, longest_step(settings.samples)
-    for number, stretch in enumerate(stretches):
-        top, needed = top_of_part(groups, step, range(stretch.start // GROUP, -(-stretch.stop // GROUP)))
-        rows = (needed[:, None] * GROUP + np.arange(GROUP)).reshape(-1)
-        mine = part_of(splats, rows[rows < count])
-        tree = without_unused(build_tree(mine, settings, in_order=True, whole=Whole(top, supports, reference)))
+    parts = range(-(-len(splats.radii) // size))
+    plan = plan_of([shown(splats, size, part) for part in parts], splats.radii, size)
+    files, longest = [], 0.0
+    for part in parts:
+        tree = tree_of(splats, plan, part, settings)
         longest = max(longest, float(tree.head[LONGEST]))
-        here = points.positions[stretch]
-        bounds = np.stack([here.min(axis=0), here.max(axis=0)]).astype(np.float64) + points.origin
-        files.append(write_part(folder, id, number, len(here), bounds, tree))
-        tell(progress, (number + 1) / len(stretches))
-    return Trees(files, supports, longest)
+        here = points.positions[part * size : (part + 1) * size]
+        files.append(write_part(folder, id, part, len(here), bounds_about(here, points.origin), tree))
+        tell(progress, (part + 1) / len(parts))
+    return Trees(files, plan.supports, longest)
+
+
+def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
+    """What a part shows to the others: its groups, and the bounds of its supports. Arrays may be columns."""
+    mine = part_of(splats, slice(part * size, min((part + 1) * size, len(splats.radii))))
+    order = np.arange(len(mine.radii), dtype=np.int32)
+    return groups_of(*make_blocks(mine.positions, mine.normals, mine.radii, order)), bounds_of(mine)
+
+
+def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: int) -> Plan:
+    """What the trees share, from what all parts show. radii : of all splats, an array or a column"""
+    groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
+    starts = range(0, len(radii), size)
+    reference = nth_least(lambda: (radii[start : start + size] for start in starts), len(radii) // 50)
+    return Plan(size, groups, _around([bounds for _, bounds in parts]), reference)
+
+
+def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:
+    """The tree of a part. Arrays of the splats may be columns."""
+    count, step = len(splats.radii), longest_step(settings.samples)
+    stretch = slice(part * plan.size, min((part + 1) * plan.size, count))
+    top, needed = top_of_part(plan.groups, step, range(stretch.start // GROUP, -(-stretch.stop // GROUP)))
+    rows = (needed[:, None] * GROUP + np.arange(GROUP)).reshape(-1)
+    whole = Whole(top, plan.supports, plan.reference)
+    return without_unused(build_tree(part_of(splats, rows[rows < count]), settings, in_order=True, whole=whole))
+
+
+def bounds_about(positions: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The box around positions, (2, 3), world."""
+    return np.stack([positions.min(axis=0), positions.max(axis=0)]).astype(np.float64) + origin
 
 
 def part_of(splats: Splats, rows: slice | NDArray[np.int64]) -> Splats:
@@ -91,26 +128,21 @@ def part_of(splats: Splats, rows: slice | NDArray[np.int64]) -> Splats:
     return Splats(*arrays)
 
 
-def _groups_of(splats: Splats) -> Groups:
-    order = np.arange(len(splats.radii), dtype=np.int32)
-    return groups_of(*make_blocks(splats.positions, splats.normals, splats.radii, order))
-
-
 def _around(boxes: list[NDArray[np.float32]]) -> NDArray[np.float32]:
     """The box around boxes, (6,)."""
     each = np.array(boxes)
     return np.concatenate([each[:, :3].min(axis=0), each[:, 3:].max(axis=0)])
 
 
-def nth_least(chunks: list[NDArray[np.float32]], n: int) -> float:
-    """The number that would stand at place n if all, which are positive, were sorted."""
-    upper = sum(np.bincount(bits >> 16, minlength=BINS) for bits in _bits_of(chunks))
+def nth_least(read: Callable[[], Iterable[NDArray[np.float32]]], n: int) -> float:
+    """The number that would stand at place n if all, which are positive, were sorted. read : gives all, in chunks"""
+    upper = sum(np.bincount(bits >> 16, minlength=BINS) for bits in _bits_of(read()))
     high = int(np.searchsorted(np.cumsum(upper), n, side="right"))
     n -= int(np.cumsum(upper)[high - 1]) if high else 0
-    lower = sum(np.bincount(bits[bits >> 16 == high] & (BINS - 1), minlength=BINS) for bits in _bits_of(chunks))
+    lower = sum(np.bincount(bits[bits >> 16 == high] & (BINS - 1), minlength=BINS) for bits in _bits_of(read()))
     low = int(np.searchsorted(np.cumsum(lower), n, side="right"))
     return float(np.array([high << 16 | low], np.int32).view(np.float32)[0])
 
 
-def _bits_of(chunks: list[NDArray[np.float32]]) -> Iterator[NDArray[np.int32]]:
+def _bits_of(chunks: Iterable[NDArray[np.float32]]) -> Iterator[NDArray[np.int32]]:
     return (np.ascontiguousarray(chunk).view(np.int32) for chunk in chunks)

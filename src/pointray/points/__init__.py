@@ -2,7 +2,9 @@
 
 files : `read` and `write`; reading : what `read` is asked for, checked; unpacking : .gz and .zst
 formats : a file for each format; known_formats : which there are, and which one a file has
-selection, gather, colors, lacking : which rows become points, and how those of several files become one cloud
+opening, selection : the files, and which of their rows become points
+gather : how the rows of several files become one cloud in memory
+joining, locating, colors, lacking : what these have in common; positions about an origin; 8 bits; what a file lacks
 replacing : how a file is replaced
 normals : estimated ones, and whether given ones are the surface's
 cleaning, rounding : duplicates and outliers; coordinates that were rounded

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,8 +26,9 @@ from ..arguments import (
 from ..data import MOST, Points
 from ..progress import Progress
 from .formats._source import Format, Request
-from .gather import Opener, gather, named
+from .gather import gather
 from .known_formats import format_of, writer_of
+from .opening import Opener, named
 from .replacing import check_regular, replacing
 from .selection import Selection, checked_bounds
 from .unpacking import packing_of, unpacked
@@ -93,17 +94,31 @@ def read(
     check_callback(progress)
     request = request_of(columns, bounds, resolution, sample, opacity, intrinsics)
     selection = Selection(every, max_points, request.bounds, keep, drop)  # type: ignore[arg-type]  # it checks them
+    with open_files(path, request) as files:
+        return gather(files, selection, progress)
+
+
+@contextmanager
+def open_files(path: Paths, request: Request) -> Iterator[list[Opener]]:
+    """One file or several, found by their contents, and unpacked while the context lasts.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be opened.
+    ValueError
+        If no format knows a file, or, at the end, if one has been written to meanwhile.
+    """
     files = paths_of(path)
     before = [stamp(file) for file in files]
     with ExitStack() as stack:
         openers = [_opener(file, request, stack) for file in files]
         try:
-            points = gather(openers, selection, progress)
+            yield openers
         except ValueError as error:
             _check_unchanged(files, before, error)
             raise
     _check_unchanged(files, before)
-    return points
 
 
 def paths_of(path: Any) -> list[Path]:

@@ -23,11 +23,15 @@ WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare -
 def finite_rows(points: Points) -> NDArray[np.int32]:
     """The rows that are finite; a warning tells how many are not."""
     used = np.flatnonzero(points.finite).astype(np.int32)
-    lost = len(points) - len(used)
-    if lost:
-        text = f"{lost:,} of {len(points):,} points have no finite position below {FARTHEST:g}: left out"
-        warnings.warn(text, stacklevel=3)
+    tell_left_out(len(points) - len(used), len(points))
     return used
+
+
+def tell_left_out(lost: int, total: int) -> None:
+    """Warn if points are left out because their positions are not finite."""
+    if lost:
+        text = f"{lost:,} of {total:,} points have no finite position below {FARTHEST:g}: left out"
+        warnings.warn(text, stacklevel=4)
 
 
 def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: Progress) -> Placed:

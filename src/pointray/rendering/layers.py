@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cluster.client import Client
+from ..cluster.crew import taken
 from ..kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
+from ..scene.casting import intersect_snapshot
 from ..scene.rays import Hits, check_rays
-from ..scene.scene import Scene, intersect_snapshot
+from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
-from .picture import Client, check_picture, check_view, picture_bytes, render_snapshot, taken
+from .picture import check_picture, check_view, picture_bytes, render_snapshot
 from .settings import Settings
 
 LAYER_BYTES = 80  # a pixel, of all layers

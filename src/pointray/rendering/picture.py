@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..arguments import check_callback, check_kind
 from ..baking.baked import bake
 from ..baking.settings import BakeSettings
-from ..cluster.client import check_client
-from ..cluster.crew import Crew
+from ..cluster.client import Client
+from ..cluster.crew import Crew, taken
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run
 from ..kernels.vec import LUMINANCE
@@ -37,7 +37,6 @@ BAND = 1 << 17  # pixels that are processed together where noise is measured
 SURFACE_SAMPLES = 16  # samples of the colours and normals that the denoiser gets
 
 Progress = Callable[[float], None]
-Client: TypeAlias = Any  # a distributed.Client, or None
 
 
 def render(
@@ -70,14 +69,6 @@ def render(
     settings = check_view(scene, camera, settings, progress)
     now, crew = taken(scene, client)
     return render_snapshot(now, camera, settings, progress, crew)
-
-
-def taken(scene: Scene, client: Client) -> tuple[Snapshot, Crew | None]:
-    """A scene as it is now, and those who render it: None is this process."""
-    if check_client(client) is None:
-        return scene.snapshot(), None
-    scene = scene.copy()
-    return scene.snapshot(), Crew(client, scene)
 
 
 def render_snapshot(
@@ -127,12 +118,17 @@ def _sums(settings: Settings, catchers: bool) -> int:
 
 def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Settings:
     """The settings, or the default ones for None; ValueError if an argument of `render` has a wrong type."""
-    check_kind(scene, "scene", Scene, "a Scene")
     check_kind(camera, "camera", Camera, "a Camera")
+    return check_scene(scene, settings, progress, 4)
+
+
+def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -> Settings:
+    """The same for pictures from any camera. stacklevel : of the caller's caller, whom a warning names"""
+    check_kind(scene, "scene", Scene, "a Scene")
     check_callback(progress)
     settings = Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
     if settings.integrator == "baked" and scene.baked is None:
-        warnings.warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=3)
+        warnings.warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=stacklevel)
         scene.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
     return settings
 

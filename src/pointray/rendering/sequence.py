@@ -1,20 +1,29 @@
-"""Pictures of one scene from several cameras, in their order: those of a film, on the workers of a cluster."""
+"""Pictures of one scene from several cameras, in their order: those of a film."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cluster.crew import Crew
+from ..arguments import check_kind, wrong
+from ..cluster.client import Client
+from ..cluster.crew import Crew, taken
 from ..cluster.dispatch import AT_ONCE, Job
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
-from .picture import Client, Progress, render_snapshot, taken
+from .picture import (
+    Progress,
+    check_picture,
+    check_scene,
+    picture_bytes,
+    render_snapshot,
+)
 from .pieces import in_order
 from .settings import Settings
 
@@ -23,38 +32,80 @@ AHEAD = 2  # pictures for each job of a worker that are begun, or wait, before t
 Floats = NDArray[np.float32]
 
 
+def animate(
+    scene: Scene,
+    cameras: Sequence[Camera],
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+    client: Client = None,
+) -> Iterator[NDArray[np.float32]]:
+    """Render the pictures of a film, one for each camera: see `turntable` and `fly`.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+    progress : callable, optional
+        Called with the share of the film that is done, some ten times a second while a picture is waited for. An error
+        in it ends the work.
+    client : dask.distributed.Client, optional
+        The workers of a cluster render, each whole pictures, some ahead of the one that is taken. The pictures are the
+        same, see `render`.
+
+    Returns
+    -------
+    iterator of (h, w, 4) float32
+        The pictures in the order of the cameras, as `render` returns them; each is rendered when it is asked for. The
+        scene is that of the call, whatever is changed while the pictures are taken.
+
+    Raises
+    ------
+    ValueError
+        At the call, if an argument is wrong or a picture would not fit into the available memory.
+
+    Examples
+    --------
+    >>> for k, picture in enumerate(pr.animate(scene, pr.turntable(camera, 48))):
+    ...     pr.write_image(f"{k:04d}.png", picture)
+    """
+    if not isinstance(cameras, Sequence) or isinstance(cameras, str | bytes):
+        raise wrong("cameras", "a sequence of Camera", cameras)
+    for k, camera in enumerate(cameras):
+        check_kind(camera, f"cameras[{k}]", Camera, "a Camera")
+    settings = check_scene(scene, settings, progress)
+    for size in {camera.size for camera in cameras}:
+        check_picture(size, picture_bytes(settings))
+    return render_each(scene, list(cameras), settings, client, progress)
+
+
 def render_each(
     scene: Scene,
     cameras: Sequence[Camera],
     settings: Settings,
     client: Client,
-    progress: Progress,
+    progress: Progress | None,
     numbers: Sequence[int] | None = None,
 ) -> Iterator[Floats]:
-    """Render pictures on a cluster; yields each when those before have been taken.
+    """The pictures of `animate`, of checked arguments.
 
     Each worker renders whole pictures. Those that are denoised are cut into pieces, one picture after the other.
 
-    progress : called with the share done, some ten times a second
     numbers : what the dashboard calls the pictures; None: 0 and so on
     """
     now, crew = taken(scene, client)
-    assert crew is not None
-    if settings.denoised:
-        for k, camera in enumerate(cameras):
-            yield render_snapshot(now, camera, settings, _part(progress, k, len(cameras)), crew)
-        return
+    if crew is None or settings.denoised:
+        parts = [_part(progress, k, len(cameras)) for k in range(len(cameras))]
+        return (render_snapshot(now, *each, crew) for each in zip(cameras, repeat(settings), parts, strict=False))
     names = [f"frame {number}" for number in (numbers or range(len(cameras)))]
-    yield from in_order(_render_whole(crew, cameras, settings, names, progress))
+    return in_order(_render_whole(crew, cameras, settings, names, progress))
 
 
-def _part(progress: Progress, k: int, count: int) -> Progress:
+def _part(progress: Progress | None, k: int, count: int) -> Progress | None:
     """The progress of one of several pictures."""
-    return lambda share: progress((k + share) / count)
+    return None if progress is None else lambda share: progress((k + share) / count)
 
 
 def _render_whole(
-    crew: Crew, cameras: Sequence[Camera], settings: Settings, names: Sequence[str], progress: Progress
+    crew: Crew, cameras: Sequence[Camera], settings: Settings, names: Sequence[str], progress: Progress | None
 ) -> Iterator[tuple[int, Floats]]:
     """Render pictures; yields each with its number as it is ready. No more are begun than a while ahead of the first
     that is missing, as all that are ready are kept."""
@@ -71,8 +122,12 @@ def _render_whole(
             jobs.append(job)
             begun += 1
 
+    def tick() -> None:
+        if progress is not None:
+            progress(1.0 - len(missing) / len(cameras))
+
     begin()
-    for job, image in crew.run(jobs, lambda: progress(1.0 - len(missing) / len(cameras))):
+    for job, image in crew.run(jobs, tick):
         number = number_of.pop(job)
         missing.remove(number)
         yield number, image

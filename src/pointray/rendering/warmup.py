@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..baking.baked import bake
+from ..baking.gather import send_rays
 from ..baking.settings import BakeSettings
 from ..jit import BACKLOG, KERNELS, compile_beside, is_compiled, name_of, wait_for
 from ..kernels.records import BAKED, BAKED_FRAME
@@ -58,11 +59,12 @@ BUILD = {
 }
 NORMALS = {
     "points.normals.jets._fit": 1.4,
-    "points.normals.orientation._join_parts": 0.7,
-    "points.normals.orientation._count_votes": 0.1,
-    "points.normals.orientation._cast_votes": 0.3,
-    "points.normals.orientation._join_clearest": 0.3,
-    "points.normals.orientation._flatten": 0.1,
+    "points.normals.pieces._join_tiles": 0.7,
+    "points.normals.votes._count_votes": 0.1,
+    "points.normals.votes._cast_votes": 0.3,
+    "points.normals.joins._join_clearest": 0.3,
+    "points.normals.joins._flatten": 0.1,
+    "points.normals.outward._choose": 0.1,
     "points.normals.sheets._spacings": 0.2,
     "points.normals.sheets._build": 0.5,
     "points.normals.sheets._wind": 0.5,
@@ -127,9 +129,9 @@ def is_warm(settings: Settings) -> bool:
     return is_compiled(kernel_for(settings))
 
 
-def wait_until_warm(settings: Settings) -> None:
-    """Wait until another process has compiled the kernel of pictures."""
-    wait_for(kernel_for(settings), lambda: False)
+def wait_until_warm(settings: Settings | None) -> None:
+    """Wait until another process has compiled the kernel of pictures; None: that of the rays of a bake."""
+    wait_for(send_rays if settings is None else kernel_for(settings), lambda: False)
 
 
 class _NoLight:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import real_numbers
+
 Floats = NDArray[np.float64]
 Rays = tuple[Floats, Floats, Floats]  # origins and directions, (n, 3), and t_min, t_max, (n, 2)
 
@@ -56,26 +58,21 @@ def check_rays(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> tuple[tuple[int, ...], Rays]:
     """The leading shape, and the rays as (n, 3), (n, 3), (n, 2) float64, C-contiguous and writable."""
-    arrays = [_real(a, name) for a, name in ((origins, "origins"), (directions, "directions"))]
-    limits = [_real(a, name) for a, name in ((t_min, "t_min"), (t_max, "t_max"))]
-    for array, name in zip(arrays, ("origins", "directions"), strict=True):
-        if array.ndim == 0 or array.shape[-1] != 3:
-            raise ValueError(f"{name} must have the shape (..., 3), not {array.shape}")
-    leading = [arrays[0].shape[:-1], arrays[1].shape[:-1], limits[0].shape, limits[1].shape]
-    try:
-        shape = np.broadcast_shapes(*leading)
-    except ValueError:
-        raise ValueError(f"origins, directions, t_min and t_max do not broadcast: leading shapes {leading}") from None
+    arrays = [real_numbers(a, name) for a, name in ((origins, "origins"), (directions, "directions"))]
+    limits = [real_numbers(a, name) for a, name in ((t_min, "t_min"), (t_max, "t_max"))]
+    shape = leading_shape(*arrays, *limits)
     o, d = (np.array(np.broadcast_to(a, (*shape, 3)), np.float64, order="C").reshape(-1, 3) for a in arrays)
     pair = np.stack([np.broadcast_to(a, shape).reshape(-1) for a in limits], axis=1).astype(np.float64)
     return shape, (o, d, np.ascontiguousarray(pair))
 
 
-def _real(value: ArrayLike, name: str) -> NDArray[Any]:
+def leading_shape(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[int, ...]:
+    """The leading shape of the rays of some arrays, of which only the shapes are looked at."""
+    for array, name in ((origins, "origins"), (directions, "directions")):
+        if array.ndim == 0 or array.shape[-1] != 3:
+            raise ValueError(f"{name} must have the shape (..., 3), not {array.shape}")
+    leading = [origins.shape[:-1], directions.shape[:-1], t_min.shape, t_max.shape]
     try:
-        array = np.asarray(value)
+        return np.broadcast_shapes(*leading)
     except ValueError:
-        raise ValueError(f"{name} is no regular array of numbers") from None
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must hold real numbers, not {array.dtype}")
-    return array
+        raise ValueError(f"origins, directions, t_min and t_max do not broadcast: leading shapes {leading}") from None

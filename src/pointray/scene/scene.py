@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_mapping, rgb, wrong
+from ..cluster.arrays import is_chunked
 from ..model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights
 from ..shade.lights import Light
 from ..shade.materials.base import Material
-from ..trace.cast import closest_hits, occlusions
-from .blend import blend
+from .casting import intersect_chunks, intersect_snapshot, occluded_chunks, occluded_snapshot
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
-from .rays import Hits, Rays, check_rays
+from .rays import Hits, check_rays
 from .world import BakedLight, Snapshot, bounds_of, take_snapshot
 
 
@@ -253,6 +253,9 @@ class Scene:
         inside. Otherwise t_min and t_max only choose among the hits of a ray: a shorter ray hits what the whole one
         does, or nothing.
 
+        Rays in arrays of Dask are cast when the hits are computed, by whatever computes them, one chunk a task; the
+        scene is that of the call. `dask.compute(hits)` computes all fields at once. See docs/scale.md.
+
         Parameters
         ----------
         origins, directions : (..., 3) array_like
@@ -265,23 +268,33 @@ class Scene:
             different whole numbers, classes) are not blended: a hit has the value of the splat of greatest weight. See
             `Hits.attributes` for the dtypes.
 
+        Returns
+        -------
+        Hits
+            Of arrays of Dask, if any of the arrays is one: with the same chunks, but along the last axis.
+
         Raises
         ------
         ValueError
-            If shapes do not broadcast, a dtype is no number, or no model has an attribute of that name.
+            If shapes do not broadcast, a dtype is no number, no model has an attribute of that name, or an array of
+            Dask has chunks of unknown size.
         """
-        shape, rays = check_rays(origins, directions, t_min, t_max)
+        given = origins, directions, t_min, t_max
         names = (attributes,) if isinstance(attributes, str) else attributes
         if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):
             raise wrong("attributes", "a name or a sequence of names", attributes)
-        return intersect_snapshot(self.snapshot(), shape, rays, names)
+        if is_chunked(*given):
+            return intersect_chunks(self, given, names)
+        return intersect_snapshot(self.snapshot(), *check_rays(*given), names)
 
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0, t_max: ArrayLike = np.inf
     ) -> NDArray[np.bool_]:
         """Whether each ray meets anything between t_min and t_max: (...) bool; parameters as for `intersect`."""
-        shape, rays = check_rays(origins, directions, t_min, t_max)
-        return occlusions(self.snapshot().world, shape, *rays).reshape(shape)
+        given = origins, directions, t_min, t_max
+        if is_chunked(*given):
+            return occluded_chunks(self, given)
+        return occluded_snapshot(self.snapshot(), *check_rays(*given))
 
     def _change(self) -> None:
         """Prepare a change: a picture in progress goes on with the old state."""
@@ -298,17 +311,3 @@ class Scene:
                     self._instances, self._lights, self._clips, self._background, self.shows_sky, self._baked
                 )
             return self._built
-
-
-def intersect_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, attributes: Sequence[str] = ()) -> Hits:
-    """The closest hits of checked rays, see `Scene.intersect`. shape : the leading shape"""
-    found = closest_hits(scene.world, shape, *rays)
-    return Hits(
-        found["t"].reshape(shape),
-        found["position"].reshape(*shape, 3),
-        found["normal"].reshape(*shape, 3),
-        found["color"].reshape(*shape, 3),
-        found["point"].reshape(shape),
-        scene.numbers[found["instance"]].reshape(shape),
-        {name: blend(scene, name, found, shape) for name in attributes},
-    )

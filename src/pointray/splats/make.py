@@ -84,7 +84,7 @@ def make_splats(
         apart=apart,
         progress=progress,
     )
-    _check_size(support.radii)
+    check_size(support.radii)
     if support.note and not level:
         warnings.warn(support.note, stacklevel=3)
     sheets = support.sheets
@@ -96,7 +96,7 @@ def make_splats(
     return Made(_not_crowded(splats, support.crowded), rows, support.radii, support.tight)
 
 
-def _check_size(radii: Floats) -> None:
+def check_size(radii: Floats) -> None:
     """Check that the squares of radii and their inverses stay within float32."""
     if radii.min() < SMALLEST or radii.max() > LARGEST:
         raise ValueError(

@@ -1,8 +1,6 @@
-"""Medians of a value over the nearest points of each point's own sheet, what is usual around it; quantiles of all."""
+"""Medians of a value over the nearest points of each point's own sheet: what is usual around it."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +10,6 @@ from ..kernels.vec import dot, load3_flat
 from ..simd import F16, gather16, load16, store, vmax, vmin
 from .closed import USUAL
 from .voronoi import CHUNK, OTHER_SHEET, Hood
-
-SAMPLE = 20_000  # numbers that tell where a quantile of many lies
-MARGIN = 0.02  # share of the numbers to either side among which it is looked for: 5 times what the sample may be off
 
 
 @inline
@@ -131,18 +126,3 @@ def medians_around(
     normals = np.ascontiguousarray(normals).reshape(-1)
     run(_medians_of, -(-len(odd.rows) // CHUNK), values, normals, hood, int(own), out)
     return out
-
-
-def quantile(values: NDArray[np.float32], share: float) -> float:
-    """The exact quantile of numbers, like `np.quantile`, in a fifth of the time: a sample tells where it lies."""
-    if len(values) > 2 * SAMPLE:
-        sample = np.sort(values[:: len(values) // SAMPLE])
-        low, high = (int(np.clip((share + side) * len(sample), 0, len(sample) - 1)) for side in (-MARGIN, MARGIN))
-        some = values[(values >= sample[low]) & (values <= sample[high])]
-        place = share * (len(values) - 1) - np.count_nonzero(values < sample[low])
-        if 0 <= place <= len(some) - 1:
-            first = math.floor(place)
-            after = min(first + 1, len(some) - 1)
-            some.partition([first, after])
-            return float(np.float32(some[first] + (place - first) * (float(some[after]) - float(some[first]))))
-    return float(np.quantile(values, share))

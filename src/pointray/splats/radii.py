@@ -7,7 +7,7 @@ OVERLAP is the factor.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import check_numbers
 from ..data import Points
 from ..neighbors import NeighborTree, distinct
+from ..points.usual import Usual
 from ..progress import Progress, part_of
 from .borders import lone_borders
 from .cells import Cells, Cloud, cloud_of
 from .closed import USUAL, distances
-from .medians import medians_around, quantile
+from .medians import medians_around
 from .strays import NOTICE, limit_wide
 from .voronoi import Hood
 
@@ -36,7 +37,6 @@ CHANCE, VOIDS = 3.6, (1.5, 3.0)
 # samples along a ray. Random points: 15% faster, with 4% more splats over a point and the same errors.
 EVEN = 0.9
 CUT = 0.85  # share of the time after which all cells are measured
-SAMPLE = 10_000  # radii that tell whether clumps are possible at all
 CLUMP = 0.1  # points this much closer than usual count as one
 DIAGONAL = 1.8  # of a cell of a grid of size 1, and a little more
 
@@ -64,7 +64,11 @@ class Chosen(NamedTuple):
 
 
 def choose_radii(
-    positions: Floats, normals: Floats, progress: Progress | None = None, tree: NeighborTree | None = None
+    positions: Floats,
+    normals: Floats,
+    progress: Progress | None = None,
+    tree: NeighborTree | None = None,
+    usual: Usual | None = None,
 ) -> Chosen:
     """Radii that cover the surface, each as small as its point's Voronoi cell and its neighbours' radii allow.
 
@@ -79,6 +83,8 @@ def choose_radii(
     progress : callable, optional
     tree : NeighborTree, optional
         Of the positions, in order.
+    usual : Usual, optional
+        Of the cloud that the points are a part of. None: they are the whole.
 
     Raises
     ------
@@ -87,24 +93,22 @@ def choose_radii(
     """
     if len(positions) < 2:
         raise ValueError("points at one place say nothing about the spacing: give radii")
-    cloud = cloud_of(positions, normals, tree)
-    found = _survey(cloud, progress)
-    reach = found.radii
-    if reach.min() < 2 * CLUMP * np.quantile(reach[:: 1 + len(reach) // SAMPLE], 0.25):
-        cell = CLUMP * quantile(reach, 0.25)
-        if reach.min() < cell:
-            found = _merged(cloud, found, cell)
+    cloud, usual = cloud_of(positions, normals, tree), usual or Usual.of(len(positions))
+    found = _survey(cloud, usual, progress)
+    cell = CLUMP * usual.quantile("reach of small cells", found.radii, 0.25)
+    if min(usual.least("least reach", found.radii), found.radii.min()) < cell:
+        found = _merged(cloud, found, cell, usual)
     np.multiply(found.radii, np.float32(OVERLAP), out=found.radii)
     return found
 
 
-def _merged(cloud: Cloud, found: Chosen, cell: float) -> Chosen:
+def _merged(cloud: Cloud, found: Chosen, cell: float, usual: Usual) -> Chosen:
     """The survey of points of which those in one cell of a grid count as one; what was found, if all of them do."""
     nearest = distances(cloud.positions, Hood(np.arange(len(found.near)), found.near), 1)
     rows, members = _in_cells(cloud.positions, nearest, cell)
     if len(rows) == 1:
         return found
-    again = _survey(cloud_of(cloud.positions[rows], cloud.normals[rows], None))
+    again = _survey(cloud_of(cloud.positions[rows], cloud.normals[rows], None), usual.merged(members))
     return Chosen(again.radii[members], again.borders[members], again.lone[members], found.facing, found.near)
 
 
@@ -120,8 +124,11 @@ def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[
     return np.flatnonzero(kept), members
 
 
-def _survey(cloud: Cloud, progress: Progress | None = None) -> Chosen:
-    """How far each point's cell reaches, limited for outliers; the borders; and which points are outliers."""
+def _survey(cloud: Cloud, whole: Usual, progress: Progress | None = None) -> Chosen:
+    """How far each point's cell reaches, limited for outliers; the borders; and which points are outliers.
+
+    whole : what is usual in the cloud that the points are a part of
+    """
     positions, normals = cloud.positions, cloud.normals
     cells = Cells(cloud, part_of(progress, 0.0, CUT))
     borders, fourth, reach, near = cells.gaps, cells.first.fourth, cells.reach, cells.near
@@ -134,7 +141,8 @@ def _survey(cloud: Cloud, progress: Progress | None = None) -> Chosen:
     usual[far] = np.float32(0.6) * fourth[far]
     usual[above] = around[above]
     # The points themselves tell how wide a gap may be by chance.
-    common = quantile(np.divide(reach, np.maximum(usual, np.float32(1e-30)), dtype=np.float32), 0.95)
+    shares = np.divide(reach, np.maximum(usual, np.float32(1e-30)), dtype=np.float32)
+    common = whole.quantile("reach of wide cells, in usual ones", shares, 0.95)
     void = float(np.clip(1 + CHANCE * (common - 1), *VOIDS))
     ahead = cells.measure(np.flatnonzero(cells.at_gap | (reach > np.float32(void) * usual)), usual, void)
     borders[ahead], cells.at_gap[ahead] = 0, False
@@ -147,7 +155,7 @@ def _survey(cloud: Cloud, progress: Progress | None = None) -> Chosen:
     reach[stray] = np.minimum(reach[stray], around[stray])
     empty = np.flatnonzero(~(reach > 0))
     reach[empty] = distances(positions, Hood(empty, near[empty]), 1) / 2
-    wide = limit_wide(positions, normals, reach, cloud.around, around)
+    wide = limit_wide(positions, normals, reach, cloud.around, around, whole.quantile("reach", reach, 0.5))
     wide[alone] = True
     floor = medians_around(reach, normals, near, hood, own=True)
     np.maximum(reach, np.float32(EVEN) * floor, out=reach)
@@ -178,7 +186,12 @@ def check_radii(radii: ArrayLike, n: int) -> Floats:
 def radii_in(points: Points) -> Floats | None:
     """The support radii that come with points: the numbers of the attribute `radius`, if each is a positive one."""
     radii = points.attributes.get("radius")
-    if radii is None or radii.ndim != 1 or radii.dtype == np.bool_:
+    return None if radii is None else radii_among(radii)
+
+
+def radii_among(radii: NDArray[Any]) -> Floats | None:
+    """The values of an attribute as radii; None if not each is a positive number."""
+    if radii.ndim != 1 or radii.dtype == np.bool_:
         return None
     with np.errstate(over="ignore"):
         narrow = np.asarray(radii, np.float32)

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import distinct, neighbors
-from .medians import quantile
 
 NOTICE = 3.0  # medians of reach: a disc wider than this is examined
 OTHERS = 10.0  # this many other discs are enough however wide a disc is: a sphere of 100 points explains itself
@@ -57,7 +56,7 @@ class Company(NamedTuple):
 
 
 def limit_wide(
-    positions: Floats, normals: Floats, reach: Floats, around: Around, usual_here: Floats
+    positions: Floats, normals: Floats, reach: Floats, around: Around, usual_here: Floats, middle: float
 ) -> NDArray[np.bool_]:
     """Make strays reach no farther than their neighbours, and other discs no farther than needed, in place.
 
@@ -72,13 +71,15 @@ def limit_wide(
         Gives the neighbours of some rows, themselves first, (m, k) int32.
     usual_here : (n,) float32
         How far the cells around each point reach.
+    middle : float
+        How far half of all cells reach.
 
     Returns
     -------
     (n,) bool
         Which points are strays.
     """
-    usual = np.float32(quantile(reach, 0.5))
+    usual = np.float32(middle)
     stray = np.zeros(len(reach), np.bool_)
     rows = np.flatnonzero(reach > NOTICE * usual)
     if len(rows) == 0:

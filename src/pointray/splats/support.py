@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import NeighborTree, distinct, take
+from ..points.usual import Usual
 from ..progress import Progress, part_of, tell
 from .cells import NEIGHBORS
 from .radii import choose_radii
@@ -58,11 +59,15 @@ class Support(NamedTuple):
     @property
     def note(self) -> str:
         """A message about lone points, if there are more than a handful."""
-        count = int(self.lone.sum())
-        if count <= HANDFUL * len(self.lone):
-            return ""
-        points, whose = ("1 lone point is", "its") if count == 1 else (f"{count:,} lone points are", "their")
-        return f"{points} drawn no larger than {whose} neighbours' supports"
+        return lone_note(int(self.lone.sum()), len(self.lone))
+
+
+def lone_note(count: int, total: int) -> str:
+    """A message about so many lone points, if they are more than a handful."""
+    if count <= HANDFUL * total:
+        return ""
+    points, whose = ("1 lone point is", "its") if count == 1 else (f"{count:,} lone points are", "their")
+    return f"{points} drawn no larger than {whose} neighbours' supports"
 
 
 def find_support(
@@ -76,6 +81,7 @@ def find_support(
     within: tuple[float, Floats] | None = None,
     apart: bool = False,
     progress: Progress | None = None,
+    usual: Usual | None = None,
 ) -> Support:
     """The support of every splat, all of it from one search for neighbours.
 
@@ -95,6 +101,8 @@ def find_support(
     apart : bool
         Whether all positions are known to be different.
     progress : callable, optional
+    usual : Usual, optional
+        See `choose_radii`.
 
     Raises
     ------
@@ -112,7 +120,7 @@ def find_support(
     facing = normals if rows is None else take(normals, rows)
     tree = NeighborTree(sites, in_order=True)
     tell(progress, SORTED)
-    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree)
+    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual)
     covering = found.radii
     lone = _spread(found.lone, ids) if given is None else none
     if within is not None:
@@ -121,7 +129,8 @@ def find_support(
     if not borders:
         return Support(chosen, None, None, False, ids, lone)
     at_sites = chosen if rows is None else chosen[rows]
-    tight = bool((at_sites < TIGHT * covering).mean() > TIGHT_SHARE)
+    usual = usual or Usual.of(len(sites))
+    tight = usual.share("tight radii", at_sites < TIGHT * covering) > TIGHT_SHARE
     sides: NDArray[Any] | None = None
     if sheets:
         some = np.flatnonzero(found.facing)

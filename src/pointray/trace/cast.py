@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,20 @@ from .world import NO_RAY, is_blocked, occlude_tile, set_ray, trace_tile
 SHORT, LONG = 1e-60, 1e60  # limits of a direction's squared length, see `_exponent`
 MOST = float(np.finfo(np.float32).max)
 BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; in a picture they form a square of this edge
+
+
+class Pace(NamedTuple):
+    """How rays are cast.
+
+    threads : None: on all cores
+    progress : called with the share done, some ten times a second; an error in it ends the work
+    """
+
+    threads: int | None = None
+    progress: Callable[[float], Any] | None = None
+
+
+PLAIN = Pace()
 
 HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
 
@@ -223,7 +238,7 @@ def _picture(shape: tuple[int, ...]) -> tuple[int, int]:
 
 
 def closest_hits(
-    world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array
+    world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
 ) -> dict[str, Array]:
     """Closest hits of n rays, as flat arrays: what `_closest` fills.
 
@@ -247,25 +262,27 @@ def closest_hits(
     }
     flat = tuple(array.reshape(-1) for array in out.values())
     rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
-    run(_closest, batches(picture), world, *rays, picture, flat)
+    run(_closest, batches(picture), world, *rays, picture, flat, **pace._asdict())
     return out
 
 
 def occlusions(
-    world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array
+    world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
 ) -> NDArray[np.bool_]:
     """Whether each of n rays meets anything, (n,) bool; parameters as for `closest_hits`."""
     out, picture = np.zeros(len(origins), np.uint8), _picture(shape)
     rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
-    run(_occluded, batches(picture), world, *rays, picture, out)
+    run(_occluded, batches(picture), world, *rays, picture, out, **pace._asdict())
     return out.view(np.bool_)
 
 
-def blend_attribute(world: World, hits: dict[str, Array], rows: Array, model: int, values: Array) -> Array:
+def blend_attribute(
+    world: World, hits: dict[str, Array], rows: Array, model: int, values: Array, pace: Pace = PLAIN
+) -> Array:
     """One attribute, (n,) or (n, k), blended at the hits `rows` of `closest_hits`, all on one model: float64."""
     out = np.empty((len(rows), *values.shape[1:]))
     found = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])
     width = values.size // len(values)
     args = (world, found, np.ascontiguousarray(values, np.float64).reshape(-1), width, out.reshape(-1))
-    run(_blend_attribute, -(-len(rows) // BATCH), *args)
+    run(_blend_attribute, -(-len(rows) // BATCH), *args, **pace._asdict())
     return out

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ...choices import AUTO
+from ..cluster import ClusterOption, WorkersOption, working_on
 from ..options import (
     SCANS,
     TOGETHER,
@@ -67,6 +68,8 @@ def bake(
     albedo_scale: AlbedoScaleOption = 1.0,
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
+    cluster: ClusterOption = None,
+    workers: WorkersOption = None,
     up: UpOption = AUTO,
     surface: SurfaceOption = None,
     samples: SamplesOption = 4,
@@ -87,7 +90,7 @@ def bake(
     the studio. Light that goes with the camera is not baked.
     """
     from ..bake import BAKING, BakeOutput, bake_scan, bake_scene, check_output, scan_to_bake
-    from ..scene_file import DescribedScene, scene_of
+    from ..scene_file import WORKERS, DescribedScene, scene_of
 
     wanted, file = BakeOutput(output, colors), scene_of(files)
     check_output(wanted)
@@ -95,12 +98,16 @@ def bake(
     if file is None:
         scan = scan_of(files, reading)
         check_not_input(scan.files, output, force)
-        print(bake_scan(*scan_to_bake(scan, context.params), wanted))
+        baking = scan_to_bake(scan, context.params)
+        with working_on(cluster, workers) as client:
+            print(bake_scan(*baking, wanted, client))
         return
     check_not_input(files, output, force)
     typed = given(context)
     settings = {name: typed.pop(name) for name in BAKING if name in typed}
-    print(bake_scene(DescribedScene(file, typed, ("colors", "force"), pictures=False), settings, wanted))
+    described = DescribedScene(file, typed, ("colors", "force", *WORKERS), pictures=False)
+    with working_on(cluster, workers) as client:
+        print(bake_scene(described, settings, wanted, client))
 
 
 @with_reading
@@ -146,10 +153,18 @@ def prepare(
         int | None,
         typer.Option(help="Of a model in parts: the points of a part, rounded down to a power of two [4194304]."),
     ] = None,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            help="Of a model in parts: make it part by part if it does not fit into so much memory, like 4GiB; "
+            "an interrupted run goes on [what is available]."
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
     threads: ThreadsOption = None,
 ) -> None:
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
+    from ..prepare import bytes_of
     from ..prepare import prepare as work
 
     if estimate_normals and normals == "file":
@@ -173,8 +188,9 @@ def prepare(
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
         "trajectory": trajectory,
         "levels": levels,
-        "in_parts": output.endswith(SEPARATORS) or part_points is not None,
+        "in_parts": output.endswith(SEPARATORS) or part_points is not None or memory is not None,
         "part_points": part_points,
+        "memory": None if memory is None else bytes_of(memory),
         "force": force,
     }
     print(work(files, reading, Path(output), options))

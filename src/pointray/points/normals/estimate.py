@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +16,9 @@ from ...progress import Progress, part_of, tell
 from ..path import Path, along_path
 from .checks import agreement_share
 from .jets import Fits, Planes, fit_normals
-from .layers import Layers
-from .orientation import NEAR
-from .outward import looks_inward, orient
+from .layers import Layers, sides
+from .orientation import NEAR, orient
+from .outward import looks_inward
 from .sheets import part_sheets
 from .stations import check_apart, check_eyes, eyes_of, faced, is_known, settle_unknown, warn_of_lost_scans
 from .units import to_units
@@ -103,7 +103,7 @@ def with_fits(
         warn_of_lost_scans(points)
     elif eyes is not None and eyes.ndim == 1:
         check_apart(path, eyes - points.origin)
-    eye = None if eyes is None else _seen_from(points, eyes, rows)
+    eye = None if eyes is None else seen_from(points, eyes, rows)
     known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye) & (eye != path).any(axis=1)
     watch = progress if known.all() else part_of(progress, 0.0, FITTED)
     layers = None if known.any() else Layers(path)
@@ -111,7 +111,7 @@ def with_fits(
     if layers is not None:
         if layers.noisy:
             layers.planes *= orient(layers.moved, layers.planes, layers.near)[:, None]
-            found.normals[:] *= layers.sides(found.normals)[:, None]
+            found.normals[:] *= sides(found.normals, layers.planes, layers.near)[:, None]
         else:
             found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
         tell(progress, ORIENTED)
@@ -127,7 +127,7 @@ def with_fits(
     return points.changed(positions=positions, normals=normals), along.spread(found.noise, points)
 
 
-def _seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
+def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
     """The eyes of some rows, (m, 3), about the origin."""
     chosen = eyes if eyes.ndim == 1 else eyes[rows]
     return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
@@ -155,26 +155,15 @@ def mend_normals(
     message : str or None
         One line; None if all normals were good.
     """
-    finite = points.finite
     if points.normals is None:
         why = "the points have no normals: estimated from their neighbours"
         return estimate_normals(points, progress=progress), why
-    unit, length = to_units(points.normals)
-    good = length > 0
-    sound = finite & good
-    whole = bool(sound.all())  # then nothing is copied
-    if not (whole or sound.any()):
+    mended = with_units(points)
+    if mended is None:
         why = "all normals are zero or not finite: estimated from the points' neighbours"
         return estimate_normals(points, progress=progress), why
-    said, lost = [], finite & ~good
-    if not whole:
-        unit[~sound] = 0
-    if lost.any():
-        said.append(f"{lost.sum():,} of {len(points):,} normals are zero or not finite: taken from their neighbours")
-        unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(sound), lost)
-    odd = _odd_lengths(length if whole else length[sound])
-    if odd:
-        said.append(f"{odd:,} of {len(points):,} normals are not of unit length: made so")
+    unit, sound = mended.unit, mended.sound
+    said, whole = told(mended.lost, mended.odd, len(points)), bool(sound.all())
     known, facing = (points.positions, unit) if whole else (points.positions[sound], unit[sound])
     share = agreement_share(known, facing, along.rows if along and whole else None)
     if share > DISAGREE:
@@ -191,6 +180,48 @@ def mend_normals(
             "points.with_normals(-points.normals)"
         )
     return points.with_normals(unit), "; ".join(said) or None
+
+
+class Mended(NamedTuple):
+    """Normals of unit length.
+
+    unit : (n, 3) float32; 0 for rows that are not finite
+    sound : (n,) bool, which of them were given, for a row that is finite
+    lost, odd : how many were taken from their neighbours, and had another length
+    """
+
+    unit: Floats
+    sound: NDArray[np.bool_]
+    lost: int
+    odd: int
+
+
+def with_units(points: Points) -> Mended | None:
+    """The points' normals, made unit ones; missing ones are the mean of the nearest good ones. None: none is good."""
+    assert points.normals is not None
+    finite = points.finite
+    unit, length = to_units(points.normals)
+    good = length > 0
+    sound = finite & good
+    whole = bool(sound.all())  # then nothing is copied
+    if not (whole or sound.any()):
+        return None
+    lost = finite & ~good
+    if not whole:
+        unit[~sound] = 0
+    if lost.any():
+        unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(sound), lost)
+    return Mended(unit, sound, int(lost.sum()), _odd_lengths(length if whole else length[sound]))
+
+
+def told(lost: int, odd: int, total: int) -> list[str]:
+    """What was mended of so many normals, in words."""
+    said = []
+    if lost:
+        said.append(f"{lost:,} of {total:,} normals are zero or not finite: taken from their neighbours")
+    if odd:
+        said.append(f"{odd:,} of {total:,} normals are not of unit length: made so")
+    return said
 
 
 def _odd_lengths(length: NDArray[np.float64]) -> int:
@@ -216,7 +247,7 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, al
     if eyes is None:
         directions *= orient(path, directions, near)[:, None]
     else:
-        eye = _seen_from(points, eyes, first)
+        eye = seen_from(points, eyes, first)
         directions[~faced(path, directions, eye)] *= -1
         settle_unknown(path, directions, near, is_known(eye))
     out = unit.copy()

@@ -19,6 +19,7 @@ from ...jit import Array, borrow, f32, kernel, next_tile, routine, run
 from ...neighbors import NeighborTree, neighbor_chunks
 from ...progress import Progress, part_of, tell
 from ...simd import INF, ONE, broadcast16, load16, select, store, vmax
+from ..usual import Usual
 from .jet import AXIS, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, jet, take_triple
 from .sixteen import LANES, Sixteen, load_point, new_sixteen, zeros
 
@@ -106,14 +107,22 @@ def fit_residuals(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.i
     return np.asarray(residuals * spacing / math.sqrt(near.shape[1]), np.float64)
 
 
-def survey(positions: Floats) -> tuple[float, int]:
+def survey(positions: Floats, usual: Usual | None = None) -> tuple[float, int]:
     """The noise, and the largest size to choose from: where scan lines lie far apart, few points form a line.
 
     The noise is how far points lie off their surface, in spacings (distance to the k-th neighbour over the root of k).
+    `usual` is of the cloud that the points are a part of; None: they are the whole.
     """
-    if len(positions) <= NOISE_SIZES[0]:
-        return 0.0, SIZES[1]
-    rows = np.random.default_rng(0).permutation(len(positions))[:NOISE_SAMPLE]
+    usual = usual or Usual.of(len(positions))
+    if len(positions) > NOISE_SIZES[0]:
+        usual.settle(
+            ("noise of fits", "points of fits"), lambda: _survey(positions, usual.some(len(positions), NOISE_SAMPLE))
+        )
+    return usual.known.get("noise of fits", 0.0), int(usual.known.get("points of fits", SIZES[1]))
+
+
+def _survey(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, int]:
+    """`survey`, by the points in some rows."""
     near = NeighborTree(positions, in_order=True).query(NOISE_SIZES[-1], positions[rows]).indices
     noise, size = 0.0, 0
     for size in NOISE_SIZES:
@@ -178,6 +187,7 @@ def fit_normals(
     progress: Progress | None = None,
     planes: Planes | None = None,
     neighbors: int | None = None,
+    usual: Usual | None = None,
 ) -> Fits:
     """Unit normals of quadrics through the nearest neighbours.
 
@@ -195,9 +205,11 @@ def fit_normals(
         Takes the neighbours too, as many as it wants.
     neighbors : int, optional
         How many a quadric is fitted to. None: the best of `SIZES` for each point.
+    usual : Usual, optional
+        See `survey`.
     """
     n = len(positions)
-    noise, most = survey(positions) if neighbors is None else (0.0, 0)
+    noise, most = survey(positions, usual) if neighbors is None else (0.0, 0)
     sizes = [k for k in SIZES if k <= most] if neighbors is None else [neighbors]
     sizes = sorted({min(k, n) for k in sizes})
     normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)

@@ -98,8 +98,18 @@ class Layers:
         run(_lay, -(-len(rows) // CHUNK), self._positions, rows, table, self.planes, self.moved)
         self.near[part] = found[:, : self.near.shape[1]]
 
-    def sides(self, normals: Floats) -> NDArray[np.int8]:
-        """Signs, (n,), with which normals face the sides of the planes around them."""
-        signs = np.empty(len(normals), np.int8)
-        run(_sides, -(-len(signs) // CHUNK), normals, self.planes, self.near, signs)
-        return signs
+
+def sides(normals: Floats, planes: Floats, near: NDArray[np.int32]) -> NDArray[np.int8]:
+    """Signs, (m,), with which normals face the sides of the planes around them.
+
+    Parameters
+    ----------
+    normals : (m, 3) float32
+    planes : (n, 3) float32
+        With signs.
+    near : (m, k) int32
+        Rows of the planes around each normal, its own first.
+    """
+    signs = np.empty(len(normals), np.int8)
+    run(_sides, -(-len(signs) // CHUNK), normals, planes, near, signs)
+    return signs

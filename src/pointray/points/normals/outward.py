@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .orientation import Signs, agree
+from ...jit import Array, i64, kernel
 
 Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Whole = NDArray[np.int64]
+Groups = NDArray[np.int32]
 
 DIRECTIONS = 64  # directions in which the outermost points of a group vote
 RIM = 0.01  # share of the points that count as outermost in a direction: single ones are trees, wires and strays
@@ -18,7 +25,41 @@ DEEP = 0.2  # mean of these votes: closed scans have at least 0.36
 LARGE = 1000  # points of a group from which its outermost points vote
 
 
-def even_directions(count: int) -> NDArray[np.float64]:
+class Sample(NamedTuple):
+    """Points that tell which way their groups face, in their order: each n-th of a group, or all of a small one.
+
+    groups : (s,) int32
+    positions : (s, 3) float32
+    normals : (s, 3) float32, which agree with their groups
+    """
+
+    groups: Groups
+    positions: Floats
+    normals: Floats
+
+    def only(self, rows: Flags) -> Sample:
+        """Some of the points."""
+        return Sample(self.groups[rows], self.positions[rows], self.normals[rows])
+
+
+@kernel
+def _choose(groups: Array, steps: Array, left: Array, rows: Array) -> int:
+    """List each steps[g]-th row of the group g; returns how many are listed.
+
+    left : (g,) how many rows of each group come before the first that is listed
+    """
+    found = 0
+    for i in range(len(groups)):
+        g = i64(groups[i])
+        if left[g] == 0:
+            rows[found] = i
+            found += 1
+            left[g] = steps[g]
+        left[g] -= 1
+    return found
+
+
+def even_directions(count: int) -> Doubles:
     """Directions spread evenly over the sphere, (count, 3): a Fibonacci spiral."""
     z = 1 - (2 * np.arange(count) + 1) / count
     angle = np.pi * (1 + 5**0.5) * np.arange(count)
@@ -26,63 +67,95 @@ def even_directions(count: int) -> NDArray[np.float64]:
     return np.stack([flat * np.cos(angle), flat * np.sin(angle), z], axis=1)
 
 
-def outward_votes(positions: Floats, normals: Floats) -> NDArray[np.float64]:
+def outward_votes(positions: Floats, normals: Floats) -> Doubles:
     """How far outward the outermost points face in each of `even_directions(DIRECTIONS)`: mean cosines, -1 to 1."""
-    step = -(-len(positions) // SAMPLE)
-    x, unit = positions[::step].astype(np.float64), normals[::step].astype(np.float64)
-    count = max(1, int(RIM * len(x)))
-    directions = even_directions(DIRECTIONS)
+    x, unit = positions.astype(np.float64), normals.astype(np.float64)
+    rim = max(1, int(RIM * len(x)))
     votes = np.empty(DIRECTIONS)
-    for k, direction in enumerate(directions):
-        height = x @ direction
-        rim = np.argpartition(height, -count)[-count:]
-        votes[k] = (unit[rim] @ direction).mean()
+    for k, direction in enumerate(even_directions(DIRECTIONS)):
+        outermost = np.argpartition(x @ direction, -rim)[-rim:]
+        votes[k] = (unit[outermost] @ direction).mean()
     return votes
 
 
 def looks_inward(positions: Floats, normals: Floats) -> bool:
     """Whether the outermost points face inwards in all directions, as in a closed model with flipped normals."""
-    votes = outward_votes(positions, normals)
+    step = -(-len(positions) // SAMPLE)
+    votes = outward_votes(positions[::step], normals[::step])
     return bool((votes < 0).mean() > INWARD and votes.mean() < -DEEP)
 
 
-def inward_groups(positions: Floats, normals: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which groups must be turned, by votes of their outermost points and the mean normal's upward part."""
-    sizes = np.bincount(groups)
-    inward = np.zeros(len(sizes), np.bool_)
-    small = np.flatnonzero(sizes < LARGE)
-    if len(small):
-        inward[small] = _small_inward(positions, normals, groups, sizes)
+def take_sample(
+    positions: Floats,
+    normals: Floats,
+    signs: NDArray[np.int8],
+    groups: Groups,
+    sizes: Whole,
+    earlier: Whole | None = None,
+) -> Sample:
+    """The points that tell which way groups face.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    normals : (n, 3) float32, unit
+    signs : (n,) int8
+        With which the normals agree.
+    groups : (n,) int32
+    sizes : (g,) int64
+        How many points each group has.
+    earlier : (g,) int64, optional
+        How many of them lie in earlier parts of the cloud. None: all points are given.
+    """
+    steps = -(-sizes // SAMPLE)
+    left = np.zeros_like(sizes) if earlier is None else -earlier % steps
+    here = sizes if earlier is None else np.bincount(groups, minlength=len(sizes))
+    rows = np.empty(int(np.maximum(-(-(here - left) // steps), 0).sum()), np.int64)
+    _choose(groups, steps, left, rows)
+    return Sample(groups[rows], positions[rows], normals[rows] * signs[rows, None])
+
+
+def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
+    """Which groups must be turned, (g,), by votes of their outermost points and the mean normal's upward part.
+
+    Parameters
+    ----------
+    samples : sequence of Sample
+        Of parts of the cloud, in their order. A group without points is not turned.
+    sizes : (g,) int64
+        How many points each group has.
+    """
+    groups, positions, normals = (np.concatenate(arrays) for arrays in zip(*samples, strict=True))
+    order = np.argsort(groups, kind="stable")
+    found, starts, points = np.unique(groups[order], return_index=True, return_counts=True)
+    inward, is_small = np.zeros(len(sizes), np.bool_), sizes[found] < LARGE
+    if is_small.any():
+        rows = order[sizes[groups[order]] < LARGE]
+        inward[found[is_small]] = _small_inward(positions[rows], normals[rows], points[is_small])
     weight = 1 + UPWARD * even_directions(DIRECTIONS)[:, 2]
-    for g in np.flatnonzero(sizes >= LARGE):
-        rows = np.flatnonzero(groups == g) if len(sizes) > 1 else slice(None)
-        out = weight @ outward_votes(positions[rows], normals[rows]) / DIRECTIONS
-        inward[g] = out + normals[rows, 2].mean() < 0
+    for k in np.flatnonzero(~is_small):
+        rows = order[starts[k] : starts[k] + points[k]]
+        x, unit = positions[rows], normals[rows]
+        out = weight @ outward_votes(x, unit) / DIRECTIONS
+        inward[found[k]] = out + unit[:, 2].mean(dtype=np.float64) < 0
     return inward
 
 
-def _small_inward(
-    positions: Floats, normals: Floats, groups: NDArray[np.int64], sizes: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """`inward_groups` for the small ones: there are many, so their sums are taken at once."""
-    rows = np.flatnonzero(sizes[groups] < LARGE)
-    rows = rows[np.argsort(groups[rows], kind="stable")]
-    count = sizes[sizes < LARGE]
-    starts = np.cumsum(count) - count
-    # The normals times the offsets from the middle, and the upward parts.
-    x, unit = positions[rows].astype(np.float64), normals[rows].astype(np.float64)
-    x -= np.repeat(np.add.reduceat(x, starts) / count[:, None], count, axis=0)
-    out = np.add.reduceat(np.einsum("ij,ij->i", x, unit), starts)
-    size = np.sqrt(np.add.reduceat(np.einsum("ij,ij->i", x, x), starts) * count)
-    return np.asarray(out + UPWARD * size * np.add.reduceat(unit[:, 2], starts) / count < 0)
+def _small_inward(positions: Floats, normals: Floats, points: Whole) -> Flags:
+    """`inward_of` for small groups: there are many, so their sums are taken at once.
 
-
-def orient(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Signs:
-    """Signs, (n,) int8, so that normals agree with their neighbours' and face outward, or up if there is no outside.
-
-    Positions lie in kd order; parameters are as in `agree`.
+    positions, normals : group by group; points : how many of them each group has
     """
-    signs, groups = agree(positions, normals, near)
-    inward = inward_groups(positions, normals * signs[:, None], groups)
-    signs[inward[groups]] *= -1
-    return signs
+    starts = np.cumsum(points) - points
+    # The normals times the offsets from the middle, and the upward parts.
+    x, unit = positions.astype(np.float64), normals.astype(np.float64)
+    x -= np.repeat(np.add.reduceat(x, starts) / points[:, None], points, axis=0)
+    out = np.add.reduceat(np.einsum("ij,ij->i", x, unit), starts)
+    size = np.sqrt(np.add.reduceat(np.einsum("ij,ij->i", x, x), starts) * points)
+    return np.asarray(out + UPWARD * size * np.add.reduceat(unit[:, 2], starts) / points < 0)
+
+
+def inward_groups(positions: Floats, normals: Floats, signs: NDArray[np.int8], groups: Groups) -> Flags:
+    """Which groups of a whole cloud must be turned, (g,); parameters are as in `take_sample`."""
+    sizes = np.bincount(groups)
+    return inward_of([take_sample(positions, normals, signs, groups, sizes)], sizes)

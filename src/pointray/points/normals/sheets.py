@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...jit import Array, borrow, f32, f64, inline, kernel, next_tile, run
-from .orientation import agreement
+from .agreement import agreement
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]

@@ -12,7 +12,7 @@ from ...arguments import check_numbers, vector
 from ...data import Points
 from ...survey import SCAN
 from .orientation import agree
-from .outward import orient
+from .outward import inward_groups
 
 Floats = NDArray[np.float32]
 
@@ -99,8 +99,7 @@ def settle_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], 
     signs, groups = agree(positions, normals, near)
     votes = np.bincount(groups[known], signs[known], groups.max() + 1)
     seen = np.bincount(groups[known], minlength=len(votes)) > 0
-    turn = np.where(seen, np.where(votes < 0, -1, 1), 0)[groups] * signs
-    alone = turn == 0
-    if alone.any():
-        turn[alone] = orient(positions, normals, near)[alone]
-    normals[~known] *= turn[~known, None]
+    away = votes < 0
+    if not seen.all():
+        away[~seen] = inward_groups(positions, normals, signs, groups)[~seen]
+    normals[~known] *= (signs * np.where(away, -1, 1)[groups])[~known, None]

@@ -10,6 +10,7 @@ height over the mean of their tangent planes; and what is not noise bends the no
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,26 @@ DETAIL = 0.6  # height, in distance times difference of normals, below which it 
 ALIKE = 0.7  # cosine from which their normals may belong to the same smooth piece
 
 
+class Stretches(NamedTuple):
+    """What stretches of the kd order show of the noise, each as a whole.
+
+    places : (m,) int64, the rows of their middles
+    middles : (m, 3) float32, where these are
+    noise : (m,) float64, standard deviation of the distance from the surface, in the points' unit
+    spacing : (m,) float64, the root of the area per point
+    """
+
+    places: NDArray[np.int64]
+    middles: Floats
+    noise: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+
+    def along(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """The noise and the spacing at rows of the kd order, (n,)."""
+        noise, spacing = (np.interp(rows, self.places, values) for values in (self.noise, self.spacing))
+        return noise.astype(np.float32), spacing.astype(np.float32)
+
+
 def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Floats]:
     """How far points lie off their surface, and how far from each other, in their unit.
 
@@ -55,24 +76,45 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
     spacing : (n,) float32
         The root of the area per point.
     """
+    return settled(examined(path, normals)).along(np.arange(len(path)))
+
+
+def points_per_stretch(count: int) -> int:
+    """How many points of so many are taken together, a power of two."""
+    every = max(min(SHARE, count // FEWEST), 1)
+    return STRETCH << (every.bit_length() - 1)
+
+
+def examined(path: Floats, normals: Floats | None = None, size: int | None = None) -> Stretches:
+    """What each stretch shows by itself, for `settled`.
+
+    size : points of a stretch; None: as many as a whole cloud should have. The last one may be longer.
+    """
     n = len(path)
     if n < MOST:
-        return np.zeros(n, np.float32), np.ones(n, np.float32)
-    rows = np.arange(0, n, max(min(SHARE, n // FEWEST), 1))
-    ends = np.linspace(0, len(rows), max(len(rows) // STRETCH, 1) + 1).astype(int)
+        return Stretches(np.zeros(1, np.int64), path[:1], np.zeros(1), np.ones(1))
+    size = points_per_stretch(n) if size is None else size
+    rows = np.arange(0, n, size // STRETCH)
+    ends = np.append(np.arange(0, max(len(rows) // STRETCH, 1) * STRETCH, STRETCH), len(rows))
     stretches = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
     away, near = NeighborTree(path, in_order=True).query(MOST if normals is None else AROUND, path[rows])
     spacing = _quantiles(away[:, AROUND - 1].astype(np.float64), stretches) * math.sqrt(math.pi / AROUND)
     if normals is not None:
         square = _quantiles(_heights(path, normals, rows, near[:, 1 : 1 + BESIDE]), stretches) / HEIGHTS
-        if (square > (LITTLE * spacing) ** 2).any():  # wrong normals look like noise, but fits to clean points do not
-            square = np.minimum(square, _quantiles(fit_residuals(path, rows, near, FEW) ** 2, stretches) / LEFT)
+        loud = square > (LITTLE * spacing) ** 2
+        if loud.any():  # wrong normals look like noise, but fits to clean points do not
+            fitted = _quantiles(fit_residuals(path, rows, near, FEW) ** 2, stretches) / LEFT
+            square = np.where(loud, np.minimum(square, fitted), square)
     else:
         square = _residuals(path, rows, near, stretches, spacing)
     middles = rows[(ends[:-1] + ends[1:]) // 2]
-    square = np.maximum(square, _around(path[middles], np.sqrt(square) / spacing) * spacing**2)
-    noise, spacing = (np.interp(np.arange(n), middles, values) for values in (np.sqrt(square), spacing))
-    return noise.astype(np.float32), spacing.astype(np.float32)
+    return Stretches(middles, path[middles], np.sqrt(square), spacing)
+
+
+def settled(stretches: Stretches) -> Stretches:
+    """The stretches of a whole cloud, none of them quieter than is usual where it is loud."""
+    usual = _around(stretches.middles, stretches.noise / stretches.spacing)
+    return stretches._replace(noise=np.maximum(stretches.noise, usual * stretches.spacing))
 
 
 def _residuals(
@@ -90,10 +132,10 @@ def _residuals(
 
 
 def _around(middles: Floats, noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The square of the noise that is usual around each stretch, in spacings; 0 where that is not much."""
+    """The noise that is usual around each stretch, in spacings; 0 where that is not much."""
     near = NeighborTree(middles).query(NEAREST)[1]
     usual = np.quantile(noise[near], LOUDER, axis=1)
-    return np.where(usual > LOUD, usual**2, 0.0)
+    return np.where(usual > LOUD, usual, 0.0)
 
 
 def _quantiles(values: NDArray[np.float64], stretches: list[slice], q: float = 0.5) -> NDArray[np.float64]:

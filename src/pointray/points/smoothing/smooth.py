@@ -15,9 +15,10 @@ from ...progress import Progress, part_of, tell
 from ..normals.estimate import mend_normals, with_fits
 from ..normals.jets import Fits, Planes, faces, fit_normals, survey
 from ..path import Path, along_path
+from ..usual import Usual
 from .edges import Edges
 from .fit import SIZES, fit_surface
-from .noise import LITTLE, noise_along
+from .noise import LITTLE, Stretches, examined, settled
 
 Floats = NDArray[np.float32]
 
@@ -93,7 +94,7 @@ def place(
     if points.normals is None:
         return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, along=along)), None
     mended, said = mend_normals(points, progress, along)
-    return _smooth_known(mended, sigma, progress, along), said
+    return smooth_known(mended, sigma, progress, along), said
 
 
 def check_sigma(value: object, name: str) -> str | float:
@@ -109,10 +110,14 @@ class Fitting:
     Parameters
     ----------
     sigma : "auto" or float
+    noise : Noise, optional
+        If it is known.
+    usual : Usual, optional
+        Of the cloud that the points are a part of. None: they are the whole.
     """
 
-    def __init__(self, sigma: str | float) -> None:
-        self._sigma = sigma
+    def __init__(self, sigma: str | float, noise: Noise | None = None, usual: Usual | None = None) -> None:
+        self._sigma, self._noise, self._usual = sigma, noise, usual
 
     def fit(
         self,
@@ -123,16 +128,16 @@ class Fitting:
         planes: Planes | None = None,
     ) -> Fits:
         """Like `fit_normals`; positions are the moved ones."""
-        noise, most = _noise_of(path, self._sigma)
+        noise, most = self._noise or noise_of(path, self._sigma)
         tell(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
         if noise is None:
-            return fit_normals(path, kept, eye, left, planes)
+            return fit_normals(path, kept, eye, left, planes, usual=self._usual)
         n = len(path)
         moved, normals = path.copy(), np.zeros_like(path)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
         shares = np.empty((n, 1), np.float32)
-        wanted = 0 if planes is None else planes.wanted(survey(path)[0])
+        wanted = 0 if planes is None else planes.wanted(survey(path, self._usual)[0])
         edges = Edges(path)
         for part, found in neighbor_chunks(path, max(most, kept, wanted), left):
             rows = np.arange(part.start, part.start + len(found))
@@ -160,8 +165,12 @@ class Fitting:
         return Fits(moved, normals, near, residuals, noise * shares[:, 0])
 
 
-def _smooth_known(
-    points: Points, sigma: str | float, progress: Progress | None = None, along: Path | None = None
+def smooth_known(
+    points: Points,
+    sigma: str | float,
+    progress: Progress | None = None,
+    along: Path | None = None,
+    known_noise: Noise | None = None,
 ) -> Placed:
     """`smooth` for points with unit normals, whose sides the moved points' normals keep."""
     if sigma == 0.0:
@@ -170,9 +179,10 @@ def _smooth_known(
     path = along.positions
     assert points.normals is not None
     known = take(points.normals, along.rows)
-    noise, most = _noise_of(path, sigma, known)
+    noise, most = known_noise or noise_of(path, sigma, known)
     if noise is None:
         return Placed(points, None)
+    noise = noise.copy()
     moved, turned = path.copy(), known.copy()
     for part, found in neighbor_chunks(path, most, part_of(progress, SURVEYED, 1.0)):
         rows = np.arange(part.start, part.start + len(found))
@@ -187,15 +197,28 @@ def _smooth_known(
     return Placed(points.changed(positions=positions, normals=out), along.spread(noise, points))
 
 
-def _noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> tuple[Floats | None, int]:
+class Noise(NamedTuple):
     """The noise of each point, (n,), None if none is worth a move; and the most neighbours to fit to."""
+
+    values: Floats | None
+    most: int
+
+
+def noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> Noise:
+    """The noise of points that are all different and in kd order."""
     if len(path) < SIZES[0] or sigma == 0.0:
-        return None, USUAL
+        return Noise(None, USUAL)
     if not isinstance(sigma, str):
-        return np.full(len(path), sigma, np.float32), USUAL
-    noise, spacing = noise_along(path, normals)
-    most = SIZES[-1] if np.median(noise / np.maximum(spacing, 1e-30)) > MUCH else USUAL
-    return noise if (noise > LITTLE * spacing).any() else None, most
+        return Noise(np.full(len(path), sigma, np.float32), USUAL)
+    return noise_by(settled(examined(path, normals)), np.arange(len(path)))
+
+
+def noise_by(stretches: Stretches, rows: NDArray[np.int64]) -> Noise:
+    """The noise of some rows of a cloud's kd order, by all its stretches."""
+    shares = stretches.noise / np.maximum(stretches.spacing, 1e-30)
+    if not (shares > LITTLE).any():
+        return Noise(None, USUAL)
+    return Noise(stretches.along(rows)[0], SIZES[-1] if np.median(shares) > MUCH else USUAL)
 
 
 def _shares(

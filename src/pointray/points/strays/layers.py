@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from ...neighbors import neighbors
 from ...progress import Progress, part_of, tell
 from ..linked import linked_parts
 from ..path import Path, along_path
+from ..usual import Usual
 from .floors import LAYER, LEAST, Floors, Ground
 from .passes import merge_passes
 from .survey import GROUP
@@ -31,12 +32,27 @@ LINKS, APART = 8, 6.0  # the nearest points of the layer that it links, at most 
 LEVEL, ALIKE = 1.0, 0.5  # differences in height, in spacings, and cosines of the ways to the floor
 
 
-def merge_for_model(points: Points, progress: Progress | None = None, along: Path | None = None) -> Points:
+class Part(NamedTuple):
+    """Of which cloud points are a part.
+
+    total : how many positions that has
+    numbers : (m,) int64, for each position of the part, in order, its place in the kd order of all
+    usual : numbers that hold for all
+    """
+
+    total: int
+    numbers: Rows
+    usual: Usual
+
+
+def merge_for_model(
+    points: Points, progress: Progress | None = None, along: Path | None = None, part: Part | None = None
+) -> Points:
     """The points with those of second layers and passes moved onto one surface; `points` itself, where there are none.
 
     Unlike `merge_layers` it looks closely only where a few stretches of the kd order show layers, and moves only
     groups of `FEWEST` points or more: a surface without layers stays as it is, to the bit. `along`, if it is known, is
-    the path through the points.
+    the path through the points; `part` tells of which cloud they are a part, None: they are the whole.
     """
     along = along or along_path(points)
     path, ids, rows = along
@@ -44,7 +60,8 @@ def merge_for_model(points: Points, progress: Progress | None = None, along: Pat
     if len(path) < LEAST:
         return points
     ground = Ground(path)
-    _look_for_layers(ground, len(path), part_of(progress, 0.1, SPARSE_MERGED))
+    part = part or Part(len(path), np.arange(len(path)), Usual.of(len(path)))
+    _look_for_layers(ground, part, part_of(progress, 0.1, SPARSE_MERGED))
     floors = ground.floors()
     off = np.flatnonzero(floors.off)
     off = off[np.linalg.norm(floors.offset[off], axis=1) <= LAYER * floors.spacing[off]]
@@ -57,15 +74,16 @@ def merge_for_model(points: Points, progress: Progress | None = None, along: Pat
         positions = points.positions.copy()
         positions[points.finite] += shift[ids]
         points, along = points.changed(positions=positions), None
-    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0), along=along)
+    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0), along=along, usual=part.usual)
 
 
-def _look_for_layers(ground: Ground, n: int, progress: Progress | None) -> None:
+def _look_for_layers(ground: Ground, part: Part, progress: Progress | None) -> None:
     """Look at some stretches, then at those around them wherever layers show and go on."""
     groups = len(ground.survey.known)
     stretches = -(-groups // STRETCH)
-    every = max(n // max(SAMPLE, n // SHARE), 1)
-    todo: Rows = np.arange(every // 2 % stretches, stretches, every)
+    every = max(part.total // max(SAMPLE, part.total // SHARE), 1)
+    numbers = part.numbers[:: STRETCH * GROUP] // (STRETCH * GROUP)
+    todo: Rows = np.flatnonzero(numbers % every == every // 2)
     known = np.zeros(stretches, np.bool_)
     wide = every  # the first round's stretches stand for those around them
     while len(todo):

@@ -16,6 +16,7 @@ from ...progress import Progress, part_of, tell
 from ...survey import SCAN
 from ..normals.stations import eyes_of
 from ..path import Path, along_path
+from ..usual import Usual
 from .heights import AROUND, even_out, heights
 
 Floats = NDArray[np.float32]
@@ -33,6 +34,7 @@ def merge_passes(
     eyes: NDArray[np.float64] | None = None,
     progress: Progress | None = None,
     along: Path | None = None,
+    usual: Usual | None = None,
 ) -> Points:
     """The points with those of scans that do not fit moved onto the mean of the scans, by density and noise.
 
@@ -47,6 +49,8 @@ def merge_passes(
     progress : callable, optional
     along : Path, optional
         The path through the points, if it is known.
+    usual : Usual, optional
+        Of the cloud that the points are a part of. None: they are the whole.
 
     Returns
     -------
@@ -61,10 +65,16 @@ def merge_passes(
     if facing is None or len(path) <= AROUND:
         return points
     scans, facing, tree = scans[rows], facing[rows], NeighborTree(path, in_order=True)
-    some = np.arange(0, len(path), max(len(path) // SAMPLE, 1))
-    seen = heights(path, some, tree.query(AROUND, path[some])[1], scans, facing)
+    usual = usual or Usual.of(len(path))
+
+    def share() -> float:
+        some = usual.spread(len(path), SAMPLE)
+        seen = heights(path, some, tree.query(AROUND, path[some])[1], scans, facing)
+        return float(seen[:, :3].any(axis=1).mean())
+
+    shown = usual.ask("share of passes", share)
     tell(progress, TOLD)
-    if seen[:, :3].any(axis=1).mean() < SHOWN:
+    if shown < SHOWN:
         return points
     shifts = _shifts(path, tree, scans, facing, part_of(progress, TOLD, 1.0))
     positions = points.positions.copy()

@@ -1,0 +1,103 @@
+"""Arrays of Dask whose chunks are made of a scene and of the chunks of other arrays, when they are computed.
+
+Any scheduler of Dask computes them: threads of this process, which take the scene as it is, or workers, which get its
+recipe. Nothing of Dask is imported here before somebody brings an array of it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arguments import check_real, real_numbers
+from ..extras import require
+from .recipe import Stage
+from .stowed import Stowed
+
+
+class Form(NamedTuple):
+    """What an array holds for each ray. dtype; columns : the axes that follow those of the rays"""
+
+    dtype: np.dtype[Any]
+    columns: tuple[int, ...]
+
+
+def is_chunked(*values: Any) -> bool:
+    """Whether any of some values is an array of Dask."""
+    kind = getattr(sys.modules.get("dask.array"), "Array", None)
+    return kind is not None and any(isinstance(value, kind) for value in values)
+
+
+def check_chunks(values: Mapping[str, Any]) -> list[Any]:
+    """Arrays of real numbers, by the names of parameters: those of Dask, of which nothing is computed, and others.
+
+    Raises
+    ------
+    ValueError
+        If a dtype is no number, or chunks are of unknown size.
+    """
+    arrays = []
+    for name, value in values.items():
+        if not is_chunked(value):
+            arrays.append(real_numbers(value, name))
+            continue
+        check_real(value.dtype, name)
+        if np.isnan(value.shape).any():
+            raise ValueError(f"{name} has chunks of unknown size: call its compute_chunk_sizes() before")
+        arrays.append(value)
+    return arrays
+
+
+def chunked_like(
+    scene: Stage, work: tuple[Any, ...], arrays: Sequence[Any], forms: Mapping[str, Form]
+) -> dict[str, Any]:
+    """Arrays of Dask that are made of rays.
+
+    Parameters
+    ----------
+    work : function and arguments
+        The function of a module takes a snapshot of the scene, these arguments, the chunks of `arrays`, a number of
+        threads and a `Progress` (both may be None), and returns a dict of arrays in these forms.
+    arrays : sequence
+        Origins and directions, (..., 3), and limits, (...), which broadcast.
+    """
+    dask, da = (require(name, "cluster", "an array of Dask") for name in ("dask", "dask.array"))
+    axes = max(array.ndim - (k < 2) for k, array in enumerate(arrays))
+    rays = tuple(range(axes))
+    pairs: list[Any] = []
+    for k, array in enumerate(arrays):
+        own = array.ndim - (k < 2)
+        # Axes that arrays have in common are the last ones of the rays; along x, y, z chunks are put together.
+        pairs.append(array if is_chunked(array) else da.from_array(array, chunks=-1))
+        pairs.append(rays[axes - own :] + ((axes,) if k < 2 else ()))
+    stowed = Stowed(scene)
+    box = dask.delayed(stowed, name=stowed.key, traverse=False)
+    options = {"concatenate": True, "dtype": object, "meta": np.empty((0,) * axes, object)}
+    packed = da.blockwise(
+        partial(_make, work=work), rays, *pairs, scene=box, name=None, token="pointray-rays", **options
+    )
+    made = {}
+    for name, (dtype, columns) in forms.items():
+        more = tuple(range(axes, axes + len(columns)))
+        made[name] = da.blockwise(
+            itemgetter(name),
+            rays + more,
+            packed,
+            rays,
+            new_axes=dict(zip(more, columns, strict=True)),
+            dtype=dtype,
+            meta=np.empty((0,) * (axes + len(columns)), dtype),
+            token=f"pointray-{name.replace(' ', '-')}",
+        )
+    return made
+
+
+def _make(*chunks: Any, work: tuple[Any, ...], scene: Stowed) -> Any:
+    """The task of a chunk."""
+    function, *args = work
+    return scene.use(function, (*args, chunks))

@@ -1,0 +1,119 @@
+"""Rows in the order of files -> rows in kd order, part after part, on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..neighbors import kd_order
+from ..neighbors.cuts import Cuts, find_cuts
+from ..progress import Progress, part_of, tell
+from .columns import Column, Columns
+
+CHUNK = 1 << 20  # rows that are scattered at once
+TILE = 1 << 12  # points of the kd order that are read together: the unit of margins
+CUT = 0.5  # share of the time after which the cuts are known
+SCATTERED, SORTED = "scattered.", "points."  # prefixes of columns
+
+Floats = NDArray[np.float32]
+
+
+class Arrangement:
+    """The columns of a cloud, from the order of files to the kd order. Each step is done once, and then known.
+
+    Parameters
+    ----------
+    columns : Columns
+        With the columns that `spool` leaves.
+    names : list of str
+        Those columns: "positions" first.
+    count : int
+        How many rows they have.
+    size : int
+        Points of a part: a power of two, `TILE` or more.
+    """
+
+    def __init__(self, columns: Columns, names: list[str], count: int, size: int) -> None:
+        self._columns, self._names, self._count, self._size = columns, names, count, size
+        self.parts = -(-count // size)
+
+    def cut_and_scatter(self, progress: Progress | None = None) -> None:
+        """Write the rows to the stretches of their parts, in the order of files."""
+        columns = self._columns
+        if columns.get("scattered") is not None:
+            return
+        positions = columns["positions"]
+        cuts = find_cuts(lambda: _chunks_of(positions), self._count, self._size, part_of(progress, 0.0, CUT))
+        there = {name: columns[name] for name in self._names}
+        made = {
+            name: columns.make(SCATTERED + name, column.dtype, column.width, self._count)
+            for name, column in there.items()
+        }
+        free = np.arange(self.parts, dtype=np.int64) * self._size
+        for start in range(0, self._count, CHUNK):
+            rows = slice(start, min(start + CHUNK, self._count))
+            self._scatter({name: column[rows] for name, column in there.items()}, start, cuts, made, free)
+            tell(part_of(progress, CUT, 1.0), rows.stop / self._count)
+        for column in made.values():
+            column.sync()
+        columns.put("scattered", {"parts": self.parts})
+        for name in self._names:
+            columns.drop(name)
+
+    def _scatter(
+        self,
+        chunk: dict[str, NDArray[Any]],
+        row: int,
+        cuts: Cuts,
+        made: dict[str, Column],
+        free: NDArray[np.int64],
+    ) -> None:
+        """Write the rows of a chunk behind those that their parts have. free : (parts,), the next row of each"""
+        part = cuts.parts_of(chunk["positions"], row)
+        order = np.argsort(part, kind="stable")
+        ends = np.bincount(part, minlength=self.parts).cumsum()
+        for name, column in made.items():
+            ordered = chunk[name][order]
+            for k in np.flatnonzero(np.diff(ends, prepend=0)):
+                column.write(int(free[k]), ordered[ends[k - 1] if k else 0 : ends[k]])
+        free += np.diff(ends, prepend=0)
+
+    def sort(self, part: int) -> None:
+        """Write the rows of a part in kd order, and the boxes of its tiles."""
+        columns = self._columns
+        rows = slice(part * self._size, min((part + 1) * self._size, self._count))
+        positions = columns[SCATTERED + "positions"][rows]
+        order = kd_order(positions)
+        for name in self._names:
+            columns[SORTED + name].write(rows.start, columns[SCATTERED + name][rows][order])
+        columns["tiles"].write(rows.start // TILE, boxes_of(positions[order]))
+
+    def make_room(self) -> None:
+        """Make the columns that `sort` writes to."""
+        columns = self._columns
+        for name in self._names:
+            if SORTED + name not in columns:
+                column = columns[SCATTERED + name]
+                columns.make(SORTED + name, column.dtype, column.width, self._count)
+        if "tiles" not in columns:
+            columns.make("tiles", np.float32, 6, -(-self._count // TILE))
+
+    def tidy(self) -> None:
+        """Remove what is no longer needed when all parts are sorted."""
+        for name in self._names:
+            self._columns.drop(SCATTERED + name)
+
+
+def boxes_of(positions: Floats) -> Floats:
+    """The boxes around tiles of positions, low x y z, high x y z."""
+    first = np.arange(0, len(positions), TILE)
+    low, high = np.minimum.reduceat(positions, first), np.maximum.reduceat(positions, first)
+    return np.concatenate([low, high], axis=1)
+
+
+def _chunks_of(column: Column) -> Iterator[Floats]:
+    for start in range(0, len(column), CHUNK):
+        yield column[start : start + CHUNK]

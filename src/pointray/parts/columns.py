@@ -1,0 +1,271 @@
+"""Columns: arrays on disk that are read and written piece by piece, for clouds that do not fit into memory.
+
+They are not mapped: the pages of a mapped file count as memory of the process.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+import threading
+import weakref
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from ..points.replacing import replacing
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]*")
+FILE = re.compile(rf"({NAME.pattern})\.([biuf]\d+)x(\d+)")
+GAP = 1 << 12  # bytes between two rows that are read with them: about what a call costs
+SPAN = 1 << 20  # bytes that are read at once, at most, if only some of them are wanted
+
+
+class Column:
+    """Rows on disk. Threads may read and write different rows at the same time.
+
+    Parameters
+    ----------
+    path : path
+        An existing file, whose name tells what it holds: "positions.f4x3".
+
+    Attributes
+    ----------
+    path : path
+    name : str
+    dtype : dtype
+        Native.
+    width : int
+        Numbers in a row; 0: the column is flat.
+
+    Raises
+    ------
+    ValueError
+        If the file does not hold whole rows.
+    """
+
+    def __init__(self, path: Path) -> None:
+        name, kind, width = _parsed(path)
+        self.path, self.name, self.dtype, self.width = path, name, np.dtype(kind), width
+        self._row = self.dtype.itemsize * max(width, 1)
+        self._file = os.open(path, os.O_RDWR | getattr(os, "O_BINARY", 0))
+        self._close = weakref.finalize(self, os.close, self._file)
+        self._lock = threading.Lock()
+        size = os.fstat(self._file).st_size
+        if size % self._row:
+            self._close()
+            raise ValueError(f"{path}: is cut off: its {size:,} bytes are no multiple of {self._row}, those of a row")
+
+    def __len__(self) -> int:
+        return os.fstat(self._file).st_size // self._row
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(n,) or (n, width)."""
+        return (len(self), self.width) if self.width else (len(self),)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all rows."""
+        return len(self) * self._row
+
+    def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[Any]:
+        """A new array with the rows of a slice, or with the given numbers, which may have any order."""
+        if not isinstance(rows, slice):
+            return self._some(np.asarray(rows))
+        start, stop, step = rows.indices(len(self))
+        if step != 1:
+            return self._some(np.arange(start, stop, step))
+        out = self._room(max(stop - start, 0))
+        self._read(start, out)
+        return out
+
+    def write(self, start: int, rows: ArrayLike) -> None:
+        """Write rows (n,) or (n, width) over those from number `start` on; the column grows where that is needed."""
+        array = np.ascontiguousarray(rows, self.dtype)
+        if array.shape[1:] != ((self.width,) if self.width else ()):
+            raise ValueError(f"rows of {self.path.name} cannot have the shape {array.shape}")
+        if start < 0:
+            raise ValueError(f"rows of {self.path.name} begin with number 0, not {start}")
+        bytes_left, place = array.reshape(-1).view(np.uint8).data, start * self._row
+        with _told(self.path):
+            while len(bytes_left):
+                written = self._put(bytes_left, place)
+                bytes_left, place = bytes_left[written:], place + written
+
+    def append(self, rows: ArrayLike) -> None:
+        """Write rows behind the last one; by one thread at a time."""
+        self.write(len(self), rows)
+
+    def sync(self) -> None:
+        """Return when all that was written has reached the disk."""
+        with _told(self.path):
+            os.fsync(self._file)
+
+    def _room(self, n: int) -> NDArray[Any]:
+        return np.empty((n, self.width) if self.width else n, self.dtype)
+
+    def _some(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """The rows with some numbers. Those that lie side by side, or nearly, are read together."""
+        if rows.ndim != 1 or (rows.dtype.kind not in "iu" and len(rows)):
+            raise TypeError(f"rows are whole numbers (n,), not {rows.dtype} {rows.shape}")
+        out = self._room(len(rows))
+        if not len(rows):
+            return out
+        order = None if (rows[1:] >= rows[:-1]).all() else np.argsort(rows, kind="stable")
+        ordered = (rows if order is None else rows[order]).astype(np.int64)
+        if ordered[0] < 0 or ordered[-1] >= len(self):
+            raise IndexError(f"rows {ordered[0]} to {ordered[-1]} of {self.path.name}, which has {len(self):,}")
+        apart = np.diff(ordered) > 1 + GAP // self._row
+        apart |= np.diff(ordered // max(SPAN // self._row, 1)) > 0
+        bounds = [0, *(np.flatnonzero(apart) + 1).tolist(), len(ordered)]
+        for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+            first = int(ordered[begin])
+            piece = self._room(int(ordered[end - 1]) + 1 - first)
+            self._read(first, piece)
+            into = slice(begin, end) if order is None else order[begin:end]
+            out[into] = piece[ordered[begin:end] - first]
+        return out
+
+    def _read(self, start: int, out: NDArray[Any]) -> None:
+        """Fill an array with rows from number `start` on."""
+        bytes_left, place = out.reshape(-1).view(np.uint8).data, start * self._row
+        while len(bytes_left):
+            read = self._get(bytes_left, place)
+            if not read:
+                raise ValueError(f"{self.path}: is cut off after {place:,} bytes")
+            bytes_left, place = bytes_left[read:], place + read
+
+    if sys.platform == "win32":  # no call there reads at a place
+
+        def _get(self, out: memoryview, place: int) -> int:
+            with self._lock:
+                os.lseek(self._file, place, os.SEEK_SET)
+                piece = os.read(self._file, min(len(out), SPAN))
+            out[: len(piece)] = piece
+            return len(piece)
+
+        def _put(self, data: memoryview, place: int) -> int:
+            with self._lock:
+                os.lseek(self._file, place, os.SEEK_SET)
+                return os.write(self._file, data[:SPAN])
+    else:
+
+        def _get(self, out: memoryview, place: int) -> int:
+            return os.preadv(self._file, [out], place)
+
+        def _put(self, data: memoryview, place: int) -> int:
+            return os.pwrite(self._file, data, place)
+
+
+class Columns:
+    """A folder of columns, and of small facts beside them.
+
+    Parameters
+    ----------
+    folder : path
+        It is made where there is none.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all columns, sorted."""
+        return sorted({match[1] for match in map(FILE.fullmatch, os.listdir(self.folder)) if match})
+
+    def __contains__(self, name: str) -> bool:
+        return bool(self._files(name))
+
+    def __getitem__(self, name: str) -> Column:
+        """The column with a name, opened anew; KeyError if there is none."""
+        files = self._files(name)
+        if not files:
+            raise KeyError(name)
+        if len(files) > 1:
+            raise ValueError(f"{self.folder}: has {name} twice: {', '.join(sorted(f.name for f in files))}")
+        return Column(files[0])
+
+    def find(self, name: str) -> Column | None:
+        """The column with a name; None if there is none."""
+        return self[name] if name in self else None  # noqa: SIM401
+
+    def make(self, name: str, dtype: DTypeLike, width: int = 0, rows: int = 0) -> Column:
+        """A new column in place of one with this name. Its rows are 0, and take no room until they are written."""
+        path = self._path(name, np.dtype(dtype), width)
+        self.drop(name)
+        with _told(path), path.open("xb") as file:
+            file.truncate(rows * np.dtype(dtype).itemsize * max(width, 1))
+        return Column(path)
+
+    def rename(self, name: str, new: str) -> None:
+        """Give a column another name, in place of the column that has it."""
+        column = self[name]
+        self.drop(new)
+        column.path.replace(self._path(new, column.dtype, column.width))
+
+    def drop(self, name: str) -> None:
+        """Remove the column and the facts with this name, if there are any."""
+        for file in (*self._files(name), self._facts(name)):
+            file.unlink(missing_ok=True)
+
+    def put(self, name: str, facts: Mapping[str, Any]) -> None:
+        """Keep small facts, values of JSON, in place of those with this name."""
+        with replacing(self._facts(name)) as beside:
+            beside.write(json.dumps(facts, indent=1).encode())
+
+    def get(self, name: str) -> dict[str, Any] | None:
+        """The facts that were kept with a name; None if there are none."""
+        path = self._facts(name)
+        try:
+            facts = json.loads(path.read_bytes())
+        except FileNotFoundError:
+            return None
+        except ValueError as error:
+            raise ValueError(f"{path}: is damaged: {error}") from error
+        if not isinstance(facts, dict):
+            raise ValueError(f"{path}: is damaged: it holds no facts")
+        return facts
+
+    def _files(self, name: str) -> list[Path]:
+        matches = [match for match in map(FILE.fullmatch, os.listdir(self.folder)) if match]
+        return [self.folder / match[0] for match in matches if match[1] == name]
+
+    def _path(self, name: str, dtype: np.dtype[Any], width: int) -> Path:
+        path = self.folder / f"{_checked(name)}.{dtype.str[1:]}x{width}"
+        _parsed(path)
+        return path
+
+    def _facts(self, name: str) -> Path:
+        return self.folder / f"{_checked(name)}.json"
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Put the name of a file into the system's error: of a full disk, say."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _parsed(path: Path) -> tuple[str, str, int]:
+    """What the name of a column's file says: name, dtype, width."""
+    match = FILE.fullmatch(path.name)
+    if match is None:
+        raise ValueError(f"{path}: is not the name of a column, like positions.f4x3")
+    return match[1], match[2], int(match[3])
+
+
+def _checked(name: str) -> str:
+    if not NAME.fullmatch(name):
+        raise ValueError(f"a column's name has letters, digits, dots and hyphens, which {name!r} has not")
+    return name

@@ -1,0 +1,249 @@
+"""Converting: raw columns become those of a cloud, in the types of `Points`, without rows that are not finite."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import are_finite, check_any_finite, check_attribute
+from ..points.colors import Shades, to_shades
+from ..points.formats._source import CHUNK
+from ..points.joining import (
+    GREY,
+    Part,
+    alike,
+    attributes_of,
+    common_survey,
+    first_stations,
+    kind_of,
+    missing_of,
+    scans_of,
+)
+from ..points.lacking import tell_lacking
+from ..points.locating import locate, origin_of, sample_step
+from ..points.ready import tell_left_out
+from ..progress import Progress, part_of, tell
+from ..survey import RESIDUAL, SCAN, Survey
+from .columns import Column, Columns
+from .raw import RAW, Raw
+from .spooled import ATTRIBUTE, COLORS, NORMALS, POSITIONS, Spooled
+
+LEFT_OUT, LOSSES = f"{RAW}left-out", f"{RAW}losses"
+
+Rows = NDArray[Any]
+
+
+class File(NamedTuple):
+    """A file that has been read.
+
+    Attributes
+    ----------
+    part : Part
+        Its chunks have no rows, but tell types.
+    begin, end : int
+        Its rows of the cloud.
+    shades : Shades
+    first : int or None
+        The number of its first station, see `first_stations`.
+    """
+
+    part: Part
+    begin: int
+    end: int
+    shades: Shades
+    first: int | None = None
+
+    @property
+    def color(self) -> np.dtype[Any] | None:
+        """The dtype that holds all values of its colours; None if it has none."""
+        columns = [column for column in alike([chunk.colors for chunk in self.part.chunks]) if column is not None]
+        return columns[0].dtype.newbyteorder("=") if columns else None
+
+
+class Cloud(NamedTuple):
+    """The rows of all files in raw columns: "positions", "normals", "colors", "attribute." and an attribute's name."""
+
+    columns: Columns
+    raws: dict[str, Raw]
+    files: list[File]
+
+    @property
+    def rows(self) -> int:
+        """How many rows all files have."""
+        return self.files[-1].end if self.files else 0
+
+    def raw(self, name: str) -> Raw:
+        """The raw column with a name; an empty one, if it is new."""
+        if name not in self.raws:
+            self.raws[name] = Raw(self.columns, len(self.raws))
+        return self.raws[name]
+
+    def blocks(self, progress: Progress | None) -> Iterator[tuple[File, int, int]]:
+        """All rows, a few at a time, which are of one file: from one number to another."""
+        for file in self.files:
+            for begin in range(file.begin, file.end, CHUNK):
+                tell(progress, begin / self.rows)
+                yield file, begin, min(begin + CHUNK, file.end)
+
+
+class Target(NamedTuple):
+    """A column as it shall be. rows : gives some of its rows; plain : they are what the raw column holds"""
+
+    dtype: np.dtype[Any]
+    width: int
+    rows: Callable[[File, int, int], Rows]
+    plain: bool = True
+
+
+class Located(NamedTuple):
+    """What is known when positions are written.
+
+    Attributes
+    ----------
+    origin : (3,) float64
+    rows : int
+        How many are finite.
+    left_out : Column or None
+        True for rows of the files that are not; None if all are.
+    losses : Column or None
+        What positions lose of whole numbers, see `RESIDUAL`; None if nothing.
+    """
+
+    origin: NDArray[np.float64]
+    rows: int
+    left_out: Column | None
+    losses: Column | None
+
+
+def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
+    """Write all columns; each raw one is removed when that is done."""
+    files = [file for file in cloud.files if file.part.chunks]
+    parts = [file.part for file in files]
+    survey, firsts = common_survey(parts), first_stations(parts)
+    if firsts is not None:
+        files = [file._replace(first=first) for file, first in zip(files, firsts, strict=True)]
+    cloud = cloud._replace(files=files)
+    tell_lacking([(part.name, part.chunks[0]) for part in parts])
+    targets = {NORMALS: _normals(cloud), COLORS: _colors(cloud)}
+    targets |= {ATTRIBUTE + name: _attribute(cloud, name) for name in attributes_of(parts)}
+    if firsts is not None:
+        targets[ATTRIBUTE + SCAN] = _scans(cloud)
+    made = {name: target for name, target in targets.items() if target is not None}
+    ends = [(k + 1) / (len(made) + 1) for k in range(len(made) + 1)]
+    located = _locate(cloud, survey, part_of(progress, 0.0, ends[0]))
+    attributes = [name for name in made if name.startswith(ATTRIBUTE)]
+    if located.losses is not None and ATTRIBUTE + RESIDUAL not in made:
+        attributes.append(ATTRIBUTE + RESIDUAL)
+    names = {name: f"{ATTRIBUTE}{k}" for k, name in enumerate(attributes)}
+    for (name, target), begin, end in zip(made.items(), ends[:-1], ends[1:], strict=True):
+        _write(cloud, located, name, names.get(name, name), target, part_of(progress, begin, end))
+        cloud.raw(name).drop()
+        tell(progress, end)
+    if located.losses is not None:  # in place of an attribute of the files that has its name
+        cloud.columns.rename(LOSSES, names[ATTRIBUTE + RESIDUAL])
+    cloud.columns.drop(LEFT_OUT)
+    for name in (POSITIONS, *(name for name in (NORMALS, COLORS) if name in made), *names.values()):
+        cloud.columns[name].sync()
+    labels = [name.removeprefix(ATTRIBUTE) for name in attributes]
+    lost = cloud.rows - located.rows
+    return Spooled(located.rows, located.origin, survey, labels, NORMALS in made, COLORS in made, lost)
+
+
+# ------------------------------------------------------------------------------------------------------- positions
+
+
+def _locate(cloud: Cloud, survey: Survey, progress: Progress | None) -> Located:
+    """Write the positions that are finite, and what they lose of whole numbers."""
+    raw, columns, total = cloud.raw(POSITIONS), cloud.columns, cloud.rows
+    origin = origin_of(raw.sample(sample_step(total)), total)
+    positions = columns.make(POSITIONS, np.float32, 3)
+    left_out: Column | None = None
+    losses: Column | None = None
+    for _, begin, end in cloud.blocks(progress):
+        local, lost = np.empty((end - begin, 3), np.float32), None
+        for rows, some in locate(raw.read(begin, end), origin, survey, local):
+            lost = np.zeros((end - begin, 3), np.int32) if lost is None else lost
+            lost[rows] = some
+        if lost is not None and losses is None:
+            losses = columns.make(LOSSES, np.int32, 3, rows=len(positions))
+        finite = are_finite(local)
+        if not finite.all():
+            left_out = columns.make(LEFT_OUT, np.bool_, rows=total) if left_out is None else left_out
+            left_out.write(begin, ~finite)
+            local, lost = local[finite], None if lost is None else lost[finite]
+        positions.append(local)
+        if losses is not None:
+            losses.append(np.zeros((len(local), 3), np.int32) if lost is None else lost)
+    raw.drop()
+    check_any_finite(len(positions), total)
+    tell_left_out(total - len(positions), total)
+    return Located(origin, len(positions), left_out, losses)
+
+
+# ----------------------------------------------------------------------------------------------------- other columns
+
+
+def _write(cloud: Cloud, located: Located, name: str, new: str, target: Target, progress: Progress | None) -> None:
+    """Write a column but for rows that are left out; a raw one that is as it shall be gets its name."""
+    whole = cloud.raw(name).whole(cloud.rows)
+    if target.plain and whole is not None and whole.dtype == target.dtype and located.left_out is None:
+        cloud.columns.rename(whole.name, new)
+        return
+    column = cloud.columns.make(new, target.dtype, target.width)
+    for file, begin, end in cloud.blocks(progress):
+        rows = target.rows(file, begin, end)
+        if located.left_out is not None:
+            rows = rows[~located.left_out[begin:end]]
+        with np.errstate(over="ignore"):  # too large a number becomes infinite
+            column.append(rows.astype(target.dtype, copy=False))
+
+
+def _attribute(cloud: Cloud, name: str) -> Target:
+    kind = kind_of(name, [chunk.attributes.get(name) for file in cloud.files for chunk in file.part.chunks])
+    assert kind is not None  # a file has it
+    (dtype, shape), raw = kind, cloud.raw(ATTRIBUTE + name)
+    kept = check_attribute(name, np.empty((0, *shape), dtype), 0)
+    return Target(kept.dtype, sum(shape), lambda _, begin, end: raw.read(begin, end, dtype, missing_of(dtype)))
+
+
+def _normals(cloud: Cloud) -> Target | None:
+    kind, raw = (
+        kind_of(NORMALS, [chunk.normals for file in cloud.files for chunk in file.part.chunks]),
+        cloud.raw(NORMALS),
+    )
+    if kind is None:
+        return None
+    dtype = kind[0]
+    return Target(np.dtype(np.float32), 3, lambda _, begin, end: raw.read(begin, end, dtype))
+
+
+def _colors(cloud: Cloud) -> Target | None:
+    """As 8 bits, told from all values of the files that have the same dtype."""
+    shades: dict[np.dtype[Any], Shades] = {}
+    for file in cloud.files:
+        if file.color is not None:
+            shades.setdefault(file.color, Shades()).join(file.shades)
+    if not shades:
+        return None
+    scales, raw = {dtype: known.scale(dtype) for dtype, known in shades.items()}, cloud.raw(COLORS)
+
+    def rows(file: File, begin: int, end: int) -> Rows:
+        if file.color is None:
+            return np.full((end - begin, 3), GREY, np.uint8)
+        return to_shades(raw.read(begin, end, file.color), scales[file.color])
+
+    return Target(np.dtype(np.uint8), 3, rows)
+
+
+def _scans(cloud: Cloud) -> Target:
+    """Stations, counted over all files."""
+    raw = cloud.raw(ATTRIBUTE + SCAN)
+
+    def rows(file: File, begin: int, end: int) -> Rows:
+        own = raw.read(begin, end) if SCAN in file.part.chunks[0].attributes else None
+        return scans_of(own, end - begin, file.first)
+
+    return Target(np.dtype(np.int32), 0, rows, plain=False)

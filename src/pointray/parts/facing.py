@@ -1,0 +1,149 @@
+"""The sides that normals face, over all parts: as in a whole cloud, neighbours agree, and scanners see no back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..neighbors import NeighborTree
+from ..points.normals.layers import KEPT, sides
+from ..points.normals.orientation import NEAR
+from . import signs
+from .local import Local
+from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units
+from .work import Work
+
+PIECE, SIGN, SIGNED = "piece", "sign", "signed"  # columns
+FOUND, VOTED, LOOKED = 0.4, 0.8, 0.9  # shares of the time after which a pass is done
+
+Span = tuple[float, float]
+
+
+class Facing:
+    """Signs of the normals in a column, and what they are made of.
+
+    Parameters
+    ----------
+    work : Work
+    cloud : Cloud
+    places, normals : str
+        Columns: positions, and normals of either sign.
+    near : int
+        Neighbours that signs pass to.
+    """
+
+    def __init__(self, work: Work, cloud: Cloud, places: str, normals: str, near: int) -> None:
+        self._work, self._cloud, self._columns = work, cloud, (places, normals)
+        self._near = near
+        self._labels = signs.Labels(work.room(PIECE, np.int32), work.room(SIGN, np.int8))
+
+    def settle(self, span: Span) -> None:
+        """Write the sign of each normal to the column `SIGNED`; those that scanners tell are kept."""
+        begin, length = span[0], span[1] - span[0]
+        passes = [(begin + a * length, begin + b * length) for a, b in ((0, FOUND), (FOUND, VOTED), (VOTED, LOOKED))]
+        labels, work = self._labels, self._work
+        sizes = work.all(lambda part: signs.find(self._load(part), labels), passes[0])
+        votes = work.all(lambda part: signs.vote(self._load(part), labels, sizes), passes[1])
+        groups = signs.gather(sizes, votes)
+        outlooks = work.all(lambda part: signs.look(self._load(part, alone=True), part, labels, groups), passes[2])
+        facing = signs.face(groups, outlooks)
+        seen, away = self._told(groups)
+        facing = np.where(seen[groups.group], groups.turn * np.where(away, -1, 1)[groups.group], facing).astype(np.int8)
+        out, known = work.room(SIGNED, np.int8), work.columns.find(KNOWN)
+        for part in range(work.parts):
+            signs.write(part, labels, groups, facing, out)
+            if known is not None:
+                stretch = work.stretch(part)
+                out.write(stretch.start, np.where(known[stretch] != 0, np.int8(1), out[stretch]))
+
+    def _told(self, groups: signs.Groups) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which groups have normals that scanners tell, and which of these must be turned, see `settle_unknown`."""
+        counts, votes = np.zeros((2, len(groups.points)))
+        known = self._work.columns.find(KNOWN)
+        if known is not None:
+            for part in range(self._work.parts):
+                stretch = self._work.stretch(part)
+                some = known[stretch] != 0
+                piece = self._labels.piece[stretch][some] + groups.first_piece[part]
+                sign = self._labels.sign[stretch][some] * groups.turn[piece]
+                counts += np.bincount(groups.group[piece], minlength=len(counts))
+                votes += np.bincount(groups.group[piece], sign, len(counts))
+        return counts > 0, votes < 0
+
+    def _load(self, part: int, alone: bool = False) -> signs.Local:
+        """A part with its margin; alone : without both, as neighbours are not asked for"""
+        columns = self._work.columns
+        local = _own(self._work, part) if alone else self._work.local(part)
+        core = slice(int(local.own[0]), int(local.own[-1]) + 1)
+        near = np.empty((0, 0), np.int32) if alone else near_in(self._cloud, local, core, self._near)
+        places, normals = (local.read(columns[name]) for name in self._columns)
+        return signs.Local(local.rows, core, places, normals, near)
+
+
+def near_in(cloud: Cloud, local: Local, core: slice, count: int) -> NDArray[np.int32]:
+    """The neighbours of a part's own points, (m, k), each itself first."""
+    places = local.read(cloud.columns[cloud.latest(MERGED, POSITIONS)])
+    near = NeighborTree(places, in_order=True).rows(count, core)
+    odd = np.flatnonzero(near[:, 0] != local.own)  # another point is at the same place
+    if len(odd):
+        at = near[odd] == local.own[odd, None]
+        near[odd] = np.where(at, near[odd, :1], near[odd])
+        near[odd, 0] = local.own[odd]
+    return near
+
+
+def _own(work: Work, part: int) -> Local:
+    stretch = work.stretch(part)
+    return Local(np.arange(stretch.start, stretch.stop), np.arange(stretch.stop - stretch.start))
+
+
+def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
+    """Write the normals that were fitted to points, with their signs, to the column `FACED`."""
+    columns, middle = work.columns, span[0] + 0.8 * (span[1] - span[0])
+    if columns.get(FACED) is not None:
+        return
+    names = PLANES if has_planes else (PLACED, NORMALS)
+    Facing(work, cloud, *names, KEPT if has_planes else NEAR).settle((span[0], middle))
+    out = work.room(FACED, np.float32, 3)
+
+    def turn(part: int) -> None:
+        stretch = work.stretch(part)
+        normals = columns[NORMALS][stretch]
+        if has_planes:
+            local = work.local(part)
+            core = slice(int(local.own[0]), int(local.own[-1]) + 1)
+            planes = local.read(columns[PLANES[1]]) * local.read(columns[SIGNED])[:, None]
+            signed = sides(normals, planes, near_in(cloud, local, core, KEPT))
+        else:
+            signed = columns[SIGNED][stretch]
+        out.write(stretch.start, normals * signed[:, None])
+
+    work.all(turn, (middle, span[1]))
+    columns.put(FACED, {})
+
+
+def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
+    """Write the normals that points came with, as units with signs of their own, to the column `TURNED`."""
+    columns = work.columns
+    if columns.get(TURNED) is not None:
+        return
+    directions, known = work.room(UNITS, np.float32, 3), work.room(KNOWN, np.int8) if cloud.is_seen else None
+
+    def put(part: int) -> dict[str, Any]:
+        local = work.local(part)
+        found = units(cloud, local)
+        local.write(directions, found.normals)
+        if known is not None and found.known is not None:
+            local.write(known, found.known)
+        return {}
+
+    first, last = (span[0] + share * (span[1] - span[0]) for share in (0.2, 0.9))
+    work.each("units", put, (span[0], first))
+    Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).settle((first, last))
+    out, signed = work.room(TURNED, np.float32, 3), columns[SIGNED]
+    for part in range(work.parts):
+        stretch = work.stretch(part)
+        out.write(stretch.start, directions[stretch] * signed[stretch][:, None])
+    columns.put(TURNED, {})

@@ -1,0 +1,101 @@
+"""Splats in columns -> the files of a model in parts."""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.tree import LONGEST
+from ..model_folder import Index, PartFile, write_columns, write_index, write_part
+from ..progress import tell
+from ..tree.build import Splats
+from ..tree.settings import TreeSettings
+from .arrange import CHUNK
+from .columns import Columns
+from .stages import FACED, NOISE, NORMALS, PLACED, POSITIONS, Cloud
+from .trees import Plan, bounds_about, plan_of, shown, tree_of
+from .work import Facts, Work
+
+RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
+TREES = 0.7  # share of the time
+
+Span = tuple[float, float]
+
+
+class Described(NamedTuple):
+    """What a model is besides its columns.
+
+    settings, smooth : see `Model`
+    attributes : dict of str to str, the columns of the attributes
+    optional : tuple of str, those of the columns `BORDERS`, `SHEETS` and `NOISE` that any splat needs
+    """
+
+    settings: TreeSettings
+    smooth: str | float
+    attributes: dict[str, str]
+    optional: tuple[str, ...]
+
+
+class Numbers:
+    """The numbers of rows, for slices and for rows."""
+
+    def __getitem__(self, rows: Any) -> NDArray[np.int32]:
+        return np.arange(rows.start, rows.stop, dtype=np.int32) if isinstance(rows, slice) else rows.astype(np.int32)
+
+
+def finish(folder: Path, work: Work, cloud: Cloud, model: Described, span: Span) -> None:
+    """Write the trees of the parts, the points and, last, the index."""
+    columns, size, id = work.columns, work.size, _id(work.columns)
+    if NOISE in model.optional:
+        _limit_noise(columns)
+    arrays: list[Any] = [
+        *(columns[PLACED], columns[cloud.latest(FACED, NORMALS)], columns[RADII], Numbers()),
+        columns.find("points.colors"),
+        *(columns[name] if name in model.optional else None for name in (BORDERS, SHEETS, NOISE)),
+    ]
+    splats = Splats(*arrays)
+    plan = plan_of([shown(splats, size, part) for part in range(work.parts)], splats.radii, size)
+
+    def grow(part: int) -> Facts:
+        tree = tree_of(splats, plan, part, model.settings)
+        here = columns[POSITIONS][work.stretch(part)]
+        file = write_part(folder, id, part, len(here), bounds_about(here, cloud.origin), tree)
+        return {"file": file._asdict(), "longest": float(tree.head[LONGEST])}
+
+    middle = span[0] + TREES * (span[1] - span[0])
+    trees = work.each("tree", grow, (span[0], middle))
+    named = {name: columns.find(f"points.{name}") for name in ("positions", "normals", "colors")}
+    attributes = {name: columns[column] for name, column in model.attributes.items()}
+    say = work.watch((middle, span[1]))
+    sizes = write_columns(folder, id, cloud.origin, named, attributes, columns[RADII], lambda share: tell(say, share))
+    write_index(folder, _index_of(id, cloud, model, plan, trees, sizes))
+
+
+def _index_of(id: str, cloud: Cloud, model: Described, plan: Plan, trees: list[Facts], sizes: tuple[int, str]) -> Index:
+    files = [PartFile(**tree["file"]) for tree in trees]
+    boxes, longest = np.array([file.bounds for file in files]), max(tree["longest"] for tree in trees)
+    bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
+    settings = {**model.settings._asdict(), "smooth": model.smooth}
+    supports = plan.supports.astype(float).tolist()
+    return Index(id, settings, cloud.survey.facts, bounds, supports, longest, *sizes, files)
+
+
+def _limit_noise(columns: Columns) -> None:
+    """Whatever a caller says of the noise, a surface has no bumps higher than its supports."""
+    noise, radii = columns[NOISE], columns[RADII]
+    for start in range(0, len(radii), CHUNK):
+        rows = slice(start, start + CHUNK)
+        noise.write(start, np.minimum(noise[rows], radii[rows]))
+
+
+def _id(columns: Columns) -> str:
+    """What all files of the folder name."""
+    facts = columns.get("id")
+    if facts is None:
+        facts = {"id": secrets.token_hex(8)}
+        columns.put("id", facts)
+    return str(facts["id"])

@@ -1,0 +1,68 @@
+"""Spooled: a cloud in columns on disk, and what is known of it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..survey import Survey
+from .columns import Columns
+from .raw import RAW
+
+FACTS = "spooled"
+POSITIONS, NORMALS, COLORS = "positions", "normals", "colors"
+ATTRIBUTE = "attribute."  # and the number of the attribute
+
+
+class Spooled(NamedTuple):
+    """A cloud in columns: "positions" (n, 3) float32, and perhaps "normals", "colors" and "attribute.0" and so on.
+
+    Attributes
+    ----------
+    rows : int
+        n, all of them finite.
+    origin : (3,) float64
+        World coordinates = origin + positions.
+    survey : Survey
+    attributes : list of str
+        Names, in the order of the numbers of their columns.
+    normals, colors : bool
+        Whether there are (n, 3) float32, (n, 3) uint8.
+    lost : int
+        Rows of the files that are left out, because they are not finite.
+    """
+
+    rows: int
+    origin: NDArray[np.float64]
+    survey: Survey
+    attributes: list[str]
+    normals: bool
+    colors: bool
+    lost: int
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The same in values of JSON."""
+        return {**self._asdict(), "origin": self.origin.tolist(), "survey": self.survey.facts}
+
+
+def spooled_in(columns: Columns) -> Spooled | None:
+    """The cloud that has been spooled; None if none has been. ValueError if what is known of it is damaged."""
+    facts = columns.get(FACTS)
+    if facts is None:
+        return None
+    try:
+        survey, origin = Survey(**facts["survey"]), np.array(facts["origin"], np.float64)
+        return Spooled(**{**facts, "survey": survey, "origin": origin})
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{columns.folder / FACTS}.json: is damaged: {error}") from error
+
+
+def clear(columns: Columns) -> None:
+    """Remove all that spooling makes, or has left unfinished."""
+    columns.drop(FACTS)
+    for name in columns.names:
+        if name in (POSITIONS, NORMALS, COLORS) or name.startswith((RAW, ATTRIBUTE)):
+            columns.drop(name)

@@ -1,0 +1,195 @@
+"""What a part's surface is: positions and normals where they are met by rays, and supports, as in a whole model.
+
+Each function does one stage for one part, from columns of earlier stages, which other parts have written too. Numbers
+that hold for all parts come from a sample, see `points.usual`, or from all parts, as the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import Points
+from ..neighbors import distinct, take
+from ..points.normals.estimate import estimate_normals, seen_from, with_units
+from ..points.normals.jets import survey
+from ..points.normals.layers import Layers
+from ..points.normals.orientation import NEAR
+from ..points.normals.stations import eyes_of, faced, is_known
+from ..points.path import Path
+from ..points.smoothing.noise import Stretches, examined, points_per_stretch
+from ..points.smoothing.smooth import Fitting, Noise, noise_by, smooth_known
+from ..points.strays.layers import Part, merge_for_model
+from ..points.usual import Usual
+from ..splats.support import Support, find_support
+from ..survey import Survey
+from ..tree.settings import TreeSettings
+from .columns import Columns
+from .local import Local
+
+Floats = NDArray[np.float32]
+
+# Columns: of the cloud as it was given, and of what is found, stage by stage.
+POSITIONS, GIVEN = "points.positions", "points.normals"
+MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
+PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"
+PLANES = "planes.moved", "planes.normals"
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A cloud on disk, in kd order.
+
+    columns : Columns
+    total : int, how many points it has
+    origin : (3,) float64
+    survey : Survey
+    seers : dict of str to str, the columns of the attributes that tell who saw each point
+    is_seen : whether they tell it of any
+    """
+
+    columns: Columns
+    total: int
+    origin: NDArray[np.float64]
+    survey: Survey
+    seers: dict[str, str]
+    is_seen: bool
+
+    def points(self, local: Local) -> Points:
+        """Some of the points, where they are by now, with the normals that they have by now."""
+        columns = self.columns
+        positions = local.read(columns[self.latest(MERGED, POSITIONS)])
+        normals = local.read(columns[self.latest(TURNED, GIVEN)]) if GIVEN in columns else None
+        attributes = {name: local.read(columns[column]) for name, column in self.seers.items()}
+        return Points.about(self.origin, positions, normals, None, attributes, self.survey)
+
+    def latest(self, found: str, given: str) -> str:
+        """The column that a stage has found, if it is done for all parts, or what was given."""
+        return given if self.columns.get(found) is None else found
+
+
+class Surface(NamedTuple):
+    """Some points where rays meet them.
+
+    positions, normals : (n, 3) float32, unit normals
+    noise : (n,) float32, what was smoothed away; None if nothing was
+    planes : (n, 3) float32 each, positions on planes around noisy points and the planes' normals, which tell signs
+    known : (n,) bool, whose scanner is known; None: nobody's
+    mended : how many normals were lost, and of another length
+    """
+
+    positions: Floats
+    normals: Floats
+    noise: Floats | None
+    planes: tuple[Floats, Floats] | None = None
+    known: NDArray[np.bool_] | None = None
+    mended: tuple[int, int] = (0, 0)
+
+
+def path_of(positions: Floats) -> Path:
+    """The path through points that are in kd order and finite, see `along_path`."""
+    rows, ids = distinct(positions)
+    return Path(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
+
+
+def merge(cloud: Cloud, local: Local, usual: Usual) -> Floats:
+    """Positions with those of second layers moved onto one surface."""
+    points = cloud.points(local)
+    along = path_of(points.positions)
+    part = Part(cloud.total, local.rows[along.rows], usual)
+    return merge_for_model(points, along=along, part=part).positions
+
+
+def examine(cloud: Cloud, local: Local) -> Stretches:
+    """What the stretches of a part show of its noise; places are those of the whole cloud."""
+    points = cloud.points(local)
+    along = path_of(points.positions)
+    known = None if points.normals is None else take(_units_of(points).normals, along.rows)
+    found = examined(along.positions, known, points_per_stretch(cloud.total))
+    rows = along.rows[found.places]
+    own = np.isin(rows, local.own)
+    return Stretches(local.rows[rows[own]], found.middles[own], found.noise[own], found.spacing[own])
+
+
+def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None) -> Surface:
+    """Points with normals of their own, moved where they are noisy. stretches : of all parts; None: sigma tells"""
+    points = cloud.points(local)
+    mended = _units_of(points)
+    along = path_of(points.positions)
+    noise = _noise_along(local, along, stretches)
+    placed = smooth_known(points.with_normals(mended.normals), sigma, along=along, known_noise=noise)
+    assert placed.points.normals is not None
+    return Surface(placed.points.positions, placed.points.normals, placed.noise, mended=mended.mended)
+
+
+def survey_fits(cloud: Cloud, local: Local, usual: Usual) -> None:
+    """Find what fits to points without normals ask of the whole cloud."""
+    survey(path_of(cloud.points(local).positions).positions, usual)
+
+
+def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None, usual: Usual) -> Surface:
+    """Points without normals, moved where they are noisy; signs are those that scanners tell, or not known."""
+    points = cloud.points(local)
+    along, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
+    path, eyes = along.positions, None if eye is None else take(eye, along.rows)
+    layers = None if cloud.is_seen else Layers(path)
+    fitting = Fitting(sigma, _noise_along(local, along, stretches), usual)
+    found = fitting.fit(path, NEAR, eyes, None, layers)
+    normals, noise = along.spread(found.normals, points), None
+    if found.noise is not None:
+        noise = along.spread(found.noise, points)
+    positions = points.positions if found.positions is path else along.spread(found.positions, points)
+    planes = None
+    if layers is not None and layers.noisy:
+        planes = along.spread(layers.moved, points), along.spread(layers.planes, points)
+    return Surface(positions, normals, noise, planes, known)
+
+
+def units(cloud: Cloud, local: Local) -> Surface:
+    """Points with unit normals, which face those who saw them, where that is known."""
+    points = cloud.points(local)
+    mended, (eye, known) = _units_of(points), _eyes_of(cloud, points)
+    if eye is not None:
+        mended.normals[~faced(points.positions, mended.normals, eye)] *= -1
+    return mended._replace(known=known)
+
+
+def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bool_] | None]:
+    """Who saw each point, about the origin, (n, 3), NaN where that is not known; and where it is known."""
+    if not cloud.is_seen:
+        return None, None
+    eyes = eyes_of(points)
+    if eyes is None:
+        return None, np.zeros(len(points), np.bool_)
+    eye = seen_from(points, eyes, np.arange(len(points), dtype=np.int32))
+    return eye, is_known(eye) & (eye != points.positions).any(axis=1)
+
+
+def _noise_along(local: Local, along: Path, stretches: Stretches | None) -> Noise | None:
+    return None if stretches is None else noise_by(stretches, local.rows[along.rows])
+
+
+def _units_of(points: Points) -> Surface:
+    """The points with unit normals; where none is good they are estimated."""
+    found = with_units(points)
+    if found is None:
+        return Surface(points.positions, np.asarray(estimate_normals(points).normals), None)
+    return Surface(points.positions, found.unit, None, mended=(found.lost, found.odd))
+
+
+def support(cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, usual: Usual) -> Support:
+    """The support of points on their surface. given : (n,), their radii; None: chosen"""
+    positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.latest(FACED, NORMALS)))
+    automatic = settings.overhang < np.inf
+    return find_support(
+        positions,
+        normals,
+        given,
+        1.0,
+        borders=automatic,
+        sheets=automatic and settings.surface != "paper",
+        usual=usual,
+    )

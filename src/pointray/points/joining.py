@@ -1,0 +1,111 @@
+"""Joining: what the parts of a cloud, which are of different files, have in common: types, coordinates, stations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..survey import Survey
+from .formats._source import Chunk
+
+GREY = 128  # sRGB of points whose file has no colours, beside files that have
+NO_SCAN = -1  # the station of points whose file has none, beside files that have
+
+Column = NDArray[Any]
+
+
+class Part(NamedTuple):
+    """What is read of a file. chunks : without rows they tell the types of the columns"""
+
+    name: str
+    chunks: list[Chunk]
+    survey: Survey
+
+
+def attributes_of(parts: Sequence[Part]) -> list[str]:
+    """The names of the attributes that any part has, in the order in which they come."""
+    return list(dict.fromkeys(name for part in parts for name in part.chunks[0].attributes))
+
+
+def kind_of(name: str, columns: Sequence[Column | None]) -> tuple[np.dtype[Any], tuple[int, ...]] | None:
+    """The dtype and the shape of a row that hold the values of all chunks; None if no chunk has the column."""
+    some = [column for column in columns if column is not None]
+    if not some:
+        return None
+    shapes = {column.shape[1:] for column in some}
+    if len(shapes) > 1:
+        raise ValueError(f"the attribute {name!r} has different numbers of columns in the files")
+    return np.result_type(*(column.dtype.newbyteorder("=") for column in some)), shapes.pop()
+
+
+def missing_of(dtype: np.dtype[Any]) -> float:
+    """The value of an attribute in files that lack it."""
+    return np.nan if dtype.kind == "f" else 0
+
+
+def alike(columns: Sequence[Column | None]) -> list[Column | None]:
+    """A file's columns in one dtype: text may show only in a later chunk that its numbers are not whole."""
+    dtypes = {column.dtype for column in columns if column is not None}
+    if len(dtypes) < 2:
+        return list(columns)
+    return [None if column is None else column.astype(np.result_type(*dtypes)) for column in columns]
+
+
+# -------------------------------------------------------------------------------------------------------- surveys
+
+
+def common_survey(parts: Sequence[Part]) -> Survey:
+    """What all parts say of their coordinates; ValueError if they say different things."""
+    crs = _agreed({part.name: part.survey.crs for part in parts}, "coordinate systems")
+    unit = _agreed({part.name: part.survey.unit for part in parts}, "units")
+    stations = tuple(station for part in parts for station in part.survey.stations)
+    first = parts[0].survey
+    same = first.scale is not None and all(_same_grid(first, part.survey) for part in parts[1:])
+    return Survey(crs, unit, first.scale if same else None, first.offset if same else None, stations)
+
+
+def _agreed(said: dict[str, str | None], noun: str) -> str | None:
+    """The one value that files have, by their names; ValueError if there are two."""
+    known: dict[str, str] = {}
+    for name, value in said.items():
+        if value is not None:
+            known.setdefault(value, name)
+    if len(known) > 1:
+        (one, first), (other, second) = list(known.items())[:2]
+        raise ValueError(f"{first} and {second} have different {noun}, {one[:60]!r} and {other[:60]!r}: convert one")
+    return next(iter(known), None)
+
+
+def _same_grid(one: Survey, other: Survey) -> bool:
+    """Whether the whole numbers of one file are whole numbers of the other."""
+    if one.scale is None or one.scale != other.scale:
+        return False
+    steps = (np.array(other.offset) - np.array(one.offset)) / np.array(one.scale)
+    return bool((np.abs(steps - np.rint(steps)) < 1e-4).all())
+
+
+# --------------------------------------------------------------------------------------------------------- stations
+
+
+def first_stations(parts: Sequence[Part]) -> list[int | None] | None:
+    """The number of each part's first station, counted over all parts; None for a part without stations.
+
+    None for all where parts stay as they are read: there is one, or none has stations.
+    """
+    if len(parts) == 1 or not any(part.survey.stations for part in parts):
+        return None
+    ends = np.cumsum([len(part.survey.stations) for part in parts]).tolist()
+    return [end - len(p.survey.stations) if p.survey.stations else None for p, end in zip(parts, ends, strict=True)]
+
+
+def scans_of(own: Column | None, rows: int, first: int | None) -> NDArray[np.int32]:
+    """The station of each of some rows, counted over all parts. own : counted over the rows' part; None: its only one
+
+    first : see `first_stations`
+    """
+    if first is None:
+        return np.full(rows, NO_SCAN, np.int32)
+    return (np.asarray(0 if own is None else own, np.int64) + np.full(rows, first)).astype(np.int32)

@@ -1,0 +1,135 @@
+"""Votes: what the edges between pieces say, added up in whole numbers, so that any order gives the same sums."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import Array, borrow, i64, kernel, next_tile, run
+from .agreement import agreement
+
+Floats = NDArray[np.float32]
+Whole = NDArray[np.int64]
+Arrays: TypeAlias = tuple[Array, Array]
+
+CHUNK = 2048  # points whose edges a thread looks at at a time
+STEPS = 1 << 24  # of a full vote, about those of float32; all votes of 2^31 points with 256 edges each add up to 2^63
+
+
+class Votes(NamedTuple):
+    """What pieces say of each other; each pair of pieces comes once.
+
+    pairs : (e,) int64, ascending: 2^32 times the lower piece, and the other one
+    sums : (e,) int64, signed votes in `STEPS`, positive where the two agree
+    masses : (e,) int64, the sums of their absolute values
+    """
+
+    pairs: Whole
+    sums: Whole
+    masses: Whole
+
+
+@kernel
+def _count_votes(work: Array, near: Array, core: int, piece: Array, counts: Array) -> int:
+    """Write to counts[tile] the number of edges that leave their piece.
+
+    near : of the points from row `core` on
+    """
+    tile = next_tile(work)
+    while tile >= 0:
+        count = 0
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, near.shape[0])):
+            for q in range(1, near.shape[1]):
+                count += piece[core + i] != piece[near[i, q]]
+        counts[tile] = count
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _cast_votes(
+    work: Array, cloud: Arrays, near: Array, core: int, labels: Arrays, starts: Array, pairs: Array, votes: Array
+) -> int:
+    """List the edges between pieces as pairs of pieces, lower one first, with their signed confidence in `STEPS`.
+
+    cloud : positions, normals; labels : piece and sign of each row
+    """
+    (positions, normals), (piece, sign) = borrow(cloud), borrow(labels)
+    near = borrow(near)
+    tile = next_tile(work)
+    while tile >= 0:
+        t = starts[tile]
+        for row in range(tile * CHUNK, min((tile + 1) * CHUNK, near.shape[0])):
+            i = core + row
+            for q in range(1, near.shape[1]):
+                j = near[row, q]
+                a, b = i64(piece[i]), i64(piece[j])
+                if a != b:
+                    v = agreement(positions, normals, i, j) * (sign[i] * sign[j])
+                    pairs[t] = (min(a, b) << 32) | max(a, b)
+                    votes[t] = round(min(max(v, -1.0), 1.0) * STEPS)
+                    t += 1
+        tile = next_tile(work)
+    return 0
+
+
+def cast_votes(
+    positions: Floats,
+    normals: Floats,
+    near: NDArray[np.int32],
+    core: slice,
+    piece: NDArray[np.int32],
+    sign: NDArray[np.int8],
+) -> Votes:
+    """The votes of all edges that lead from some points to other pieces.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    normals : (n, 3) float32, unit
+    near : (m, k) int32
+        Rows of the neighbours of each point of the core, the point itself first.
+    core : slice
+        The points, m of the rows.
+    piece : (n,) int32
+        The number of each row's piece among those of the whole cloud.
+    sign : (n,) int8
+        1 or -1: the sign of each row in its piece.
+    """
+    tiles = -(-len(near) // CHUNK)
+    counts = np.zeros(tiles, np.int64)
+    run(_count_votes, tiles, near, core.start, piece, counts)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    pairs, votes = np.empty(starts[-1], np.int64), np.empty(starts[-1], np.int32)
+    run(_cast_votes, tiles, (positions, normals), near, core.start, (piece, sign), starts, pairs, votes)
+    return _add_up(pairs, votes, np.abs(votes))
+
+
+def sum_of(votes: Sequence[Votes]) -> Votes:
+    """All votes together."""
+    if len(votes) == 1:
+        return votes[0]
+    return _add_up(*(np.concatenate(arrays) for arrays in zip(*votes, strict=True)))
+
+
+def turned(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
+    """The votes between larger pieces: number and sign, (p,), say which one each piece becomes part of, and how."""
+    one, other = votes.pairs >> 32, votes.pairs & 0xFFFFFFFF
+    a, b = number[one], number[other]
+    outer = a != b
+    pairs, sums = (np.minimum(a, b) << 32) | np.maximum(a, b), votes.sums * sign[one] * sign[other]
+    return _add_up(pairs[outer], sums[outer], votes.masses[outer])
+
+
+def _add_up(pairs: Whole, sums: NDArray[Any], masses: NDArray[Any]) -> Votes:
+    """Each pair once, and the sums of its votes."""
+    order = np.argsort(pairs, kind="stable")
+    pairs = pairs[order]
+    first = np.flatnonzero(np.diff(pairs, prepend=-1))
+    if not len(first):  # `reduceat` wants one
+        return Votes(pairs, *np.zeros((2, 0), np.int64))
+    added = (np.add.reduceat(each[order], first, dtype=np.int64) for each in (sums, masses))
+    return Votes(pairs[first], *added)

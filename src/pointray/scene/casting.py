@@ -1,0 +1,88 @@
+"""Rays at a scene as it was at one moment; rays in Dask's arrays are cast when these are computed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..cluster.arrays import Form, check_chunks, chunked_like
+from ..cluster.recipe import Stage
+from ..trace.cast import PLAIN, Pace, closest_hits, occlusions
+from .blend import blend, blended_form
+from .rays import Hits, Rays, check_rays, leading_shape
+from .world import Snapshot
+
+Given = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]  # origins, directions, t_min and t_max, as callers give them
+
+
+def intersect_snapshot(
+    scene: Snapshot, shape: tuple[int, ...], rays: Rays, attributes: Sequence[str] = (), pace: Pace = PLAIN
+) -> Hits:
+    """The closest hits of checked rays, see `Scene.intersect`. shape : the leading shape"""
+    forms = {name: blended_form(scene, name) for name in attributes}
+    found = closest_hits(scene.world, shape, *rays, pace)
+    return Hits(
+        found["t"].reshape(shape),
+        found["position"].reshape(*shape, 3),
+        found["normal"].reshape(*shape, 3),
+        found["color"].reshape(*shape, 3),
+        found["point"].reshape(shape),
+        scene.numbers[found["instance"]].reshape(shape),
+        {name: blend(scene, form, found, shape, pace) for name, form in forms.items()},
+    )
+
+
+def occluded_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace = PLAIN) -> NDArray[np.bool_]:
+    """Whether checked rays meet anything, see `Scene.occluded`."""
+    return occlusions(scene.world, shape, *rays, pace).reshape(shape)
+
+
+def intersect_chunks(scene: Stage, given: Given, attributes: Sequence[str]) -> Hits:
+    """The same for arrays of Dask, see `Scene.intersect`."""
+    arrays = _check(given)
+    now = scene.snapshot()
+    blended = {name: blended_form(now, name) for name in attributes}
+    number, vector = (), (3,)
+    forms = {
+        "t": Form(np.dtype(np.float32), number),
+        "position": Form(np.dtype(np.float64), vector),
+        "normal": Form(np.dtype(np.float32), vector),
+        "color": Form(np.dtype(np.float32), vector),
+        "point": Form(np.dtype(np.int64), number),
+        "instance": Form(np.dtype(np.int32), number),
+        **{_key(name): Form(form.dtype, form.columns) for name, form in blended.items()},
+    }
+    made = chunked_like(scene, (_intersect, tuple(attributes)), arrays, forms)
+    found = {name: made.pop(_key(name)) for name in attributes}
+    return Hits(**made, attributes=found)
+
+
+def occluded_chunks(scene: Stage, given: Given) -> Any:
+    """The same for arrays of Dask, see `Scene.occluded`."""
+    return chunked_like(scene, (_occlude,), _check(given), {"occluded": Form(np.dtype(np.bool_), ())})["occluded"]
+
+
+def _check(given: Given) -> list[Any]:
+    """Checked arrays, some of which are Dask's; nothing of them is computed."""
+    arrays = check_chunks(dict(zip(("origins", "directions", "t_min", "t_max"), given, strict=True)))
+    leading_shape(*arrays)
+    return arrays
+
+
+def _key(attribute: str) -> str:
+    """What an attribute is called beside the fields of `Hits`."""
+    return f"attributes {attribute}"
+
+
+def _intersect(scene: Snapshot, names: tuple[str, ...], rays: Given, threads: int | None, check: Any) -> dict[str, Any]:
+    """The hits of a chunk."""
+    hits = vars(intersect_snapshot(scene, *check_rays(*rays), names, Pace(threads, check)))
+    return {**hits, **{_key(name): values for name, values in hits["attributes"].items()}}
+
+
+def _occlude(scene: Snapshot, rays: Given, threads: int | None, check: Any) -> dict[str, Any]:
+    """What is in the way of the rays of a chunk."""
+    return {"occluded": occluded_snapshot(scene, *check_rays(*rays), Pace(threads, check))}

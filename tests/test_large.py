@@ -1,0 +1,292 @@
+"""Clouds that do not fit into memory: models made part by part are those that are made at once."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from conftest import shared_model
+from pointray.cli import execute
+from pointray.neighbors import NeighborTree, kd_order
+from pointray.parts import prepare as prepare_module
+from pointray.parts.arrange import boxes_of
+from pointray.parts.columns import Columns
+from pointray.parts.large import Large
+from pointray.parts.local import REACH, local_of
+from pointray.parts.prepare import part_points_within, prepare
+from pointray.points.files import request_of
+from pointray.points.selection import Selection
+from pointray.tree.settings import check_settings
+from pointray.tree.stored import stored_splats
+
+SIZE = 1 << 14
+RNG = np.random.default_rng(0)
+
+
+def prepared(file, folder, size=SIZE, smooth="auto"):
+    """The model in parts of a file, made part by part."""
+    reading = request_of(), Selection(1, None, None, None, None)
+    prepare([Path(file)], reading, folder, (check_settings("apss", 4, 1, "auto"), smooth), size)
+    return pr.Model.load(folder)
+
+
+def noisy(points, share):
+    """Points with noise, in shares of their spacing, about."""
+    h = float(np.linalg.norm(np.ptp(points.positions, axis=0))) / len(points) ** 0.5
+    moved = points.positions + RNG.normal(size=points.positions.shape) * share * h
+    return points.changed(positions=moved.astype(np.float32))
+
+
+def some_signs(points):
+    """Points whose normals face either side, by chance."""
+    return points.with_normals(points.normals * RNG.choice([-1, 1], (len(points), 1)).astype(np.float32))
+
+
+def sheets():
+    """Two separate spheres, and a wavy ground that ends."""
+    rows = RNG.normal(size=(40_000, 3))
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    rows[:20_000, 0] += 3
+    ground = RNG.random((40_000, 2)) * [8, 6] - [3, 3]
+    ground = np.column_stack([ground, -1.2 + 0.1 * np.sin(3 * ground[:, 0])])
+    return pr.Points(np.concatenate([rows, ground]).astype(np.float32))
+
+
+STATUE = pr.procedural("statue", 100_000)
+CLOUDS = {
+    "with normals": STATUE,
+    "without": sheets(),
+    "noisy, with normals": noisy(STATUE, 0.2),
+    "noisy, without": noisy(sheets(), 0.2),
+    "signs by chance": some_signs(STATUE),
+    "lost normals": STATUE.with_normals(np.where(RNG.random((len(STATUE), 1)) < 0.01, 0, 2 * STATUE.normals)),
+    "with radii": STATUE.changed(attributes={"radius": np.full(len(STATUE), 0.012, np.float32)}),
+}
+
+
+SMOOTHED = "noisy, with normals", "signs by chance"  # some of these points move otherwise in their last bits
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+@pytest.mark.filterwarnings("ignore:.*normals")
+def test_parts_are_the_whole(name, tmp_path):
+    points = CLOUDS[name]
+    pr.write(tmp_path / "a.ply", points)
+    points = pr.read(tmp_path / "a.ply")
+    whole = pr.Model(points, points.attributes.get("radius"))
+    parts = prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+    assert len(parts.parts) == -(-len(points) // SIZE)
+    rows = row_of_each(parts.points.positions, points.positions)
+    splats = stored_splats(whole.tree)
+    found = np.concatenate([own(part, k, parts) for k, part in enumerate(parts.parts)])
+    for one, other in [
+        (parts.radii, whole.radii[rows]),
+        (found[:, :3], splats.positions[rows]),
+        (found[:, 3:], splats.normals[rows]),
+    ]:
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)
+        assert (one != other).mean() <= (3e-4 if name in SMOOTHED else 0.0)
+    assert parts.settings == whole.settings and parts.smooth == whole.smooth
+    np.testing.assert_array_equal(parts.bounds, whole.bounds)
+
+
+def row_of_each(positions, of):
+    """The rows at which positions, all different, stand in another order."""
+    order, other = np.lexsort(of.T), np.lexsort(positions.T)
+    rows = np.empty(len(of), np.int64)
+    rows[other] = order
+    np.testing.assert_array_equal(of[rows], positions)
+    return rows
+
+
+def own(part, k, parts):
+    """Positions and normals of a part's own splats, in the order of their rows."""
+    splats = stored_splats(part.tree)
+    mine = splats.rows // SIZE == k
+    assert mine.sum() == min(SIZE, len(parts.points) - k * SIZE)
+    return np.concatenate([splats.positions, splats.normals], axis=1)[mine]
+
+
+def test_what_a_file_says_is_kept(tmp_path):
+    points = STATUE.changed(
+        attributes={"number": np.arange(len(STATUE), dtype=np.int64), "height": STATUE.positions[:, 2]}
+    )
+    pr.write(tmp_path / "a.ply", points)
+    parts = prepared(tmp_path / "a.ply", tmp_path / "a.pointray").points
+    rows = parts.attributes["number"]
+    assert np.array_equal(np.sort(rows), np.arange(len(STATUE)))
+    for name in ("positions", "normals", "colors"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(points, name)[rows])
+    np.testing.assert_array_equal(parts.attributes["height"], points.attributes["height"][rows])
+    assert not (tmp_path / "a.pointray" / "unfinished").exists()
+
+
+@pytest.mark.parametrize("stage", ["_arrange", "_merge", "_stretches", "_place", "_support", "_write"])
+def test_an_interrupted_run_goes_on(stage, tmp_path, monkeypatch):
+    """What was done is not done again, and the files are the same but for the folder's id."""
+    pr.write(tmp_path / "a.ply", noisy(sheets(), 0.1))
+    whole = prepared(tmp_path / "a.ply", tmp_path / "whole.pointray")
+    calls, work = [], getattr(Large, stage)
+
+    def interrupted(self):
+        work(self)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Large, stage, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+    with monkeypatch.context() as patch:
+        patch.setattr(prepare_module, "spool", lambda *arguments: calls.append(arguments))
+        again = prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+    assert not calls
+    for one, other in zip(again.parts, whole.parts, strict=True):
+        for a, b in zip(one.tree, other.tree, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.long
+def test_a_run_that_is_killed_goes_on(tmp_path):
+    pr.write(tmp_path / "a.ply", sheets())
+    whole = prepared(tmp_path / "a.ply", tmp_path / "whole.pointray")
+    code = f"""
+import os, sys
+sys.path.insert(0, {os.path.dirname(__file__)!r})
+from pathlib import Path
+from pointray.parts.columns import Columns
+from test_large import prepared
+put, left = Columns.put, [int(sys.argv[1])]
+def counted(self, name, facts):
+    put(self, name, facts)
+    left[0] -= 1
+    if left[0] == 0:
+        os.kill(os.getpid(), 9)
+Columns.put = counted
+prepared({str(tmp_path / "a.ply")!r}, Path({str(tmp_path / "a.pointray")!r}))
+"""
+    kills = 0
+    while subprocess.run([sys.executable, "-c", code, "9"], capture_output=True, check=False).returncode == -9:
+        kills += 1
+    assert kills > 2
+    again = pr.Model.load(tmp_path / "a.pointray")
+    np.testing.assert_array_equal(again.points.positions, whole.points.positions)
+    for one, other in zip(again.parts, whole.parts, strict=True):
+        np.testing.assert_array_equal(one.tree.blocks, other.tree.blocks)
+
+
+def begun(tmp_path, monkeypatch):
+    """A folder with unfinished work."""
+    pr.write(tmp_path / "a.ply", STATUE)
+    with monkeypatch.context() as patch:
+        patch.setattr(Large, "build", lambda self: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+    return tmp_path / "a.pointray"
+
+
+def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
+    folder = begun(tmp_path, monkeypatch)
+    with pytest.raises(ValueError, match="holds unfinished work of other size"):
+        prepared(tmp_path / "a.ply", folder, 2 * SIZE)
+    with pytest.raises(ValueError, match="other settings"):
+        prepared(tmp_path / "a.ply", folder, smooth=0.0)
+    pr.write(tmp_path / "b.ply", STATUE)
+    with pytest.raises(ValueError, match="other files"):
+        prepared(tmp_path / "b.ply", folder)
+    with pytest.raises(ValueError, match="is unfinished"):
+        pr.Model.load(folder)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
+def test_two_writers_do_not_meet(tmp_path, monkeypatch):
+    folder = begun(tmp_path, monkeypatch)
+    with prepare_module._alone(folder / "unfinished"), pytest.raises(ValueError, match="another process prepares"):
+        prepared(tmp_path / "a.ply", folder)
+    assert len(prepared(tmp_path / "a.ply", folder).parts) == 7
+
+
+def test_a_file_that_is_no_scan_leaves_no_folder(tmp_path):
+    (tmp_path / "a.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n")
+    with pytest.raises(ValueError, match=r"a\.ply"):
+        prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+    assert not (tmp_path / "a.pointray").exists()
+
+
+def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monkeypatch):
+    pr.write(tmp_path / "a.ply", STATUE)
+    monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
+    out = tmp_path / "a.pointray"
+    assert (
+        execute(["prepare", str(tmp_path / "a.ply"), "-o", f"{out}/", "--memory", "2GiB", "--part-points", "20000"])
+        == 0
+    )
+    assert capsys.readouterr().out == f"{out}: a model of 100,000 points in 7 parts\n"
+    assert execute(["render", str(out), "-o", str(tmp_path / "a.png"), "--size", "64x48", "--light", "headlight"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--memory", "2 apples"], "--memory must be a size like 4GiB or 500MB, not '2 apples'"),
+        (["--memory", "100MB"], "parts cannot be made in 0.09 GiB of memory: 1.5 GiB are needed"),
+        (["--memory", "2GiB", "--tolerance", "0.5"], "--tolerance is for scans that fit into memory"),
+        (["--memory", "2GiB", "--drop-strays"], "--drop-strays is for scans that fit into memory"),
+    ],
+)
+def test_wrong_words_are_told(words, text, tmp_path, capsys, monkeypatch):
+    pr.write(tmp_path / "a.ply", STATUE)
+    monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
+    assert execute(["prepare", str(tmp_path / "a.ply"), "-o", f"{tmp_path / 'a.pointray'}/", *words]) == 2
+    assert text in capsys.readouterr().err
+    assert not (tmp_path / "a.pointray").exists()
+
+
+def test_memory_tells_the_size_of_parts():
+    assert part_points_within(2 << 30) == 1 << 21
+    assert part_points_within(4 << 30) == 1 << 22
+    with pytest.raises(ValueError, match="are needed"):
+        part_points_within(1 << 30)
+
+
+def test_a_margin_holds_the_neighbours(tmp_path):
+    """All that lies within a good number of spacings of a part's points."""
+    columns, points = Columns(tmp_path), pr.procedural("torus", 1 << 17)
+    order = kd_order(points.positions)
+    positions = points.positions[order]
+    columns.make("points.positions", np.float32, 3).append(positions)
+    columns.make("tiles", np.float32, 6).append(boxes_of(positions))
+    local = local_of(columns, np.arange(8, 12), len(positions))
+    np.testing.assert_array_equal(local.rows[local.own], np.arange(8 * 4096, 12 * 4096))
+    near = NeighborTree(positions, in_order=True).rows(500, slice(8 * 4096, 12 * 4096))  # some 12 spacings around
+    assert REACH > 1 and np.isin(near, local.rows).all()
+    assert len(local.rows) < len(positions) * 0.8
+
+
+def test_real_scans_by_parts(tmp_path):
+    """LAS without normals, with a coordinate system and whole numbers that float32 cannot hold."""
+    file = shared_model("raw/autzen_trim_rgb.laz")
+    whole, parts = pr.Model(pr.read(file)), prepared(file, tmp_path / "a.pointray", 1 << 16)
+    assert parts.points.survey == whole.points.survey and set(parts.points.attributes) == set(whole.points.attributes)
+    scenes = [pr.Scene(), pr.Scene()]
+    for scene, model in zip(scenes, (whole, parts), strict=True):
+        scene.add(model)
+    low, high = whole.bounds
+    start = low + RNG.random((100_000, 3)) * (high - low)
+    start[:, 2] = high[2] + 100
+    ways = np.array([0.2, 0.1, -1]) + RNG.normal(size=(100_000, 3)) * 0.2
+    one, other = (scene.intersect(start, ways) for scene in scenes)
+    differ = (one.t != other.t) & ~(np.isinf(one.t) & np.isinf(other.t))
+    assert np.isfinite(one.t).mean() > 0.5 and differ.mean() < 5e-5
+
+
+def test_facts_of_parts_are_json(tmp_path, monkeypatch):
+    folder = begun(tmp_path, monkeypatch)
+    for file in (folder / "unfinished").glob("*.json"):
+        json.loads(file.read_bytes())
+    shutil.rmtree(folder)
