@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .arguments import check_callback, check_choice, check_path, check_positive
 from .choices import SURFACES
 from .data import Points
-from .kernels.tree import NODE, WIDTH, Tree
+from .kernels.tree import Tree
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
 from .points.ready import check_model_memory, finite_rows, placed_for_model
@@ -24,7 +24,7 @@ from .splats.make import Made, Sizes, make_splats
 from .splats.radii import check_radii
 from .tree.build import build_tree
 from .tree.settings import LOOSE_TRIM, check_settings, settings_of
-from .tree.stored import stored_splats
+from .tree.stored import longest_leaf, reach_of, stored_splats
 
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
@@ -319,11 +319,10 @@ class Model:
         if self.parts:
             each = np.array([part.reach for part in self.parts])
             return np.stack([each[:, 0].min(axis=0), each[:, 1].max(axis=0)])
-        root = self.tree.boxes[:NODE].reshape(2, 3, WIDTH)
-        reach = np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
-        if (reach[0] <= reach[1]).all():
-            return reach
-        return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)  # no surface: a box without size
+        reach = reach_of(self.tree)
+        if reach is None:  # no surface: a box without size
+            return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)
+        return reach
 
     @cached_property
     def spacing(self) -> float:
@@ -337,7 +336,7 @@ class Model:
     @cached_property
     def longest(self) -> int:
         """The number of blocks in the longest leaf."""
-        return 16 * int(max(part.tree.spans[1::2].max(initial=0) for part in self.parts or (self,)))
+        return max(longest_leaf(part.tree) for part in self.parts or (self,))
 
     @property
     def nbytes(self) -> int:

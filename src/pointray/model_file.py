@@ -7,7 +7,7 @@ that a damaged one is an error.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -77,7 +77,9 @@ def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
     return Place(os.path.abspath(path), facts.st_size, facts.st_mtime_ns, index=index)
 
 
-def write_model(path: str | os.PathLike[str], levels: Sequence[Level], say: Say) -> None:
+def write_model(
+    path: str | os.PathLike[str], levels: Sequence[Level], say: Say, more: Mapping[str, Any] | None = None
+) -> None:
     """Write a file that `read_model` reads; the file gets its name when all is written.
 
     Parameters
@@ -86,13 +88,15 @@ def write_model(path: str | os.PathLike[str], levels: Sequence[Level], say: Say)
         The model, then its levels of detail.
     say : callable
         Told the share done.
+    more : dict, optional
+        What the description says besides, in a form that JSON can hold.
     """
     named = {
         f"{_prefix(k)}{name}": array for k, level in enumerate(levels) for name, array in _arrays_of(level).items()
     }
     settings = [level.settings for level in levels]
     about = {"settings": settings[0], "levels": settings[1:], "survey": levels[0].points.survey.facts}
-    write_arrays(path, KIND, about, named, say)
+    write_arrays(path, KIND, {**about, **(more or {})}, named, say)
 
 
 def _prefix(k: int) -> str:

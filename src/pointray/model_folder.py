@@ -3,8 +3,10 @@
     city.pointray/index.json             what is in the folder
     city.pointray/points.pointray        positions, normals, colours, attributes and radii, part after part
     city.pointray/part-0000.pointray     the tree over the splats of a part and those of others that reach into it
+    city.pointray/part-0000-1.pointray   a level of detail of the part, a saved model: 1 is the finest
 
-A part is an aligned stretch of the kd order. Rows are those of all points. Nothing is trusted, see `model_file`.
+A part is an aligned stretch of the kd order. Rows are those of all points, in a level's file those of its own. Nothing
+is trusted, see `model_file`.
 """
 
 from __future__ import annotations
@@ -23,12 +25,13 @@ from numpy.typing import NDArray
 from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
 from .data import Points
 from .kernels.tree import BOUNDS, LONGEST, Tree, no_tree
-from .model_file import LAYOUT, Level, check_level, points_of, survey_of, take_tree
+from .model_file import LAYOUT, SAVED, Level, check_level, points_of, survey_of, take_tree, write_model
 from .points.replacing import replacing
+from .tree.stored import longest_leaf, radii_of, reach_of
 
 INDEX, POINTS = "index.json", "points.pointray"
 UNFINISHED = "unfinished"  # the folder in it that holds what is found until all is done
-FORMAT, VERSION = "pointray parts", 1
+FORMAT, VERSION = "pointray parts", 2
 MOST = 2**31  # rows are int32 in trees
 OUTDATED = "written by another version of pointray: prepare it anew"
 POINTS_KIND = Kind("pointray points", VERSION, [], "the points of a model in parts", OUTDATED)
@@ -37,18 +40,53 @@ PART_KIND = Kind("pointray part", VERSION, LAYOUT, "a part of a model", OUTDATED
 Say = Callable[[float], None]
 
 
-class PartFile(NamedTuple):
-    """What the index says of a part.
+class LevelFile(NamedTuple):
+    """What the index says of a level of detail of a part.
 
-    name : of the file; points : how many are its own; bounds : (2, 3) of these, world
+    name : of the file; points : how many it has
+    spacing : median of their radii
+    longest : the number of blocks in the longest leaf
     nbytes, sha256 : of the file
     """
 
     name: str
     points: int
-    bounds: list[list[float]]
+    spacing: float
+    longest: int
     nbytes: int
     sha256: str
+
+
+class PartFile(NamedTuple):
+    """What the index says of a part.
+
+    name : of the file; points : how many are its own; bounds : (2, 3) of these, world
+    reach : (2, 3) about the origin, bounds of all that rays can hit; None: nothing
+    spacing : median of the radii of all splats in the file
+    longest : the number of blocks in the longest leaf
+    nbytes, sha256 : of the file
+    levels : its levels of detail, from fine to coarse
+    """
+
+    name: str
+    points: int
+    bounds: list[list[float]]
+    reach: list[list[float]] | None
+    spacing: float
+    longest: int
+    nbytes: int
+    sha256: str
+    levels: list[LevelFile]
+
+    @classmethod
+    def of(cls, facts: dict[str, Any]) -> PartFile:
+        """What `facts` told."""
+        return cls(**{**facts, "levels": [LevelFile(**level) for level in facts["levels"]]})
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """All of it, in a form that JSON can hold."""
+        return {**self._asdict(), "levels": [level._asdict() for level in self.levels]}
 
 
 class Index(NamedTuple):
@@ -114,12 +152,23 @@ def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[
     path = folder / f"part-{number:04d}.pointray"
     named = {f"tree.{name}": array for name, array in zip(Tree._fields, tree, strict=True)}
     write_arrays(path, PART_KIND, {"folder": id, "part": number}, named, lambda share: None)
-    return PartFile(path.name, points, bounds.tolist(), *digest_of(path))
+    reach = reach_of(tree)
+    box = None if reach is None else reach.tolist()
+    spacing = float(np.median(radii_of(tree))) if box else 0.0
+    return PartFile(path.name, points, bounds.tolist(), box, spacing, longest_leaf(tree), *digest_of(path), [])
+
+
+def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> LevelFile:
+    """Write the file of a part's level of detail; returns what the index says of it. number : 1 is the finest"""
+    path = folder / f"part-{part:04d}-{number}.pointray"
+    write_model(path, [level], lambda share: None, {"folder": id, "part": part, "level": number})
+    spacing = float(np.median(level.radii))
+    return LevelFile(path.name, len(level.points), spacing, longest_leaf(level.tree), *digest_of(path))
 
 
 def write_index(folder: Path, index: Index) -> None:
     """Write the index, last: without it there is no model."""
-    parts = [part._asdict() for part in index.parts]
+    parts = [part.facts for part in index.parts]
     text = json.dumps({"format": FORMAT, "version": VERSION, **index._asdict(), "parts": parts}, indent=1)
     with replacing(folder / INDEX) as file:
         file.write(text.encode())
@@ -165,7 +214,7 @@ def _read_index(folder: Path) -> Index:
             raise ValueError("not the index of a model in parts")
         if found.pop("version", None) != VERSION:
             raise ValueError(OUTDATED)
-        parts = [PartFile(**part) for part in found.pop("parts")]
+        parts = [PartFile.of(part) for part in found.pop("parts")]
         index = Index(**found, parts=parts)
         _check_index(index)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
@@ -175,20 +224,32 @@ def _read_index(folder: Path) -> Index:
 
 def _check_index(index: Index) -> None:
     """ValueError if a value of the index has another type or is out of range."""
-    names = [part.name for part in index.parts]
-    whole = [index.nbytes, *(number for part in index.parts for number in (part.points, part.nbytes))]
-    boxes = [index.bounds, *(part.bounds for part in index.parts)]
-    if not names or not all(isinstance(name, str) and Path(name).name == name for name in names):
+    files: list[PartFile | LevelFile] = [*index.parts, *(level for part in index.parts for level in part.levels)]
+    names = {file.name for file in files if isinstance(file.name, str) and file.name.endswith(SAVED)}
+    if not files or len(names) != len(files) or any(Path(name).name != name for name in names):
         raise ValueError("it names no parts, or not by files of the folder")
     if not isinstance(index.settings, dict) or not isinstance(index.survey, dict) or not isinstance(index.id, str):
         raise ValueError("its settings, survey or id are none")
-    if not all(isinstance(number, int) and number >= 0 for number in whole):
-        raise ValueError("a number of points or bytes is none")
-    if not all(np.shape(box) == (2, 3) and np.isfinite(np.array(box, np.float64)).all() for box in boxes):
+    whole = [index.nbytes, *(number for file in files for number in (file.points, file.longest, file.nbytes))]
+    if not all(isinstance(number, int) and 0 <= number < 2**63 for number in whole):
+        raise ValueError("a number of points, blocks or bytes is none")
+    boxes = [index.bounds, *(part.bounds for part in index.parts)]
+    boxes += [part.reach for part in index.parts if part.reach is not None]
+    if not all(_is_box(np.array(box, np.float64)) for box in boxes):
         raise ValueError("bounds are none")
     supports = np.array(index.supports, np.float64)
     if supports.shape != (6,) or not np.isfinite(supports).all() or not 0 <= float(index.longest) < math.inf:
         raise ValueError("bounds of supports or the longest step are no numbers")
+    for part in index.parts:
+        spacings = [float(level.spacing) for level in part.levels]
+        if not 0 <= float(part.spacing) < math.inf or not all(0 < spacing < math.inf for spacing in spacings):
+            raise ValueError("a spacing is none")
+        if spacings != sorted(spacings):
+            raise ValueError("levels of detail are not from fine to coarse")
+
+
+def _is_box(box: NDArray[np.float64]) -> bool:
+    return box.shape == (2, 3) and bool(np.isfinite(box).all() and (box[0] <= box[1]).all())
 
 
 def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32]]:

@@ -64,7 +64,7 @@ def finish(folder: Path, work: Work, cloud: Cloud, model: Described, span: Span)
         tree = tree_of(splats, plan, part, model.settings)
         here = columns[POSITIONS][work.stretch(part)]
         file = write_part(folder, id, part, len(here), bounds_about(here, cloud.origin), tree)
-        return {"file": file._asdict(), "longest": float(tree.head[LONGEST])}
+        return {"file": file.facts, "longest": float(tree.head[LONGEST])}
 
     middle = span[0] + TREES * (span[1] - span[0])
     trees = work.each("tree", grow, (span[0], middle))
@@ -76,7 +76,7 @@ def finish(folder: Path, work: Work, cloud: Cloud, model: Described, span: Span)
 
 
 def _index_of(id: str, cloud: Cloud, model: Described, plan: Plan, trees: list[Facts], sizes: tuple[int, str]) -> Index:
-    files = [PartFile(**tree["file"]) for tree in trees]
+    files = [PartFile.of(tree["file"]) for tree in trees]
     boxes, longest = np.array([file.bounds for file in files]), max(tree["longest"] for tree in trees)
     bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
     settings = {**model.settings._asdict(), "smooth": model.smooth}
