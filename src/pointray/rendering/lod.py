@@ -33,6 +33,7 @@ from .window import may_see
 # 0.0071 and 0.0086; it is 0.0070 with all points.
 FINENESS = 1.9
 SKIPPED = 2  # levels: what is so much finer is shown for one that is not open, and one so much coarser is opened first
+AROUND = 0.05  # share of a part's box: how far its surface may extend beyond its points
 FINEST = 0.25  # share of FINENESS: the limit, however many samples a pixel has
 
 
@@ -110,7 +111,9 @@ class Fitting:
 
     @cached_property
     def is_seen(self) -> NDArray[np.bool_]:
-        return may_see(*self._seen)
+        camera, boxes = self._seen
+        beyond = AROUND * (boxes[:, 3:] - boxes[:, :3])
+        return may_see(camera, np.concatenate([boxes[:, :3] - beyond, boxes[:, 3:] + beyond], axis=1))
 
     def levels(self, finest: float) -> NDArray[np.int64]:
         """The level of each that fits; parts on disk that are not seen, but may cast shadows, have coarser ones.
