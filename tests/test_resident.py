@@ -45,8 +45,9 @@ def terrain() -> pr.Points:
     )
 
 
-def give_levels(folder: Path) -> None:
-    """Give each part levels of detail, made of its own points."""
+def give_levels(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    """Give each large part levels of detail, made of its own points."""
+    patch.setattr("pointray.model.LEAST_POINTS", 100)
     index, whole = read_folder(folder)
     parts, start = [], 0
     for number, file in enumerate(index.parts):
@@ -63,7 +64,8 @@ def give_levels(folder: Path) -> None:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("resident") / "terrain.pointray"
     split(pr.Model(terrain()), folder, PART)
-    give_levels(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        give_levels(folder, patch)
     return folder
 
 
@@ -121,7 +123,8 @@ def test_a_model_is_opened_without_its_parts(folder: Path) -> None:
     assert model.longest >= 16
     assert 0 < model.spacing < 0.1
     assert model.has_levels
-    assert all(part.spacing < part.levels[0].spacing < part.levels[-1].spacing for part in model.parts)
+    assert [len(part.levels) for part in model.parts] == [3] * 6 + [0]  # the last one has few points
+    assert all(part.spacing < part.levels[0].spacing < part.levels[-1].spacing for part in model.parts[:6])
     with pytest.raises(ValueError, match=r"part-0003\.pointray"):
         _ = model.parts[3].tree
     with pytest.raises(ValueError, match=r"part-0003-1\.pointray"):
@@ -281,8 +284,7 @@ def test_the_coarsest_levels_stay(made: Path) -> None:
     for part in model.parts:
         for level in (part, *part.levels):
             _ = level.tree
-    coarsest = {key_of(number, len(part.levels)) for number, part in enumerate(model.parts)}
-    assert open_files(model) == coarsest
+    assert open_files(model) == {(number, 3) for number in range(6)}
 
 
 def test_few_files_are_open_at_once(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -470,7 +472,7 @@ def test_bytes_are_those_of_files_and_points(made: Path) -> None:
 def test_the_first_view_is_found_from_the_coarsest_levels(made: Path) -> None:
     model = pr.Model.load(made)
     found, wanted = pr.frame(model), pr.frame(terrain())
-    assert open_files(model) == {key_of(number, len(part.levels)) for number, part in enumerate(model.parts)}
+    assert open_files(model) == {(number, 3) for number in range(6)}
     assert np.allclose(found.eye, wanted.eye, atol=0.5)
     assert found.up == wanted.up
 
