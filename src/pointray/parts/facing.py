@@ -137,13 +137,13 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
         local.write(directions, found.normals)
         if known is not None and found.known is not None:
             local.write(known, found.known)
-        return {}
+        return {"mended": list(found.mended)}
 
     first, last = (span[0] + share * (span[1] - span[0]) for share in (0.2, 0.9))
-    work.each("units", put, (span[0], first))
+    facts = work.each("units", put, (span[0], first))
     Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).settle((first, last))
     out, signed = work.room(TURNED, np.float32, 3), columns[SIGNED]
     for part in range(work.parts):
         stretch = work.stretch(part)
         out.write(stretch.start, directions[stretch] * signed[stretch][:, None])
-    columns.put(TURNED, {})
+    columns.put(TURNED, {"mended": np.sum([fact["mended"] for fact in facts], axis=0).tolist()})

@@ -39,6 +39,7 @@ from .stages import (
     PLACED,
     PLANES,
     POSITIONS,
+    TURNED,
     Cloud,
     examine,
     fit,
@@ -179,7 +180,8 @@ class Large:
         self._is_noisy = any(fact["is_noisy"] for fact in facts)
         if not has_normals:
             turn_fits(work, cloud, any(fact["has_planes"] for fact in facts), (PLACED_AT, FACED_AT))
-        lost, odd = np.sum([fact["mended"] for fact in facts], axis=0).tolist()
+        mended = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
+        lost, odd = np.sum(mended, axis=0).tolist()
         for text in told(lost, odd, cloud.total):
             warnings.warn(text, stacklevel=4)
 
