@@ -18,7 +18,7 @@ from ..points.usual import Usual, sample_of
 from ..progress import Progress, part_of, tell
 from .arrange import TILE
 from .columns import Column, Columns
-from .local import Local, local_of
+from .local import Local, local_of, points_of
 
 Facts = dict[str, Any]
 Result = TypeVar("Result")
@@ -72,8 +72,14 @@ class Work:
         return column
 
     def local(self, part: int) -> Local:
-        tiles = np.arange(part * self.size, min((part + 1) * self.size, self._total), TILE) // TILE
-        return local_of(self.columns, tiles, self._total)
+        """The points of a part with its margin, which is looked for once."""
+        tiles, name = np.arange(part * self.size, self.stretch(part).stop, TILE) // TILE, f"margin-{part:04d}"
+        known = self.columns.get(name)
+        if known is not None:
+            return points_of(np.array(known["tiles"], np.int64), tiles, self._total)
+        local = local_of(self.columns, tiles, self._total)
+        self.columns.put(name, {"tiles": local.tiles.tolist()})
+        return local
 
     def surveyed(self, stage: str, look: Callable[[Local, Usual], Any]) -> Usual:
         """What a stage asks of the whole cloud, found by doing it for the sample."""
