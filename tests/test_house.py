@@ -27,10 +27,9 @@ TOWER = [
         "model_file",
         "model_folder",
         "model",
-        "parts",
         "model_cache",
     ),
-    *("shade", "image", "cluster", "scene", "baking", "rendering", "staging"),
+    *("shade", "image", "cluster", "parts", "scene", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]
 

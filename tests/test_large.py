@@ -226,7 +226,7 @@ def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
 def test_two_writers_do_not_meet(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
-    with prepare_module._alone(folder / "unfinished"), pytest.raises(ValueError, match="another process prepares"):
+    with prepare_module.alone(folder / "unfinished"), pytest.raises(ValueError, match="another process prepares"):
         prepared(tmp_path / "a.ply", folder)
     assert len(prepared(tmp_path / "a.ply", folder).parts) == 7
 

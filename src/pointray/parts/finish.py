@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,14 +15,15 @@ from ..model_folder import Index, PartFile, write_columns, write_index, write_pa
 from ..progress import tell
 from ..tree.build import Splats
 from ..tree.settings import TreeSettings
+from ..tree.top import Groups
 from .arrange import CHUNK
 from .columns import Columns
 from .stages import FACED, NOISE, NORMALS, PLACED, POSITIONS, Cloud
+from .tasks import BORDERS, RADII, SHEETS
 from .trees import Plan, bounds_about, plan_of, shown, tree_of
 from .work import Facts, Work
 
-RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
-TREES = 0.7  # share of the time
+SHOWN, TREES = 0.1, 0.7  # shares of the time
 
 Span = tuple[float, float]
 
@@ -52,27 +54,40 @@ def finish(folder: Path, work: Work, cloud: Cloud, model: Described, span: Span)
     columns, size, id = work.columns, work.size, _id(work.columns)
     if NOISE in model.optional:
         _limit_noise(columns)
-    arrays: list[Any] = [
-        *(columns[PLACED], columns[cloud.latest(FACED, NORMALS)], columns[RADII], Numbers()),
-        columns.find("points.colors"),
-        *(columns[name] if name in model.optional else None for name in (BORDERS, SHEETS, NOISE)),
-    ]
-    splats = Splats(*arrays)
-    plan = plan_of([shown(splats, size, part) for part in range(work.parts)], splats.radii, size)
-
-    def grow(part: int) -> Facts:
-        tree = tree_of(splats, plan, part, model.settings)
-        here = columns[POSITIONS][work.stretch(part)]
-        file = write_part(folder, id, part, len(here), bounds_about(here, cloud.origin), tree)
-        return {"file": file._asdict(), "longest": float(tree.head[LONGEST])}
-
-    middle = span[0] + TREES * (span[1] - span[0])
-    trees = work.each("tree", grow, (span[0], middle))
+    first, middle = (span[0] + share * (span[1] - span[0]) for share in (SHOWN, TREES))
+    shows = work.all(partial(_show, work, cloud, model), (span[0], first), "boxes")
+    plan = plan_of(shows, columns[RADII], size)
+    grow = partial(_grow, folder, id, work, cloud, model, plan)
+    trees = work.each("tree", grow, (first, middle))
     named = {name: columns.find(f"points.{name}") for name in ("positions", "normals", "colors")}
     attributes = {name: columns[column] for name, column in model.attributes.items()}
     say = work.watch((middle, span[1]))
     sizes = write_columns(folder, id, cloud.origin, named, attributes, columns[RADII], lambda share: tell(say, share))
     write_index(folder, _index_of(id, cloud, model, plan, trees, sizes))
+
+
+def _splats_of(cloud: Cloud, model: Described) -> Splats:
+    """All splats, in columns that are opened anew."""
+    columns = cloud.columns
+    arrays: list[Any] = [
+        *(columns[PLACED], columns[cloud.latest(FACED, NORMALS)], columns[RADII], Numbers()),
+        columns.find("points.colors"),
+        *(columns[name] if name in model.optional else None for name in (BORDERS, SHEETS, NOISE)),
+    ]
+    return Splats(*arrays)
+
+
+def _show(work: Work, cloud: Cloud, model: Described, part: int) -> tuple[Groups, NDArray[np.float32]]:
+    """What a part shows to the others."""
+    return shown(_splats_of(cloud, model), work.size, part)
+
+
+def _grow(folder: Path, id: str, work: Work, cloud: Cloud, model: Described, plan: Plan, part: int) -> Facts:
+    """Write the file of a part with its tree."""
+    tree = tree_of(_splats_of(cloud, model), plan, part, model.settings)
+    here = work.columns[POSITIONS][work.stretch(part)]
+    file = write_part(folder, id, part, len(here), bounds_about(here, cloud.origin), tree)
+    return {"file": file._asdict(), "longest": float(tree.head[LONGEST])}
 
 
 def _index_of(id: str, cloud: Cloud, model: Described, plan: Plan, trees: list[Facts], sizes: tuple[int, str]) -> Index:

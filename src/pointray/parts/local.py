@@ -39,6 +39,11 @@ class Local(NamedTuple):
         pieces = [column[run] for run in runs_of(self.rows)]
         return np.concatenate(pieces) if len(pieces) > 1 else pieces[0]
 
+    @property
+    def tiles(self) -> Rows:
+        """The tiles, ascending."""
+        return np.unique(self.rows // TILE)
+
     def write(self, column: Column, values: NDArray[Any]) -> None:
         """Write what is found of the part's own points, out of (n, ...) values."""
         start = 0
@@ -67,7 +72,11 @@ def local_of(columns: Columns, part: Rows, count: int) -> Local:
         if len(margin) <= max(MOST * len(part), LEAST) or reach < 1.0:
             break
         reach /= 2
-    tiles = np.union1d(part, margin)
+    return points_of(np.union1d(part, margin), part, count)
+
+
+def points_of(tiles: Rows, part: Rows, count: int) -> Local:
+    """The points of some tiles, of which some are the part's own."""
     rows = _rows_of(tiles, count)
     return Local(rows, np.flatnonzero(np.isin(rows // TILE, part)))
 
