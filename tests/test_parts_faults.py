@@ -24,7 +24,7 @@ from pointray.points.files import request_of
 from pointray.points.selection import Selection
 from pointray.tree.settings import check_settings
 
-SIZE = 1 << 12
+SIZE = 1 << 14  # the least there is for so few points
 
 
 def prepared(file: Path, folder: Path, smooth: str | float = "auto", surface: str = "apss") -> dict[str, bytes]:
@@ -37,7 +37,7 @@ def prepared(file: Path, folder: Path, smooth: str | float = "auto", surface: st
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("scan") / "a.ply"
-    rows = sphere_points(15_000)
+    rows = sphere_points(50_000)
     pr.write(file, pr.Points(rows, rows, colors=np.full((len(rows), 3), 99, np.uint8)))
     return file
 
