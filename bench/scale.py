@@ -1,7 +1,7 @@
 """Measure scans larger than memory: parts, pictures of them, and workers of Dask.
 
     python bench/scale.py all --folder FOLDER
-    python bench/scale.py make|prepare|view|same|cluster|faults|paper --folder FOLDER [--points 100000000]
+    python bench/scale.py make|prepare|view|same|cluster|faults|paper|docs --folder FOLDER [--points 100000000]
                           [--memory 2GiB] [--resident 1GiB] [--part-points N] [--format ply] [--without-normals]
 
 make      a city of distinct points, 40 bytes each, in tiles on disk: statues on relief ground
@@ -11,6 +11,7 @@ same      the scan whole and in 8 and 64 parts: hits, frames, bytes
 cluster   two workers of one thread beside one process of two: a film, paths, rays, `prepare`, and parts on workers
 faults    kill -9 of a worker in the middle of each
 paper     a billion points on ten machines, from the rows
+docs      the tables of docs/scale.md
 
 Stages run in the order in which they are named; `all` runs make, prepare and view with --points, then same, cluster and
 faults with a tenth of it. Rows are kept in FOLDER/scale.json, in place of earlier ones of the same stage and size. All
@@ -32,14 +33,14 @@ from pathlib import Path
 from rich.console import Console
 
 from scale_city import City
-from scale_paper import table
+from scale_paper import markdown, table
 from scale_prepare import Options, keep, make_tiles, prepare
 from scale_rows import Row
 from scale_same import same
 from scale_view import view
 
 LARGE, SMALL = ("make", "prepare", "view"), ("same", "cluster", "faults")
-STAGES = (*LARGE, *SMALL, "paper")
+STAGES = (*LARGE, *SMALL, "paper", "docs")
 LEAST = 50_000  # points
 
 
@@ -71,6 +72,8 @@ def run(stage: str, options: Options, console: Console) -> None:
     """Do a stage, keep its rows and print them."""
     if stage == "paper":
         console.print(table(options.rows()))
+    elif stage == "docs":
+        print(markdown(options.rows()))
     else:
         keep(options, stage, list(WORK[stage](options)), console)
 

@@ -13,6 +13,7 @@ from scale_rows import Row, Rows, shown
 POINTS, MACHINES = 1_000_000_000, 10
 NETWORK = 125_000_000.0  # bytes a second of each machine: a gigabit, assumed
 SIZE = 1920 * 1080  # pixels of a frame
+STAGES = "make", "prepare", "view", "same", "cluster", "faults"  # in the order of the table
 
 
 class Line(NamedTuple):
@@ -142,3 +143,26 @@ def table(rows: Rows) -> Table:
     for line in lines(rows):
         found.add_row(line.what, "-" if line.value is None else shown(line.value, line.unit), line.how)
     return found
+
+
+def markdown(rows: Rows) -> str:
+    """The tables of docs/scale.md: what is asked and what was measured, and the arithmetic."""
+    measured = [
+        [row.what, f"`{row.name}`", f"{row.points:,}", shown(row.value, row.unit), row.asked]
+        for row in sorted(rows, key=lambda row: (STAGES.index(row.name.split(".")[0]), -row.points))
+        if row.kind
+    ]
+    told = [
+        [line.what, "-" if line.value is None else shown(line.value, line.unit), line.how.replace(" @ ", " at ")]
+        for line in lines(rows)
+    ]
+    tables = (
+        (["what", "row", "points", "measured", "asked"], measured),
+        (["a billion points on ten machines", "", "how"], told),
+    )
+    return "\n\n".join(_markdown_of(head, cells) for head, cells in tables)
+
+
+def _markdown_of(head: list[str], cells: list[list[str]]) -> str:
+    rules = ["---:" if name in ("points", "measured", "asked", "") else "---" for name in head]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, rules, *cells))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,6 +44,11 @@ class Row(NamedTuple):
     def key(self) -> str:
         """What tells the row from others."""
         return f"{self.name} @ {self.points:,}"
+
+    @property
+    def asked(self) -> str:
+        """What is asked, in words; "" if nothing is."""
+        return f"at {self.kind} {shown(self.limit, self.unit)}" if self.kind else ""
 
     @property
     def is_met(self) -> bool | None:
@@ -90,7 +95,7 @@ class Rows:
         most = max((row.points for row in rows), default=0)
         return [row for row in rows if row.points == most]
 
-    def __iter__(self) -> Iterable[Row]:
+    def __iter__(self) -> Iterator[Row]:
         return iter(self._rows.values())
 
 
@@ -108,7 +113,6 @@ def table_of(title: str, rows: Iterable[Row]) -> Table:
     for name in ("row", "points", "what", "measured", "asked", ""):
         table.add_column(name, justify="right" if name in ("points", "measured", "asked") else "left")
     for row in rows:
-        asked = f"at {row.kind} {shown(row.limit, row.unit)}" if row.kind else ""
         verdict = {True: "met", False: "NOT met", None: ""}[row.is_met]
-        table.add_row(row.name, f"{row.points:,}", row.what, shown(row.value, row.unit), asked, verdict)
+        table.add_row(row.name, f"{row.points:,}", row.what, shown(row.value, row.unit), row.asked, verdict)
     return table

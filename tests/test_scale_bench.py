@@ -14,7 +14,7 @@ from rich.console import Console
 import pointray as pr
 import scale
 from scale_city import EDGE, ORIGIN, City, Sculptor, ground, make
-from scale_paper import lines
+from scale_paper import lines, markdown
 from scale_prepare import Options, asked
 from scale_rows import LEAST, MOST, Row, Rows, shown, table_of
 from scale_same import compared, part_size
@@ -215,13 +215,17 @@ def test_paper_names_the_row_of_each_number(tmp_path):
     assert found["disk of the model"].value == pytest.approx(1e11)
     how = found["prepare, place"].how
     assert "prepare.stage.place.time @ 100,000,000" in how and "cluster.prepare.throughput @ 10,000,000" in how
+    rows.put([asked(Row("prepare.peak", hundred, 2.0 * 2**30, "bytes", "memory"), MOST, 2.5 * 2**30)])
+    text = markdown(rows).splitlines()
+    assert "| memory | `prepare.peak` | 100,000,000 | 2,048 MiB | at most 2,560 MiB |" in text
+    assert {line.count("|") for line in text[:3]} == {6} and {line.count("|") for line in text[4:]} == {4}
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_stages_run_at_a_small_size(tmp_path):
     options, console = options_of(tmp_path), Console(quiet=True)
-    for stage in ("make", "prepare", "view", "same", "paper"):
+    for stage in ("make", "prepare", "view", "same", "paper", "docs"):
         scale.run(stage, options, console)
     rows = {row["name"]: row for row in json.loads((tmp_path / "scale.json").read_text())}
     assert all(np.isfinite(row["value"]) and row["points"] == 50_000 for row in rows.values())
