@@ -123,7 +123,7 @@ class Watch:
         return Watched(seconds, resident, anonymous, self._processes, max(self._disk, left), left, self._stages())
 
     def _stages(self) -> list[Stage]:
-        """A stage goes from the last mark of the one before to its own last mark."""
+        """A stage goes from the last mark of the one before to its own last mark; the shortest count to the next."""
         ends: dict[str, list[float]] = {}
         for name, at in self._marks.items():
             match = MARK.fullmatch(name)
@@ -137,6 +137,8 @@ class Watch:
         order.append((time.time(), ENDED[0], 0))
         stages, begin = [], self._begun
         for at, name, parts in order:
+            if at - begin < EVERY:  # a mark that is left beside another one
+                continue
             some = [sample for sample in self._samples if begin < sample.at <= at]
             most = [max((sample[k] for sample in some), default=0) for k in (1, 2)]
             stages.append(Stage(name, at - begin, parts, *most))
