@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..cluster.chores import Team
-from ..points.normals.checks import RUN, RUNS, agreement_share
+from ..points.normals.checks import agreement_share, sample_rows
 from ..points.normals.estimate import DISAGREE, told
 from ..points.normals.units import to_units
 from ..points.smoothing.noise import Stretches, settled
@@ -181,10 +181,7 @@ class Large:
 
     def _check_signs(self) -> None:
         """Warn of normals that look to opposite sides or inwards."""
-        columns, total = self._columns, self._cloud.total
-        rows = np.arange(total)
-        if total > RUNS * RUN:
-            rows = (np.linspace(0, total - RUN, RUNS).astype(np.int64)[:, None] + np.arange(RUN)).ravel()
+        columns, rows = self._columns, sample_rows(self._cloud.total)
         where = columns[self._cloud.latest(MERGED, POSITIONS)]
         unit, length = to_units(columns[GIVEN][rows])
         good = np.flatnonzero(length > 0)
