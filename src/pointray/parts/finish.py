@@ -87,11 +87,11 @@ def _grow(folder: Path, id: str, work: Work, cloud: Cloud, model: Described, pla
     tree = tree_of(_splats_of(cloud, model), plan, part, model.settings)
     here = work.columns[POSITIONS][work.stretch(part)]
     file = write_part(folder, id, part, len(here), bounds_about(here, cloud.origin), tree)
-    return {"file": file._asdict(), "longest": float(tree.head[LONGEST])}
+    return {"file": file.facts, "longest": float(tree.head[LONGEST])}
 
 
 def _index_of(id: str, cloud: Cloud, model: Described, plan: Plan, trees: list[Facts], sizes: tuple[int, str]) -> Index:
-    files = [PartFile(**tree["file"]) for tree in trees]
+    files = [PartFile.of(tree["file"]) for tree in trees]
     boxes, longest = np.array([file.bounds for file in files]), max(tree["longest"] for tree in trees)
     bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
     settings = {**model.settings._asdict(), "smooth": model.smooth}
