@@ -107,7 +107,7 @@ def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dic
     settings = check_settings(SURFACE, 4, 1, "auto"), AUTO
     with Progress() as progress:
         work = partial(prepare_parts, scan.files, (reading.request, selection), output, settings, size)
-        count = in_background(lambda: work(partial(progress.show, "preparing")))
+        count = in_background(lambda: work(partial(progress.show, "preparing"), options["levels"]))
     return f"{output}: a model of {count:,} points in {len(pr.Model.load(output).parts)} parts"
 
 
@@ -149,7 +149,7 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
                 except ValueError as error:
                     raise ValueError(f"{scan.name}: {error}") from error
             if options["in_parts"]:
-                write = partial(split, model, output, options["part_points"])
+                write = partial(split, model, output, options["part_points"], levels=options["levels"])
                 in_background(lambda: write(progress=lambda share: progress.show("writing", share)))
                 parts = len(pr.Model.load(output).parts)
                 return f"{output}: a model of {len(points):,} points in {parts} parts"

@@ -56,6 +56,7 @@ def prepare(
     settings: tuple[TreeSettings, str | float],
     part_points: int,
     progress: Progress | None = None,
+    levels: bool = True,
 ) -> int:
     """Write a model in parts, see `Model`; returns how many points it has.
 
@@ -68,6 +69,8 @@ def prepare(
     settings : TreeSettings, and the noise's deviation or "auto"
     part_points : int
         Of a part, at most.
+    levels : bool
+        Whether parts get levels of detail.
 
     Raises
     ------
@@ -79,9 +82,9 @@ def prepare(
     there = path.exists()
     columns = Columns(check_unfinished(path))
     size = 1 << (part_points.bit_length() - 1)
-    wanted = Wanted(settings[0], settings[1], size)
+    wanted = Wanted(settings[0], settings[1], size, levels)
     with _alone(columns.folder):
-        _check_task(columns, _task_of(files, reading, settings, size))
+        _check_task(columns, {**_task_of(files, reading, settings, size), "levels": levels})
         try:
             spooled = spooled_in(columns)
             if spooled is None:
