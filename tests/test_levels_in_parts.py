@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ SIZE = 1 << 14
 RNG = np.random.default_rng(3)
 
 
-def statue(count: int = 100_000) -> pr.Points:
+def statue(count: int = 6 * SIZE) -> pr.Points:
     """With colours, and attributes of all kinds."""
     points = pr.procedural("statue", count)
     x, y, z = points.positions.T
@@ -49,14 +49,14 @@ def statue(count: int = 100_000) -> pr.Points:
 
 def noisy() -> pr.Points:
     """Open, of several densities, with noise that is smoothed away."""
-    x, z = RNG.uniform(0, 1, (2, 90_000)) ** [[1.5], [1.0]]
+    x, z = RNG.uniform(0, 1, (2, 5 * SIZE)) ** [[1.5], [1.0]]
     positions = np.column_stack([x, 0.05 * np.sin(9 * x) + RNG.normal(0, 0.002, len(x)), z])
     return pr.Points(positions.astype(np.float32), attributes={"height": z})
 
 
 def plate() -> pr.Points:
     """Thin, so that all splats are of close sheets; a few points lie far away."""
-    x, z = RNG.uniform(0, 1, (2, 80_000))
+    x, z = RNG.uniform(0, 1, (2, 5 * SIZE))
     side = RNG.choice([-1.0, 1.0], len(x))
     positions = np.column_stack([x, 1e-4 * side, z])
     positions[:7] += [[3, 3, 9]]
@@ -98,12 +98,6 @@ def parts_of(folder: Path) -> list[dict[str, Any]]:
     return json.loads((folder / INDEX).read_text())["parts"]
 
 
-def level_of(folder: Path, number: int) -> list[pr.Model]:
-    """A level of all parts that have it."""
-    names = [part["levels"][number]["name"] for part in parts_of(folder) if number < len(part["levels"])]
-    return [pr.Model.load(folder / name) for name in names]
-
-
 def rows_of(points: pr.Points) -> np.ndarray:
     """All that is known of each point, in the order of their positions."""
     columns = [points.positions, points.normals, *([] if points.colors is None else [points.colors])]
@@ -111,15 +105,27 @@ def rows_of(points: pr.Points) -> np.ndarray:
     return np.concatenate(columns, axis=1, dtype=np.float64)
 
 
+def levels_of(whole: pr.Model, folder: Path) -> list[list[pr.Model]]:
+    """For each level of the whole the levels of parts that hold its points: of all parts, or none."""
+    files = [pr.Model.load(folder / told["name"]) for part in parts_of(folder) for told in part["levels"]]
+    known = [set(map(bytes, rows_of(level.points))) for level in whole.levels]
+    found: list[list[pr.Model]] = [[] for _ in known]
+    for model in files:
+        rows = set(map(bytes, rows_of(model.points)))
+        number = next((number for number, some in enumerate(known) if rows <= some), None)
+        assert number is not None or len(model.points) < 2 * LEAST_POINTS
+        if number is not None:
+            found[number].append(model)
+    complete = [models if len(models) == len(parts_of(folder)) else [] for models in found]
+    assert complete[0] and complete[1]
+    return complete
+
+
 def test_levels_of_parts_are_those_of_the_whole(both: tuple[pr.Model, Path]) -> None:
     whole, folder = both
-    parts = parts_of(folder)
-    assert len(parts) >= 5
-    least = min(len(part["levels"]) for part in parts[:-1])
-    assert least >= 2
-    for number in range(least):
-        models, level = level_of(folder, number), whole.levels[number]
-        if len(models) < len(parts):  # the last part has few points
+    assert len(parts_of(folder)) >= 5
+    for models, level in zip(levels_of(whole, folder), whole.levels, strict=True):
+        if not models:
             continue
         found = np.concatenate([rows_of(model.points) for model in models])
         assert np.array_equal(np.unique(found, axis=0), np.unique(rows_of(level.points), axis=0))
@@ -127,13 +133,13 @@ def test_levels_of_parts_are_those_of_the_whole(both: tuple[pr.Model, Path]) -> 
         assert {name: values.dtype for name, values in models[0].points.attributes.items()} == {
             name: values.dtype for name, values in level.points.attributes.items()
         }
-        radii = dict(zip(map(bytes, level.points.positions), level.radii, strict=True))
+        radii = dict(zip(map(bytes, rows_of(level.points)), level.radii, strict=True))
         for model in models:
-            wanted = np.array([radii[bytes(position)] for position in model.points.positions])
+            wanted = np.array([radii[bytes(row)] for row in rows_of(model.points)])
             assert (np.abs(model.radii / wanted - 1) > 1e-4).mean() < 2e-3
         assert sum(len(model.points) for model in models) < 1.5 * len(level.points)
-        heads = {model.tree.head.tobytes()[:24] for model in models}  # the lattices of all begin at one place
-        assert heads == {level.tree.head.tobytes()[:24]}
+        # The lattices of all begin at one place, and have steps of one kind.
+        assert {model.tree.head[:6].tobytes() for model in models} == {level.tree.head[:6].tobytes()}
 
 
 def test_the_index_tells_of_levels(both: tuple[pr.Model, Path]) -> None:
@@ -146,20 +152,19 @@ def test_the_index_tells_of_levels(both: tuple[pr.Model, Path]) -> None:
             assert (told["points"], told["spacing"]) == (len(model.points), model.spacing)
             reaches.append(model.reach.tolist())
         low, high = np.min([low for low, _ in reaches], axis=0), np.max([high for _, high in reaches], axis=0)
-        np.testing.assert_array_equal(part["reach"][0], np.maximum(low, whole.reach[0]))
-        np.testing.assert_array_equal(part["reach"][1], np.minimum(high, whole.reach[1]))
+        np.testing.assert_allclose(part["reach"][0], np.maximum(low, whole.reach[0]), atol=1e-6)
+        np.testing.assert_allclose(part["reach"][1], np.minimum(high, whole.reach[1]), atol=1e-6)
         spacings = [told["spacing"] for told in part["levels"]]
         assert spacings == sorted(spacings)
 
 
 def test_rays_meet_in_levels_of_parts_what_they_meet_in_those_of_the_whole(both: tuple[pr.Model, Path]) -> None:
     whole, folder = both
-    for number in range(min(len(part["levels"]) for part in parts_of(folder)[:-1])):
-        models = level_of(folder, number)
-        if len(models) < len(parts_of(folder)):
+    for models, level in zip(levels_of(whole, folder), whole.levels, strict=True):
+        if not models:
             continue
         hits = []
-        for some in ([whole.levels[number]], models):
+        for some in ([level], models):
             scene = pr.Scene()
             for model in some:
                 scene.add(model)
@@ -173,7 +178,7 @@ def test_rays_meet_in_levels_of_parts_what_they_meet_in_those_of_the_whole(both:
         assert hit.sum() > 20_000
         assert (hit != hit2).mean() < 1e-4
         seen = hit & hit2
-        apart = np.abs(t[seen] - t2[seen]) > 1e-3 * np.median(whole.levels[number].radii)
+        apart = np.abs(t[seen] - t2[seen]) > 1e-3 * np.median(level.radii)
         assert apart.mean() < 1e-3
         assert (np.abs(normal - normal2)[seen].max(axis=1) > 1e-2).mean() < 1e-3
         assert (np.abs(color - color2)[seen].max(axis=1) > 1e-2).mean() < 1e-3
@@ -181,12 +186,11 @@ def test_rays_meet_in_levels_of_parts_what_they_meet_in_those_of_the_whole(both:
 
 def test_no_part_is_shown_twice(both: tuple[pr.Model, Path]) -> None:
     """What rays can hit of the levels of two parts does not overlap but for rounding."""
-    _, folder = both
-    boxes = [model.reach for model in level_of(folder, 0)]
+    boxes = [model.reach for model in levels_of(*both)[0]]
     for k, one in enumerate(boxes):
         for other in boxes[:k]:
             size = np.minimum(one[1], other[1]) - np.maximum(one[0], other[0])
-            assert (size <= 1e-6 * np.abs(one).max()).any()
+            assert (size <= 1e-3 * (one[1] - one[0]).max()).any()
 
 
 @pytest.mark.parametrize("stop", [1, 9, 23, 40, 55])
@@ -312,7 +316,7 @@ def test_the_spaces_of_parts_share_all_space_and_hold_their_points() -> None:
     points = statue()
     model = pr.Model(points)
     splats = splats_of(model.tree, model.radii)
-    plan = plan_of([shown(splats, SIZE, part) for part in range(7)], splats.radii, SIZE)
+    plan = plan_of([shown(splats, SIZE, part) for part in range(6)], splats.radii, SIZE)
     cells = cells_of(plan)
     places = RNG.uniform(-9, 9, (5000, 3))
     inside = (places[:, None] >= cells[None, :, :3]) & (places[:, None] < cells[None, :, 3:])
@@ -322,14 +326,15 @@ def test_the_spaces_of_parts_share_all_space_and_hold_their_points() -> None:
         assert ((mine >= cell[:3] - 1e-6) & (mine <= cell[3:] + 1e-6)).all()
 
 
-def boxes() -> Iterator[np.ndarray]:
-    yield np.array([-0.5, -2, -2, 0.3, 2, 2])
-    yield np.array([-2, -2, 0.999, 2, 2, 3.0])
-    yield np.array([-9.0] * 3 + [9.0] * 3)
-    yield np.array([5.0, 5, 5, 6, 6, 6])  # there is nothing
+BOXES = [
+    np.array([-0.5, -2, -2, 0.3, 2, 2]),
+    np.array([-2, -2, 0.9, 2, 2, 3.0]),
+    np.array([-9.0] * 3 + [9.0] * 3),
+    np.array([5.0, 5, 5, 6, 6, 6]),  # there is nothing
+]
 
 
-@pytest.mark.parametrize("box", boxes(), ids=range(4))
+@pytest.mark.parametrize("box", BOXES, ids=range(4))
 def test_a_tree_within_a_box_has_the_surface_in_it_and_no_other(box: np.ndarray) -> None:
     """Also where whole stretches of the splats lie outside."""
     points = pr.procedural("sphere", 60_000)
@@ -344,7 +349,7 @@ def test_a_tree_within_a_box_has_the_surface_in_it_and_no_other(box: np.ndarray)
         assert reach is None
         return
     assert reach is not None
-    assert (reach[0] >= box[:3] - 1e-6).all() and (reach[1] <= box[3:] + 1e-6).all()
+    assert (reach[0] >= box[:3] - 1e-4).all() and (reach[1] <= box[3:] + 1e-4).all()
     np.testing.assert_array_equal(kd_order(splats.positions), np.arange(len(splats.positions)))
     assert len(stored_splats(tree).rows) <= len(splats.radii)
     scenes = [pr.Scene(), pr.Scene()]
