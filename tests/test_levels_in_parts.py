@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import slow
 from pointray.cli import execute
 from pointray.data import categories_of
 from pointray.model_folder import INDEX
@@ -58,7 +59,7 @@ def plate() -> pr.Points:
     """Thin, so that all splats are of close sheets; a few points lie far away."""
     x, z = RNG.uniform(0, 1, (2, 5 * SIZE))
     side = RNG.choice([-1.0, 1.0], len(x))
-    positions = np.column_stack([x, 1e-4 * side, z])
+    positions = np.column_stack([x, 5e-3 * side, z])
     positions[:7] += [[3, 3, 9]]
     return pr.Points(positions.astype(np.float32), np.outer(side, [0, 1, 0]))
 
@@ -69,7 +70,8 @@ CLOUDS: dict[str, Callable[[], pr.Points]] = {"statue": statue, "noisy": noisy, 
 def large(points: pr.Points, folder: Path) -> None:
     """Write a model in parts, part by part."""
     file = folder.with_suffix(".ply")
-    pr.write(file, points)
+    if not file.exists():  # another one would be another task
+        pr.write(file, points)
     reading = request_of(), Selection(1, None, None, None, None)
     prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), SIZE)
 
@@ -117,7 +119,7 @@ def levels_of(whole: pr.Model, folder: Path) -> list[list[pr.Model]]:
         if number is not None:
             found[number].append(model)
     complete = [models if len(models) == len(parts_of(folder)) else [] for models in found]
-    assert complete[0] and complete[1]
+    assert complete[0] and (complete[1] or whole.points.colors is None)
     return complete
 
 
@@ -170,7 +172,8 @@ def test_rays_meet_in_levels_of_parts_what_they_meet_in_those_of_the_whole(both:
                 scene.add(model)
             found = []
             for side in ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.1, 0.2, 1.0)):
-                camera = pr.Camera.frame(whole.bounds, side, size=(300, 300))
+                bounds = np.quantile(whole.points.world, [0.01, 0.99], axis=0)
+                camera = pr.Camera.frame(bounds, side, size=(300, 300))
                 found.append(scene.intersect(*camera.rays()))
             hits.append([np.concatenate([getattr(one, name) for one in found]) for name in ("t", "normal", "color")])
         (t, normal, color), (t2, normal2, color2) = hits
@@ -193,7 +196,7 @@ def test_no_part_is_shown_twice(both: tuple[pr.Model, Path]) -> None:
             assert (size <= 1e-3 * (one[1] - one[0]).max()).any()
 
 
-@pytest.mark.parametrize("stop", [1, 9, 23, 40, 55])
+@pytest.mark.parametrize("stop", [23, *map(slow, (1, 9, 40, 49))])
 def test_an_interrupted_run_goes_on(stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points, calls = pr.procedural("torus", 80_000), []
     for name in ("show_part", "coarsen_part", "support_part", "tree_part"):
@@ -225,6 +228,7 @@ def test_an_interrupted_run_goes_on(stop: int, tmp_path: Path, monkeypatch: pyte
                 np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.slow
 def test_memory_is_bounded_by_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No stage of the levels reads more rows at once than a part has, with its margin."""
     read, most, inside = Column.__getitem__, [0], [False]
