@@ -108,7 +108,7 @@ def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dic
         most = part_points_for(client, options["memory"])
         size = min(most, options["part_points"] or begun_points(output) or PART)
         work = partial(prepare_parts, scan.files, (reading.request, selection), output, settings, size)
-        count = in_background(lambda: work(partial(progress.show, "preparing"), client))
+        count = in_background(lambda: work(partial(progress.show, "preparing"), client, options["levels"]))
     return f"{output}: a model of {count:,} points in {len(pr.Model.load(output).parts)} parts"
 
 
@@ -152,7 +152,7 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
                 except ValueError as error:
                     raise ValueError(f"{scan.name}: {error}") from error
             if options["in_parts"]:
-                write = partial(split, model, output, options["part_points"])
+                write = partial(split, model, output, options["part_points"], levels=options["levels"])
                 in_background(lambda: write(progress=lambda share: progress.show("writing", share)))
                 parts = len(pr.Model.load(output).parts)
                 return f"{output}: a model of {len(points):,} points in {parts} parts"

@@ -56,11 +56,13 @@ class Wanted:
     """How a model is made, see `Model`.
 
     size : points of a part, a power of two
+    leveled : whether parts get levels of detail
     """
 
     settings: TreeSettings
     smooth: str | float
     size: int
+    leveled: bool = True
 
 
 class Large:
@@ -213,5 +215,5 @@ class Large:
         optional = [name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts)]
         optional += [NOISE] if self._is_noisy else []
         attributes = {name: f"points.{column}" for name, column in self._names.items()}
-        model = Described(settings, self._wanted.smooth, attributes, tuple(optional))
+        model = Described(settings, self._wanted.smooth, attributes, tuple(optional), self._wanted.leveled)
         finish(self._folder, self._work, self._cloud, model, (SUPPORTED, 1.0))
