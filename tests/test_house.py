@@ -28,10 +28,9 @@ TOWER = [
         "model_folder",
         "residence",
         "model",
-        "parts",
         "model_cache",
     ),
-    *("shade", "image", "cluster", "scene", "baking", "rendering", "staging"),
+    *("shade", "image", "cluster", "parts", "scene", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]
 
