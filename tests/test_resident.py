@@ -20,7 +20,7 @@ from pointray import residence
 from pointray.array_file import drop_pages
 from pointray.cli import execute
 from pointray.model_file import check_level
-from pointray.model_folder import read_folder, read_part, write_index, write_level, write_part
+from pointray.model_folder import INDEX, read_folder, read_part, write_index, write_level, write_part
 from pointray.parts.split import split
 from pointray.rendering.window import may_see
 from pointray.residence import Key
@@ -53,6 +53,9 @@ def give_levels(folder: Path, patch: pytest.MonkeyPatch) -> None:
     for number, file in enumerate(index.parts):
         rows = np.arange(start, start + file.points)
         start += file.points
+        if file.points < 5000:
+            parts.append(file._replace(levels=[]))
+            continue
         part = pr.Model(whole.points.select(rows), whole.radii[rows])
         part.make_levels()
         files = [write_level(folder, index.id, number, k + 1, level._kept()) for k, level in enumerate(part.levels)]
@@ -102,8 +105,8 @@ def key_of(number: int, level: int = 0) -> Key:
 
 
 def along(model: pr.Model) -> list[int]:
-    """The numbers of the parts from x = 0 to x = 8."""
-    return np.argsort([part.bounds[0, 0] for part in model.parts]).tolist()
+    """The numbers of the parts that have levels of detail, from x = 0 to x = 8."""
+    return [number for number in np.argsort([part.bounds[0, 0] for part in model.parts]).tolist() if number < 6]
 
 
 # ------------------------------------------------------------------------------------------------------ what is opened
@@ -152,25 +155,25 @@ def test_garbage_matters_where_it_is_needed(folder: Path) -> None:
     first, *_, last = along(pr.Model.load(folder))
     wanted = pr.render(scene_of(pr.Model.load(folder)), NEAR)
     spoil(folder / f"part-{last:04d}.pointray")
-    spoil(folder / f"part-{first:04d}-2.pointray")
+    spoil(folder / f"part-{first:04d}-3.pointray")
     assert np.array_equal(pr.render(scene_of(pr.Model.load(folder)), NEAR), wanted)
     scene = scene_of(pr.Model.load(folder))
     with pytest.raises(ValueError, match=rf"part-{last:04d}\.pointray"):
         pr.render(scene, NEAR, pr.Settings(levels=False))
-    with pytest.raises(ValueError, match=rf"part-{first:04d}-2\.pointray"):
+    with pytest.raises(ValueError, match=rf"part-{first:04d}-3\.pointray"):
         pr.render(scene, FAR)
     (folder / f"part-{last:04d}.pointray").unlink()
     with pytest.raises(OSError, match=rf"part-{last:04d}\.pointray"):
-        scene.intersect((7.9, 0.5, 5), DOWN)
+        scene.intersect((7.0, 0.5, 5), DOWN)
     with pytest.raises(OSError, match=rf"part-{last:04d}\.pointray"):
         pr.Model.load(folder)
 
 
 def test_the_command_line_names_a_damaged_level(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    spoil(folder / "part-0002-2.pointray")
+    spoil(folder / "part-0002-3.pointray")
     picture = folder.parent / "a.png"
     assert execute(["render", str(folder), "-o", str(picture), "--size", "40x30"]) == 2
-    assert "part-0002-2.pointray" in capsys.readouterr().err
+    assert "part-0002-3.pointray" in capsys.readouterr().err
     assert not picture.exists()
 
 
@@ -188,14 +191,11 @@ def test_sizes_are_compared_when_a_model_is_opened(folder: Path, change: Callabl
         pr.Model.load(folder)
 
 
-def told_otherwise(folder: Path, number: int, **changes: Any) -> None:
-    """Change what the index says of the finest level of a part."""
-    index, _ = read_folder(folder)
-    part = index.parts[number]
-    levels = [part.levels[0]._replace(**changes), *part.levels[1:]]
-    write_index(
-        folder, index._replace(parts=[*index.parts[:number], part._replace(levels=levels)] + index.parts[number + 1 :])
-    )
+def told_otherwise(folder: Path, **changes: Any) -> None:
+    """Change what the index says of the finest level of the first part."""
+    index = json.loads((folder / INDEX).read_text())
+    index["parts"][0]["levels"][0] |= changes
+    (folder / INDEX).write_text(json.dumps(index))
 
 
 def test_levels_are_not_trusted(folder: Path) -> None:
@@ -205,9 +205,9 @@ def test_levels_are_not_trusted(folder: Path) -> None:
 
     def written(of: pr.Model, id: str = index.id, part: int = 0, number: int = 1) -> str:
         """The message that an opened level gives, after it has been written like that."""
-        told = write_level(folder, id, part, number, of._kept())
-        (folder / told.name).rename(folder / file.name)
-        told_otherwise(folder, 0, points=told.points, spacing=told.spacing, longest=told.longest, nbytes=told.nbytes)
+        told = write_level(folder.parent, id, part, number, of._kept())
+        (folder.parent / told.name).rename(folder / file.name)
+        told_otherwise(folder, points=told.points, spacing=told.spacing, longest=told.longest, nbytes=told.nbytes)
         try:
             _ = pr.Model.load(folder).parts[0].levels[0].tree
         except ValueError as error:
@@ -230,10 +230,10 @@ def test_levels_are_not_trusted(folder: Path) -> None:
     damaged.tree = damaged.tree._replace(refs=damaged.tree.refs + 1_000_000)
     assert "a reference is no block" in written(damaged)
     assert written(level) == ""
-    told_otherwise(folder, 0, longest=16 * 1000)
+    told_otherwise(folder, longest=16 * 1000)
     with pytest.raises(ValueError, match="longest leaf"):
         _ = pr.Model.load(folder).parts[0].levels[0].tree
-    told_otherwise(folder, 0, longest=file.longest, points=file.points + 1)
+    told_otherwise(folder, longest=file.longest, points=file.points + 1)
     with pytest.raises(ValueError, match="points, not"):
         _ = pr.Model.load(folder).parts[0].levels[0].tree
 
@@ -284,7 +284,7 @@ def test_the_coarsest_levels_stay(made: Path) -> None:
     for part in model.parts:
         for level in (part, *part.levels):
             _ = level.tree
-    assert open_files(model) == {(number, 3) for number in range(6)}
+    assert open_files(model) == {*((number, 3) for number in range(6)), (6, 0)}  # which was opened last
 
 
 def test_few_files_are_open_at_once(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -365,7 +365,7 @@ def test_resident_memory_stays_within_the_budget(tmp_path: Path) -> None:
         command = [sys.executable, "-c", RSS, str(folder), str(budget)]
         return int(subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout)
 
-    assert total > 80 << 20
+    assert total > 70 << 20
     assert grown(2 * total) > 0.6 * total
     assert grown(10 * one) < 10 * one + (24 << 20)
 
@@ -403,7 +403,7 @@ def test_rays_open_what_they_reach_first(made: Path) -> None:
         for name in ("warmth", "class"):
             assert np.array_equal(one.attributes[name], other.attributes[name], equal_nan=True)
         assert np.array_equal(fresh.occluded(*rays), other.instance >= 0)
-    assert 30 < np.isfinite(other.t).sum() < 290
+    assert 15 < np.isfinite(other.t).sum() < 290
 
 
 def full_hits(scene: pr.Scene, rays: tuple[Any, ...]) -> pr.Hits:
@@ -420,7 +420,7 @@ def full_hits(scene: pr.Scene, rays: tuple[Any, ...]) -> pr.Hits:
 def test_placed_parts_are_reached_too(made: Path) -> None:
     model = pr.Model.load(made, memory=1)
     scene = pr.Scene()
-    transform = pr.transform(rotate=30, axis=(1, 2, 3), scale=2.0, translate=(100, 5, -3))
+    transform = pr.transform(rotate=30, axis=(1, 2, 3), scale=2.0, translate=(1, 5, -3))
     scene.add(model, transform)
     scene.add(model)
     rays = pr.Camera.frame(scene.bounds, (0.3, -1, 0.5), size=(24, 18)).rays()
@@ -569,13 +569,19 @@ def test_the_viewer_shows_coarser_levels_until_finer_ones_are_there(
     page.wait(lambda: page.frames[-1].request.camera == FAR)
     page.look(NEAR)
     page.wait(lambda: page.frames[-1].request.camera == NEAR)
+    page.wait(lambda: page.frames[-1].size == NEAR.size)
     coarse = page.frames[-1].jpeg
     event.set()
-    nearest = key_of(along(model)[0])
-    page.wait(lambda: page.frames[-1].size == NEAR.size and nearest in open_files(model))
-    pr.render(scene_of(pr.Model.load(made)), NEAR)
-    page.wait(lambda: page.frames[-1].jpeg not in (coarse, b"") and page.frames[-1].size == NEAR.size)
-    assert page.errors == []
+    ready = scene_of(pr.Model.load(made))
+    pr.render(ready, NEAR)  # opens all that the picture needs
+    other = Page(ready)
+    pages.append(other)
+    other.look(NEAR)
+    other.wait(lambda: bool(other.frames) and other.frames[-1].size == NEAR.size)
+    assert other.frames[-1].jpeg != coarse
+    page.wait(lambda: page.frames[-1].jpeg == other.frames[-1].jpeg)
+    assert open_files(ready.models[0]) <= open_files(model)
+    assert page.errors == other.errors == []
 
 
 def test_the_viewer_tells_of_a_damaged_part_and_shows_the_rest(folder: Path, pages: list[Page]) -> None:
@@ -597,7 +603,7 @@ def test_the_viewer_tells_of_a_damaged_part_and_shows_the_rest(folder: Path, pag
 
 def test_the_viewer_keeps_to_its_budget_and_comes_to_rest(made: Path, pages: list[Page]) -> None:
     index, _ = read_folder(made)
-    coarsest = sum(part.levels[-1].nbytes for part in index.parts)
+    coarsest = sum(part.levels[-1].nbytes for part in index.parts[:6])
     budget = coarsest + 2 * max(part.nbytes for part in index.parts)
     model = pr.Model.load(made, memory=budget)
     page = Page(scene_of(model), samples=16)

@@ -62,7 +62,8 @@ class _Waiting:
 
     def take(self, t: NDArray[Any]) -> bool:
         """Open the nearest part that each ray enters before it hits something at t; False if there is none."""
-        before = np.where(self._is_open[:, None] | (self._entry > t + MARGIN * np.abs(t)), np.inf, self._entry)
+        until = t * (1.0 + MARGIN * np.sign(t))
+        before = np.where(self._is_open[:, None] | (self._entry > until), np.inf, self._entry)
         entered = np.isfinite(before.min(axis=0, initial=np.inf))
         self._is_open[before[:, entered].argmin(axis=0)] = True
         return bool(entered.any())
