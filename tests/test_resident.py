@@ -207,7 +207,7 @@ def test_levels_are_not_trusted(folder: Path) -> None:
         """The message that an opened level gives, after it has been written like that."""
         told = write_level(folder.parent, id, part, number, of._kept())
         (folder.parent / told.name).rename(folder / file.name)
-        told_otherwise(folder, points=told.points, spacing=told.spacing, longest=told.longest, nbytes=told.nbytes)
+        told_otherwise(folder, points=told.points, longest=told.longest, nbytes=told.nbytes)
         try:
             _ = pr.Model.load(folder).parts[0].levels[0].tree
         except ValueError as error:
