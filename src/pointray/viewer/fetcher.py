@@ -109,13 +109,16 @@ class Fetcher:
 
 
 def _fitting(models: list[Model]) -> Iterator[Model]:
-    """Those of some parts and levels of detail that fit into their models' budgets, in their order."""
+    """Those of some parts and levels of detail that fit into their models' budgets, see `Fetch.want`."""
     left: dict[int, int] = {}
+    finest: dict[tuple[int, int], int] = {}  # of what fits, by model and part
     for model in models:
         source = model.source
         if source is None:
             continue
-        room = left.setdefault(id(source.residence), source.residence.room)
-        if source.is_kept or source.file.nbytes <= room:
-            left[id(source.residence)] -= 0 if source.is_kept else source.file.nbytes
+        owner, (part, level) = id(source.residence), source.key
+        room = left.setdefault(owner, source.residence.room)
+        size = 0 if source.is_kept else source.file.nbytes
+        if size <= room and level <= finest.get((owner, part), level):
+            left[owner], finest[owner, part] = room - size, level
             yield model
