@@ -41,10 +41,10 @@ class Fetcher:
 
     def want(self, models: list[Model]) -> None:
         """See `Fetch.want`."""
-        fitting = list(_fitting(models))
-        for model in fitting:
+        fitting = list(_fitting([model for model in models if model not in self._failed]))
+        for model in reversed(fitting):  # what is wanted is not let go, the first of it last of all
             if model.source is not None:
-                model.source.find()  # what is wanted is not let go
+                model.source.find()
         with self._changed:
             self._wanted = fitting
             if self._thread is None and self._open and self._next() is not None:
