@@ -83,9 +83,10 @@ def at_distance(
         shown[mine] = _repaint(scene.world, records, mine, wanted[fitting.shapes == k], len(family) - 1)
         records[mine, SHAPE_ROW] = first[k] + shown[mine]
     models = [level for family in families for level in family]
-    used = set(records[rows, SHAPE_ROW].astype(int).tolist())
-    if fetch is not None:
-        used = {k for k in used if (source := models[k].source) is None or source.is_open}
+    needed, records[rows, SHAPE_ROW] = np.unique(records[rows, SHAPE_ROW].astype(int), return_inverse=True)
+    models = [models[k] for k in needed]
+    sources = [model.source for model in models]
+    used = {k for k, source in enumerate(sources) if fetch is None or source is None or source.is_open}
     return world_showing(scene.world, records, models, used, scene.painting), shown
 
 
