@@ -68,7 +68,7 @@ class Fetcher:
     def close(self) -> None:
         """Open nothing more, and forget what was wanted."""
         with self._changed:
-            self._open, self._wanted = False, []
+            self._open, self._wanted, self._failed = False, [], set()
             self._changed.notify_all()
 
     @property
