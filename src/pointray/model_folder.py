@@ -15,7 +15,8 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,8 +25,19 @@ from numpy.typing import NDArray
 
 from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
 from .data import Points
-from .kernels.tree import BOUNDS, LONGEST, Tree, no_tree
-from .model_file import LAYOUT, SAVED, Level, check_level, points_of, survey_of, take_tree, write_model
+from .kernels.tree import BOUNDS, HEAD, LONGEST, Tree, no_tree
+from .model_file import (
+    LAYOUT,
+    SAVED,
+    Level,
+    check_columns,
+    check_level,
+    points_of,
+    read_model,
+    survey_of,
+    take_tree,
+    write_model,
+)
 from .points.replacing import replacing
 from .tree.stored import longest_leaf, radii_of, reach_of
 
@@ -111,12 +123,10 @@ class Index(NamedTuple):
     sha256: str
     parts: list[PartFile]
 
-
-class Folder(NamedTuple):
-    """A model in parts: the whole, whose tree is empty, and its parts, with the points of the whole."""
-
-    whole: Level
-    parts: list[Level]
+    @property
+    def files(self) -> list[PartFile | LevelFile]:
+        """All parts, and all their levels of detail."""
+        return [*self.parts, *(level for part in self.parts for level in part.levels)]
 
 
 def digest_of(path: Path) -> tuple[int, str]:
@@ -174,8 +184,10 @@ def write_index(folder: Path, index: Index) -> None:
         file.write(text.encode())
 
 
-def read_folder(path: str | os.PathLike[str]) -> Folder:
-    """The model in a folder, mapped.
+def read_folder(path: str | os.PathLike[str]) -> tuple[Index, Level]:
+    """The index of a model in parts, and the whole, whose points are mapped and whose tree is empty.
+
+    Sizes are compared; parts and levels of detail are not opened.
 
     Raises
     ------
@@ -188,13 +200,11 @@ def read_folder(path: str | os.PathLike[str]) -> Folder:
     folder = Path(path)
     index = _read_index(folder)
     points, radii = _read_points(folder, index)
-    supports, bounds = np.array(index.supports, np.float32), np.array(index.bounds)
-    whole = Level(index.settings, points, radii, bounds, no_tree(supports))
-    parts = []
-    for number, part in enumerate(index.parts):
-        tree = _read_part(folder, index, number)
-        parts.append(Level(index.settings, points, radii, np.array(part.bounds), tree))
-    return Folder(whole, parts)
+    for file in index.files:
+        with _named(folder / file.name):
+            _check_size(folder / file.name, file.nbytes)
+    supports = np.array(index.supports, np.float32)
+    return index, Level(index.settings, points, radii, np.array(index.bounds), no_tree(supports))
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
@@ -224,7 +234,7 @@ def _read_index(folder: Path) -> Index:
 
 def _check_index(index: Index) -> None:
     """ValueError if a value of the index has another type or is out of range."""
-    files: list[PartFile | LevelFile] = [*index.parts, *(level for part in index.parts for level in part.levels)]
+    files = index.files
     names = {file.name for file in files if isinstance(file.name, str) and file.name.endswith(SAVED)}
     if not files or len(names) != len(files) or any(Path(name).name != name for name in names):
         raise ValueError("it names no parts, or not by files of the folder")
@@ -254,7 +264,7 @@ def _is_box(box: NDArray[np.float64]) -> bool:
 
 def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32]]:
     path = folder / POINTS
-    try:
+    with _named(path):
         _check_size(path, index.nbytes)
         about, found = read_arrays(path, POINTS_KIND)
         if about.get("folder") != index.id:
@@ -263,24 +273,58 @@ def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32
         radii = take_array(found, "radii", np.float32, (len(points),))
         if sum(part.points for part in index.parts) != len(points):
             raise ValueError(f"it holds {len(points):,} points, the parts others")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
     return points, radii
 
 
-def _read_part(folder: Path, index: Index, number: int) -> Tree:
-    path = folder / index.parts[number].name
-    try:
-        _check_size(path, index.parts[number].nbytes)
+def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_sound: bool = False) -> Level:
+    """A part with the points of the whole, mapped and checked, see `read_folder`.
+
+    key : the part's number, and 0; is_sound : whether the file has been checked before, and is the same
+    """
+    part = index.parts[key[0]]
+    path = folder / part.name
+    with _named(path):
+        _check_size(path, part.nbytes)
         about, found = read_arrays(path, PART_KIND)
-        if about.get("folder") != index.id or about.get("part") != number:
+        if about.get("folder") != index.id or about.get("part") != key[0]:
             raise ValueError("it is another part, or of another folder")
         tree = take_tree(found)
-        tree.head[BOUNDS : BOUNDS + 6], tree.head[LONGEST] = index.supports, index.longest
-        check_level(tree, sum(part.points for part in index.parts))
+        if len(tree.head) == HEAD:
+            tree.head[BOUNDS : BOUNDS + 6], tree.head[LONGEST] = index.supports, index.longest
+        if not is_sound:
+            check_level(tree, len(whole.points))
+        _check_told(tree, part)
+    return Level(index.settings, whole.points, whole.radii, np.array(part.bounds), tree)
+
+
+def read_level(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_sound: bool = False) -> Level:
+    """A level of detail of a part, likewise. key : the part's number, and the level's: 1 is the finest"""
+    file = index.parts[key[0]].levels[key[1] - 1]
+    path = folder / file.name
+    with _named(path):
+        _check_size(path, file.nbytes)
+    level, *others = read_model(path, {"folder": index.id, "part": key[0], "level": key[1]}, is_sound)
+    with _named(path):
+        if others or len(level.points) != file.points:
+            raise ValueError(f"it has {len(level.points):,} points, not {file.points:,}, or levels of detail itself")
+        check_columns(level, whole)
+        _check_told(level.tree, file)
+    return level
+
+
+def _check_told(tree: Tree, file: PartFile | LevelFile) -> None:
+    """ValueError if the index says less of a tree than what kernels get memory for."""
+    if longest_leaf(tree) != file.longest:
+        raise ValueError(f"its longest leaf has {longest_leaf(tree)} blocks, not {file.longest}")
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Add a file's name to errors."""
+    try:
+        yield
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    return tree
 
 
 def _check_size(path: Path, nbytes: int) -> None:

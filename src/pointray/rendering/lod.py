@@ -18,8 +18,8 @@ from ..kernels.records import (
     TO_MODEL,
     World,
 )
-from ..kernels.tree import model_table
 from ..model import COARSER, Model
+from ..scene.shown import world_showing
 from ..scene.world import Snapshot
 from ..splats.levels import SUPPORT
 from .camera import Camera
@@ -47,7 +47,7 @@ def at_distance(scene: Snapshot, camera: Camera, spp: int) -> tuple[World, NDArr
     families = [(model, *model.levels) for model in scene.models]
     shown = np.zeros(world.instances.size // INSTANCE, np.int64)
     if all(len(family) == 1 for family in families):
-        return world, shown
+        return scene.opened().world, shown
     first = np.cumsum([0, *(len(family) for family in families)])
     levels = [level for family in families for level in family]
     instances = world.instances.reshape(-1, INSTANCE).copy()
@@ -61,8 +61,8 @@ def at_distance(scene: Snapshot, camera: Camera, spp: int) -> tuple[World, NDArr
         level = np.searchsorted(spacing, finest * pixel[mine], side="right")
         shown[rows[mine]] = _repaint(world, instances, rows[mine], level, len(spacing))
         instances[rows[mine], SHAPE_ROW] = first[k] + shown[rows[mine]]
-    table, longest = model_table([level.tree for level in levels]), max(level.longest for level in levels)
-    return world._replace(table=table, instances=instances.reshape(-1), longest=longest), shown
+    used = set(instances[rows, SHAPE_ROW].astype(int).tolist())
+    return world_showing(world, instances, levels, used, scene.painting), shown
 
 
 def is_far(model: Model, camera: Camera, spp: int) -> bool:

@@ -35,9 +35,10 @@ SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights that paths see
 
 def plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, Pass]:
     """The world as the integrator needs it, and what the kernel needs to know of all samples."""
-    world, levels = scene.world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
     if settings.levels:
         world, levels = at_distance(scene, camera, settings.most)
+    else:
+        world, levels = scene.opened().world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
     color = scene.background
     integrator = number_of(INTEGRATORS, settings.integrator)
     lit = integrator == PATH or (integrator == AO and scene.shows_sky)

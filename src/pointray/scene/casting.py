@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..cluster.arrays import Form, check_chunks, chunked_like
 from ..cluster.recipe import Stage
-from ..trace.cast import PLAIN, Pace, closest_hits, occlusions
+from ..trace.cast import PLAIN, Pace
 from .blend import blend, blended_form
 from .rays import Hits, Rays, check_rays, leading_shape
+from .reached import closest_reached, occluded_reached
 from .world import Snapshot
 
 Given = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]  # origins, directions, t_min and t_max, as callers give them
@@ -23,7 +24,7 @@ def intersect_snapshot(
 ) -> Hits:
     """The closest hits of checked rays, see `Scene.intersect`. shape : the leading shape"""
     forms = {name: blended_form(scene, name) for name in attributes}
-    found = closest_hits(scene.world, shape, *rays, pace)
+    scene, found = closest_reached(scene, shape, rays, pace)
     return Hits(
         found["t"].reshape(shape),
         found["position"].reshape(*shape, 3),
@@ -37,7 +38,7 @@ def intersect_snapshot(
 
 def occluded_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace = PLAIN) -> NDArray[np.bool_]:
     """Whether checked rays meet anything, see `Scene.occluded`."""
-    return occlusions(scene.world, shape, *rays, pace).reshape(shape)
+    return occluded_reached(scene, shape, rays, pace).reshape(shape)
 
 
 def intersect_chunks(scene: Stage, given: Given, attributes: Sequence[str]) -> Hits:
