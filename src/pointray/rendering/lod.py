@@ -31,7 +31,9 @@ FINENESS = 1.9
 FINEST = 0.25  # share of FINENESS: the limit, however many samples a pixel has
 
 
-def at_distance(scene: Snapshot, camera: Camera, spp: int) -> tuple[World, NDArray[np.int64]]:
+def at_distance(
+    scene: Snapshot, camera: Camera, spp: int, held: NDArray[np.int64] | None = None
+) -> tuple[World, NDArray[np.int64]]:
     """The scene's world with the fitting level for each instance; the world itself where no model has levels.
 
     Also returns which level each instance has, (instances,): 0 is the model itself.
@@ -42,12 +44,14 @@ def at_distance(scene: Snapshot, camera: Camera, spp: int) -> tuple[World, NDArr
     ----------
     spp : int
         Samples for each pixel: the more there are, the finer a level is.
+    held : (n,) int64, optional
+        Rows of instances: of others that lie on disk nothing is opened, and rays hit nothing. None: all.
     """
     world = scene.world
     families = [(model, *model.levels) for model in scene.models]
     shown = np.zeros(world.instances.size // INSTANCE, np.int64)
     if all(len(family) == 1 for family in families):
-        return scene.opened().world, shown
+        return scene.opened(held).world, shown
     first = np.cumsum([0, *(len(family) for family in families)])
     levels = [level for family in families for level in family]
     instances = world.instances.reshape(-1, INSTANCE).copy()
@@ -61,7 +65,7 @@ def at_distance(scene: Snapshot, camera: Camera, spp: int) -> tuple[World, NDArr
         level = np.searchsorted(spacing, finest * pixel[mine], side="right")
         shown[rows[mine]] = _repaint(world, instances, rows[mine], level, len(spacing))
         instances[rows[mine], SHAPE_ROW] = first[k] + shown[rows[mine]]
-    used = set(instances[rows, SHAPE_ROW].astype(int).tolist())
+    used = set(instances[rows if held is None else held, SHAPE_ROW].astype(int).tolist())
     return world_showing(world, instances, levels, used, scene.painting), shown
 
 

@@ -1,50 +1,68 @@
-"""A scene whose models are spread: who holds which instances, and the world of somebody who holds some of them."""
+"""Who holds which instances of a scene whose models are spread over several processes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import INSTANCE, KIND, MODEL, PLANE, SHAPE_ROW, World
-from ..kernels.tree import model_table
-from ..tree.instance_bvh import build_top
+from ..kernels.records import KIND, MODEL, SHAPE_ROW
+from .shown import instances_of
 from .world import Snapshot, reach_boxes
 
 Rows = NDArray[np.int64]
 
 
-def held_rows(scene: Snapshot) -> Rows:
-    """The rows of the instances that somebody has to hold: those of models."""
-    return np.flatnonzero(scene.world.instances.reshape(-1, INSTANCE)[:, KIND] == MODEL)
+class Shares:
+    """The instances of models, each of which one of several holders holds: stretches of about as many bytes.
 
+    A stretch of a model's parts lies together in space, so that few rays meet those of several holders.
 
-def held_world(scene: Snapshot, rows: Rows) -> World:
-    """What rays meet in some instances, whose rows stay: the models of others are not touched, and planes are left out.
-
-    Rays are cut by the scene's clips.
+    Attributes
+    ----------
+    rows : (n,) int64
+        The rows of the instances.
+    owners : (n,) int64
+        Who holds each: a number of `holders`.
+    holders : list of str
     """
-    world, instances = scene.world, scene.world.instances.reshape(-1, INSTANCE).copy()
-    away = np.setdiff1d(held_rows(scene), rows)
-    shapes, instances[rows, SHAPE_ROW] = np.unique(instances[rows, SHAPE_ROW].astype(int), return_inverse=True)
-    models = [scene.models[k] for k in shapes]
-    instances[away, KIND] = PLANE  # no ray is tried with it
-    top, top_boxes, top_children = build_top(reach_boxes(scene.world.instances, scene.models, rows), rows)
-    return world._replace(
-        table=model_table([model.tree for model in models]),
-        longest=max([model.longest for model in models], default=16),
-        instances=instances.reshape(-1),
-        planes=np.zeros(0),
-        top=top,
-        top_boxes=top_boxes,
-        top_children=top_children,
-    )
+
+    def __init__(self, scene: Snapshot, holders: Iterable[str]) -> None:
+        records = instances_of(scene.world)
+        self.rows = np.flatnonzero(records[:, KIND] == MODEL)
+        self._nbytes = np.array([scene.models[k].nbytes for k in records[self.rows, SHAPE_ROW].astype(int)], float)
+        self.holders = list(holders)
+        middles = np.cumsum(self._nbytes) - self._nbytes / 2
+        cuts = self._nbytes.sum() * np.arange(1, len(self.holders)) / max(len(self.holders), 1)
+        self.owners = np.searchsorted(cuts, middles)
+
+    def of(self, holder: str) -> Rows:
+        """The rows that somebody holds."""
+        return self.rows[self.owners == self.holders.index(holder)]
+
+    def pass_on(self, there: Iterable[str]) -> bool:
+        """Give what those held who are not there any more to others, and to those who are new; whether there were any.
+
+        Whoever holds the least gets the next one.
+        """
+        now = list(there)
+        if not now or set(self.holders) <= set(now):
+            return False
+        number = np.array([now.index(holder) if holder in now else -1 for holder in self.holders])
+        self.owners, self.holders = number[self.owners], now
+        load = np.bincount(self.owners[self.owners >= 0], self._nbytes[self.owners >= 0], len(now))
+        for k in np.flatnonzero(self.owners < 0):
+            self.owners[k] = load.argmin()
+            load[self.owners[k]] += self._nbytes[k]
+        return True
 
 
-def split_evenly(nbytes: Sequence[int], count: int) -> list[Rows]:
-    """Cut a row of things into `count` stretches of about as many bytes; some may be empty."""
-    ends = np.cumsum(nbytes, dtype=np.float64)
-    middles = ends - np.asarray(nbytes) / 2
-    owner = np.minimum((middles * count / max(ends[-1] if len(ends) else 0.0, 1.0)).astype(int), count - 1)
-    return [np.flatnonzero(owner == k) for k in range(count)]
+def boxes_of(scene: Snapshot, rows: Rows) -> NDArray[np.float64]:
+    """World boxes around all that rays can hit of instances, (n, 6).
+
+    They have no end where levels of detail may reach beyond them and no tree over the instances cuts these off.
+    """
+    if scene.world.top_children.size == 0 and any(model.levels for model in scene.models):
+        return np.tile([-np.inf] * 3 + [np.inf] * 3, (len(rows), 1))
+    return reach_boxes(scene.world.instances, scene.models, rows)
