@@ -370,6 +370,11 @@ class Model:
         return self.points.select(rows).changed(positions=positions, normals=normals), rows
 
     @property
+    def has_levels(self) -> bool:
+        """Whether it, or a part of it, has levels of detail."""
+        return bool(self.levels) or any(part.levels for part in self.parts)
+
+    @property
     def has_surface(self) -> bool:
         """Whether rays can hit it."""
         if self._source is None:

@@ -212,6 +212,17 @@ def check_folder(path: str | os.PathLike[str]) -> None:
     _read_index(Path(path))
 
 
+def verify_folder(path: str | os.PathLike[str]) -> None:
+    """ValueError if a file of a folder is not the one that its index describes, to the last byte."""
+    folder = Path(path)
+    index = _read_index(folder)
+    told = {file.name: (file.nbytes, file.sha256) for file in index.files} | {POINTS: (index.nbytes, index.sha256)}
+    for name, facts in told.items():
+        with _named(folder / name):
+            if digest_of(folder / name) != facts:
+                raise ValueError("it is not the file that the index describes: its SHA-256 is another")
+
+
 def _read_index(folder: Path) -> Index:
     path = folder / INDEX
     if not path.is_file() and (folder / UNFINISHED).is_dir():

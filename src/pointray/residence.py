@@ -114,6 +114,16 @@ class Residence(Generic[T]):
             drop_pages(tree)
         return opened.thing
 
+    @property
+    def room(self) -> int:
+        """Bytes of the budget for what can be let go again: without the coarsest levels, which stay."""
+        with self._lock:
+            return self.budget - sum(opened.nbytes for key, opened in self._open.items() if self.is_kept(key))
+
+    def is_kept(self, key: Key) -> bool:
+        """Whether a file stays open: the coarsest level of a part, which is small, and stands for all others."""
+        return key.level > 0 and key.level == len(self._index.parts[key.part].levels)
+
     def is_open(self, key: Key) -> bool:
         """Whether a file is open; that does not count as use."""
         return key in self._open
@@ -139,10 +149,10 @@ class Residence(Generic[T]):
         return Opened(thing, level.tree, file.nbytes)
 
     def _surplus(self, newest: Key) -> list[Tree]:
-        """Let what is beyond the budget go; returns its trees. The coarsest levels stay: they stand for all else."""
+        """Let what is beyond the budget go; returns its trees."""
         gone: list[Tree] = []
         total = sum(opened.nbytes for opened in self._open.values())
-        loose = [key for key in self._open if key != newest and not self._is_coarsest(key)]
+        loose = [key for key in self._open if key != newest and not self.is_kept(key)]
         for key in loose:
             if total <= self.budget and len(loose) - len(gone) < MOST_OPEN:
                 break
@@ -150,9 +160,6 @@ class Residence(Generic[T]):
             total -= opened.nbytes
             gone.append(opened.tree)
         return gone
-
-    def _is_coarsest(self, key: Key) -> bool:
-        return key.level > 0 and key.level == len(self._index.parts[key.part].levels)
 
 
 class Source(NamedTuple):
@@ -173,6 +180,11 @@ class Source(NamedTuple):
     def is_open(self) -> bool:
         """See `Residence.is_open`."""
         return self.residence.is_open(self.key)
+
+    @property
+    def is_kept(self) -> bool:
+        """See `Residence.is_kept`."""
+        return self.residence.is_kept(self.key)
 
     @property
     def file(self) -> PartFile | LevelFile:

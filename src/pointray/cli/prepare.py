@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import warnings
 from collections.abc import Sequence
 from functools import partial
@@ -56,15 +55,6 @@ def surface_of(settings: Any) -> dict[str, Any]:
     """The arguments of `Model` that repeat the surface of a saved model."""
     trim = "auto" if settings.overhang < math.inf else settings.trim if settings.trim < math.inf else None
     return {"surface": settings.surface, "samples": settings.samples, "refine": settings.refine, "trim": trim}
-
-
-def bytes_of(text: str) -> int:
-    """Parse `4GiB`, `500MB` or `2000000`: a number of bytes."""
-    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(?:([kmgt])(i?)b?)?\s*", text, re.IGNORECASE)
-    if match is None:
-        raise ValueError(f"--memory must be a size like 4GiB or 500MB, not {text!r}")
-    number, unit, binary = match.groups()
-    return int(float(number) * (1024 if binary else 1000) ** (" kmgt".index(unit.lower()) if unit else 0))
 
 
 def check_parts(output: Path, part_points: int | None) -> None:

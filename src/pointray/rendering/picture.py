@@ -26,6 +26,7 @@ from .baked import baked_frame
 from .camera import Camera
 from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
 from .integrate import BLOCK_EDGE, quick_frame, sampled_frame
+from .lod import Fetch
 from .pieces import Floats, Order, add_in_pieces
 from .plan import plan
 from .settings import Settings
@@ -156,6 +157,8 @@ class Picture:
         Those who add the samples, of the same scene.
     in_part : bool
         Only a piece of it will be made: no memory is asked for, and what is not touched takes none.
+    fetch : Fetch, optional
+        Opens what lies on disk, see `at_distance`; None: it is waited for.
 
     Attributes
     ----------
@@ -172,6 +175,7 @@ class Picture:
         in_passes: bool = False,
         crew: Crew | None = None,
         in_part: bool = False,
+        fetch: Fetch | None = None,
     ) -> None:
         self._settings, self._camera = settings, camera.record()
         self._crew, self._seen, self._background = crew, camera, background
@@ -180,7 +184,7 @@ class Picture:
         self._blocks = -(-width // BLOCK_EDGE) * -(-height // BLOCK_EDGE)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
         self._kernel = kernel_for(settings)
-        self._world, self._pass = plan(scene, camera, settings)
+        self._world, self._pass = plan(scene, camera, settings, fetch)
         if background is not None:
             self._pass = self._pass._replace(background=background)
         catchers = self._world.catchers > 0

@@ -25,7 +25,7 @@ from ..shade.environment import EnvironmentLight
 from .camera import Camera
 from .film import Window
 from .integrate import Pass
-from .lod import at_distance
+from .lod import Fetch, at_distance
 from .settings import AO, BAKED, COST, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
 
@@ -35,14 +35,18 @@ SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights that paths see
 
 
 def plan(
-    scene: Snapshot, camera: Camera, settings: Settings, held: NDArray[np.int64] | None = None
+    scene: Snapshot,
+    camera: Camera,
+    settings: Settings,
+    fetch: Fetch | None = None,
+    held: NDArray[np.int64] | None = None,
 ) -> tuple[World, Pass]:
     """The world as the integrator needs it, and what the kernel needs to know of all samples.
 
-    held : see `at_distance`
+    fetch, held : see `at_distance`
     """
-    if settings.levels:
-        world, levels = at_distance(scene, camera, settings.most, held)
+    if settings.levels or fetch is not None:
+        world, levels = at_distance(scene, camera, settings.most if settings.levels else None, fetch, held)
     else:
         world, levels = scene.opened(held).world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
     color = scene.background

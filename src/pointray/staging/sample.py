@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ..data import Points
+from ..data import Points, spread_rows
 from ..kernels.records import TO_MODEL
 from ..model import Model
 from ..scene.scene import Scene
@@ -99,11 +99,21 @@ def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:
     if isinstance(subject, Points):
         return [(subject, np.eye(4))]
     if isinstance(subject, Model):
-        return [(subject.points, np.eye(4))]
+        return [(points, np.eye(4)) for points in _standing_for(subject)]
     with subject._lock:
         shapes, records = list(subject._instances.shapes), subject._instances.records.copy()
-    placed = [(shape.points, row) for shape, row in zip(shapes, records, strict=True) if isinstance(shape, Model)]
-    return [(points, _matrix(row[TO_MODEL:], points)) for points, row in placed]
+    placed = [(shape, row) for shape, row in zip(shapes, records, strict=True) if isinstance(shape, Model)]
+    return [(points, _matrix(row[TO_MODEL:], points)) for shape, row in placed for points in _standing_for(shape)]
+
+
+def _standing_for(model: Model) -> list[Points]:
+    """The points of a model; of one in parts, which need not fit into memory, those of the coarsest levels, or some."""
+    parts = [part for part in model.parts if part.has_surface]
+    if parts and all(part.levels for part in parts):
+        return [part.levels[-1].points for part in parts]
+    if parts:
+        return [model.points.select(spread_rows(len(model.points), MOST))]
+    return [model.points]
 
 
 def _matrix(to_model: Floats, points: Points) -> Floats:

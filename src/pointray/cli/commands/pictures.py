@@ -56,6 +56,7 @@ from ..options import (
     UpOption,
     ViewOption,
     ZoomOption,
+    bytes_of,
     exposure_of,
     given,
     use_threads,
@@ -253,6 +254,10 @@ def view(
     ground: GroundOption = False,
     threads: ThreadsOption = None,
     cache: CacheOption = True,
+    memory: Annotated[
+        str | None,
+        typer.Option(help="Of a model in parts: so much of it stays open, like 1GiB [half of what is available]."),
+    ] = None,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
     from ...arguments import check_positive
@@ -268,5 +273,6 @@ def view(
     surface_options["smooth"] = smooth_of(smooth)
     check_positive(radius_scale, "--radius-scale")
     options["normals"] = normals.value
+    options["memory"] = None if memory is None else bytes_of(memory)
     shared, loader = shared_scene_of(files, reading, given(context), options, surface_options, cache)
     serve(shared, loader, host, port, open_browser)

@@ -115,7 +115,9 @@ class Travel:
     def add(self, picture: Pictured, samples: tuple[int, int]) -> None:
         """Add samples to all of a picture."""
         size = picture.image.shape[1], picture.image.shape[0]
-        pieces = [_Piece(Waves(picture, piece, some) for some in passes_of(samples)) for piece in pieces_of(size, samples)]
+        pieces = [
+            _Piece(Waves(picture, piece, some) for some in passes_of(samples)) for piece in pieces_of(size, samples)
+        ]
         self._total = len(pieces)
         pending = iter(pieces)
         self._begin(pending)
@@ -223,5 +225,5 @@ def held_world(scene: Snapshot, view: View, rows: Rows) -> World:
     if view.samples is None:
         world = scene.opened(rows).world
     else:
-        world, _ = at_distance(scene, view.camera, view.samples, rows)
+        world, _ = at_distance(scene, view.camera, view.samples, held=rows)
     return world._replace(planes=np.zeros(0))
