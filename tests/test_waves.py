@@ -10,37 +10,37 @@ import pytest
 import pointray as pr
 from clusters import ball, camera_of, scene_of
 from pointray.parts.split import split
+from pointray.rendering.picture import kernel_for
 from pointray.rendering.plan import plan
-from pointray.rendering.waves import wave
-from pointray.rendering.waves.recall import recalled_quick, recalled_sampled
+from pointray.rendering.waves.recall import recalled_for
 from pointray.rendering.waves.route import route
-from pointray.rendering.waves.wave import Pictured, Waves, answer_question, passes_of, pieces_of
-from pointray.scene.shares import held_rows, held_world, split_evenly
-from pointray.scene.world import reach_boxes
+from pointray.rendering.waves.travel import NOTHING, View, held_world
+from pointray.rendering.waves.wave import Pictured, Question, Waves, answer_question, passes_of, pieces_of
+from pointray.scene.shares import Shares, boxes_of
 
 
 def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders: int) -> tuple[Any, list[int]]:
     """A picture of models that so many hold, all in this process; and how many rays each was asked."""
     now = scene.snapshot().seen_by(camera.record())
-    world, job = plan(now, camera, settings)
-    rows = held_rows(now)
-    shares = [rows[some] for some in split_evenly([1] * len(rows), holders)]
-    worlds = [held_world(now, some) for some in shares]
-    owners = np.repeat(np.arange(holders), [len(some) for some in shares])
-    boxes = reach_boxes(world.instances, now.models, np.concatenate(shares))
+    world, job = plan(now, camera, settings, held=NOTHING)
+    names = [str(k) for k in range(holders)]
+    shares = Shares(now, names)
+    view = View(camera, settings.most if settings.levels else None)
+    worlds = [held_world(now, view, shares.of(name)) for name in names]
+    boxes = boxes_of(now, shares.rows)
     film = np.zeros((camera.size[1], camera.size[0], 8), np.float32)
     image = np.empty((camera.size[1], camera.size[0], 4), np.float32)
-    kernel = recalled_sampled if settings.integrator in ("ao", "path") else recalled_quick
+    kernel = recalled_for(kernel_for(settings))
     picture = Pictured(kernel, world, camera.record(), job, film, image, None)
     asked = [0] * holders
     for piece in pieces_of(camera.size, (0, settings.spp)):
         for samples in passes_of((0, settings.spp)):
             waves = Waves(picture, piece, samples)
             while (question := waves.ask()) is not None:
-                meets = route(question.rays, boxes, owners, holders, None)
+                meets = route(question.rays, boxes, shares.owners, holders, None)
                 for k in reversed(range(holders)):
                     some = np.flatnonzero(meets[:, k])
-                    part = wave.Question(question.rays[some], int((some < question.closest).sum()))
+                    part = Question(question.rays[some], int((some < question.closest).sum()))
                     waves.take(some, answer_question(worlds[k], part))
                     asked[k] += len(some)
     return image, asked

@@ -5,14 +5,17 @@ from __future__ import annotations
 import logging
 import queue
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from math import inf
 from typing import Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 from ..arguments import wrong
 from ..extras import require
 from ..jit import thread_count
+from ..memory import available_memory
 from .worker import version_here
 
 Client: TypeAlias = Any  # a distributed.Client, or None
@@ -69,6 +72,18 @@ def unfit(client: Any, workers: list[str]) -> dict[str, str]:
         else:
             fit.add(worker)
     return wrongs
+
+
+def memory_of(client: Any) -> float:
+    """Bytes of memory that are available to the worker with the least of it, if those of a machine share it evenly."""
+    found = client.run(available_memory, on_error="ignore")
+    hosts = Counter(map(_host, found))
+    return min((free / hosts[_host(worker)] for worker, free in found.items() if free is not None), default=inf)
+
+
+def _host(worker: str) -> str:
+    """The machine in the address of a worker."""
+    return worker.rpartition("://")[2].rpartition(":")[0]
 
 
 @contextmanager

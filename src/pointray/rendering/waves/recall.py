@@ -293,6 +293,11 @@ def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Ar
     return _sampled(work, world, camera, job, film, image)
 
 
+def recalled_for(frame: Any) -> Any:
+    """The kernel in place of one of `integrate`."""
+    return {quick_frame: recalled_quick, sampled_frame: recalled_sampled}[frame]
+
+
 def nothing_asked(units: int, first_block: int, across: int, samples: tuple[int, int]) -> Recall:
     """Before the first wave. samples : number of the first one, and of the one after the last"""
     return Recall(
