@@ -14,7 +14,8 @@ from pointray.rendering.picture import kernel_for
 from pointray.rendering.plan import plan
 from pointray.rendering.waves.recall import recalled_for
 from pointray.rendering.waves.route import route
-from pointray.rendering.waves.travel import NOTHING, View, held_world
+from pointray.rendering.waves.spread import NOTHING
+from pointray.rendering.waves.travel import View, held_world
 from pointray.rendering.waves.wave import Pictured, Question, Waves, answer_question, passes_of, pieces_of
 from pointray.scene.shares import Shares, boxes_of
 

@@ -30,9 +30,7 @@ from .noise import light_of, noise_of
 from .pieces import Floats, Order, add_in_pieces
 from .plan import plan
 from .settings import Settings
-from .waves.recall import recalled_for
-from .waves.travel import NOTHING, View, add_by_waves, check_spread
-from .waves.wave import Pictured
+from .waves.spread import NOTHING, check_spread
 
 IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel, and of each of its numbers in a film
 DENOISE_BYTES = 68  # a pixel: its light, its noisy share, colours and normals, and what Open Image Denoise takes
@@ -253,6 +251,10 @@ class Picture:
 
     def _travel(self, crew: Crew, samples: tuple[int, int], progress: Progress | None) -> None:
         """Add samples to all blocks, with workers who hold the models."""
+        from .waves.recall import recalled_for
+        from .waves.travel import View, add_by_waves
+        from .waves.wave import Pictured
+
         settings = self._settings
         fixed = self._world, self._camera, self._pass
         picture = Pictured(recalled_for(self._kernel), *fixed, self._film, self.image, settings.threads)

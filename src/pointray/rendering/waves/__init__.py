@@ -3,6 +3,7 @@
 A wave is what all samples in the works ask next: each one tile of rays. Whoever holds parts answers those rays that
 meet them, the nearest hits are joined, and the samples go on to their next question.
 
+spread : whether it is wanted, and possible
 recall : the kernels of pictures, which take hits from a table of answers; where they have none they ask, and end
 answer : the kernel of those who hold parts
 route : which rays meet what somebody holds

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_flag
 from ...cluster.crew import Crew
 from ...cluster.dispatch import Job
 from ...kernels.records import World
@@ -20,12 +19,9 @@ from ...scene.world import Snapshot
 from ...trace.cast import Pace
 from ..camera import Camera
 from ..lod import at_distance
-from ..settings import Settings
 from .route import route
 from .wave import Answer, Pictured, Question, Waves, answer_question, passes_of, pieces_of
 
-NOTHING: Rows = np.zeros(0, np.int64)  # what the process holds that asks
-WITHOUT = "baked", "cost"  # integrators that need the models at hand
 PIECES = 3  # in the works at once: while the rays of some travel, others go on here
 MOST_RAYS = 1 << 16  # of a message: 4 MiB
 WORLDS = 2  # that a holder keeps
@@ -74,18 +70,6 @@ class _Meter:
     """Counts what travels."""
 
     traffic = Traffic()
-
-
-def check_spread(spread: bool | None, client: Any, settings: Settings) -> bool | None:
-    """Whether models are spread over workers; None: as they fit. ValueError if they cannot be."""
-    if spread is None:
-        return False if settings.integrator in WITHOUT else None
-    check_flag(spread, "spread")
-    if spread and client is None:
-        raise ValueError("spread: it takes a client of Dask, whose workers hold the models")
-    if spread and settings.integrator in WITHOUT:
-        raise ValueError(f"spread: the integrator {settings.integrator!r} needs all models in one process")
-    return spread
 
 
 def traffic() -> Traffic:
