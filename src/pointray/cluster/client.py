@@ -22,6 +22,7 @@ Client: TypeAlias = Any  # a distributed.Client, or None
 
 PATIENCE = 4  # seconds for a scheduler to answer
 _FIT: WeakKeyDictionary[Any, set[str]] = WeakKeyDictionary()  # by client: workers of our version
+_SPREAD: WeakKeyDictionary[Any, bool] = WeakKeyDictionary()  # by client: whether models are spread over its workers
 WANTED = "a dask.distributed.Client, not asynchronous, or None"
 
 
@@ -72,6 +73,16 @@ def unfit(client: Any, workers: list[str]) -> dict[str, str]:
         else:
             fit.add(worker)
     return wrongs
+
+
+def prefer_spread(client: Any) -> None:
+    """From now on models in parts are spread over the workers of a client, unless a call says something else."""
+    _SPREAD[client] = True
+
+
+def is_spread_preferred(client: Any) -> bool:
+    """See `prefer_spread`."""
+    return client is not None and _SPREAD.get(client, False)
 
 
 def memory_of(client: Any) -> float:

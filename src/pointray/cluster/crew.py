@@ -16,7 +16,7 @@ from ..model import Model
 from ..model_file import Place
 from .client import check_client, memory_of, unfit
 from .dispatch import Dispatch, Job
-from .parcels import Parcel, parcels_of
+from .parcels import Parcel, check_spreadable, parcels_of
 from .recipe import Stage, write_recipe
 from .worker import Ticket, do_job
 
@@ -151,8 +151,8 @@ def taken(scene: Stage, client: Any, spread: bool | None = False) -> tuple[Any, 
     if spread is None:
         free = memory_of(client) if parted else 0
         spread = any(model.nbytes > free for model in parted)
-    if spread and any(model.place is None for model in parted):
-        raise ValueError("spread: the folder of a model in parts is gone, or has changed: load it anew")
+    for model in parted if spread else ():
+        check_spreadable(model)
     return scene.snapshot(), Crew(client, scene, spread)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import KIND, MODEL, SHAPE_ROW
+from ..kernels.records import KIND, MODEL, PLANE, SHAPE_ROW
 from .shown import instances_of
 from .world import Snapshot, reach_boxes
 
@@ -56,6 +56,14 @@ class Shares:
             self.owners[k] = load.argmin()
             load[self.owners[k]] += self._nbytes[k]
         return True
+
+
+def held_scene(scene: Snapshot, rows: Rows) -> Snapshot:
+    """A scene in which rays hit nothing of the parts that lie on disk, but of those of some rows, which are opened."""
+    away = np.setdiff1d(scene.on_disk, rows)
+    records = instances_of(scene.world).copy()
+    records[away, KIND] = PLANE  # nobody looks what it is
+    return scene._replace(world=scene.world._replace(instances=records.reshape(-1)))
 
 
 def boxes_of(scene: Snapshot, rows: Rows) -> NDArray[np.float64]:
