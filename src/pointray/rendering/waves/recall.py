@@ -12,13 +12,13 @@ trace rays are exchanged.
 from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...jit import Array, i64, inline, kernel, uncompiled
+from ...jit import Array, borrow, i64, inline, kernel, routine, uncompiled
 from ...kernels.records import World
 from ...kernels.scratch import (
     COLOR,
@@ -107,8 +107,8 @@ class Recall(NamedTuple):
 RecalledWorld: Any = namedtuple("RecalledWorld", [*World._fields, "recall"])  # type: ignore[misc]  # noqa: PYI024
 
 
-def exchanged(function: Any, others: dict[Any, Any]) -> Any:
-    """A piece of kernels that is copied, with all that it calls, where other pieces are called instead of some.
+def exchanged(functions: Sequence[Any], others: dict[Any, Any]) -> list[Any]:
+    """Pieces of kernels that are copied, with all that they call, where other pieces are called instead of some.
 
     others : by the pieces that are exchanged; what calls none of them is not copied
     """
@@ -120,10 +120,11 @@ def exchanged(function: Any, others: dict[Any, Any]) -> Any:
             names = {name: plain.__globals__.get(name) for name in plain.__code__.co_names}
             calls = {name: copy(value) for name, value in names.items() if hasattr(value, "py_func")}
             changed = any(calls[name] is not names[name] for name in calls)
-            made[piece] = inline(_with_globals(plain, calls)) if changed else piece
+            decorate = inline if piece.targetoptions.get("forceinline", True) else routine
+            made[piece] = decorate(_with_globals(plain, calls)) if changed else piece
         return made[piece]
 
-    return copy(function)
+    return [copy(function) for function in functions]
 
 
 def _with_globals(function: Callable[..., Any], others: dict[str, Any]) -> Callable[..., Any]:
@@ -151,8 +152,9 @@ def _no_instance(world: Any, offset: int, rays: int, any_hit: bool, scratch: Scr
     """Nothing is in an instance."""
 
 
-_trace_planes = exchanged(trace_tile, {begin_walk: _no_walk, through_instance: _no_instance})
-_occlude_planes = exchanged(occlude_tile, {begin_walk: _no_walk, through_instance: _no_instance})
+_trace_planes, _occlude_planes = exchanged(
+    (trace_tile, occlude_tile), {begin_walk: _no_walk, through_instance: _no_instance}
+)
 
 
 @inline
@@ -179,9 +181,10 @@ def _begin_sample(
     set_pixel_rays(camera, size, corner, sample, drawn, scratch)
 
 
-@inline
+@routine
 def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
     """Recall what the tile's rays meet, after planes; else ask."""
+    scratch, world = borrow(scratch), borrow(world)
     recall, stack = world.recall, scratch.stack
     asked = 0
     for i in range(TILE):
@@ -278,7 +281,7 @@ _RECALLED = {
     describe_tile: _recalled_colors,
     store_shading_points: _store_with_margins,
 }
-_quick, _sampled = exchanged(quick_frame, _RECALLED), exchanged(sampled_frame, _RECALLED)
+_quick, _sampled = exchanged((quick_frame, sampled_frame), _RECALLED)
 
 
 @kernel
