@@ -31,7 +31,8 @@ class Shares:
     def __init__(self, scene: Snapshot, holders: Iterable[str]) -> None:
         records = instances_of(scene.world)
         self.rows = np.flatnonzero(records[:, KIND] == MODEL)
-        self._nbytes = np.array([scene.models[k].nbytes for k in records[self.rows, SHAPE_ROW].astype(int)], float)
+        nbytes = np.array([model.nbytes for model in scene.models], float)
+        self._nbytes = nbytes[records[self.rows, SHAPE_ROW].astype(int)]
         self.holders = list(holders)
         middles = np.cumsum(self._nbytes) - self._nbytes / 2
         cuts = self._nbytes.sum() * np.arange(1, len(self.holders)) / max(len(self.holders), 1)
