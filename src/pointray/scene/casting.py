@@ -113,7 +113,8 @@ def _intersect_held(
     found = _intersect(held_scene(scene, rows), names, rays, threads, check)
     del found["attributes"]  # they are there one by one
     origins, directions = np.asarray(rays[0], np.float64), np.asarray(rays[1], np.float64)
-    return {**found, ALONG: ((found["position"] - origins) * directions).sum(axis=-1)}
+    with np.errstate(all="ignore"):
+        return {**found, ALONG: ((found["position"] - origins) * directions).sum(axis=-1)}
 
 
 def _occlude_held(scene: Snapshot, rows: Rows, rays: Given, threads: int | None, check: Any) -> dict[str, Any]:
