@@ -150,7 +150,7 @@ MARKER = """
 import pathlib, sys, time
 there = pathlib.Path(sys.argv[1]) / "unfinished"
 there.mkdir(parents=True)
-for name in ("task", "spooled", "place-0000", "place-0001", "usual-support", "tree-0000"):
+for name in ("task", "spooled", "place-0000", "place-0001", "usual-support", ".beside-1a", "tree-0000"):
     (there / f"{name}.json").write_text("{}")
     (there / f"column.{name}").write_bytes(bytes(1 << 20))
     time.sleep(0.2)
