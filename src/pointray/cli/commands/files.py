@@ -34,6 +34,7 @@ from ..options import (
     SurfaceOption,
     ThreadsOption,
     UpOption,
+    bytes_of,
     given,
     numbers,
     use_threads,
@@ -156,15 +157,16 @@ def prepare(
     memory: Annotated[
         str | None,
         typer.Option(
-            help="Of a model in parts: make it part by part if it does not fit into so much memory, like 4GiB; "
-            "an interrupted run goes on [what is available]."
+            help="Of a model in parts: make it part by part if it does not fit into so much memory of each machine, "
+            "like 4GiB; an interrupted run goes on [what is available]."
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
     threads: ThreadsOption = None,
+    cluster: ClusterOption = None,
+    workers: WorkersOption = None,
 ) -> None:
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
-    from ..prepare import bytes_of
     from ..prepare import prepare as work
 
     if estimate_normals and normals == "file":
@@ -192,6 +194,8 @@ def prepare(
         "part_points": part_points,
         "memory": None if memory is None else bytes_of(memory),
         "force": force,
+        "cluster": cluster,
+        "workers": workers,
     }
     print(work(files, reading, Path(output), options))
 
@@ -206,6 +210,9 @@ def info(
     json: Annotated[
         bool, typer.Option("--json", help="As JSON: null is what only --deep finds of so many points.")
     ] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Of a model in parts: compare the SHA-256 of all files with the index.")
+    ] = False,
 ) -> None:
     """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
     from ..facts import describe_all
@@ -213,6 +220,8 @@ def info(
 
     scan = scan_of(files, reading)
     scan.check()
+    if verify:
+        scan.verify()
     show_table(describe_all(scan, deep), json)
 
 
