@@ -18,7 +18,7 @@ from ..tree.settings import TreeSettings
 from ..tree.top import Groups
 from .arrange import CHUNK
 from .columns import Columns
-from .stages import FACED, NOISE, NORMALS, PLACED, POSITIONS, Cloud
+from .stages import NOISE, PLACED, POSITIONS, Cloud
 from .tasks import BORDERS, RADII, SHEETS
 from .trees import Plan, bounds_about, plan_of, shown, tree_of
 from .work import Facts, Work
@@ -70,7 +70,7 @@ def _splats_of(cloud: Cloud, model: Described) -> Splats:
     """All splats, in columns that are opened anew."""
     columns = cloud.columns
     arrays: list[Any] = [
-        *(columns[PLACED], columns[cloud.latest(FACED, NORMALS)], columns[RADII], Numbers()),
+        *(columns[PLACED], columns[cloud.normals], columns[RADII], Numbers()),
         columns.find("points.colors"),
         *(columns[name] if name in model.optional else None for name in (BORDERS, SHEETS, NOISE)),
     ]
