@@ -51,7 +51,11 @@ class Fetch(Protocol):
 
 
 def at_distance(
-    scene: Snapshot, camera: Camera, spp: int | None, fetch: Fetch | None = None
+    scene: Snapshot,
+    camera: Camera,
+    spp: int | None,
+    fetch: Fetch | None = None,
+    held: NDArray[np.int64] | None = None,
 ) -> tuple[World, NDArray[np.int64]]:
     """The scene's world with the fitting level for each instance; the world itself where no model has levels.
 
@@ -65,12 +69,14 @@ def at_distance(
         Samples for each pixel: the more there are, the finer a level is. None: no level is wanted.
     fetch : Fetch, optional
         Opens what lies on disk and is not open yet; until then other levels are shown. None: it is waited for.
+    held : (n,) int64, optional
+        Rows of instances: of others that lie on disk nothing is opened, and rays hit nothing. None: all.
     """
     families = [(model, *model.levels) for model in scene.models]
     shown = np.zeros(scene.world.instances.size // INSTANCE, np.int64)
     waits = fetch is None or not any(model.source for model in scene.models)
     if waits and all(len(family) == 1 for family in families):
-        return scene.opened().world, shown
+        return scene.opened(held).world, shown
     records = instances_of(scene.world).copy()
     rows = np.flatnonzero(records[:, KIND] == MODEL)
     fitting = Fitting(scene, camera, rows, families)
@@ -85,8 +91,9 @@ def at_distance(
     models = [level for family in families for level in family]
     needed, records[rows, SHAPE_ROW] = np.unique(records[rows, SHAPE_ROW].astype(int), return_inverse=True)
     models = [models[k] for k in needed]
-    sources = [model.source for model in models]
-    used = {k for k, source in enumerate(sources) if fetch is None or source is None or source.is_open}
+    used = set(records[rows if held is None else held, SHAPE_ROW].astype(int).tolist())
+    if fetch is not None:
+        used = {k for k in used if (source := models[k].source) is None or source.is_open}
     return world_showing(scene.world, records, models, used, scene.painting), shown
 
 
