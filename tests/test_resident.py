@@ -382,8 +382,13 @@ def test_rays_open_what_they_reach_first(made: Path) -> None:
     assert hit.instance == 0
     assert open_files(model) == {(0, 0)}
     assert scene.intersect((4, 0.5, 5), -DOWN).instance == -1
+    assert scene.intersect((4, 0.5, 5), DOWN, -np.inf, 1).instance == -1
     assert scene.intersect((4, 0.5, 5), (0, 0, 0)).instance == -1
     assert open_files(model) == {(0, 0)}
+    assert scene.intersect((4, 0.5, -5), DOWN, -np.inf, 0).t == pytest.approx(-5, abs=0.2)
+    assert scene.occluded((4, 0.5, -5), DOWN, -np.inf, 0)
+    model = pr.Model.load(made)
+    scene = scene_of(model)
     # Along the whole terrain, below its peaks: what it meets first hides the rest.
     ray = (-1.0, 0.05, 0.05), (1.0, 0, 0)
     pieces = scene.intersect(*ray)

@@ -59,7 +59,7 @@ class _Waiting:
         """Open the nearest part that each ray enters before it hits something at t; False if there is none."""
         until = t * (1.0 + MARGIN * np.sign(t))
         before = np.where(self._is_open[:, None] | (self._entry > until), np.inf, self._entry)
-        entered = np.isfinite(before.min(axis=0, initial=np.inf))
+        entered = before.min(axis=0, initial=np.inf) < np.inf
         self._is_open[before[:, entered].argmin(axis=0)] = True
         return bool(entered.any())
 
