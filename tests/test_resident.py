@@ -19,6 +19,8 @@ import pointray as pr
 from pointray import residence
 from pointray.array_file import drop_pages
 from pointray.cli import execute
+from pointray.cli.read_options import Reading
+from pointray.cli.serve import shared_scene_of
 from pointray.model_file import check_level
 from pointray.model_folder import INDEX, read_folder, read_part, write_index, write_level, write_part
 from pointray.parts.split import split
@@ -624,6 +626,22 @@ def test_the_viewer_keeps_to_its_budget_and_comes_to_rest(made: Path, pages: lis
     assert counts[1] == counts[2]  # nothing is drawn again and again
     assert model.resident_bytes <= budget
     assert (along(model)[0], 0) in open_files(model)  # the nearest is there
+
+
+def test_a_folder_is_viewed_with_direct_light_and_a_budget(made: Path) -> None:
+    pr.render(scene_of(pr.Model.load(made)), FAR)  # loads the kernel that a picture needs
+    options = {"settings": pr.Settings("baked"), "up": "auto", "light": None, "fill": None, "background": "auto"}
+    options |= {"ground": False, "normals": "auto", "bake": None, "quick": True, "memory": 1 << 20}
+    surface = {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
+    shared, load = shared_scene_of([made], Reading(), {}, options, surface)
+    load(shared)
+    assert shared.problem == ""
+    assert shared.settings.integrator == "phong"
+    model = shared.scene.models[0]
+    assert model._residence.budget == 1 << 20
+    assert open_files(model) == {(number, 3) for number in range(6)}
+    assert shared.build is not None
+    assert shared.scan("front").camera().size
 
 
 def test_an_ended_viewer_opens_nothing(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
