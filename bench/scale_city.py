@@ -11,7 +11,7 @@ import math
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -123,15 +123,16 @@ def ground(places: Floats) -> tuple[Floats, Floats]:
     return height, slope
 
 
+@cache
+def _template(points: int, seed: int) -> pr.Points:
+    return pr.procedural("statue", points, seed)
+
+
 class Sculptor:
-    """Makes the cells of a city. It keeps the statue's clouds."""
+    """Makes the cells of a city."""
 
     def __init__(self, city: City) -> None:
         self.city = city
-
-    @cached_property
-    def _templates(self) -> list[pr.Points]:
-        return [pr.procedural("statue", self.city.statue, seed) for seed in range(TEMPLATES)]
 
     def cell(self, cell: int) -> dict[str, NDArray[Any]]:
         """The points of a cell: positions, about the origin, normals, colors, and what they are of."""
@@ -141,7 +142,8 @@ class Sculptor:
 
     def _statue(self, cell: int) -> dict[str, NDArray[Any]]:
         rng = np.random.default_rng([1, cell])
-        cloud, scales, turn = self._templates[cell % TEMPLATES], rng.uniform(*SCALES, 3), rng.uniform(0, 2 * np.pi)
+        cloud = _template(self.city.statue, cell % TEMPLATES)
+        scales, turn = rng.uniform(*SCALES, 3), rng.uniform(0, 2 * np.pi)
         c, s = math.cos(turn), math.sin(turn)
         rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         x, y = self.city.middle_of(cell) + rng.uniform(-0.5, 0.5, 2)

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,6 +29,7 @@ THROUGHPUT = 0.85  # asked, of one process
 FRAMES, CHUNK = 24, 100_000  # of the film; rays of a chunk
 PATHS = {"integrator": "path", "spp": 16, "max_depth": 4}
 AFTER = "place-0000.json"  # the mark after which a worker that prepares is killed
+PART = 1 << 18  # points of a part, if nothing else is asked for: two workers have room for it in 2 GiB
 _SENT = [0]  # bytes, of this process
 
 Pictures = Callable[[Any, Any], Any]  # (client or None, progress or None) -> what is made
@@ -96,11 +98,8 @@ def cluster_of(workers: int) -> Iterator[Any]:
 def tasks(options: Options) -> list[Task]:
     """The film, the path-traced picture and the rays."""
     scene = lit(pr.Model.load(prepared(options)))
-    cameras, near, pixels = (
-        options.city.flight(FRAMES, options.size),
-        options.city.near(options.size),
-        np.prod(options.size),
-    )
+    cameras, near = options.city.flight(FRAMES, options.size), options.city.near(options.size)
+    pixels = int(np.prod(options.size))
     quick, paths = pr.Settings(threads=options.workers), pr.Settings(threads=options.workers, **PATHS)
 
     def film(client: Any, progress: Any) -> Any:
@@ -109,22 +108,26 @@ def tasks(options: Options) -> list[Task]:
     def path(client: Any, progress: Any) -> Any:
         return [pr.render(scene, near, paths, progress, client=client)]
 
-    def rays(client: Any, progress: Any) -> Any:
-        import dask.array as da
-
-        origins, directions = (np.broadcast_to(rows, (pixels, 3)) for rows in _flat(near))
-        if client is None:
-            return [scene.intersect(origins, directions).t]
-        with client.as_current():
-            chunked = [da.from_array(np.ascontiguousarray(rows), chunks=(CHUNK, 3)) for rows in (origins, directions)]
-            return [client.compute(scene.intersect(*chunked).t).result()]
-
     return [
         Task("film", f"a film of {FRAMES} frames", film, FRAMES, "frame", FRAMES * pixels),
         Task("path", f"a path-traced picture, {PATHS['spp']} samples", path, 1, "picture", PATHS["spp"] * pixels),
-        Task("rays", "the nearest hits of rays in arrays of Dask", rays, pixels, "ray", pixels),
+        Task("rays", "the nearest hits of rays in arrays of Dask", partial(_hits, scene, near), pixels, "ray", pixels),
         *spread_tasks(options, scene),
     ]
+
+
+def _hits(scene: pr.Scene, camera: pr.Camera, client: Any, progress: Any, spread: bool = False) -> list[Any]:
+    """How far the rays of a camera go."""
+    import dask.array as da
+
+    rays = [
+        np.ascontiguousarray(np.broadcast_to(rows, (*camera.size[::-1], 3))).reshape(-1, 3) for rows in camera.rays()
+    ]
+    if client is None:
+        return [scene.intersect(*rays).t]
+    with client.as_current():
+        chunked = [da.from_array(rows, chunks=(CHUNK, 3)) for rows in rays]
+        return [client.compute(scene.intersect(*chunked, spread=spread).t).result()]
 
 
 def spread_tasks(options: Options, scene: pr.Scene) -> list[Task]:
@@ -136,7 +139,15 @@ def spread_tasks(options: Options, scene: pr.Scene) -> list[Task]:
         more = {} if client is None else {"client": client, "spread": True}
         return [pr.render(scene, near, settings, progress, **more)]
 
-    return [
+    rays = Task(
+        "spread.rays",
+        "the nearest hits of rays, parts on workers",
+        partial(_hits, scene, near, spread=True),
+        pixels,
+        "ray",
+        pixels,
+    )
+    return [rays] + [
         Task(
             f"spread.{name}",
             f"a picture of parts on workers, {name}",
@@ -147,10 +158,6 @@ def spread_tasks(options: Options, scene: pr.Scene) -> list[Task]:
         )
         for name, settings in kinds.items()
     ]
-
-
-def _flat(camera: pr.Camera) -> Iterator[Any]:
-    return (np.reshape(rows, (-1, 3)) for rows in camera.rays())
 
 
 def apart(one: list[Any], other: list[Any]) -> int:
@@ -176,11 +183,7 @@ def cluster(options: Options) -> Iterator[Row]:
     for task in tasks(options):
         one, whole = timed(lambda task=task: task.make(None, None), options.runs)
         with cluster_of(options.workers) as client:
-            try:
-                many, found = timed(lambda task=task, client=client: task.make(client, None), options.runs)
-            except TypeError as error:  # no such keyword
-                print(f"cluster.{task.name} stops here: {error}", file=sys.stderr)
-                continue
+            many, found = timed(lambda task=task, client=client: task.make(client, None), options.runs)
             before = sent_by_all(client)
             task.make(client, None)
             sent = sent_by_all(client) - before
@@ -204,11 +207,7 @@ def _prepared_by_workers(options: Options) -> Iterator[Row]:
     for name, words in (("one", ()), ("many", ("--workers", options.workers))):
         folder = options.there / f"by-{name}.pointray"
         shutil.rmtree(folder, ignore_errors=True)
-        try:
-            spent[name] = watched(command_of(options, folder, *words), folder)
-        except RuntimeError as error:
-            print(f"cluster.prepare stops here: {error}", file=sys.stderr)
-            return
+        spent[name] = watched(command_of(sized(options), folder, *words), folder)
     one, many, row = spent["one"], spent["many"], options.row
     yield row("cluster.prepare.one", one.seconds, "s", "`prepare` by one process")
     yield row("cluster.prepare.many", many.seconds, "s", f"the same, --workers {options.workers}")
@@ -217,6 +216,11 @@ def _prepared_by_workers(options: Options) -> Iterator[Row]:
     yield row("cluster.prepare.peak", many.resident, "bytes", "resident memory, all processes")
     folders = (options.there / f"by-{name}.pointray" for name in ("one", "many"))
     yield asked(row("cluster.prepare.apart", arrays_apart(*folders), "", "arrays that differ"), MOST, 0)
+
+
+def sized(options: Options) -> Options:
+    """With parts of a size that workers have room for too."""
+    return replace(options, part_points=options.part_points or PART)
 
 
 def arrays_apart(one: Path, other: Path) -> int:
@@ -242,7 +246,7 @@ def kill_one(client: Any) -> None:
 def faults(options: Options) -> Iterator[Row]:
     """A worker is killed in the middle of each: the result is the same."""
     for task in tasks(options):
-        if task.name == "rays":  # a graph of Dask's own: what becomes of it is up to Dask
+        if task.unit == "ray":  # a graph of Dask's own: what becomes of it is up to Dask
             continue
         whole, killed = task.make(None, None), []
         with cluster_of(options.workers) as client:
@@ -252,11 +256,7 @@ def faults(options: Options) -> Iterator[Row]:
                     killed.append(share)
                     kill_one(client)
 
-            try:
-                found = task.make(client, tell)
-            except TypeError as error:  # no such keyword
-                print(f"faults.{task.name} stops here: {error}", file=sys.stderr)
-                continue
+            found = task.make(client, tell)
         yield from _fault_rows(options, task.name, task.what, len(killed), apart(whole, found))
     yield from _killed_while_preparing(options)
 
@@ -270,7 +270,7 @@ def _killed_while_preparing(options: Options) -> Iterator[Row]:
     folder, killed = options.there / "killed.pointray", 0
     shutil.rmtree(folder, ignore_errors=True)
     with cluster_of(options.workers) as client:
-        words = command_of(options, folder, "--cluster", client.scheduler.address)
+        words = command_of(sized(options), folder, "--cluster", client.scheduler.address)
         with subprocess.Popen([sys.executable, *map(str, words)], stderr=subprocess.PIPE, text=True) as process:
             while process.poll() is None:
                 if not killed and (folder / UNFINISHED / AFTER).exists():
@@ -279,6 +279,8 @@ def _killed_while_preparing(options: Options) -> Iterator[Row]:
                 time.sleep(0.02)
             complaint = process.stderr.read() if process.stderr else ""
     if process.returncode:
-        print(f"faults.prepare stops here: {complaint.strip().splitlines()[-1:]}", file=sys.stderr)
-        return
-    yield from _fault_rows(options, "prepare", "a model in parts", killed, arrays_apart(prepared(options), folder))
+        raise RuntimeError(complaint.strip().splitlines()[-1])
+    whole = options.there / "by-one.pointray"
+    if not (whole / "index.json").exists():
+        watched(command_of(sized(options), whole))
+    yield from _fault_rows(options, "prepare", "a model in parts", killed, arrays_apart(whole, folder))

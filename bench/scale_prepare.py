@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pointray.cli.prepare import bytes_of
+from pointray.cli.options import bytes_of
 from scale_city import City, make
 from scale_rows import MOST, Row, Rows, table_of
 from scale_watch import Watched, disk_of, watched

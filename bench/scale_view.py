@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pointray as pr
-from pointray.cli.prepare import bytes_of
+from pointray.cli.options import bytes_of
 from scale_prepare import Options, asked
 from scale_rows import LEAST, MOST, Row
 from scale_watch import Watched, watched

@@ -19,7 +19,7 @@ import psutil
 EVERY = 0.05  # seconds between two samples of memory
 RARE = 10  # samples between two looks at processes, marks and the disk
 UNFINISHED = "unfinished"
-MARK = re.compile(r"(.+?)(?:-\d{4,})?\.json")
+MARK = re.compile(r"([^.].*?)(?:-\d{4,})?\.json")  # a file that is being written begins with a dot
 ENDED = ("files",)  # what comes after the last stage that leaves a mark
 
 

@@ -48,7 +48,11 @@ class Fetch(Protocol):
 
 
 def at_distance(
-    scene: Snapshot, camera: Camera, spp: int | None, fetch: Fetch | None = None
+    scene: Snapshot,
+    camera: Camera,
+    spp: int | None,
+    fetch: Fetch | None = None,
+    held: NDArray[np.int64] | None = None,
 ) -> tuple[World, NDArray[np.int64]]:
     """The scene's world with the fitting level for each instance; the world itself where no model has levels.
 
@@ -62,12 +66,14 @@ def at_distance(
         Samples for each pixel: the more there are, the finer a level is. None: no level is wanted.
     fetch : Fetch, optional
         Opens what lies on disk and is not open yet; until then other levels are shown. None: it is waited for.
+    held : (n,) int64, optional
+        Rows of instances: of others that lie on disk nothing is opened, and rays hit nothing. None: all.
     """
     families = [(model, *model.levels) for model in scene.models]
     shown = np.zeros(scene.world.instances.size // INSTANCE, np.int64)
     waits = fetch is None or not any(model.source for model in scene.models)
     if waits and all(len(family) == 1 for family in families):
-        return scene.opened().world, shown
+        return scene.opened(held).world, shown
     records = instances_of(scene.world).copy()
     rows = np.flatnonzero(records[:, KIND] == MODEL)
     fitting = Fitting(scene, camera, rows, families)
@@ -80,7 +86,7 @@ def at_distance(
         shown[mine] = _repaint(scene.world, records, mine, wanted[fitting.shapes == k], len(family) - 1)
         records[mine, SHAPE_ROW] = first[k] + shown[mine]
     models = [level for family in families for level in family]
-    used = set(records[rows, SHAPE_ROW].astype(int).tolist())
+    used = set(records[rows if held is None else held, SHAPE_ROW].astype(int).tolist())
     if fetch is not None:
         used = {k for k in used if (source := models[k].source) is None or source.is_open}
     return world_showing(scene.world, records, models, used, scene.painting), shown
