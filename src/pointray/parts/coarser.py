@@ -31,7 +31,7 @@ from ..tree.settings import TreeSettings
 from ..tree.stored import reach_of
 from .arrange import boxes_of
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
-from .trees import tree_within
+from .trees import tree_within, with_margins
 from .work import Facts
 
 LIMITS, BORDERS, SHEETS = "limits", "borders", "sheets"  # columns
@@ -223,7 +223,7 @@ def tree_part(
         layer.find(SHEETS, rows),
         None if noise is None else np.minimum(noise, radii),
     )
-    tree = tree_within(splats, cells[part], (whole.supports, whole.reference), settings)
+    tree = with_margins(tree_within(splats, cells[part], (whole.supports, whole.reference), settings), cells[part])
     reach = reach_of(tree)
     used, order = np.unique(tree.order, return_inverse=True)
     empty = int(used[0] < 0)
