@@ -325,3 +325,15 @@ def test_facts_of_parts_are_json(tmp_path, monkeypatch):
     for file in (folder / "unfinished").glob("*.json"):
         json.loads(file.read_bytes())
     shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("has_normals", [True, False])
+@pytest.mark.filterwarnings("ignore:.*normals")
+def test_points_at_one_place(has_normals, tmp_path):
+    """What is usual is asked of places, each once."""
+    points = pr.procedural("sphere", 40_000)
+    points = points.select(np.concatenate([np.arange(40_000), np.arange(0, 40_000, 7)]))
+    pr.write(tmp_path / "a.ply", points if has_normals else pr.Points(points.world))
+    whole, parts = pr.Model(pr.read(tmp_path / "a.ply")), prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+    assert len(parts.parts) == 3
+    np.testing.assert_allclose(np.sort(parts.radii), np.sort(whole.radii), rtol=1e-5)

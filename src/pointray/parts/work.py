@@ -14,6 +14,7 @@ import numpy as np
 
 from ..cluster.chores import Team
 from ..memory import give_back
+from ..points.sampled import Sampled
 from ..points.usual import Usual, sample_of
 from ..progress import Progress, part_of, tell
 from .arrange import TILE
@@ -88,7 +89,7 @@ class Work:
             stretches = sample_of(self._total)
             tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in stretches])
             local = local_of(self.columns, tiles, self._total)
-            usual = Usual(local.own)
+            usual = Sampled(local.own)
             look(local, usual)
             known = usual.known
             self.columns.put(f"usual-{stage}", known)
