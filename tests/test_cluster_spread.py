@@ -62,7 +62,7 @@ def test_pictures_are_the_same(client: Any, folder: Path, settings: pr.Settings)
     assert not any(part.source.is_open for model in scene.models for part in model.parts)
     gone = traffic().since(before)
     assert gone.asked > camera.size[0] * camera.size[1] and 0 < gone.rays < 2 * gone.asked
-    assert gone.sent == 64 * gone.rays and 0 < gone.received < gone.sent
+    assert gone.sent == 65 * gone.rays and 0 < gone.received < gone.sent
     assert shares == sorted(shares) and shares[-1] == 1.0
 
 

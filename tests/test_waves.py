@@ -16,7 +16,7 @@ from pointray.rendering.waves.recall import recalled_for
 from pointray.rendering.waves.route import route
 from pointray.rendering.waves.spread import NOTHING
 from pointray.rendering.waves.travel import View, held_world
-from pointray.rendering.waves.wave import Pictured, Question, Waves, answer_question, passes_of, pieces_of
+from pointray.rendering.waves.wave import Pictured, Waves, answer_question, passes_of, pieces_of
 from pointray.scene.shares import Shares, boxes_of
 
 
@@ -41,8 +41,7 @@ def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders:
                 meets = route(question.rays, boxes, shares.owners, holders, None)
                 for k in reversed(range(holders)):
                     some = np.flatnonzero(meets[:, k])
-                    part = Question(question.rays[some], int((some < question.closest).sum()))
-                    waves.take(some, answer_question(worlds[k], part))
+                    waves.take(some, answer_question(worlds[k], question.of(some)))
                     asked[k] += len(some)
     return image, asked
 

@@ -157,11 +157,11 @@ class Travel:
             reached = np.flatnonzero(meets[:, k])
             for begin in range(0, len(reached), MOST_RAYS):
                 rows = reached[begin : begin + MOST_RAYS]
-                part = Question(question.rays[rows], int((rows < question.closest).sum()))
+                part = question.of(rows)
                 job = Job(f"wave {self._waves}", answer_here, (self._view, shares.of(holder), part), home=holder)
                 self._asked[job] = piece, rows
                 self._jobs.append(job)
-                _count(rays=len(rows), sent=part.rays.nbytes)
+                _count(rays=len(rows), sent=part.nbytes)
                 sent += 1
         return sent
 
