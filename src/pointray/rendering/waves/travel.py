@@ -19,6 +19,7 @@ from ...scene.world import Snapshot
 from ...trace.cast import Pace
 from ..camera import Camera
 from ..lod import at_distance
+from ..pieces import Piece
 from .route import route
 from .wave import Answer, Pictured, Question, Waves, answer_question, passes_of, pieces_of
 
@@ -115,9 +116,7 @@ class Travel:
     def add(self, picture: Pictured, samples: tuple[int, int]) -> None:
         """Add samples to all of a picture."""
         size = picture.image.shape[1], picture.image.shape[0]
-        pieces = [
-            _Piece(Waves(picture, piece, some) for some in passes_of(samples)) for piece in pieces_of(size, samples)
-        ]
+        pieces = [_Piece(picture, piece, samples) for piece in pieces_of(size, samples)]
         self._total = len(pieces)
         pending = iter(pieces)
         self._begin(pending)
@@ -179,9 +178,9 @@ class Travel:
 class _Piece:
     """The samples of a piece of a picture, some of them after the others."""
 
-    def __init__(self, passes: Iterator[Waves]) -> None:
-        self._passes = passes
-        self._now = next(passes, None)
+    def __init__(self, picture: Pictured, piece: Piece, samples: tuple[int, int]) -> None:
+        self._passes = (Waves(picture, piece, some) for some in passes_of(samples))
+        self._now = next(self._passes, None)
 
     def ask(self, progress: Any) -> Question | None:
         """See `Waves.ask`; None: all samples are there."""

@@ -164,13 +164,13 @@ class Waves:
         """The rays that samples have written down: those that ask what they meet, then the others."""
         recall = self._recall
         asking = np.flatnonzero(recall.asked)
-        tiles, slots = np.nonzero(recall.asked[asking, None] >> np.arange(TILE) & 1)
-        rays = recall.rays.reshape(recall.units, TILE, RAY)[asking[tiles], slots]
+        tiles, places = np.nonzero(recall.asked[asking, None] >> np.arange(TILE) & 1)
+        rays = recall.rays.reshape(recall.units, TILE, RAY)[asking[tiles], places]
         counts = np.bincount(tiles)
         begins = np.full(recall.units, MISS, np.int64)
         begins[asking] = self._found.size + np.cumsum(counts) - counts
         self._begins.add(begins)
-        slots = _marked(slots, tiles)
+        slots = _marked(places, tiles)
         any_hit = np.repeat(recall.kinds[asking] != 0, counts)
         self._order = np.argsort(any_hit, kind="stable")
         self._closest = len(rays) - int(any_hit.sum())
@@ -191,7 +191,7 @@ class Waves:
         self._recall = self._recall._replace(begins=begins, found=found, facts=facts)
 
 
-def _marked(slots: NDArray[Any], tiles: NDArray[np.int64]) -> NDArray[np.uint8]:
+def _marked(slots: NDArray[Any], tiles: NDArray[Any]) -> NDArray[np.uint8]:
     """Slots of rays, with marks where another tile begins. tiles : a number of each ray's tile"""
     return (slots | np.where(np.diff(tiles, prepend=-1) != 0, BEGINS, 0)).astype(np.uint8)
 
