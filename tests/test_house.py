@@ -26,11 +26,11 @@ TOWER = [
         "array_file",
         "model_file",
         "model_folder",
+        "residence",
         "model",
-        "parts",
         "model_cache",
     ),
-    *("shade", "image", "cluster", "scene", "baking", "rendering", "staging"),
+    *("shade", "image", "cluster", "parts", "scene", "baking", "rendering", "staging"),
     *("scenefile", "viewer", "cli", "__main__"),
 ]
 

@@ -1,16 +1,19 @@
 """How much memory is available, so that work that does not fit is refused before the system kills the process.
 
 What is free in the heap of the C library is given back between steps that take much of it, if that library is glibc.
+Disks that are full are told by the numbers of errors.
 """
 
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
+FULL_DISK = {getattr(errno, name, None) for name in ("ENOSPC", "EDQUOT", "EFBIG")} - {None}  # numbers of errors
 MEMINFO, CGROUPS, OWN_CGROUPS = Path("/proc/meminfo"), Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 # Where a control group states its limit, its usage, and the part of the usage that the system reclaims by itself.
 VERSION_2 = "memory.max", "memory.current", "inactive_file"

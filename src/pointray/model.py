@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,10 @@ from .choices import SURFACES
 from .data import Points, spread_rows
 from .kernels.tree import Tree
 from .model_file import Level, Place, place_of, read_model, write_model
-from .model_folder import INDEX, PartFile, read_folder
+from .model_folder import INDEX, read_folder
 from .points.ready import check_model_memory, finite_rows, placed_for_model
 from .points.smoothing.smooth import Placed, check_sigma
-from .residence import Key, Residence, Source
+from .residence import Key, OnDisk, Residence, Source
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.make import Made, Sizes, make_splats
 from .splats.radii import check_radii
@@ -31,11 +31,10 @@ from .tree.stored import longest_leaf, reach_of, stored_splats
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
 SAMPLE = 1 << 20  # of more radii of a model in parts the median is that of so many
-ON_DISK = frozenset({"tree", "points", "radii", "settings", "surface", "smooth", "_bounds"})
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
 
 
-class Model:
+class Model(OnDisk):
     """A point cloud made ready for rays: every point gets a support, and a tree is built over the supports.
 
     Parameters
@@ -82,7 +81,6 @@ class Model:
 
     parts: tuple[Model, ...] = ()
     _saved: tuple[Place, tuple[Model, ...]] | None = None  # the file that holds it, with which levels of detail
-    _source: Source | None = None  # of a part, or a level of detail of one: where what is not here comes from
     _residence: Residence[Model] | None = None  # of a model in parts: what is open of it
 
     def __init__(
@@ -263,19 +261,6 @@ class Model:
         level._source, level.levels = source, ()
         return level
 
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:  # asked for what is not here
-            source = self.__dict__.get("_source")
-            if source is None or name not in ON_DISK:
-                raise AttributeError(f"a Model has no attribute {name!r}")
-            return getattr(source.open(), name)
-
-    @property
-    def source(self) -> Source | None:
-        """Of a part of a model, or a level of detail of one: the file that it comes from, as long as it is on disk."""
-        return self._source
-
     @property
     def resident_bytes(self) -> int:
         """Of a model in parts: bytes of the parts and levels of detail that are open; of others: all of `nbytes`."""
@@ -344,10 +329,8 @@ class Model:
 
         It is a copy, as another thread may compute `reach` for the first time.
         """
-        state = self.__dict__.copy()
+        state = self._state()
         state.pop("_residence", None)
-        if state.pop("_source", None) is not None:
-            state |= {name: getattr(self, name) for name in ON_DISK}
         return state
 
     @property
@@ -377,9 +360,9 @@ class Model:
     @property
     def has_surface(self) -> bool:
         """Whether rays can hit it."""
-        if self._source is None:
+        if self.source is None:
             return bool(self.tree.blocks.size) or any(part.has_surface for part in self.parts)
-        return not isinstance(self._source.file, PartFile) or self._source.file.reach is not None
+        return self.told_reach is not None
 
     @cached_property
     def reach(self) -> NDArray[np.float64]:
@@ -389,8 +372,8 @@ class Model:
                 [part.reach for part in self.parts if part.has_surface] or [self._bounds - self.points.origin]
             )
             return np.stack([each[:, 0].min(axis=0), each[:, 1].max(axis=0)])
-        if self._source is not None and isinstance(self._source.file, PartFile) and self._source.file.reach:
-            return np.array(self._source.file.reach)
+        if self.told_reach is not None:
+            return np.array(self.told_reach)
         reach = reach_of(self.tree)
         if reach is None:  # no surface: a box without size
             return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)
@@ -403,8 +386,8 @@ class Model:
         It stands for the spacing of the points. Radii that the model chose are about 1.15 times the spacing of an even
         cloud, the root of its area per point. Given radii and `radius_scale` make it larger or smaller.
         """
-        if self._source is not None:
-            return self._source.file.spacing
+        if self.source is not None:
+            return self.source.file.spacing
         radii = self.radii
         if self.parts:  # reading all of them would take seconds
             radii = radii[spread_rows(len(radii), SAMPLE)]
@@ -413,8 +396,8 @@ class Model:
     @cached_property
     def longest(self) -> int:
         """The number of blocks in the longest leaf."""
-        if self._source is not None:
-            return self._source.file.longest
+        if self.source is not None:
+            return self.source.file.longest
         return max([longest_leaf(self.tree), *(part.longest for part in self.parts)])
 
     @property
@@ -423,8 +406,8 @@ class Model:
 
         Of a model in parts also of what is not open, as large as the files are.
         """
-        if self._source is not None:
-            return sum(model._source.file.nbytes for model in (self, *self.levels) if model._source is not None)
+        if self.source is not None:
+            return self.source.file.nbytes + sum(level.nbytes for level in self.levels)
         points = self.points
         arrays = [points.positions, points.normals, points.colors, *points.attributes.values(), self.radii, *self.tree]
         held = sum(array.nbytes for array in arrays if array is not None)

@@ -11,7 +11,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from .array_file import drop_pages
 from .kernels.tree import Tree
@@ -190,3 +190,38 @@ class Source(NamedTuple):
     def file(self) -> PartFile | LevelFile:
         """What the index says of it."""
         return self.residence.file(self.key)
+
+
+ABSENT = frozenset({"tree", "points", "radii", "settings", "surface", "smooth", "_bounds"})  # what is asked of a file
+
+
+class OnDisk:
+    """What a model is as long as it lies on disk: what is not here is asked of its file, each time it is needed."""
+
+    _source: Source | None = None
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:  # asked for what is not here
+            source = self.__dict__.get("_source")
+            if source is None or name not in ABSENT:
+                raise AttributeError(f"a {type(self).__name__} has no attribute {name!r}")
+            return getattr(source.open(), name)
+
+    @property
+    def source(self) -> Source | None:
+        """Of a part of a model, or a level of detail of one: its file, as long as it lies on disk."""
+        return self._source
+
+    @property
+    def told_reach(self) -> list[list[float]] | None:
+        """Of a part on disk: what the index says that rays can reach; None: nothing, or it is no part."""
+        file = None if self._source is None else self._source.file
+        return file.reach if isinstance(file, PartFile) else None
+
+    def _state(self) -> dict[str, Any]:
+        """All attributes, with those that lie on disk, and without the file."""
+        state = self.__dict__.copy()
+        if state.pop("_source", None) is not None:
+            state |= {name: getattr(self, name) for name in ABSENT}
+        return state

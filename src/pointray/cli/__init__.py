@@ -23,11 +23,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+from ..memory import FULL_DISK
+
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 # A lack of memory in messages of errors other than MemoryError: from C++, threads, and the loader of libraries.
 NO_MEMORY_SIGNS = ("bad_alloc", "start new thread", "failed to map segment", "annot allocate memory")
-# A full disk is no fault of the input.
-FULL_DISK = {getattr(errno, name, None) for name in ("ENOSPC", "EDQUOT", "EFBIG")} - {None}
 
 
 def execute(arguments: Sequence[str]) -> int:
@@ -66,6 +66,7 @@ def _report(error: Exception) -> int:
         return FAILED
     if isinstance(error, OSError | ValueError):
         _say(_reason(error))
+        # A full disk is no fault of the input.
         return FAILED if isinstance(error, OSError) and error.errno in FULL_DISK else BAD_INPUT
     _say(str(error) if type(error).__name__ == "WriteError" else f"{type(error).__name__}: {error}")
     return FAILED

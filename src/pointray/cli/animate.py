@@ -220,7 +220,7 @@ def _render(
     scene, first, settings = source.build(progress)
     cameras = camera_path.cameras(first)
     for model in scene.models if source.leveled else ():
-        if not model.levels and any(is_far(model, camera, settings.most) for camera in cameras):
+        if not model.levels and not model.parts and any(is_far(model, camera, settings.most) for camera in cameras):
             in_background(partial(model.make_levels, progress.show))
     if source.light is not None:
         source.light(progress)

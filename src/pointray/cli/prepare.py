@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..choices import AUTO
-from ..memory import available_memory
 from ..model import SURFACE
 from ..model_file import SAVED
-from ..parts.prepare import check_unfinished, fits, part_points_within
+from ..parts.prepare import begun_points, check_unfinished, fits, part_points_for
 from ..parts.prepare import prepare as prepare_parts
 from ..parts.split import PART, check_new, split
 from ..points.selection import Selection
@@ -23,6 +22,7 @@ from ..points.trajectory import read_trajectory
 from ..points.trust import trusted
 from ..splats.radii import radii_in
 from ..tree.settings import check_settings
+from .cluster import working_on
 from .read_options import Reading
 from .scan_files import ScanFiles, check_not_input, check_result, scan_of
 from .scan_scene import check_saved, smooth_of
@@ -72,32 +72,43 @@ IN_MEMORY = "tolerance", "count", "drop_duplicates", "drop_outliers", "smooth", 
 
 
 def _goes_by_parts(scan: ScanFiles, reading: Reading, output: Path, options: dict[str, Any]) -> bool:
-    """Whether a model in parts is made part by part, as its scan is too large for the memory, or had been begun so."""
+    """Whether a model in parts is made part by part, as its scan is too large for the memory, or had been begun so.
+
+    Workers make it so always.
+    """
+    sharing = _sharing(options)
     if scan.saved is not None:
+        if sharing:
+            raise ValueError(f"{sharing} is for scans: a saved model is put into parts here")
         return False
     memory = options["memory"]
     unfinished = check_unfinished(output).exists()
-    if not unfinished and fits(scan.files, reading.request, memory):
+    if not (unfinished or sharing) and fits(scan.files, reading.request, memory):
         return False
     whole = [name for name in IN_MEMORY if options[name] not in (None, False)]
     whole += ["max_points"] * (reading.max_points is not None) + ["drop_strays"] * reading.drop_strays
-    if whole and (unfinished or memory is not None):
-        name = whole[0].replace("_", "-")
-        raise ValueError(f"--{name} is for scans that fit into memory: leave it out, or read fewer points")
+    if whole and (unfinished or sharing or memory is not None):
+        name, instead = whole[0].replace("_", "-"), f"leave out {sharing}" if sharing else "read fewer points"
+        raise ValueError(f"--{name} is for scans that fit into memory: leave it out, or {instead}")
     return not whole
+
+
+def _sharing(options: dict[str, Any]) -> str:
+    """The option by which workers do the work; empty if none is given."""
+    return next((f"--{name}" for name in ("cluster", "workers") if options[name] is not None), "")
 
 
 def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dict[str, Any]) -> str:
     """Make a model in parts, part by part; returns a line for the user."""
     import pointray as pr
 
-    memory = options["memory"] or available_memory() or 1 << 32
-    size = min(part_points_within(memory), options["part_points"] or PART)
     selection = Selection(reading.every, None, reading.request.bounds, reading.keep, reading.drop)
     settings = check_settings(SURFACE, 4, 1, "auto"), AUTO
-    with Progress() as progress:
+    with working_on(options["cluster"], options["workers"]) as client, Progress() as progress:
+        most = part_points_for(client, options["memory"])
+        size = min(most, options["part_points"] or begun_points(output) or PART)
         work = partial(prepare_parts, scan.files, (reading.request, selection), output, settings, size)
-        count = in_background(lambda: work(partial(progress.show, "preparing")))
+        count = in_background(lambda: work(partial(progress.show, "preparing"), client, options["levels"]))
     return f"{output}: a model of {count:,} points in {len(pr.Model.load(output).parts)} parts"
 
 
@@ -113,6 +124,8 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
     if options["in_parts"]:
         check_parts(output, options["part_points"])
     else:
+        if _sharing(options):
+            raise ValueError(f"{_sharing(options)} is for a model in parts: -o {output.with_suffix(SAVED)}/")
         check_result(output, SAVED)
     scan = scan_of(paths, reading)
     check_not_input(scan.files, output, options["force"])
@@ -139,7 +152,7 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
                 except ValueError as error:
                     raise ValueError(f"{scan.name}: {error}") from error
             if options["in_parts"]:
-                write = partial(split, model, output, options["part_points"])
+                write = partial(split, model, output, options["part_points"], levels=options["levels"])
                 in_background(lambda: write(progress=lambda share: progress.show("writing", share)))
                 parts = len(pr.Model.load(output).parts)
                 return f"{output}: a model of {len(points):,} points in {parts} parts"

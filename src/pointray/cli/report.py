@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -120,9 +121,15 @@ def describe_model(model: Model) -> dict[str, Any]:
         "surface": model.surface,
         "samples": model.settings.samples,
         "median_radius": float(np.median(radii)) if len(radii) else 0.0,
-        "levels": [len(level.points) for level in model.levels],
+        "levels": [len(level.points) for level in model.levels] or _levels_of_parts(model),
         "parts": len(model.parts),
     }
+
+
+def _levels_of_parts(model: Model) -> list[int]:
+    """The number of points in each level of detail of all parts on disk, which are not opened."""
+    sizes = [[level.source.file.points for level in part.levels if level.source is not None] for part in model.parts]
+    return [sum(level) for level in itertools.zip_longest(*sizes, fillvalue=0)]
 
 
 def _spacing(positions: Positions) -> tuple[float, int]:

@@ -6,8 +6,9 @@ recipe : what is asked of a scene; a scene without its models -> bytes, and back
 parcels : what is sent to workers once: models, baked light, recipes
 worker : what runs on a worker
 crew : the workers at work on a scene
+chores : functions that workers call with numbers, such as those of parts, without a scene
 dispatch : which worker does which job, again where one has died or is slow
 
-What jobs do is not known here: `rendering/pieces.py`, `rendering/sequence.py` and `baking/stretches.py` make them. Nor
-is what chunks are: see `scene/casting.py`. Begin with crew.
+What jobs do is not known here: `rendering/pieces.py`, `rendering/sequence.py` and `baking/stretches.py` make them, and
+`parts/work.py` chores. Nor is what chunks are: see `scene/casting.py`. Begin with crew.
 """

@@ -24,6 +24,8 @@ ROLL_CALL = 1.0  # seconds between two looks at who is there
 LOST = "the scheduler of Dask is lost"
 ALONE = 60.0  # seconds without any worker after which a crew gives up
 
+Ask = Callable[[Any, list[str]], dict[str, str]]
+
 
 class Crew:
     """The workers of a client, and a scene.
@@ -34,6 +36,8 @@ class Crew:
         As `check_client` takes it.
     scene : Scene
         As it is now; later changes of the scene change nothing here.
+    ask : callable, optional
+        Given the client and some workers, it tells what is wrong with those that must not be used, as `unfit` does.
     spread : bool
         Whether each worker opens only some parts of models in parts: whoever makes jobs sees to that.
 
@@ -43,8 +47,8 @@ class Crew:
         The threads of each, by its address.
     """
 
-    def __init__(self, client: Any, scene: Stage, spread: bool = False) -> None:
-        self._client, self._parcels, self.spread = client, parcels_of(client), spread
+    def __init__(self, client: Any, scene: Stage, ask: Ask | None = None, spread: bool = False) -> None:
+        self._client, self._parcels, self._ask, self.spread = client, parcels_of(client), ask, spread
         scene = scene.copy()
         self._baked = None if spread else scene.baked
         self._models: list[Model] = scene.models
@@ -131,12 +135,19 @@ class Crew:
     def _call(self, there: dict[str, int]) -> None:
         """Take note of the workers that are there."""
         new = [worker for worker in there if worker not in self.workers and worker not in self._unfit]
-        for worker, reason in (unfit(self._client, new) if new else {}).items():
+        for worker, reason in (self._wrongs_of(new) if new else {}).items():
             self._unfit.add(worker)
             warnings.warn(f"it is not used: {reason}", stacklevel=2)
         self.workers = {worker: count for worker, count in there.items() if worker not in self._unfit}
         if self.workers:
             self._seen = time.monotonic()
+
+    def _wrongs_of(self, workers: list[str]) -> dict[str, str]:
+        """What is wrong with each of some workers that cannot be used."""
+        wrongs = unfit(self._client, workers)
+        if self._ask is not None:
+            wrongs |= self._ask(self._client, [worker for worker in workers if worker not in wrongs])
+        return wrongs
 
 
 def taken(scene: Stage, client: Any, spread: bool | None = False) -> tuple[Any, Crew | None]:
@@ -153,7 +164,7 @@ def taken(scene: Stage, client: Any, spread: bool | None = False) -> tuple[Any, 
         spread = any(model.nbytes > free for model in parted)
     for model in parted if spread else ():
         check_spreadable(model)
-    return scene.snapshot(), Crew(client, scene, spread)
+    return scene.snapshot(), Crew(client, scene, spread=spread)
 
 
 def _name(sent: Any) -> str:

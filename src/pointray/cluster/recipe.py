@@ -1,5 +1,7 @@
 """A scene without its models and baked light, as bytes for a worker, which has these already; and a scene again.
 
+Other things as bytes too, such as functions with arguments: their arrays can be read and written by kernels again.
+
 A snapshot cannot be sent: it holds addresses of arrays. A scene can, and makes its snapshot anew.
 """
 
@@ -64,3 +66,13 @@ def read_recipe(recipe: bytes, models: Sequence[Model]) -> Stage:
     """The scene, with these models. The bytes come from our own client by Dask, which itself uses pickle."""
     scene: Stage = _Reader(io.BytesIO(recipe), models).load()
     return scene
+
+
+def pack(thing: Any) -> bytes:
+    """A thing that can be pickled, as bytes."""
+    return pickle.dumps(thing, protocol=5)
+
+
+def unpack(packed: bytes) -> Any:
+    """The thing again. The bytes come from our own client or its workers by Dask, which itself uses pickle."""
+    return pickle.loads(packed)

@@ -57,8 +57,7 @@ class Arrangement:
             rows = slice(start, min(start + CHUNK, self._count))
             self._scatter({name: column[rows] for name, column in there.items()}, start, cuts, made, free)
             tell(part_of(progress, CUT, 1.0), rows.stop / self._count)
-        for column in made.values():
-            column.sync()
+        columns.sync()
         columns.put("scattered", {"parts": self.parts})
         for name in self._names:
             columns.drop(name)

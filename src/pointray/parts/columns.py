@@ -34,6 +34,8 @@ class Column:
     ----------
     path : path
         An existing file, whose name tells what it holds: "positions.f4x3".
+    written : set of Column, optional
+        This one is put into it when something is written.
 
     Attributes
     ----------
@@ -50,9 +52,10 @@ class Column:
         If the file does not hold whole rows.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, written: set[Column] | None = None) -> None:
         name, kind, width = _parsed(path)
         self.path, self.name, self.dtype, self.width = path, name, np.dtype(kind), width
+        self._written = written
         self._row = self.dtype.itemsize * max(width, 1)
         self._file = os.open(path, os.O_RDWR | getattr(os, "O_BINARY", 0))
         self._close = weakref.finalize(self, os.close, self._file)
@@ -94,6 +97,8 @@ class Column:
         if start < 0:
             raise ValueError(f"rows of {self.path.name} begin with number 0, not {start}")
         bytes_left, place = array.reshape(-1).view(np.uint8).data, start * self._row
+        if self._written is not None:
+            self._written.add(self)
         with _told(self.path):
             while len(bytes_left):
                 written = self._put(bytes_left, place)
@@ -165,7 +170,7 @@ class Column:
 
 
 class Columns:
-    """A folder of columns, and of small facts beside them.
+    """A folder of columns, and of small facts beside them. It can be sent to other processes that see the folder.
 
     Parameters
     ----------
@@ -175,7 +180,11 @@ class Columns:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._written: set[Column] = set()  # what is not known to have reached the disk
         folder.mkdir(parents=True, exist_ok=True)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"folder": self.folder, "_written": set()}
 
     @property
     def names(self) -> list[str]:
@@ -192,7 +201,7 @@ class Columns:
             raise KeyError(name)
         if len(files) > 1:
             raise ValueError(f"{self.folder}: has {name} twice: {', '.join(sorted(f.name for f in files))}")
-        return Column(files[0])
+        return Column(files[0], self._written)
 
     def find(self, name: str) -> Column | None:
         """The column with a name; None if there is none."""
@@ -204,7 +213,13 @@ class Columns:
         self.drop(name)
         with _told(path), path.open("xb") as file:
             file.truncate(rows * np.dtype(dtype).itemsize * max(width, 1))
-        return Column(path)
+        return Column(path, self._written)
+
+    def fill(self, name: str, rows: NDArray[Any]) -> None:
+        """Write a column at once, in place of one with this name, which stays if this fails."""
+        path = self._path(name, rows.dtype, rows.shape[1] if rows.ndim > 1 else 0)
+        with replacing(path) as beside:
+            beside.write(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
 
     def rename(self, name: str, new: str) -> None:
         """Give a column another name, in place of the column that has it."""
@@ -214,8 +229,15 @@ class Columns:
 
     def drop(self, name: str) -> None:
         """Remove the column and the facts with this name, if there are any."""
+        self._written -= {column for column in self._written if column.name == name}
         for file in (*self._files(name), self._facts(name)):
             file.unlink(missing_ok=True)
+
+    def sync(self) -> None:
+        """Return when all that was written to columns since the last call has reached the disk."""
+        for column in list(self._written):
+            column.sync()
+            self._written.discard(column)
 
     def put(self, name: str, facts: Mapping[str, Any]) -> None:
         """Keep small facts, values of JSON, in place of those with this name."""

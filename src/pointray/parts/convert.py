@@ -145,8 +145,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
     if located.losses is not None:  # in place of an attribute of the files that has its name
         cloud.columns.rename(LOSSES, names[ATTRIBUTE + RESIDUAL])
     cloud.columns.drop(LEFT_OUT)
-    for name in (POSITIONS, *(name for name in (NORMALS, COLORS) if name in made), *names.values()):
-        cloud.columns[name].sync()
+    cloud.columns.sync()
     labels = [name.removeprefix(ATTRIBUTE) for name in attributes]
     lost = cloud.rows - located.rows
     return Spooled(located.rows, located.origin, survey, labels, NORMALS in made, COLORS in made, lost)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,13 @@ from ..neighbors import NeighborTree
 from ..points.normals.layers import KEPT, sides
 from ..points.normals.orientation import NEAR
 from . import signs
+from .columns import Column
 from .local import Local
+from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of
 from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units
-from .work import Work
+from .work import Facts, Work
 
-PIECE, SIGN, SIGNED = "piece", "sign", "signed"  # columns
-FOUND, VOTED, LOOKED = 0.4, 0.8, 0.9  # shares of the time after which a pass is done
+FOUND, VOTED, JOINED, LOOKED = 0.4, 0.75, 0.8, 0.9  # shares of the time after which a pass is done
 
 Span = tuple[float, float]
 
@@ -37,39 +38,43 @@ class Facing:
     def __init__(self, work: Work, cloud: Cloud, places: str, normals: str, near: int) -> None:
         self._work, self._cloud, self._columns = work, cloud, (places, normals)
         self._near = near
-        self._labels = signs.Labels(work.room(PIECE, np.int32), work.room(SIGN, np.int8))
+        self._signs = Signs(work.columns, np.minimum(np.arange(work.parts + 1) * work.size, cloud.total))
+        for name, dtype in ((PIECE, np.int32), (SIGN, np.int8), (SIGNED, np.int8)):
+            work.room(name, dtype)
 
     def settle(self, span: Span) -> None:
         """Write the sign of each normal to the column `SIGNED`; those that scanners tell are kept."""
         begin, length = span[0], span[1] - span[0]
-        passes = [(begin + a * length, begin + b * length) for a, b in ((0, FOUND), (FOUND, VOTED), (VOTED, LOOKED))]
-        labels, work = self._labels, self._work
-        sizes = work.all(lambda part: signs.find(self._load(part), labels), passes[0])
-        votes = work.all(lambda part: signs.vote(self._load(part), labels, sizes), passes[1])
-        groups = signs.gather(sizes, votes)
-        outlooks = work.all(lambda part: signs.look(self._load(part, alone=True), part, labels, groups), passes[2])
-        facing = signs.face(groups, outlooks)
-        seen, away = self._told(groups)
-        facing = np.where(seen[groups.group], groups.turn * np.where(away, -1, 1)[groups.group], facing).astype(np.int8)
-        out, known = work.room(SIGNED, np.int8), work.columns.find(KNOWN)
-        for part in range(work.parts):
-            signs.write(part, labels, groups, facing, out)
-            if known is not None:
-                stretch = work.stretch(part)
-                out.write(stretch.start, np.where(known[stretch] != 0, np.int8(1), out[stretch]))
-
-    def _told(self, groups: signs.Groups) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which groups have normals that scanners tell, and which of these must be turned, see `settle_unknown`."""
-        counts, votes = np.zeros((2, len(groups.points)))
-        known = self._work.columns.find(KNOWN)
+        shares = ((0, FOUND), (FOUND, VOTED), (JOINED, LOOKED))
+        passes = [(begin + a * length, begin + b * length) for a, b in shares]
+        work = self._work
+        firsts = firsts_of(work.all(self._find, passes[0]))
+        shared = self._signs.gather(firsts, work.all(partial(self._vote, firsts), passes[1]))
+        inward = self._signs.face(work.all(partial(self._look, firsts, shared), passes[2]))
+        known = work.columns.find(KNOWN)
         if known is not None:
-            for part in range(self._work.parts):
-                stretch = self._work.stretch(part)
-                some = known[stretch] != 0
-                piece = self._labels.piece[stretch][some] + groups.first_piece[part]
-                sign = self._labels.sign[stretch][some] * groups.turn[piece]
-                counts += np.bincount(groups.group[piece], minlength=len(counts))
-                votes += np.bincount(groups.group[piece], sign, len(counts))
+            seen, away = self._told(firsts, known, len(inward))
+            inward = np.where(seen, away, inward)
+        for part in range(work.parts):
+            kept = None if known is None else known[work.stretch(part)] != 0
+            self._signs.write(part, firsts, inward, kept)
+
+    def _find(self, part: int) -> int:
+        return self._signs.find(self._load(part))
+
+    def _vote(self, firsts: Whole, part: int) -> Whole:
+        return self._signs.vote(self._load(part), part, firsts)
+
+    def _look(self, firsts: Whole, shared: list[Shared], part: int) -> Outlook:
+        return self._signs.look(self._load(part, alone=True), part, firsts, shared[part])
+
+    def _told(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which groups have normals that scanners tell, and which of these must be turned, see `settle_unknown`."""
+        counts, votes = np.zeros((2, groups))
+        for part in range(self._work.parts):
+            group, sign = self._signs.told(part, firsts, known[self._work.stretch(part)] != 0)
+            counts += np.bincount(group, minlength=groups)
+            votes += np.bincount(group, sign, groups)
         return counts > 0, votes < 0
 
     def _load(self, part: int, alone: bool = False) -> signs.Local:
@@ -82,15 +87,19 @@ class Facing:
         return signs.Local(local.rows, core, places, normals, near)
 
 
-def near_in(cloud: Cloud, local: Local, core: slice, count: int) -> NDArray[np.int32]:
-    """The neighbours of a part's own points, (m, k), each itself first."""
+def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
+    """The neighbours of a part's own points, or of some points, (m, k), each itself first."""
     places = local.read(cloud.columns[cloud.latest(MERGED, POSITIONS)])
-    near = NeighborTree(places, in_order=True).rows(count, core)
-    odd = np.flatnonzero(near[:, 0] != local.own)  # another point is at the same place
+    tree = NeighborTree(places, in_order=True)
+    if isinstance(core, slice):
+        rows, near = np.arange(core.start, core.stop), tree.rows(count, core)
+    else:
+        rows, near = core, tree.rows_at(count, places[core])
+    odd = np.flatnonzero(near[:, 0] != rows)  # another point is at the same place
     if len(odd):
-        at = near[odd] == local.own[odd, None]
+        at = near[odd] == rows[odd, None]
         near[odd] = np.where(at, near[odd, :1], near[odd])
-        near[odd, 0] = local.own[odd]
+        near[odd, 0] = rows[odd]
     return near
 
 
@@ -106,22 +115,23 @@ def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
         return
     names = PLANES if has_planes else (PLACED, NORMALS)
     Facing(work, cloud, *names, KEPT if has_planes else NEAR).settle((span[0], middle))
-    out = work.room(FACED, np.float32, 3)
-
-    def turn(part: int) -> None:
-        stretch = work.stretch(part)
-        normals = columns[NORMALS][stretch]
-        if has_planes:
-            local = work.local(part)
-            core = slice(int(local.own[0]), int(local.own[-1]) + 1)
-            planes = local.read(columns[PLANES[1]]) * local.read(columns[SIGNED])[:, None]
-            signed = sides(normals, planes, near_in(cloud, local, core, KEPT))
-        else:
-            signed = columns[SIGNED][stretch]
-        out.write(stretch.start, normals * signed[:, None])
-
-    work.all(turn, (middle, span[1]))
+    work.room(FACED, np.float32, 3)
+    work.all(partial(_turn, work, cloud, has_planes), (middle, span[1]))
     columns.put(FACED, {})
+
+
+def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
+    """Write the fitted normals of a part with their signs."""
+    columns, stretch = work.columns, work.stretch(part)
+    normals = columns[NORMALS][stretch]
+    if has_planes:
+        local = work.local(part)
+        core = slice(int(local.own[0]), int(local.own[-1]) + 1)
+        planes = local.read(columns[PLANES[1]]) * local.read(columns[SIGNED])[:, None]
+        signed = sides(normals, planes, near_in(cloud, local, core, KEPT))
+    else:
+        signed = columns[SIGNED][stretch]
+    columns[FACED].write(stretch.start, normals * signed[:, None])
 
 
 def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
@@ -129,21 +139,24 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
     columns = work.columns
     if columns.get(TURNED) is not None:
         return
-    directions, known = work.room(UNITS, np.float32, 3), work.room(KNOWN, np.int8) if cloud.is_seen else None
-
-    def put(part: int) -> dict[str, Any]:
-        local = work.local(part)
-        found = units(cloud, local)
-        local.write(directions, found.normals)
-        if known is not None and found.known is not None:
-            local.write(known, found.known)
-        return {}
-
+    directions = work.room(UNITS, np.float32, 3)
+    if cloud.is_seen:
+        work.room(KNOWN, np.int8)
     first, last = (span[0] + share * (span[1] - span[0]) for share in (0.2, 0.9))
-    work.each("units", put, (span[0], first))
+    facts = work.each("units", partial(_put_units, work, cloud), (span[0], first))
     Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).settle((first, last))
     out, signed = work.room(TURNED, np.float32, 3), columns[SIGNED]
     for part in range(work.parts):
         stretch = work.stretch(part)
         out.write(stretch.start, directions[stretch] * signed[stretch][:, None])
-    columns.put(TURNED, {})
+    columns.put(TURNED, {"mended": np.sum([fact["mended"] for fact in facts], axis=0).tolist()})
+
+
+def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
+    """Write the normals of a part as units."""
+    local = work.local(part)
+    found = units(cloud, local)
+    local.write(work.columns[UNITS], found.normals)
+    if found.known is not None:
+        local.write(work.columns[KNOWN], found.known)
+    return {"mended": list(found.mended)}

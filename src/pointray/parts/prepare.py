@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import os
+import hashlib
+import json
 import shutil
-import sys
+import socket
+import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..memory import available_memory
-from ..model_folder import INDEX, UNFINISHED
+from ..cluster.worker import version_here
+from ..memory import FULL_DISK, available_memory
+from ..model_folder import INDEX, UNFINISHED, VERSION
 from ..points.files import headers, open_files, stamp
 from ..points.formats._source import Request
 from ..points.ready import PEAK
@@ -19,27 +23,58 @@ from ..points.replacing import check_writable
 from ..points.selection import Selection
 from ..progress import Progress, part_of
 from ..tree.settings import TreeSettings
+from .alone import alone, team_for
 from .columns import Columns
 from .large import Large, Wanted
 from .spool import spool
 from .spooled import spooled_in
 
-if sys.platform != "win32":
-    import fcntl
-
 TASK = "task"  # what is known of the files and settings, there
 SPOOLED = 0.25  # share of the time
+UNKNOWN = 1 << 32  # bytes, where nobody says how many are available
 # Bytes at the peak: of a point of a part, with its share of a margin; of all else, the sample of the cloud included.
 EACH, REST, LEAST = 600, 3 << 28, 3 << 29
+PROCESS, FEWEST = 3 << 27, 1 << 18  # bytes of a worker without any points; points of a part that it has room for
+ATTEMPTS, PAUSE = 20, 0.5  # to remove what is unfinished; seconds
 
 
-def part_points_within(memory: int) -> int:
-    """How many points a part may have so that preparing takes no more than so many bytes, a power of two."""
-    if memory < LEAST:
+def part_points_within(memory: int, workers: int = 0) -> int:
+    """How many points a part may have so that preparing takes no more than so many bytes, a power of two.
+
+    workers : processes that make parts at the same time, beside this one; 0: this one does
+    """
+    rest, each = REST + workers * PROCESS, EACH * max(workers, 1)
+    least = rest + each * FEWEST if workers else LEAST
+    if memory < least:
         raise ValueError(
-            f"parts cannot be made in {memory / 2**30:.2f} GiB of memory: {LEAST / 2**30:.1f} GiB are needed"
+            f"parts cannot be made in {memory / 2**30:.2f} GiB of memory: {least / 2**30:.1f} GiB are needed"
+            + (f" with {workers} workers on one machine" if workers else "")
         )
-    return 1 << (((memory - REST) // EACH).bit_length() - 1)
+    return 1 << (((memory - rest) // each).bit_length() - 1)
+
+
+def part_points_for(client: Any, memory: int | None) -> int:
+    """How many points a part may have so that preparing fits into so much memory of each machine, a power of two.
+
+    client : whose workers make parts, or None; memory : None: what is available
+    """
+    if client is None:
+        return part_points_within(memory or available_memory() or UNKNOWN)
+    machines = client.run(_machine).values()
+    most = max(Counter(host for host, _ in machines).values())
+    return part_points_within(memory or min(free for _, free in machines), most)
+
+
+def _machine() -> tuple[str, int]:
+    """Its name, and the memory that is available."""
+    return socket.gethostname(), available_memory() or UNKNOWN
+
+
+def begun_points(path: Path) -> int | None:
+    """The points of a part of what is unfinished in a folder; None if nothing is."""
+    known = Columns(path / UNFINISHED).get(TASK) if (path / UNFINISHED).is_dir() else None
+    size = None if known is None else known.get("size")
+    return size if isinstance(size, int) and size > 0 else None
 
 
 def fits(files: Sequence[Path], request: Request, memory: int | None) -> bool:
@@ -56,8 +91,12 @@ def prepare(
     settings: tuple[TreeSettings, str | float],
     part_points: int,
     progress: Progress | None = None,
+    client: Any = None,
+    levels: bool = True,
 ) -> int:
     """Write a model in parts, see `Model`; returns how many points it has.
+
+    With a client of Dask its workers make the parts, and write them. The files are the same as without.
 
     Parameters
     ----------
@@ -68,32 +107,55 @@ def prepare(
     settings : TreeSettings, and the noise's deviation or "auto"
     part_points : int
         Of a part, at most.
+    progress : callable, optional
+        Called with the share done.
+    client : distributed.Client, optional
+        Its workers must see the folder at the same path, and may write there.
+    levels : bool
+        Whether parts get levels of detail.
 
     Raises
     ------
     OSError
         If a file cannot be read or written.
     ValueError
-        If a file is damaged, the folder holds something else, or another process works there.
+        If a file is damaged, the folder holds something else, another process works there, or a worker does not see
+        the folder or has another version of pointray.
     """
-    there = path.exists()
+    there, path = path.exists(), path if client is None else path.absolute()
     columns = Columns(check_unfinished(path))
     size = 1 << (part_points.bit_length() - 1)
-    wanted = Wanted(settings[0], settings[1], size)
-    with _alone(columns.folder):
-        _check_task(columns, _task_of(files, reading, settings, size))
+    wanted = Wanted(settings[0], settings[1], size, levels)
+    with alone(columns.folder), _going_on(path):
+        if columns.get(TASK) is None and (path / INDEX).exists():
+            _remove(columns.folder, None)
+            raise _not_empty(path)
+        _check_task(columns, {**_task_of(files, reading, settings, size), "levels": levels})
         try:
+            team = team_for(client, columns.folder / f"{TASK}.json")
             spooled = spooled_in(columns)
             if spooled is None:
                 with open_files(files, reading[0]) as openers:
                     spooled = spool(openers, reading[1], columns, part_of(progress, 0.0, SPOOLED))
-            Large(path, columns, spooled, wanted, part_of(progress, SPOOLED, 1.0)).build()
+            Large(path, columns, spooled, wanted, part_of(progress, SPOOLED, 1.0), team).build()
         except BaseException:  # Ctrl-C too
             if spooled_in(columns) is None:  # nothing is worth to be kept
                 _remove(columns.folder, None if there else path)
             raise
-        shutil.rmtree(columns.folder)
+        _remove(columns.folder, None)
     return spooled.rows
+
+
+@contextmanager
+def _going_on(path: Path) -> Iterator[None]:
+    """Say in the error of a full disk what to do."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in FULL_DISK:
+            raise
+        advice = f"{error.strerror}: make room and run the same command again, it goes on"
+        raise OSError(error.errno, advice, str(error.filename or path)) from error
 
 
 def check_unfinished(path: Path) -> Path:
@@ -101,9 +163,13 @@ def check_unfinished(path: Path) -> Path:
     unfinished = path / UNFINISHED
     others = path.exists() and (not path.is_dir() or any(path.iterdir()))
     if others and not unfinished.is_dir():
-        raise ValueError(f"{path}: there is something already: name a new or an empty folder")
+        raise _not_empty(path)
     check_writable(path / INDEX if path.exists() else path)
     return unfinished
+
+
+def _not_empty(path: Path) -> ValueError:
+    return ValueError(f"{path}: there is something already: name a new or an empty folder")
 
 
 def _task_of(
@@ -115,12 +181,15 @@ def _task_of(
         "reading": [repr(one) for one in reading],
         "settings": [repr(one) for one in settings],
         "size": size,
+        "version": [version_here(), VERSION],
     }
 
 
 def _check_task(columns: Columns, task: Mapping[str, Any]) -> None:
     known = columns.get(TASK)
     if known is None:
+        # Parts of other points or settings have another id, those of the same have the same.
+        columns.put("id", {"id": hashlib.sha256(json.dumps(task).encode()).hexdigest()[:16]})
         columns.put(TASK, task)
     elif known != task:
         what = next(name for name in task if known.get(name) != task[name])
@@ -130,28 +199,13 @@ def _check_task(columns: Columns, task: Mapping[str, Any]) -> None:
         )
 
 
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Keep other processes from working in a folder; ValueError if one does."""
-    if sys.platform == "win32":
-        yield
-        return
-    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o666)
-    try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ValueError(f"{folder.parent}: another process prepares a model there just now") from None
-        except OSError:  # a file system without locks
-            pass
-        yield
-    finally:
-        os.close(lock)
-
-
 def _remove(unfinished: Path, folder: Path | None) -> None:
     """Remove what is unfinished, and the folder around it, if that was made for it."""
-    with suppress(OSError):
-        shutil.rmtree(unfinished)
-        if folder is not None:
+    for _ in range(ATTEMPTS):
+        shutil.rmtree(unfinished, ignore_errors=True)
+        if not unfinished.exists():
+            break
+        time.sleep(PAUSE)  # a worker whose job was done by another one writes there until it notices
+    if folder is not None:
+        with suppress(OSError):
             folder.rmdir()

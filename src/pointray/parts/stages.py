@@ -18,6 +18,7 @@ from ..points.normals.estimate import estimate_normals, seen_from, with_units
 from ..points.normals.jets import survey
 from ..points.normals.layers import Layers
 from ..points.normals.orientation import NEAR
+from ..points.normals.sheets import is_thick
 from ..points.normals.stations import eyes_of, faced, is_known
 from ..points.path import Path
 from ..points.smoothing.noise import Stretches, examined, points_per_stretch
@@ -37,6 +38,7 @@ POSITIONS, GIVEN = "points.positions", "points.normals"
 MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
 PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"
 PLANES = "planes.moved", "planes.normals"
+THICK, PARTED = "thick", "parted"  # whether a point may be of two sheets; normals where these were looked for
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,16 @@ class Cloud:
     survey: Survey
     seers: dict[str, str]
     is_seen: bool
+
+    @property
+    def has_units(self) -> bool:
+        """Whether the normals that points have by now are unit ones: those of another length would be rounded again."""
+        return self.columns.get(TURNED) is not None
+
+    @property
+    def normals(self) -> str:
+        """The column with the normals of the surface that are there by now."""
+        return self.latest(PARTED, self.latest(FACED, NORMALS))
 
     def points(self, local: Local) -> Points:
         """Some of the points, where they are by now, with the normals that they have by now."""
@@ -79,6 +91,7 @@ class Surface(NamedTuple):
     planes : (n, 3) float32 each, positions on planes around noisy points and the planes' normals, which tell signs
     known : (n,) bool, whose scanner is known; None: nobody's
     mended : how many normals were lost, and of another length
+    thick : (n,) bool, which points may be of two sheets; None: not asked
     """
 
     positions: Floats
@@ -87,6 +100,7 @@ class Surface(NamedTuple):
     planes: tuple[Floats, Floats] | None = None
     known: NDArray[np.bool_] | None = None
     mended: tuple[int, int] = (0, 0)
+    thick: NDArray[np.bool_] | None = None
 
 
 def path_of(positions: Floats) -> Path:
@@ -107,7 +121,7 @@ def examine(cloud: Cloud, local: Local) -> Stretches:
     """What the stretches of a part show of its noise; places are those of the whole cloud."""
     points = cloud.points(local)
     along = path_of(points.positions)
-    known = None if points.normals is None else take(_units_of(points).normals, along.rows)
+    known = None if points.normals is None else take(_units_of(cloud, local, points).normals, along.rows)
     found = examined(along.positions, known, points_per_stretch(cloud.total))
     rows = along.rows[found.places]
     own = np.isin(rows, local.own)
@@ -117,7 +131,7 @@ def examine(cloud: Cloud, local: Local) -> Stretches:
 def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None) -> Surface:
     """Points with normals of their own, moved where they are noisy. stretches : of all parts; None: sigma tells"""
     points = cloud.points(local)
-    mended = _units_of(points)
+    mended = _units_of(cloud, local, points)
     along = path_of(points.positions)
     noise = _noise_along(local, along, stretches)
     placed = smooth_known(points.with_normals(mended.normals), sigma, along=along, known_noise=noise)
@@ -145,13 +159,14 @@ def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | N
     planes = None
     if layers is not None and layers.noisy:
         planes = along.spread(layers.moved, points), along.spread(layers.planes, points)
-    return Surface(positions, normals, noise, planes, known)
+    thick = None if layers is None else along.spread(is_thick(found.residuals), points)
+    return Surface(positions, normals, noise, planes, known, thick=thick)
 
 
 def units(cloud: Cloud, local: Local) -> Surface:
     """Points with unit normals, which face those who saw them, where that is known."""
     points = cloud.points(local)
-    mended, (eye, known) = _units_of(points), _eyes_of(cloud, points)
+    mended, (eye, known) = _units_of(cloud, local, points), _eyes_of(cloud, points)
     if eye is not None:
         mended.normals[~faced(points.positions, mended.normals, eye)] *= -1
     return mended._replace(known=known)
@@ -164,7 +179,7 @@ def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bo
     eyes = eyes_of(points)
     if eyes is None:
         return None, np.zeros(len(points), np.bool_)
-    eye = seen_from(points, eyes, np.arange(len(points), dtype=np.int32))
+    eye = np.require(seen_from(points, eyes, np.arange(len(points), dtype=np.int32)), requirements="W")  # for `take`
     return eye, is_known(eye) & (eye != points.positions).any(axis=1)
 
 
@@ -172,9 +187,11 @@ def _noise_along(local: Local, along: Path, stretches: Stretches | None) -> Nois
     return None if stretches is None else noise_by(stretches, local.rows[along.rows])
 
 
-def _units_of(points: Points) -> Surface:
-    """The points with unit normals; where none is good they are estimated."""
-    found = with_units(points)
+def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
+    """The points with unit normals; where none is good they are estimated. Own points alone count as mended."""
+    if cloud.has_units:
+        return Surface(points.positions, np.asarray(points.normals), None)
+    found = with_units(points, local.own)
     if found is None:
         return Surface(points.positions, np.asarray(estimate_normals(points).normals), None)
     return Surface(points.positions, found.unit, None, mended=(found.lost, found.odd))
@@ -182,7 +199,7 @@ def _units_of(points: Points) -> Surface:
 
 def support(cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, usual: Usual) -> Support:
     """The support of points on their surface. given : (n,), their radii; None: chosen"""
-    positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.latest(FACED, NORMALS)))
+    positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.normals))
     automatic = settings.overhang < np.inf
     return find_support(
         positions,

@@ -1,21 +1,24 @@
 """Work on a cloud in parts: stages that follow each other, and what each has found, on disk.
 
-What is done is not done again, so that an interrupted run goes on.
+What is done is not done again, so that an interrupted run goes on. Parts of a stage are done one after the other here,
+or at once by workers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
+from ..cluster.chores import Team
 from ..memory import give_back
 from ..points.usual import Usual, sample_of
 from ..progress import Progress, part_of, tell
 from .arrange import TILE
 from .columns import Column, Columns
-from .local import Local, local_of
+from .local import Local, local_of, points_of
 
 Facts = dict[str, Any]
 Result = TypeVar("Result")
@@ -23,6 +26,8 @@ Result = TypeVar("Result")
 
 class Work:
     """Columns of a cloud in parts, and stages for each part.
+
+    It can be sent to workers, which do parts of a stage with it, and tell nobody of their progress.
 
     Parameters
     ----------
@@ -33,11 +38,19 @@ class Work:
         Points of a part, a power of two, `TILE` or more.
     progress : callable, optional
         Called with the share done.
+    team : Team, optional
+        Workers who see the columns. What is done for parts is sent to them, so it is a function of a module, or a
+        method, with small arguments. None: all is done here.
     """
 
-    def __init__(self, columns: Columns, total: int, size: int, progress: Progress | None = None) -> None:
+    def __init__(
+        self, columns: Columns, total: int, size: int, progress: Progress | None = None, team: Team | None = None
+    ) -> None:
         self.columns, self.size, self.parts = columns, size, -(-total // size)
-        self._total, self._progress = total, progress
+        self._total, self._progress, self._team = total, progress, team
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Work, (self.columns, self._total, self.size)
 
     def stretch(self, part: int) -> slice:
         """The rows of a part."""
@@ -48,12 +61,25 @@ class Work:
         return part_of(self._progress, *span)
 
     def room(self, name: str, dtype: Any, width: int = 0) -> Column:
-        """A column for all points, as it is if there is one."""
-        return self.columns.find(name) or self.columns.make(name, dtype, width, self._total)
+        """A column for all points, as it is if there is one; ValueError if there was one, which is lost."""
+        there, made = self.columns.find(name), f"made-{name}"
+        if there is not None:
+            return there
+        if self.columns.get(made) is not None:
+            raise ValueError(f"{self.columns.folder}: {name} is missing: remove the folder to begin anew")
+        column = self.columns.make(name, dtype, width, self._total)
+        self.columns.put(made, {})
+        return column
 
     def local(self, part: int) -> Local:
-        tiles = np.arange(part * self.size, min((part + 1) * self.size, self._total), TILE) // TILE
-        return local_of(self.columns, tiles, self._total)
+        """The points of a part with its margin, which is looked for once."""
+        tiles, name = np.arange(part * self.size, self.stretch(part).stop, TILE) // TILE, f"margin-{part:04d}"
+        known = self.columns.get(name)
+        if known is not None:
+            return points_of(np.array(known["tiles"], np.int64), tiles, self._total)
+        local = local_of(self.columns, tiles, self._total)
+        self.columns.put(name, {"tiles": local.tiles.tolist()})
+        return local
 
     def surveyed(self, stage: str, look: Callable[[Local, Usual], Any]) -> Usual:
         """What a stage asks of the whole cloud, found by doing it for the sample."""
@@ -68,24 +94,48 @@ class Work:
             self.columns.put(f"usual-{stage}", known)
         return Usual(None, known, is_told=True)
 
-    def all(self, do: Callable[[int], Result], span: tuple[float, float]) -> list[Result]:
-        """Do something for each part, whether or not it is done; what each gives."""
-        results = []
-        for part in range(self.parts):
-            results.append(do(part))
-            tell(self.watch(span), (part + 1) / self.parts)
-        return results
+    def all(self, do: Callable[[int], Result], span: tuple[float, float], name: str = "signs") -> list[Result]:
+        """Do something for each part, whether or not it is done; what each gives. name : what the dashboard shows"""
+        results = dict(self._share(name, partial(_do, self, do), range(self.parts), span))
+        return [results[part] for part in range(self.parts)]
 
     def each(self, stage: str, do: Callable[[int], Facts | None], span: tuple[float, float]) -> list[Facts]:
         """Do a stage for each part, unless it is done; what each says."""
-        facts: list[Facts] = []
-        for part in range(self.parts):
-            name = f"{stage}-{part:04d}"
-            said = self.columns.get(name)
-            if said is None:
-                said = do(part) or {}
-                give_back()
-                self.columns.put(name, said)
-            facts.append(said)
-            tell(self.watch(span), (part + 1) / self.parts)
-        return facts
+        known = {part: self.columns.get(_mark(stage, part)) for part in range(self.parts)}
+        todo = [part for part, said in known.items() if said is None]
+        known.update(self._share(stage, partial(_do_once, self, stage, do), todo, span))
+        return [known[part] or {} for part in range(self.parts)]
+
+    def _share(
+        self, name: str, do: Callable[[int], Result], todo: Sequence[int], span: tuple[float, float]
+    ) -> Iterator[tuple[int, Result]]:
+        """Do something for some parts, here or by the team; yields each with what it gives."""
+        say, done = self.watch(span), self.parts - len(todo)
+        if self._team is None:
+            results: Iterator[tuple[int, Result]] = ((part, do(part)) for part in todo)
+        else:
+            results = self._team.share(name, do, todo, lambda: tell(say, done / self.parts))
+        for one in results:
+            done += 1
+            tell(say, done / self.parts)
+            yield one
+
+
+def _mark(stage: str, part: int) -> str:
+    """The facts that say that a stage is done for a part."""
+    return f"{stage}-{part:04d}"
+
+
+def _do(work: Work, do: Callable[[int], Result], part: int) -> Result:
+    """Do something for a part; what it has written is on the disk then, for all machines."""
+    result = do(part)
+    work.columns.sync()
+    give_back()
+    return result
+
+
+def _do_once(work: Work, stage: str, do: Callable[[int], Facts | None], part: int) -> Facts:
+    """Do a stage for a part, and mark it as done."""
+    said = _do(work, do, part) or {}
+    work.columns.put(_mark(stage, part), said)
+    return said

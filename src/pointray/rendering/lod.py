@@ -41,7 +41,10 @@ class Fetch(Protocol):
     """Opens models that lie on disk, while pictures show what is there."""
 
     def want(self, models: list[Model]) -> None:
-        """Open these in their order, as far as there is memory, and forget what was wanted before."""
+        """Open these in their order, as far as there is memory, and forget what was wanted before.
+
+        A level is left out if there is memory for a finer one of the same part that stands before it.
+        """
 
     def open(self, model: Model) -> bool:
         """Open one at once; False: it cannot be opened."""
@@ -86,6 +89,8 @@ def at_distance(
         shown[mine] = _repaint(scene.world, records, mine, wanted[fitting.shapes == k], len(family) - 1)
         records[mine, SHAPE_ROW] = first[k] + shown[mine]
     models = [level for family in families for level in family]
+    needed, records[rows, SHAPE_ROW] = np.unique(records[rows, SHAPE_ROW].astype(int), return_inverse=True)
+    models = [models[k] for k in needed]
     used = set(records[rows if held is None else held, SHAPE_ROW].astype(int).tolist())
     if fetch is not None:
         used = {k for k in used if (source := models[k].source) is None or source.is_open}
@@ -153,7 +158,8 @@ def _there(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp: int |
         if level > middle:
             soon.append(family[middle])
     rough = fitting.levels(_finest(1)) if spp is not None and spp > 1 else wanted
-    later = [families[shapes[k]][int(levels[k])] for levels in (rough, wanted) for k in order]
+    coarser = np.minimum(wanted + 1, [len(families[shape]) - 1 for shape in shapes])  # where there is no room for more
+    later = [families[shapes[k]][int(levels[k])] for levels in (rough, wanted, coarser) for k in order]
     fetch.want(list(dict.fromkeys(model for model in (*soon, *later) if model.source is not None)))
     return shown
 

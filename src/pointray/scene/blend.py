@@ -53,13 +53,17 @@ def blend(
     records = scene.world.instances.reshape(-1, INSTANCE)
     shapes = np.append(np.where(records[:, KIND] == MODEL, records[:, SHAPE_ROW], -1), -1)
     of_model = shapes[found["instance"]]
+    floats: dict[int, NDArray[np.float64]] = {}  # parts share their columns, each of which is converted once
     for k, values in form.values.items():
         rows = np.flatnonzero(of_model == k)
-        if len(rows):
-            whole = k in form.whole
-            out[rows] = (
-                values[found["point"][rows]] if whole else blend_attribute(scene.world, found, rows, k, values, pace)
-            )
+        if not len(rows):
+            continue
+        if k in form.whole:
+            out[rows] = values[found["point"][rows]]
+            continue
+        if id(values) not in floats:
+            floats[id(values)] = np.ascontiguousarray(values, np.float64)
+        out[rows] = blend_attribute(scene.world, found, rows, k, floats[id(values)], pace)
     return out.reshape(shape + out.shape[1:])
 
 

@@ -7,12 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import SHAPE_ROW, TO_MODEL
 from ..trace.cast import Pace, closest_hits, occlusions
-from ..tree.instance_bvh import boxes_around
 from .rays import Rays
-from .shown import instances_of
-from .world import Snapshot
+from .world import Snapshot, reach_boxes
 
 MOST = 1 << 22  # pairs of a ray and a part; of more all parts are opened
 MARGIN = 1e-6  # share of coordinates, and of distances: rounding leaves no part out
@@ -50,9 +47,7 @@ class _Waiting:
     """
 
     def __init__(self, scene: Snapshot, rows: NDArray[np.int64], rays: Rays) -> None:
-        records = instances_of(scene.world)[rows]
-        bounds = np.array([scene.models[int(shape)].reach for shape in records[:, SHAPE_ROW]])
-        boxes = boxes_around(records[:, TO_MODEL:].reshape(-1, 3, 4), bounds)
+        boxes = reach_boxes(scene.world.instances, scene.models, rows)
         self._rows, self._entry = rows, np.array([_entry(box, *rays) for box in boxes])
         self._is_open = np.zeros(len(rows), np.bool_)
 
@@ -62,8 +57,9 @@ class _Waiting:
 
     def take(self, t: NDArray[Any]) -> bool:
         """Open the nearest part that each ray enters before it hits something at t; False if there is none."""
-        before = np.where(self._is_open[:, None] | (self._entry > t + MARGIN * np.abs(t)), np.inf, self._entry)
-        entered = np.isfinite(before.min(axis=0, initial=np.inf))
+        until = t * (1.0 + MARGIN * np.sign(t))
+        before = np.where(self._is_open[:, None] | (self._entry > until), np.inf, self._entry)
+        entered = before.min(axis=0, initial=np.inf) < np.inf
         self._is_open[before[:, entered].argmin(axis=0)] = True
         return bool(entered.any())
 

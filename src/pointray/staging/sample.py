@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ..data import Points, spread_rows
+from ..data import STRETCHES, Points, spread_rows
 from ..kernels.records import TO_MODEL
 from ..model import Model
 from ..scene.scene import Scene
@@ -107,13 +108,23 @@ def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:
 
 
 def _standing_for(model: Model) -> list[Points]:
-    """The points of a model; of one in parts, which need not fit into memory, those of the coarsest levels, or some."""
-    parts = [part for part in model.parts if part.has_surface]
-    if parts and all(part.levels for part in parts):
-        return [part.levels[-1].points for part in parts]
-    if parts:
-        return [model.points.select(spread_rows(len(model.points), MOST))]
-    return [model.points]
+    """The points of a model; of one whose parts lie on disk, and need not fit into memory, some of them.
+
+    The coarsest levels of detail stand for parts, and as small a share of the points for parts without levels.
+    """
+    files = [part.source.file for part in model.parts if part.source is not None]
+    if not files:
+        return [model.points]
+    counts = [file.points for file in files]
+    starts, leveled = np.cumsum([0, *counts]), [bool(part.levels and part.has_surface) for part in model.parts]
+    coarse = [part.levels[-1].points for part, has_levels in zip(model.parts, leveled, strict=True) if has_levels]
+    share = sum(map(len, coarse)) / max(sum(itertools.compress(counts, leveled)), 1) or MOST / len(model.points)
+    rest = [
+        start + spread_rows(count, max(int(share * count), STRETCHES))
+        for start, count, has_levels in zip(starts, counts, leveled, strict=False)
+        if not has_levels
+    ]
+    return [*coarse, *([model.points.select(np.concatenate(rest))] if rest else [])]
 
 
 def _matrix(to_model: Floats, points: Points) -> Floats:

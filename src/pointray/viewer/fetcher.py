@@ -41,10 +41,10 @@ class Fetcher:
 
     def want(self, models: list[Model]) -> None:
         """See `Fetch.want`."""
-        fitting = list(_fitting(models))
-        for model in fitting:
+        fitting = list(_fitting([model for model in models if model not in self._failed]))
+        for model in reversed(fitting):  # what is wanted is not let go, the first of it last of all
             if model.source is not None:
-                model.source.find()  # what is wanted is not let go
+                model.source.find()
         with self._changed:
             self._wanted = fitting
             if self._thread is None and self._open and self._next() is not None:
@@ -68,7 +68,7 @@ class Fetcher:
     def close(self) -> None:
         """Open nothing more, and forget what was wanted."""
         with self._changed:
-            self._open, self._wanted = False, []
+            self._open, self._wanted, self._failed = False, [], set()
             self._changed.notify_all()
 
     @property
@@ -109,13 +109,16 @@ class Fetcher:
 
 
 def _fitting(models: list[Model]) -> Iterator[Model]:
-    """Those of some parts and levels of detail that fit into their models' budgets, in their order."""
+    """Those of some parts and levels of detail that fit into their models' budgets, see `Fetch.want`."""
     left: dict[int, int] = {}
+    finest: dict[tuple[int, int], int] = {}  # of what fits, by model and part
     for model in models:
         source = model.source
         if source is None:
             continue
-        room = left.setdefault(id(source.residence), source.residence.room)
-        if source.is_kept or source.file.nbytes <= room:
-            left[id(source.residence)] -= 0 if source.is_kept else source.file.nbytes
+        owner, (part, level) = id(source.residence), source.key
+        room = left.setdefault(owner, source.residence.room)
+        size = 0 if source.is_kept else source.file.nbytes
+        if size <= room and level <= finest.get((owner, part), level):
+            left[owner], finest[owner, part] = room - size, level
             yield model

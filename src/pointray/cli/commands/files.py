@@ -157,12 +157,14 @@ def prepare(
     memory: Annotated[
         str | None,
         typer.Option(
-            help="Of a model in parts: make it part by part if it does not fit into so much memory, like 4GiB; "
-            "an interrupted run goes on [what is available]."
+            help="Of a model in parts: make it part by part if it does not fit into so much memory of each machine, "
+            "like 4GiB; an interrupted run goes on [what is available]."
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
     threads: ThreadsOption = None,
+    cluster: ClusterOption = None,
+    workers: WorkersOption = None,
 ) -> None:
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
     from ..prepare import prepare as work
@@ -192,6 +194,8 @@ def prepare(
         "part_points": part_points,
         "memory": None if memory is None else bytes_of(memory),
         "force": force,
+        "cluster": cluster,
+        "workers": workers,
     }
     print(work(files, reading, Path(output), options))
 

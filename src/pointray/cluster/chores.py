@@ -1,0 +1,126 @@
+"""Chores: functions that workers call with numbers, such as those of parts, without a scene.
+
+A chore does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from ..progress import Progress
+from .crew import Ask, Crew
+from .dispatch import Job
+from .parcels import Parcel
+from .recipe import Stage, pack, unpack
+from .worker import DroppedError
+
+POLL = 0.1  # seconds between two looks whether a chore is still wanted
+THREADS = "POINTRAY_THREADS"
+
+T = TypeVar("T")
+
+
+class _Nothing:
+    """A scene without anything."""
+
+    def __init__(self) -> None:
+        self.baked, self.models = None, list[Any]()
+
+    def copy(self) -> Stage:
+        return self
+
+    def snapshot(self) -> None:
+        return None
+
+
+class Team:
+    """The workers of a client, for chores.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        As `check_client` takes it.
+    ask : callable, optional
+        What is wrong with workers, see `Crew`.
+    """
+
+    def __init__(self, client: Any, ask: Ask | None = None) -> None:
+        self._crew = Crew(client, _Nothing(), ask)
+
+    def share(
+        self, name: str, do: Callable[[int], T], numbers: Sequence[int], tick: Callable[[], None]
+    ) -> Iterator[tuple[int, T]]:
+        """Call a function with each of some numbers; yields each with what it gives, in the order in which it is ready.
+
+        The function goes to each worker once, so that what is bound to it may be large. It may be called twice with
+        the same number, at the same time too.
+
+        name : what the dashboard shows; tick : called ten times a second, an error in it ends all
+        """
+        todo = Parcel(name, pack(do))
+        jobs = deque(Job(f"{name} {k}/{len(numbers)}", do_chore, (n,), (todo,)) for k, n in enumerate(numbers, 1))
+        for job, result in self._crew.run(jobs, tick):
+            yield job.args[0], unpack(result)
+
+
+def do_chore(scene: None, number: int, todo: bytes, threads: int | None, check: Progress | None) -> bytes:
+    """Call a function on a worker; returns what it gives."""
+    do = unpack(todo)
+    with _on(threads):
+        return pack(do(number) if check is None else stoppable(lambda: do(number), check))
+
+
+def stoppable(work: Callable[[], T], check: Progress) -> T:
+    """Do work in a thread, which is ended as by `sys.exit` when `check` raises DroppedError, after its call of C."""
+    results: list[T] = []
+    errors: list[BaseException] = []
+
+    def body() -> None:
+        try:
+            results.append(work())
+        except BaseException as error:
+            errors.append(error)
+
+    thread, is_dropped = threading.Thread(target=body, daemon=True), False
+    thread.start()
+    while thread.is_alive():
+        thread.join(POLL)
+        try:
+            check(0.0)
+        except DroppedError:
+            is_dropped = True
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
+    if is_dropped:
+        raise DroppedError
+    if errors:
+        raise errors[0]
+    return results[0]
+
+
+_LOCK, _BEFORE = threading.Lock(), list[str | None]()  # of the chores in this process
+
+
+@contextmanager
+def _on(threads: int | None) -> Iterator[None]:
+    """Have kernels use so many threads. Workers in one process have as many each, which the last of them sets back."""
+    if threads is None:
+        yield
+        return
+    with _LOCK:
+        _BEFORE.append(os.environ.get(THREADS))
+        os.environ[THREADS] = str(threads)
+    try:
+        yield
+    finally:
+        with _LOCK:
+            before = _BEFORE.pop()
+            if not _BEFORE:
+                os.environ.pop(THREADS)
+                if before is not None:
+                    os.environ[THREADS] = before

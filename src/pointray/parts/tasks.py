@@ -1,0 +1,98 @@
+"""What is done for one part: columns of earlier stages -> columns, and a few facts.
+
+These are functions of a module with small arguments, so that workers can be told to do them; columns are opened anew.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..points.smoothing.noise import Stretches
+from ..points.usual import Usual
+from ..splats.make import check_size
+from ..splats.support import Support
+from ..tree.settings import TreeSettings
+from .local import Local
+from .stages import KNOWN, MERGED, NOISE, NORMALS, PLACED, PLANES, THICK, Cloud, examine, fit, merge, place, support
+from .work import Facts, Work
+
+RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
+
+
+class Measure(NamedTuple):
+    """How the surface of a part is found.
+
+    sigma : the noise's deviation, or "auto"
+    stretches : the noise of all parts; None: sigma tells
+    usual : what fits to points without normals ask of the whole cloud; None: points have normals
+    """
+
+    sigma: str | float
+    stretches: Stretches | None
+    usual: Usual | None
+
+
+class Supporting(NamedTuple):
+    """How supports are found. radii : the column of given ones, or None"""
+
+    radii: str | None
+    settings: TreeSettings
+
+    def find(self, cloud: Cloud, local: Local, usual: Usual) -> Support:
+        """The supports of some points."""
+        given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
+        return support(cloud, local, given, self.settings, usual)
+
+
+def move_layers(work: Work, cloud: Cloud, usual: Usual, part: int) -> None:
+    """Move second layers onto one surface."""
+    local = work.local(part)
+    local.write(work.columns[MERGED], merge(cloud, local, usual))
+
+
+def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
+    """What the stretches of a part show of its noise, see `Stretches`."""
+    found = examine(cloud, work.local(part))
+    return {name: values.tolist() for name, values in found._asdict().items()}
+
+
+def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts:
+    """Write where rays meet the points, their normals and noise."""
+    local, columns = work.local(part), work.columns
+    sigma, stretches, usual = measure
+    found = place(cloud, local, sigma, stretches) if usual is None else fit(cloud, local, sigma, stretches, usual)
+    local.write(columns[PLACED], found.positions)
+    local.write(columns[NORMALS], found.normals)
+    if found.noise is not None:
+        local.write(columns[NOISE], found.noise)
+    for name, values in zip(PLANES, found.planes or (), strict=False):
+        local.write(columns[name], values)
+    if found.known is not None:
+        local.write(columns[KNOWN], found.known)
+    said: Facts = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
+    if found.thick is not None:
+        local.write(columns[THICK], found.thick)
+        own = found.positions[local.own]
+        said |= {"thick": int(found.thick[local.own].sum()), "low": own.min(axis=0).tolist()}
+        said |= {"high": own.max(axis=0).tolist()}
+    return {**said, "mended": list(found.mended)}
+
+
+def find_supports(work: Work, cloud: Cloud, supporting: Supporting, usual: Usual, part: int) -> Facts:
+    """Write the supports of a part."""
+    local, columns = work.local(part), work.columns
+    found = supporting.find(cloud, local, usual)
+    check_size(found.radii)
+    local.write(columns[RADII], found.radii)
+    if found.borders is not None:
+        local.write(columns[BORDERS], found.borders)
+    if found.sheets is not None:
+        local.write(columns[SHEETS], found.sheets)
+    return {
+        "borders": found.borders is not None,
+        "sheets": found.sheets is not None and bool(found.sheets[local.own].any()),
+        "lone": int(found.lone[local.own].sum()),
+        "tight": found.tight,
+    }

@@ -1,0 +1,363 @@
+"""Models in parts that workers make are those that are made here, file by file and byte by byte."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from clusters import cluster_of
+from conftest import sphere_points
+from pointray.cli import execute
+from pointray.cluster import worker
+from pointray.cluster.chores import THREADS, _on, stoppable
+from pointray.cluster.crew import Crew
+from pointray.cluster.worker import DroppedError
+from pointray.parts import alone as alone_module
+from pointray.parts import prepare as prepare_module
+from pointray.parts.prepare import part_points_for, part_points_within, prepare
+from pointray.points.files import request_of
+from pointray.points.selection import Selection
+from pointray.tree.settings import check_settings
+
+SIZE = 1 << 14  # the least there is for so few points
+RNG = np.random.default_rng(0)
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    with cluster_of(2, processes=False) as client:
+        yield client
+
+
+def prepared(file: Path, folder: Path, client: Any = None, progress: Any = None) -> dict[str, bytes]:
+    """The files of the model in parts of a file."""
+    reading = request_of(), Selection(1, None, None, None, None)
+    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), SIZE, progress, client)
+    return files_of(folder)
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def statue(file: Path) -> None:
+    """Points with normals and colours, of which no two are alike."""
+    points = pr.procedural("statue", 50_000)
+    pr.write(file, points.changed(attributes={"number": np.arange(len(points), dtype=np.int32)}))
+
+
+def rough(file: Path) -> None:
+    """A noisy sphere over a ground that ends, without normals."""
+    ground = RNG.random((25_000, 2)) * 4 - 2
+    rows = np.concatenate([sphere_points(25_000), np.column_stack([ground, np.full(25_000, -1.2)])])
+    pr.write(file, pr.Points((rows + RNG.normal(size=rows.shape) * 0.004).astype(np.float32)))
+
+
+def some_signs(file: Path) -> None:
+    """Normals that face either side, by chance."""
+    rows = sphere_points(40_000)
+    pr.write(file, pr.Points(rows, rows * RNG.choice([-1, 1], (len(rows), 1)).astype(np.float32)))
+
+
+def given_radii(file: Path) -> None:
+    rows = sphere_points(40_000)
+    pr.write(file, pr.Points(rows, rows, attributes={"radius": np.full(len(rows), 0.03, np.float32)}))
+
+
+def seen(file: Path) -> None:
+    """Two scans of a sphere, each from a station of its own."""
+    rows = sphere_points(40_000)
+    with file.open("w") as out:
+        for x in (-4, 4):
+            some = rows[rows[:, 0] * x > 0] - [x, 0, 0]
+            out.write(f"{len(some)}\n1\n{x} 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{x} 0 0 1\n")
+            out.writelines(f"{a:.6f} {b:.6f} {c:.6f} 0.5\n" for a, b, c in some)
+
+
+@pytest.mark.parametrize("make", [statue, rough, some_signs, given_radii, seen])
+@pytest.mark.filterwarnings("ignore:.*normals")
+def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path) -> None:
+    file = tmp_path / ("scan.ptx" if make is seen else "scan.ply")
+    make(file)
+    told: list[float] = []
+    found, wanted = prepared(file, tmp_path / "there", client, told.append), prepared(file, tmp_path / "here")
+    assert found == wanted and len(wanted) >= 5
+    assert told == sorted(told) and told[-1] == 1.0
+
+
+def test_every_part_of_a_stage_is_a_job(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names: list[str] = []
+    submit = Crew.submit
+    monkeypatch.setattr(Crew, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
+    rough(tmp_path / "a.ply")
+    prepared(tmp_path / "a.ply", tmp_path / "a", client)
+    for stage in ("sort", "merge", "noise", "place", "signs", "support", "boxes", "tree"):
+        assert {f"{stage} {k}/4" for k in range(1, 5)} <= set(names)
+
+
+def test_an_error_in_progress_ends_the_work_which_goes_on_later(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    statue(tmp_path / "a.ply")
+
+    def stop(share: float) -> None:
+        if share > 0.8:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        prepared(tmp_path / "a.ply", tmp_path / "a", client, stop)
+    end = time.monotonic() + 20
+    while any(client.processing().values()) or any(bench.lock.locked() for bench in worker._BENCHES.values()):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    names: list[str] = []
+    submit = Crew.submit
+    monkeypatch.setattr(prepare_module, "spool", None)
+    monkeypatch.setattr(Crew, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
+    found = prepared(tmp_path / "a.ply", tmp_path / "a", client)
+    monkeypatch.undo()
+    assert not any(name.startswith(("sort", "place")) for name in names)
+    assert found == prepared(tmp_path / "a.ply", tmp_path / "b")
+
+
+def test_what_workers_have_begun_goes_on_here(client: Any, tmp_path: Path) -> None:
+    statue(tmp_path / "a.ply")
+
+    def stop(share: float) -> None:
+        if share > 0.6:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        prepared(tmp_path / "a.ply", tmp_path / "a", client, stop)
+    assert prepared(tmp_path / "a.ply", tmp_path / "a") == prepared(tmp_path / "a.ply", tmp_path / "b")
+
+
+def test_workers_that_do_not_see_the_folder_are_named(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    statue(tmp_path / "a.ply")
+    monkeypatch.setattr(alone_module, "_is_seen", lambda place: False)
+    with pytest.raises(ValueError, match=r"worker \S+ does not see the folder \S+/a, or must not write there"):
+        prepared(tmp_path / "a.ply", tmp_path / "a", client)
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_file_is_not_seen_where_it_is_another_one(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "task.json").write_text("{}")
+    place = alone_module.place_of(tmp_path / "a" / "task.json")
+    assert alone_module._is_seen(place)
+    (tmp_path / "a" / "task.json").write_text("{ }")
+    assert not alone_module._is_seen(place)
+
+
+def test_a_later_worker_that_does_not_see_the_folder_is_left_out(client: Any) -> None:
+    first, second = client.nthreads()
+
+    def ask(client: Any, workers: list[str]) -> dict[str, str]:
+        return {worker: f"{worker} is blind" for worker in workers if worker == second}
+
+    from pointray.cluster.chores import Team
+
+    with pytest.warns(UserWarning, match=f"it is not used: {second} is blind"):
+        team = Team(client, ask)
+    assert dict(team.share("squares", square, range(5), lambda: None)) == {k: k * k for k in range(5)}
+    assert list(team._crew.workers) == [first]
+
+
+def square(k: int) -> int:
+    return k * k
+
+
+def test_an_error_of_a_worker_is_raised_here(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    statue(tmp_path / "a.ply")
+    monkeypatch.setattr("pointray.parts.tasks.check_size", full)
+    text = "a.ply: No space left on device: make room and run the same command again, it goes on"
+    with pytest.raises(OSError, match="No space left") as told:
+        prepared(tmp_path / "a.ply", tmp_path / "a", client)
+    assert f"{told.value.filename}: {told.value.strerror}" == text
+    monkeypatch.undo()
+    assert prepared(tmp_path / "a.ply", tmp_path / "a", client) == prepared(tmp_path / "a.ply", tmp_path / "b")
+
+
+def full(radii: Any) -> None:
+    raise OSError(28, "No space left on device", "a.ply")
+
+
+# ------------------------------------------------------------------------------------------------------------- chores
+
+
+def test_a_chore_that_nobody_wants_ends() -> None:
+    begun, is_wanted, lines = threading.Event(), [True], [0]
+
+    def work() -> None:
+        begun.set()
+        while True:
+            lines[0] += 1
+
+    def check(share: float) -> None:
+        if not is_wanted[0]:
+            raise DroppedError
+
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            stoppable(work, check)
+        except DroppedError as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    assert begun.wait(5)
+    is_wanted[0] = False
+    thread.join(5)
+    assert not thread.is_alive() and len(errors) == 1
+    done = lines[0]
+    time.sleep(0.2)
+    assert lines[0] == done
+
+
+def test_a_chore_gives_its_result_or_its_error() -> None:
+    assert stoppable(lambda: 7, lambda share: None) == 7
+    with pytest.raises(ZeroDivisionError):
+        stoppable(lambda: 1 / 0, lambda share: None)
+
+
+def test_chores_use_the_threads_of_their_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(THREADS, "9")
+    one, two = _on(1), _on(2)
+    with _on(None):
+        assert os.environ[THREADS] == "9"
+    one.__enter__()
+    two.__enter__()
+    assert os.environ[THREADS] == "2"
+    one.__exit__(None, None, None)
+    two.__exit__(None, None, None)
+    assert os.environ[THREADS] == "9"
+    monkeypatch.delenv(THREADS)
+    with _on(3):
+        assert os.environ[THREADS] == "3"
+    assert THREADS not in os.environ
+
+
+# ------------------------------------------------------------------------------------------------------------- memory
+
+
+def test_memory_is_that_of_all_processes(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert part_points_within(4 << 30, 1) == 1 << 22
+    assert part_points_within(4 << 30, 2) == part_points_within(8 << 30, 4) == 1 << 21
+    with pytest.raises(ValueError, match=r"in 1\.00 GiB of memory: 1\.8 GiB are needed with 2 workers on one machine"):
+        part_points_within(1 << 30, 2)
+    assert part_points_for(client, 4 << 30) == 1 << 21  # both are on this machine
+    assert part_points_for(None, 4 << 30) == part_points_within(4 << 30)
+    monkeypatch.setattr(prepare_module, "available_memory", lambda: 3 << 30)
+    assert part_points_for(client, None) == part_points_within(3 << 30, 2)
+
+
+# ------------------------------------------------------------------------------------------------------- command line
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    statue(tmp_path / "scan.ply")
+    return tmp_path / "scan.ply"
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: Any) -> str:
+    """The one line that the command is refused with."""
+    assert execute(["prepare", *map(str, words)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_the_command_prepares_on_a_cluster(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from distributed import LocalCluster
+
+    options: dict[str, Any] = {"processes": False, "protocol": "tcp", "dashboard_address": "127.0.0.1:0"}
+    out = tmp_path / "a.pointray"
+    with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=0, **options) as cluster:
+        words = ["prepare", str(scan), "-o", f"{out}/", "--part-points", str(SIZE)]
+        assert execute([*words, "--cluster", cluster.scheduler_address]) == 0
+    assert capsys.readouterr().out == f"{out}: a model of 50,000 points in 4 parts\n"
+    # Here such a scan is made at once, unless part by part is asked for.
+    assert files_of(out) == prepared(scan, tmp_path / "b")
+
+
+def test_a_scheduler_that_is_not_there_is_told_at_once(
+    scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begun = time.monotonic()
+    line = refused(capsys, scan, "-o", f"{tmp_path / 'a.pointray'}/", "--cluster", "tcp://127.0.0.1:1")
+    assert line == "pointray: --cluster tcp://127.0.0.1:1: no scheduler of Dask answers there"
+    assert time.monotonic() - begun < 10
+    assert not (tmp_path / "a.pointray").exists()
+
+
+def test_what_workers_cannot_do_is_told(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parts = "-o", f"{tmp_path / 'a.pointray'}/", "--workers", 2
+    assert "exclude each other" in refused(capsys, scan, *parts, "--cluster", "tcp://127.0.0.1:1")
+    line = refused(capsys, scan, "-o", tmp_path / "b.ply", "--workers", 2)
+    assert line == f"pointray: --workers is for a model in parts: -o {tmp_path / 'b.pointray'}/"
+    line = refused(capsys, scan, *parts, "--tolerance", "0.1")
+    assert line == "pointray: --tolerance is for scans that fit into memory: leave it out, or leave out --workers"
+    pr.Model(pr.procedural("sphere", 1000)).save(tmp_path / "m.pointray")
+    line = refused(capsys, tmp_path / "m.pointray", *parts)
+    assert line == "pointray: --workers is for scans: a saved model is put into parts here"
+    assert not (tmp_path / "a.pointray").exists()
+
+
+# ------------------------------------------------------------------------------------------------- processes of others
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.35, 0.5, 0.7, 0.9])
+def test_the_files_are_the_same_when_a_worker_is_killed(share: float, tmp_path: Path) -> None:
+    rough(tmp_path / "a.ply")
+    killed: list[float] = []
+    with cluster_of(2, processes=True) as client:
+
+        def kill(done: float) -> None:
+            if done > share and not killed:
+                killed.append(done)
+                os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+        found = prepared(tmp_path / "a.ply", tmp_path / "there", client, kill)
+    assert killed
+    assert found == prepared(tmp_path / "a.ply", tmp_path / "here")
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_all_workers_and_the_work_goes_on(tmp_path: Path) -> None:
+    import subprocess
+    import sys
+
+    import psutil
+
+    statue(tmp_path / "a.ply")
+    out = tmp_path / "a.pointray"
+    command = [sys.executable, "-m", "pointray", "prepare", str(tmp_path / "a.ply"), "-o", f"{out}/"]
+    command += ["--part-points", str(SIZE), "--workers", "2"]
+    with (tmp_path / "log.txt").open("w") as errors:
+        process = subprocess.Popen(command, stderr=errors)
+    end = time.monotonic() + 120
+    while not list((out / "unfinished").glob("place-*.json")) and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.02)
+    found = psutil.Process(process.pid).children(recursive=True)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=20) == 130
+    assert (tmp_path / "log.txt").read_text() == ""
+    _, alive = psutil.wait_procs(found, timeout=10)
+    assert alive == [] and len(found) >= 3
+    assert not (out / "index.json").exists()
+    done = subprocess.run(command, capture_output=True, check=False, timeout=300)
+    assert done.returncode == 0 and done.stderr == b""
+    assert files_of(out) == prepared(tmp_path / "a.ply", tmp_path / "b")
