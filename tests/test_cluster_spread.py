@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
+import threading
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,9 +20,11 @@ import pointray as pr
 from clusters import assert_alike, ball, camera_of, cluster_of, scene_of
 from pointray.cli import execute
 from pointray.cluster import worker as worker_module
+from pointray.cluster.dispatch import SLOW_AT_HOME, Dispatch, Job
 from pointray.parts.split import split
 from pointray.rendering.waves.travel import traffic
 
+MAIN = threading.main_thread()
 PATHS = pr.Settings("path", spp=3, max_depth=3)
 
 
@@ -158,3 +163,74 @@ def test_the_command_line_spreads(folder: Path, tmp_path: Path) -> None:
     assert execute(["render", str(folder), "-o", str(other), *options]) == 0
     np.testing.assert_array_equal(np.asarray(Image.open(picture)), np.asarray(Image.open(other)))
     assert execute(["render", str(folder), "-o", str(picture), *options, "--spread"]) == 2
+
+
+class Hands:
+    """Workers whose jobs end when a test says so."""
+
+    def __init__(self, *workers: str) -> None:
+        self.workers = dict.fromkeys(workers, 1)
+        self.given: list[tuple[str, str]] = []
+
+    def submit(self, job: Job, worker: str) -> Any:
+        self.given.append((job.name, worker))
+        return Future()
+
+    def fetch(self, future: Any) -> Any:
+        raise NotImplementedError
+
+    def unsee(self, place: Any) -> None:
+        raise AssertionError
+
+
+class Future:
+    """One of Dask's, which is never ready."""
+
+    status = "pending"
+
+    def add_done_callback(self, function: Any) -> None:
+        pass
+
+    def release(self) -> None:
+        pass
+
+
+def test_a_job_is_done_at_home_as_long_as_somebody_is_there() -> None:
+    hands = Hands("a", "b")
+    jobs = deque(Job(name, print, (), home=home) for name, home in (("1", "a"), ("2", "a"), ("3", "a"), ("4", "b")))
+    work = Dispatch(hands, jobs)
+    work.hand_out()
+    assert hands.given == [("1", "a"), ("4", "b"), ("2", "a")]  # b waits: nothing else is its own
+    work.hand_out()
+    assert len(hands.given) == 3
+    del hands.workers["a"]
+    work.drop_lost()
+    work.hand_out()
+    assert hands.given[3:] == [("1", "b")]  # it has two
+    hands.workers["c"] = 1
+    work.hand_out()
+    assert hands.given[4:] == [("2", "c"), ("3", "c")]
+
+
+def test_what_is_very_slow_at_home_is_done_elsewhere_too() -> None:
+    hands = Hands("a", "b")
+    work = Dispatch(hands, deque([Job("1", print, (), home="a"), Job("2", print, (), home="a")]))
+    work.hand_out()
+    work._times.append(0.1)
+    work.flights[0].begun -= SLOW_AT_HOME / 2
+    work.hand_out()
+    assert hands.given == [("1", "a"), ("2", "a")]
+    work.flights[0].begun -= SLOW_AT_HOME
+    work.hand_out()
+    assert hands.given == [("1", "a"), ("2", "a"), ("1", "b")]
+
+
+def test_a_folder_that_a_worker_does_not_see_is_told(
+    client: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = scene_with(Path(shutil.copytree(folder, tmp_path / "b.pointray")))
+    monkeypatch.setattr("pointray.model_file.Place.is_there", property(lambda self: threading.current_thread() is MAIN))
+    with pytest.raises(ValueError, match=r"a worker does not see .*b\.pointray"):
+        pr.render(scene, camera_of(16, 16), client=client, spread=True)
+    with client.as_current(), pytest.raises(ValueError, match=r"spread: a worker does not see .*b\.pointray"):
+        scene.intersect(da.zeros((4, 3)), (0, 0, 1), spread=True)

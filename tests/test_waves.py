@@ -13,12 +13,13 @@ from conftest import sphere_points
 from pointray.parts.split import split
 from pointray.rendering.picture import kernel_for
 from pointray.rendering.plan import plan
-from pointray.rendering.waves.recall import recalled_for
+from pointray.rendering.waves.recall import recalled_for, recalled_quick, recalled_sampled
 from pointray.rendering.waves.route import route
 from pointray.rendering.waves.spread import NOTHING
 from pointray.rendering.waves.travel import View, held_world
 from pointray.rendering.waves.wave import Pictured, Waves, answer_question, passes_of, pieces_of
 from pointray.scene.shares import Shares, boxes_of
+from pointray.trace.world import occlude_tile, trace_tile
 
 
 def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders: int) -> tuple[Any, list[int]]:
@@ -140,3 +141,19 @@ def test_what_a_lost_holder_held_goes_to_others(parted: pr.Model) -> None:
     assert set(shares.of("a").tolist()) >= held["a"] and set(shares.of("c").tolist()) >= held["c"]
     assert sorted([*shares.of("a"), *shares.of("c")]) == [0, 1, 2, 3, 4]
     assert shares.pass_on(["d"]) and len(shares.of("d")) == 5
+
+
+def test_nothing_that_asks_traces_models() -> None:
+    """All functions that do are exchanged, whoever calls them."""
+    waiting: list[Any] = [recalled_quick, recalled_sampled]
+    reached: dict[Any, str] = {}
+    while waiting:
+        piece = waiting.pop()
+        if piece not in reached:
+            reached[piece] = piece.py_func.__name__
+            names = piece.py_func.__code__.co_names
+            waiting += [one for name in names if hasattr(one := piece.py_func.__globals__.get(name), "py_func")]
+    found = set(reached.values())
+    assert found >= {"trace_paths", "light_tile", "catch_paths", "see_sky", "_recall_tile", "tile_on_plane"}
+    assert not found & {"through_instance", "closest_of_tile", "closest", "describe_tile", "paint_four"}
+    assert trace_tile not in reached and occlude_tile not in reached
