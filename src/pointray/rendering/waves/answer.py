@@ -100,6 +100,7 @@ def answer(world: World, rays: Array, slots: Array, any_hit: bool, pace: Pace = 
     instances, facts = np.full(n, -1, np.int32), np.empty((0 if any_hit else n, 8))
     columns = tuple(np.ascontiguousarray(rays[:, part]).reshape(-1) for part in (slice(3), slice(3, 6), 6, 7))
     begins = np.unique([0, *np.flatnonzero(slots & BEGINS), n])
-    args = columns, (slots, begins.astype(np.int64)), any_hit, (instances, facts.reshape(-1))
+    # What came in a message cannot be written to, and would be another type for the kernel.
+    args = columns, (np.array(slots), begins.astype(np.int64)), any_hit, (instances, facts.reshape(-1))
     run(_answer, -(-(len(begins) - 1) // BATCH), world, *args, **pace._asdict())
     return instances, facts

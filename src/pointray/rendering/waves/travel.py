@@ -25,7 +25,7 @@ from .wave import Answer, Pictured, Question, Waves, answer_question, passes_of,
 
 PIECES = 3  # in the works at once: while the rays of some travel, others go on here
 MOST_RAYS = 1 << 16  # of a message: 4 MiB
-WORLDS = 2  # that a holder keeps
+WORLDS = 4  # that the holders in a process keep
 
 
 @dataclass(frozen=True)
@@ -180,16 +180,16 @@ class _Piece:
 
     def __init__(self, picture: Pictured, piece: Piece, samples: tuple[int, int]) -> None:
         self._passes = (Waves(picture, piece, some) for some in passes_of(samples))
-        self._now = next(self._passes, None)
+        self._now: Waves | None = None  # nothing takes memory before the piece is begun
 
     def ask(self, progress: Any) -> Question | None:
         """See `Waves.ask`; None: all samples are there."""
-        while self._now is not None:
-            question = self._now.ask(progress)
-            if question is not None:
+        while True:
+            question = None if self._now is None else self._now.ask(progress)
+            if question is None:
+                self._now = next(self._passes, None)
+            if question is not None or self._now is None:
                 return question
-            self._now = next(self._passes, None)
-        return None
 
     def take(self, rows: NDArray[np.int64], given: Answer) -> None:
         """See `Waves.take`."""
