@@ -118,11 +118,6 @@ class Waves:
         self._best = np.zeros((0, FACTS))
         self._met = np.zeros(0, np.bool_)
 
-    @property
-    def samples(self) -> int:
-        """How many samples of pixels they are."""
-        return self._piece.blocks * BLOCK_EDGE * BLOCK_EDGE * (self._job.end - self._job.first)
-
     def ask(self, progress: Any = None) -> Question | None:
         """What the samples ask next; None: nothing, the picture has them.
 
