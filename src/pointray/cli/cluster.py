@@ -54,7 +54,8 @@ def wait_for_kernels(client: Any, settings: Any = None) -> None:
 
     settings : of the pictures; None: the kernel is that of the rays of a bake
     """
+    from ..cluster.client import is_spread_preferred
     from ..rendering.warmup import wait_until_warm
 
-    if client is not None and client.cluster is not None:
+    if client is not None and client.cluster is not None and not is_spread_preferred(client):
         in_background(lambda: wait_until_warm(settings))

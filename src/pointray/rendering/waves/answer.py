@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...jit import Array, borrow, keep_alive, kernel, next_tile, run
+from ...jit import Array, borrow, i64, keep_alive, kernel, next_tile, run
 from ...kernels.records import World
 from ...kernels.scratch import (
     COLOR,
@@ -24,38 +24,43 @@ from ...trace.cast import PLAIN, Pace
 from ...trace.hits import describe_tile
 from ...trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
 
-BATCH = 1024  # rays that a thread takes at a time
+BATCH = 16  # tiles that a thread takes at a time
+BEGINS, SLOT = 128, 63  # bits of a ray's slot: whether it is the first one of a tile; which ray of the tile it is
 
 Rays: TypeAlias = tuple[Array, Array, Array, Array]  # origins, directions, ends, sides: float64, flat
 
 
 @kernel
-def _answer(work: Array, world: World, rays: Rays, any_hit: bool, instances: Array, facts: Array) -> int:
-    """What rays meet. any_hit : whether it only matters that they do; instances : (n,) int32, -1 where they do not
+def _answer(
+    work: Array, world: World, rays: Rays, tiles: tuple[Array, Array], any_hit: bool, out: tuple[Array, Array]
+) -> int:
+    """What rays meet, tile by tile.
 
-    facts : (n * 8,) float64, t, normal, color and the margin of `shading_points`, of those that do
+    tiles : slots of the rays, uint8, and where each tile begins among them, int64, one more than there are tiles
+    any_hit : whether it only matters that they meet something
+    out : instances (n,) int32, -1 where nothing is met; and of what is met facts (n * 8,) float64, t, normal, color and
+        the margin of `shading_points`
     """
     origins, directions, ends, sides = borrow(rays[0]), borrow(rays[1]), borrow(rays[2]), borrow(rays[3])
+    slots, begins, instances, facts = borrow(tiles[0]), borrow(tiles[1]), borrow(out[0]), borrow(out[1])
     memory = new_scratch(world.longest)
     scratch, world = borrow(memory), borrow(world)
     batch = next_tile(work)
     while batch >= 0:
-        for first in range(batch * BATCH, min((batch + 1) * BATCH, ends.size), TILE):
+        for tile in range(batch * BATCH, min((batch + 1) * BATCH, begins.size - 1)):
             for k in range(TILE):
-                i = first + k
-                if i < ends.size:
-                    ray = load3_flat(origins, 3 * i), load3_flat(directions, 3 * i), 0.0, ends[i]
-                    set_ray_from(scratch, k, ray, sides[i])
-                else:
-                    set_ray(scratch, k, NO_RAY)
+                set_ray(scratch, k, NO_RAY)
+            for i in range(begins[tile], begins[tile + 1]):
+                ray = load3_flat(origins, 3 * i), load3_flat(directions, 3 * i), 0.0, ends[i]
+                set_ray_from(scratch, i64(slots[i] & SLOT), ray, sides[i])
             if any_hit:
                 occlude_tile(world, scratch)
             else:
                 trace_tile(world, scratch)
                 describe_tile(world, True, scratch)
                 store_shading_points(world, scratch)
-            for k in range(min(TILE, ends.size - first)):
-                i = first + k
+            for i in range(begins[tile], begins[tile + 1]):
+                k = i64(slots[i] & SLOT)
                 if any_hit:
                     instances[i] = 0 if is_blocked(scratch, k) else -1
                     continue
@@ -71,13 +76,16 @@ def _answer(work: Array, world: World, rays: Rays, any_hit: bool, instances: Arr
     return 0
 
 
-def answer(world: World, rays: Array, any_hit: bool, pace: Pace = PLAIN) -> tuple[Array, Array]:
+def answer(world: World, rays: Array, slots: Array, any_hit: bool, pace: Pace = PLAIN) -> tuple[Array, Array]:
     """What rays meet.
 
     Parameters
     ----------
     rays : (n, 8) float64
         Origin, unit direction, end, side.
+    slots : (n,) uint8
+        Which ray of a tile each is, with `BEGINS` where a tile begins. Rays are traced in the tiles in which they were
+        asked for: beside voxels with other steps last bits of a hit depend on the rays beside it.
     any_hit : bool
         Whether it only matters that they meet something.
 
@@ -91,5 +99,8 @@ def answer(world: World, rays: Array, any_hit: bool, pace: Pace = PLAIN) -> tupl
     n = len(rays)
     instances, facts = np.full(n, -1, np.int32), np.empty((0 if any_hit else n, 8))
     columns = tuple(np.ascontiguousarray(rays[:, part]).reshape(-1) for part in (slice(3), slice(3, 6), 6, 7))
-    run(_answer, -(-n // BATCH), world, columns, any_hit, instances, facts.reshape(-1), **pace._asdict())
+    begins = np.unique([0, *np.flatnonzero(slots & BEGINS), n])
+    # What came in a message cannot be written to, and would be another type for the kernel.
+    args = columns, (np.array(slots), begins.astype(np.int64)), any_hit, (instances, facts.reshape(-1))
+    run(_answer, -(-(len(begins) - 1) // BATCH), world, *args, **pace._asdict())
     return instances, facts

@@ -39,6 +39,7 @@ from ...kernels.scratch import (
 )
 from ...kernels.vec import load3_flat
 from ...shade.shading_points import store_shading_points
+from ...simd import Bits
 from ...trace.hits import describe_tile
 from ...trace.instance import through_instance
 from ...trace.instance_bvh import begin_walk
@@ -80,12 +81,12 @@ class Recall(NamedTuple):
     found : (n,) int64
         The row of a hit's facts; MISS. For a ray that may be blocked, whether it is: 0 or MISS.
     facts : (m * FACTS,) float64
-    counts : (units,) int32
-        What samples ask now: how many rays.
+    asked : (units,) int64
+        What samples ask now: which rays of their tiles, as bits.
     kinds : (units,) uint8
         1: whether they are blocked; 0: what they meet.
     rays : (units * TILE * RAY,) float64
-        Those of a sample begin at TILE times its number.
+        The rays of their tiles.
     """
 
     first_block: int
@@ -98,7 +99,7 @@ class Recall(NamedTuple):
     begins: Array
     found: Array
     facts: Array
-    counts: Array
+    asked: Array
     kinds: Array
     rays: Array
 
@@ -186,14 +187,14 @@ def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
     """Recall what the tile's rays meet, after planes; else ask."""
     scratch, world = borrow(scratch), borrow(world)
     recall, stack = world.recall, scratch.stack
-    asked = 0
+    asked = i64(0)
     for i in range(TILE):
         scratch.world[LOCAL + i] = 0.0  # the margin of what is met
-        asked += 1 if _is_open(scratch, i) else 0
+        asked |= i64(_is_open(scratch, i)) << i
     unit, turn = _unit_of(recall, stack), i64(stack[TURN])
     if recall.turns > 0 and not recall.last and recall.begins[(recall.turns - 1) * recall.units + unit] < 0:
         stack[SILENT] = 1  # it had nothing more to ask in the wave before
-    if asked > 0 and stack[SILENT] == 0:
+    if asked != 0 and stack[SILENT] == 0:
         stack[TURN] += 1
         begin = recall.begins[turn * recall.units + unit] if turn < recall.turns else i64(-1)
         if begin >= 0:
@@ -231,20 +232,19 @@ def _take(recall: Recall, begin: int, any_hit: bool, scratch: Scratch) -> None:
 
 
 @inline
-def _ask(recall: Recall, unit: int, asked: int, any_hit: bool, scratch: Scratch) -> None:
-    """Write down the tile's rays as the question of a sample."""
-    recall.counts[unit] = asked
+def _ask(recall: Recall, unit: int, asked: Bits, any_hit: bool, scratch: Scratch) -> None:
+    """Write down some of the tile's rays (bits) as the question of a sample."""
+    recall.asked[unit] = asked
     recall.kinds[unit] = 1 if any_hit else 0
-    at = unit * TILE * RAY
     for i in range(TILE):
-        if _is_open(scratch, i):
+        if (asked >> i) & 1 != 0:
+            at = (unit * TILE + i) * RAY
             o, d = load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)
             for c in range(3):
                 recall.rays[at + RAY_ORIGIN + c] = o[c]
                 recall.rays[at + RAY_DIRECTION + c] = d[c]
             recall.rays[at + RAY_END] = scratch.world[NEAREST + i]
             recall.rays[at + RAY_SIDE] = scratch.world[SIDE_OF + i]
-            at += RAY
 
 
 @inline
@@ -314,7 +314,7 @@ def nothing_asked(units: int, first_block: int, across: int, samples: tuple[int,
         np.zeros(0, np.int64),
         np.zeros(0, np.int64),
         np.zeros(0),
-        np.zeros(units, np.int32),
+        np.zeros(units, np.int64),
         np.zeros(units, np.uint8),
         np.empty(units * TILE * RAY),
     )

@@ -19,12 +19,13 @@ from ...scene.world import Snapshot
 from ...trace.cast import Pace
 from ..camera import Camera
 from ..lod import at_distance
+from ..pieces import Piece
 from .route import route
 from .wave import Answer, Pictured, Question, Waves, answer_question, passes_of, pieces_of
 
 PIECES = 3  # in the works at once: while the rays of some travel, others go on here
 MOST_RAYS = 1 << 16  # of a message: 4 MiB
-WORLDS = 2  # that a holder keeps
+WORLDS = 4  # that the holders in a process keep
 
 
 @dataclass(frozen=True)
@@ -115,9 +116,7 @@ class Travel:
     def add(self, picture: Pictured, samples: tuple[int, int]) -> None:
         """Add samples to all of a picture."""
         size = picture.image.shape[1], picture.image.shape[0]
-        pieces = [
-            _Piece(Waves(picture, piece, some) for some in passes_of(samples)) for piece in pieces_of(size, samples)
-        ]
+        pieces = [_Piece(picture, piece, samples) for piece in pieces_of(size, samples)]
         self._total = len(pieces)
         pending = iter(pieces)
         self._begin(pending)
@@ -157,11 +156,11 @@ class Travel:
             reached = np.flatnonzero(meets[:, k])
             for begin in range(0, len(reached), MOST_RAYS):
                 rows = reached[begin : begin + MOST_RAYS]
-                part = Question(question.rays[rows], int((rows < question.closest).sum()))
+                part = question.of(rows)
                 job = Job(f"wave {self._waves}", answer_here, (self._view, shares.of(holder), part), home=holder)
                 self._asked[job] = piece, rows
                 self._jobs.append(job)
-                _count(rays=len(rows), sent=part.rays.nbytes)
+                _count(rays=len(rows), sent=part.nbytes)
                 sent += 1
         return sent
 
@@ -179,18 +178,18 @@ class Travel:
 class _Piece:
     """The samples of a piece of a picture, some of them after the others."""
 
-    def __init__(self, passes: Iterator[Waves]) -> None:
-        self._passes = passes
-        self._now = next(passes, None)
+    def __init__(self, picture: Pictured, piece: Piece, samples: tuple[int, int]) -> None:
+        self._passes = (Waves(picture, piece, some) for some in passes_of(samples))
+        self._now: Waves | None = None  # nothing takes memory before the piece is begun
 
     def ask(self, progress: Any) -> Question | None:
         """See `Waves.ask`; None: all samples are there."""
-        while self._now is not None:
-            question = self._now.ask(progress)
-            if question is not None:
+        while True:
+            question = None if self._now is None else self._now.ask(progress)
+            if question is None:
+                self._now = next(self._passes, None)
+            if question is not None or self._now is None:
                 return question
-            self._now = next(self._passes, None)
-        return None
 
     def take(self, rows: NDArray[np.int64], given: Answer) -> None:
         """See `Waves.take`."""

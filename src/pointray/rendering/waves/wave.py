@@ -15,7 +15,7 @@ from ...trace.cast import PLAIN, Pace
 from ..film import LONGEST_PASS
 from ..integrate import BLOCK_EDGE, Pass
 from ..pieces import Floats, Piece, cut
-from .answer import answer
+from .answer import BEGINS, SLOT, answer
 from .recall import FACT_INSTANCE, FACTS, MISS, RAY, RecalledWorld, nothing_asked
 
 RAYS = 1 << 17  # rays of a piece's samples, at most: 8 MiB of them travel at once
@@ -25,12 +25,22 @@ TILES = BLOCK_EDGE * BLOCK_EDGE // TILE  # of a block
 class Question(NamedTuple):
     """Rays of which somebody is asked what they meet.
 
-    rays : (n, 8) float64, see `answer.answer`
+    rays, slots : (n, 8) float64, (n,) uint8, see `answer.answer`
     closest : the first so many ask what they meet; the others only whether they meet anything
     """
 
     rays: NDArray[np.float64]
+    slots: NDArray[np.uint8]
     closest: int
+
+    @property
+    def nbytes(self) -> int:
+        return self.rays.nbytes + self.slots.nbytes
+
+    def of(self, rows: NDArray[np.int64]) -> Question:
+        """The question of some of the rays, whose places are given in ascending order."""
+        tiles = np.cumsum(self.slots >= BEGINS)[rows]
+        return Question(self.rays[rows], _marked(self.slots[rows] & SLOT, tiles), int((rows < self.closest).sum()))
 
 
 class Answer(NamedTuple):
@@ -50,9 +60,9 @@ class Answer(NamedTuple):
 
 def answer_question(world: World, question: Question, pace: Pace = PLAIN) -> Answer:
     """What rays meet in a world."""
-    first, others = question.rays[: question.closest], question.rays[question.closest :]
-    instances, facts = answer(world, first, False, pace)
-    blocked, _ = answer(world, others, True, pace)
+    rays, slots, k = question
+    instances, facts = answer(world, rays[:k], slots[:k], False, pace)
+    blocked, _ = answer(world, rays[k:], slots[k:], True, pace)
     hits = instances >= 0
     met = np.packbits(np.concatenate([hits, blocked >= 0]))
     return Answer(met, np.column_stack([instances[hits].astype(np.float64), facts[hits]]))
@@ -108,11 +118,6 @@ class Waves:
         self._best = np.zeros((0, FACTS))
         self._met = np.zeros(0, np.bool_)
 
-    @property
-    def samples(self) -> int:
-        """How many samples of pixels they are."""
-        return self._piece.blocks * BLOCK_EDGE * BLOCK_EDGE * (self._job.end - self._job.first)
-
     def ask(self, progress: Any = None) -> Question | None:
         """What the samples ask next; None: nothing, the picture has them.
 
@@ -121,9 +126,9 @@ class Waves:
         recall = self._recall
         if recall.turns > 0:
             self._keep_answers()
-        recall.counts[:] = 0
+        recall.asked[:] = 0
         self._run(progress)
-        if not recall.counts.any():
+        if not recall.asked.any():
             if recall.turns > 0:
                 self._recall = self._recall._replace(last=True)
                 self._run(progress)
@@ -153,20 +158,21 @@ class Waves:
     def _question(self) -> Question:
         """The rays that samples have written down: those that ask what they meet, then the others."""
         recall = self._recall
-        asking = np.flatnonzero(recall.counts)
-        counts = recall.counts[asking].astype(np.int64)
-        written = recall.rays.reshape(recall.units, TILE, RAY)[asking]
-        rays = written[np.arange(TILE) < counts[:, None]]
+        asking = np.flatnonzero(recall.asked)
+        tiles, places = np.nonzero(recall.asked[asking, None] >> np.arange(TILE) & 1)
+        rays = recall.rays.reshape(recall.units, TILE, RAY)[asking[tiles], places]
+        counts = np.bincount(tiles)
         begins = np.full(recall.units, MISS, np.int64)
         begins[asking] = self._found.size + np.cumsum(counts) - counts
         self._begins.add(begins)
+        slots = _marked(places, tiles)
         any_hit = np.repeat(recall.kinds[asking] != 0, counts)
         self._order = np.argsort(any_hit, kind="stable")
         self._closest = len(rays) - int(any_hit.sum())
         self._best = np.full((self._closest, FACTS), np.inf)
         self._met = np.zeros(len(rays), np.bool_)
         self._recall = recall._replace(turns=recall.turns + 1)
-        return Question(rays[self._order], self._closest)
+        return Question(rays[self._order], slots[self._order], self._closest)
 
     def _keep_answers(self) -> None:
         """Put the answers to a question into the table."""
@@ -178,6 +184,11 @@ class Waves:
         self._facts.add(self._best[hits].reshape(-1))
         begins, found, facts = self._begins.all, self._found.all, self._facts.all
         self._recall = self._recall._replace(begins=begins, found=found, facts=facts)
+
+
+def _marked(slots: NDArray[Any], tiles: NDArray[Any]) -> NDArray[np.uint8]:
+    """Slots of rays, with marks where another tile begins. tiles : a number of each ray's tile"""
+    return (slots | np.where(np.diff(tiles, prepend=-1) != 0, BEGINS, 0)).astype(np.uint8)
 
 
 class _Growing:
