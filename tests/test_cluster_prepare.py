@@ -254,7 +254,7 @@ def test_chores_use_the_threads_of_their_worker(monkeypatch: pytest.MonkeyPatch)
 def test_memory_is_that_of_all_processes(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     assert part_points_within(4 << 30, 1) == 1 << 22
     assert part_points_within(4 << 30, 2) == part_points_within(8 << 30, 4) == 1 << 21
-    with pytest.raises(ValueError, match=r"in 1\.00 GiB of memory: 1\.8 GiB are needed with 2 workers on one machine"):
+    with pytest.raises(ValueError, match=r"in 1\.00 GiB of memory: 1\.5 GiB are needed with 2 workers on one machine"):
         part_points_within(1 << 30, 2)
     assert part_points_for(client, 4 << 30) == 1 << 21  # both are on this machine
     assert part_points_for(None, 4 << 30) == part_points_within(4 << 30)

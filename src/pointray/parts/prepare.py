@@ -34,7 +34,7 @@ SPOOLED = 0.25  # share of the time
 UNKNOWN = 1 << 32  # bytes, where nobody says how many are available
 # Bytes at the peak: of a point of a part, with its share of a margin; of all else, the sample of the cloud included.
 EACH, REST, LEAST = 600, 3 << 28, 3 << 29
-PROCESS, FEWEST = 3 << 27, 1 << 18  # bytes of a worker without any points; points of a part that it has room for
+PROCESS, FEWEST = 1 << 28, 1 << 18  # bytes of a worker without any points; points of a part that it has room for
 ATTEMPTS, PAUSE = 20, 0.5  # to remove what is unfinished; seconds
 
 
