@@ -1,6 +1,8 @@
 """Signs of normals that are made part by part are those of the whole, to the bit."""
 
+import tracemalloc
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,30 +10,18 @@ import pytest
 import pointray as pr
 from conftest import shared_model, slow, sphere_points
 from pointray.neighbors import NeighborTree, distinct, kd_order
-from pointray.parts import signs as by_parts
-from pointray.parts.signs import Labels, Local, sign_all
+from pointray.parts import ballots
+from pointray.parts.ballots import Ballots, drop_all, keep, name_of
+from pointray.parts.columns import Columns
+from pointray.parts.signs import GROUP, PIECE, POINTS, SIGN, SIGNED, Local, Signs, firsts_of
 from pointray.points.normals.jets import fit_normals
-from pointray.points.normals.joins import join
+from pointray.points.normals.joins import Held, join
 from pointray.points.normals.layers import Layers, sides
 from pointray.points.normals.orientation import NEAR, agree, orient
 from pointray.points.normals.outward import LARGE, SAMPLE, take_sample
-from pointray.points.normals.votes import STEPS, Votes
+from pointray.points.normals.votes import STEPS, Votes, sum_of
 
 STRETCH = 2048  # points that a margin consists of
-
-
-class Held:
-    """A column in memory, which begins with nonsense."""
-
-    def __init__(self, rows, dtype):
-        self.array = np.full(rows, 77, dtype)
-
-    def __getitem__(self, rows):
-        return self.array[rows].copy()
-
-    def write(self, start, rows):
-        assert rows.dtype == self.array.dtype
-        self.array[start : start + len(rows)] = rows
 
 
 class Cloud:
@@ -63,11 +53,12 @@ class Cloud:
         self.loaded.append(len(rows))
         return Local(rows, place, self.positions[rows], self.normals[rows], near)
 
-    def loaders(self):
-        return [lambda part=part: self.load(part) for part in range(self.parts)]
-
-    def labels(self):
-        return Labels(Held(len(self.path), np.int32), Held(len(self.path), np.int8))
+    def passes(self, folder):
+        """The passes, with columns that begin with nonsense."""
+        columns = Columns(folder)
+        for name, dtype in ((PIECE, np.int32), (SIGN, np.int8), (SIGNED, np.int8)):
+            columns.make(name, dtype).append(np.full(len(self.path), 77, dtype))
+        return Signs(columns, np.array([*range(0, len(self.path), self.size), len(self.path)])), columns[SIGNED]
 
 
 def cloud_of(positions, size, scramble=True):
@@ -110,34 +101,49 @@ def made(name):
     return cloud_of({"crossing": crossing, "bubbles": bubbles, "terrain": terrain}[name](), 1 << 13)
 
 
-def signs_of(cloud, progress=None):
-    signs = Held(len(cloud.path), np.int8)
-    sign_all(cloud.loaders(), cloud.labels(), signs, progress)
-    return signs.array
+def signs_of(cloud, folder, order=lambda parts: parts):
+    """The signs; order : of the parts, in each pass"""
+    (signs, out), load, parts = cloud.passes(folder), cloud.load, range(cloud.parts)
+
+    def each(task):
+        results = {part: task(part) for part in order(parts)}
+        return [results[part] for part in parts]
+
+    firsts = firsts_of(each(lambda part: signs.find(load(part))))
+    shared = signs.gather(firsts, each(lambda part: signs.vote(load(part), part, firsts)))
+    inward = signs.face(each(lambda part: signs.look(load(part), part, firsts, shared[part])))
+    each(lambda part: signs.write(part, firsts, inward))
+    return out[:]
 
 
 @pytest.mark.parametrize("name", ["bubbles", "crossing", "terrain", "lucy", slow("statue")])
-def test_parts_have_the_signs_of_the_whole(name):
+def test_parts_have_the_signs_of_the_whole(name, tmp_path, monkeypatch):
+    monkeypatch.setattr("pointray.parts.ballots.PIECES", 1000)
     cloud = made(name)
-    signs = signs_of(cloud)
+    signs = signs_of(cloud, tmp_path)
     assert cloud.parts > 3 and min(cloud.loaded) < len(cloud.path)
     np.testing.assert_array_equal(signs, orient(cloud.positions, cloud.normals, cloud.near))
     assert 0.3 < (signs == 1).mean() < 0.7  # as normals were flipped by chance
 
 
-def test_groups_of_all_kinds_are_asked():
+def test_groups_of_all_kinds_are_asked(tmp_path):
     """The clouds above have groups that lie in one part and in several, small, large, and larger than a sample."""
     cloud = made("bubbles")
-    labels, kinds = cloud.labels(), set()
-    sizes = [by_parts.find(load(), labels) for load in cloud.loaders()]
-    groups = by_parts.gather(sizes, [by_parts.vote(load(), labels, sizes) for load in cloud.loaders()])
-    for part in range(cloud.parts):
-        here = groups.among(slice(*groups.first_piece[part : part + 2]))
-        kinds |= set(zip(here[here > 0] == groups.points[here > 0], groups.points[here > 0] < LARGE, strict=True))
+    signs_of(cloud, tmp_path)
+    columns, kinds = Columns(tmp_path), set()
+    group, points = columns[GROUP][:], columns[POINTS][:]
+    ends = [np.unique(columns[PIECE][cloud.core(part)]).size for part in range(cloud.parts)]
+    each = [
+        group[start:end][columns[PIECE][cloud.core(part)]]
+        for part, (start, end) in enumerate(pairwise(firsts_of(ends)))
+    ]
+    for rows in each:
+        here = np.bincount(rows, minlength=len(points))
+        kinds |= set(zip(here[here > 0] == points[here > 0], points[here > 0] < LARGE, strict=True))
     assert len(kinds) == 4
-    assert groups.points.sum() == len(cloud.path)
-    _, each = agree(cloud.positions, cloud.normals, cloud.near)
-    np.testing.assert_array_equal(groups.points, np.bincount(each))
+    np.testing.assert_array_equal(points, np.bincount(np.concatenate(each)))
+    _, groups = agree(cloud.positions, cloud.normals, cloud.near)
+    np.testing.assert_array_equal(points, np.bincount(groups))
     terrain = made("terrain")
     assert np.bincount(agree(terrain.positions, terrain.normals, terrain.near)[1]).max() > SAMPLE
 
@@ -158,7 +164,7 @@ def test_samples_of_parts_are_those_of_the_whole():
         np.testing.assert_array_equal(np.concatenate(found), expected)
 
 
-def test_a_noisy_torus_follows_its_planes():
+def test_a_noisy_torus_follows_its_planes(tmp_path):
     """Planes through 64 points get signs, with points moved onto them, and normals follow those around them."""
     torus = pr.procedural("torus", 40_000)
     noise = 0.7 * np.sqrt(4 * np.pi**2 * 0.4 / 40_000) * np.random.default_rng(0).normal(size=(40_000, 3))
@@ -168,47 +174,36 @@ def test_a_noisy_torus_follows_its_planes():
     found = fit_normals(path, NEAR, planes=layers)
     assert layers.noisy
     cloud = Cloud(path, layers.moved, layers.planes, layers.near, 1 << 13)
-    signs = Held(len(path), np.int8)
-    sign_all(cloud.loaders(), cloud.labels(), signs)
+    signs = signs_of(cloud, tmp_path)
     whole = orient(layers.moved, layers.planes, layers.near)
-    np.testing.assert_array_equal(signs.array, whole)
+    np.testing.assert_array_equal(signs, whole)
     expected = sides(found.normals, layers.planes * whole[:, None], layers.near)
-    for part, load in enumerate(cloud.loaders()):
-        local, core = load(), cloud.core(part)
+    for part in range(cloud.parts):
+        local, core = cloud.load(part), cloud.core(part)
         planes = local.normals * signs[local.rows][:, None]
         np.testing.assert_array_equal(sides(found.normals[core], planes, local.near), expected[core])
 
 
-def test_passes_go_in_any_order_and_again():
+def test_passes_go_in_any_order_and_again(tmp_path):
     """As several machines take them, some of which die."""
-    cloud = made("bubbles")
-    dice, labels, loaders = np.random.default_rng(5), cloud.labels(), cloud.loaders()
-
-    def each(task):
-        results = {part: task(part) for part in [*dice.permutation(cloud.parts), *dice.permutation(cloud.parts)[:3]]}
-        return [results[part] for part in range(cloud.parts)]
-
-    sizes = each(lambda part: by_parts.find(loaders[part](), labels))
-    groups = by_parts.gather(sizes, each(lambda part: by_parts.vote(loaders[part](), labels, sizes)))
-    facing = by_parts.face(groups, each(lambda part: by_parts.look(loaders[part](), part, labels, groups)))
-    signs = Held(len(cloud.path), np.int8)
-    each(lambda part: by_parts.write(part, labels, groups, facing, signs))
-    np.testing.assert_array_equal(signs.array, orient(cloud.positions, cloud.normals, cloud.near))
+    cloud, dice = made("bubbles"), np.random.default_rng(5)
+    signs = signs_of(cloud, tmp_path, lambda parts: [*dice.permutation(parts), *dice.permutation(parts)[:3]])
+    np.testing.assert_array_equal(signs, orient(cloud.positions, cloud.normals, cloud.near))
+    assert not [name for name in Columns(tmp_path).names if "votes" in name]
 
 
-def test_one_part_is_the_whole_and_progress_is_told():
+def test_one_part_is_the_whole(tmp_path):
     ball = sphere_points(3000)
-    cloud, shares = cloud_of(ball, 1 << 13), []
-    signs = signs_of(cloud, shares.append)
-    assert shares == sorted(shares) and shares[-1] == 1 and shares[0] > 0
+    cloud = cloud_of(ball, 1 << 13)
+    signs = signs_of(cloud, tmp_path)
     assert (np.einsum("ij,ij->i", cloud.path, cloud.normals * signs[:, None]) > 0).all()
 
 
-def test_a_part_begins_with_a_tile():
+def test_a_part_begins_with_a_tile(tmp_path):
     cloud = made("terrain")
     cloud = Cloud(cloud.path, cloud.positions, cloud.normals, cloud.near, 5000)
     with pytest.raises(ValueError, match="a part begins at a multiple of 2,048 rows, not at row 5,000"):
-        by_parts.find(cloud.load(1), cloud.labels())
+        cloud.passes(tmp_path)[0].find(cloud.load(1))
 
 
 def votes_of(rows):
@@ -222,7 +217,7 @@ def test_joins_follow_the_clearest_votes():
     """Piece 2 has a large vote for 0, much of which is contradicted, and a clearer one for 1; 5 has none."""
     votes = [(0, 1, -3, 3), (0, 2, 5, 20), (1, 2, 4, 4), (3, 4, -0.5, 0.5)]
     for shared in ([votes], [votes[:2], votes[2:]], [votes[::2], [], votes[1::2]]):
-        group, turn = join(6, [votes_of(rows) for rows in shared])
+        group, turn = join(6, Held([votes_of(rows) for rows in shared]))
         assert group.tolist() == [0, 0, 0, 1, 1, 2]
         assert (turn[:3] * turn[0]).tolist() == [1, -1, -1]
         assert turn[3] == -turn[4]
@@ -232,5 +227,68 @@ def test_votes_of_one_pair_are_added_whatever_their_order():
     """Sums of float64 would be 0 or what the small one says, by their order."""
     big, less, small = (0, 1, 2.0**30, 2.0**30), (0, 1, -(2.0**30), 2.0**30), (0, 1, -1 / STEPS, 1 / STEPS)
     for rows in ([big, small, less], [small, big, less], [big, less, small]):
-        _, turn = join(2, [votes_of([row]) for row in rows])
+        _, turn = join(2, Held([votes_of([row]) for row in rows]))
         assert turn[0] == -turn[1]
+
+
+def dice_votes(seed):
+    """How many pieces there are, and votes of parts on them, many of which are equally clear."""
+    dice = np.random.default_rng(seed)
+    pieces = int(dice.integers(2, 400))
+    some = dice.integers(pieces, size=(int(dice.integers(1, 4 * pieces)), 2))
+    some = np.sort(some[some[:, 0] != some[:, 1]], axis=1)
+    sums = dice.integers(-3, 4, len(some)) * (STEPS if seed % 2 else dice.integers(1, STEPS))
+    each = [Votes(some[[k], 0] << 32 | some[[k], 1], sums[[k]], np.abs(sums[[k]])) for k in range(len(some))]
+    none = Votes(*np.zeros((3, 0), np.int64))
+    return pieces, [sum_of([none, *each[k::3]]) for k in range(3)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tables_on_disk_join_like_one_in_memory(seed, tmp_path, monkeypatch):
+    """Whatever their size; what each round leaves is gone."""
+    pieces, votes = dice_votes(seed)
+    expected = join(pieces, Held(votes))
+    for size in (9, 50, 1000):
+        monkeypatch.setattr(ballots, "PIECES", size)
+        columns = Columns(tmp_path)
+        cuts = [keep(columns, name_of(k), some, pieces) for k, some in enumerate(votes)]
+        found = join(pieces, Ballots(columns, [name_of(k) for k in range(3)], cuts))
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+        drop_all(columns)
+        assert not columns.names
+
+
+def test_tables_are_of_so_many_pieces(tmp_path, monkeypatch):
+    """Each pair comes once, in order, however many columns tell of it."""
+    pieces, votes = dice_votes(1)
+    monkeypatch.setattr(ballots, "PIECES", 20)
+    columns = Columns(tmp_path)
+    cuts = [keep(columns, name_of(k), some, pieces) for k, some in enumerate(votes)]
+    tables = list(Ballots(columns, [name_of(k) for k in range(3)], cuts))
+    assert len(tables) == -(-pieces // 20)
+    for k, table in enumerate(tables):
+        assert ((table.pairs >> 32) // 20 == k).all()
+    for one, other in zip(zip(*tables, strict=True), sum_of(votes), strict=True):
+        np.testing.assert_array_equal(np.concatenate(one), other)
+
+
+def test_joins_take_little_memory(tmp_path, monkeypatch):
+    """40 bytes a piece at most, beside a few tables."""
+    monkeypatch.setattr(ballots, "PIECES", 1 << 12)
+    side = 512
+    number, dice = np.arange(side * side).reshape(side, side), np.random.default_rng(6)
+    steps = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:]), (number[:-1, :-1], number[1:, 1:])]
+    pairs = np.sort(np.concatenate([(one << 32 | other).ravel() for one, other in steps]))
+    sums = dice.integers(-STEPS, STEPS, len(pairs))
+    votes, columns = Votes(pairs, sums, np.abs(sums)), Columns(tmp_path)
+    expected = join(side * side, Held([votes]))
+    cuts = [keep(columns, name_of(0), votes, side * side)]
+    del votes, pairs, sums, steps
+    tracemalloc.start()
+    found = join(side * side, Ballots(columns, [name_of(0)], cuts))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 40 * side * side
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -215,6 +215,12 @@ class Columns:
             file.truncate(rows * np.dtype(dtype).itemsize * max(width, 1))
         return Column(path, self._written)
 
+    def fill(self, name: str, rows: NDArray[Any]) -> None:
+        """Write a column at once, in place of one with this name, which stays if this fails."""
+        path = self._path(name, rows.dtype, rows.shape[1] if rows.ndim > 1 else 0)
+        with told(path), replacing(path) as beside:
+            beside.write(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
+
     def rename(self, name: str, new: str) -> None:
         """Give a column another name, in place of the column that has it."""
         column = self[name]

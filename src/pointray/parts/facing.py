@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from ..neighbors import NeighborTree
 from ..points.normals.layers import KEPT, sides
 from ..points.normals.orientation import NEAR
-from ..points.normals.votes import Votes
 from . import signs
+from .columns import Column
 from .local import Local
+from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of
 from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units
-from .work import Work
+from .work import Facts, Work
 
-PIECE, SIGN, SIGNED = "piece", "sign", "signed"  # columns
-FOUND, VOTED, LOOKED = 0.4, 0.8, 0.9  # shares of the time after which a pass is done
+FOUND, VOTED, JOINED, LOOKED = 0.4, 0.75, 0.8, 0.9  # shares of the time after which a pass is done
 
 Span = tuple[float, float]
 
@@ -38,54 +38,43 @@ class Facing:
     def __init__(self, work: Work, cloud: Cloud, places: str, normals: str, near: int) -> None:
         self._work, self._cloud, self._columns = work, cloud, (places, normals)
         self._near = near
-        work.room(PIECE, np.int32)
-        work.room(SIGN, np.int8)
-
-    @property
-    def _labels(self) -> signs.Labels:
-        """The columns, opened anew: nothing that is open can be sent to workers."""
-        return signs.Labels(self._work.columns[PIECE], self._work.columns[SIGN])
+        self._signs = Signs(work.columns, np.minimum(np.arange(work.parts + 1) * work.size, cloud.total))
+        for name, dtype in ((PIECE, np.int32), (SIGN, np.int8), (SIGNED, np.int8)):
+            work.room(name, dtype)
 
     def settle(self, span: Span) -> None:
         """Write the sign of each normal to the column `SIGNED`; those that scanners tell are kept."""
         begin, length = span[0], span[1] - span[0]
-        passes = [(begin + a * length, begin + b * length) for a, b in ((0, FOUND), (FOUND, VOTED), (VOTED, LOOKED))]
-        labels, work = self._labels, self._work
-        sizes = work.all(self._find, passes[0])
-        votes = work.all(partial(self._vote, sizes), passes[1])
-        groups = signs.gather(sizes, votes)
-        outlooks = work.all(partial(self._look, groups), passes[2])
-        facing = signs.face(groups, outlooks)
-        seen, away = self._told(groups)
-        facing = np.where(seen[groups.group], groups.turn * np.where(away, -1, 1)[groups.group], facing).astype(np.int8)
-        out, known = work.room(SIGNED, np.int8), work.columns.find(KNOWN)
-        for part in range(work.parts):
-            signs.write(part, labels, groups, facing, out)
-            if known is not None:
-                stretch = work.stretch(part)
-                out.write(stretch.start, np.where(known[stretch] != 0, np.int8(1), out[stretch]))
-
-    def _find(self, part: int) -> NDArray[np.int64]:
-        return signs.find(self._load(part), self._labels)
-
-    def _vote(self, sizes: list[NDArray[np.int64]], part: int) -> Votes:
-        return signs.vote(self._load(part), self._labels, sizes)
-
-    def _look(self, groups: signs.Groups, part: int) -> signs.Outlook:
-        return signs.look(self._load(part, alone=True), part, self._labels, groups)
-
-    def _told(self, groups: signs.Groups) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which groups have normals that scanners tell, and which of these must be turned, see `settle_unknown`."""
-        counts, votes = np.zeros((2, len(groups.points)))
-        known, labels = self._work.columns.find(KNOWN), self._labels
+        shares = ((0, FOUND), (FOUND, VOTED), (JOINED, LOOKED))
+        passes = [(begin + a * length, begin + b * length) for a, b in shares]
+        work = self._work
+        firsts = firsts_of(work.all(self._find, passes[0]))
+        shared = self._signs.gather(firsts, work.all(partial(self._vote, firsts), passes[1]))
+        inward = self._signs.face(work.all(partial(self._look, firsts, shared), passes[2]))
+        known = work.columns.find(KNOWN)
         if known is not None:
-            for part in range(self._work.parts):
-                stretch = self._work.stretch(part)
-                some = known[stretch] != 0
-                piece = labels.piece[stretch][some] + groups.first_piece[part]
-                sign = labels.sign[stretch][some] * groups.turn[piece]
-                counts += np.bincount(groups.group[piece], minlength=len(counts))
-                votes += np.bincount(groups.group[piece], sign, len(counts))
+            seen, away = self._told(firsts, known, len(inward))
+            inward = np.where(seen, away, inward)
+        for part in range(work.parts):
+            kept = None if known is None else known[work.stretch(part)] != 0
+            self._signs.write(part, firsts, inward, kept)
+
+    def _find(self, part: int) -> int:
+        return self._signs.find(self._load(part))
+
+    def _vote(self, firsts: Whole, part: int) -> Whole:
+        return self._signs.vote(self._load(part), part, firsts)
+
+    def _look(self, firsts: Whole, shared: list[Shared], part: int) -> Outlook:
+        return self._signs.look(self._load(part, alone=True), part, firsts, shared[part])
+
+    def _told(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which groups have normals that scanners tell, and which of these must be turned, see `settle_unknown`."""
+        counts, votes = np.zeros((2, groups))
+        for part in range(self._work.parts):
+            group, sign = self._signs.told(part, firsts, known[self._work.stretch(part)] != 0)
+            counts += np.bincount(group, minlength=groups)
+            votes += np.bincount(group, sign, groups)
         return counts > 0, votes < 0
 
     def _load(self, part: int, alone: bool = False) -> signs.Local:
@@ -150,19 +139,20 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
     if cloud.is_seen:
         work.room(KNOWN, np.int8)
     first, last = (span[0] + share * (span[1] - span[0]) for share in (0.2, 0.9))
-    work.each("units", partial(_put_units, work, cloud), (span[0], first))
+    facts = work.each("units", partial(_put_units, work, cloud), (span[0], first))
     Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).settle((first, last))
     out, signed = work.room(TURNED, np.float32, 3), columns[SIGNED]
     for part in range(work.parts):
         stretch = work.stretch(part)
         out.write(stretch.start, directions[stretch] * signed[stretch][:, None])
-    columns.put(TURNED, {})
+    columns.put(TURNED, {"mended": np.sum([fact["mended"] for fact in facts], axis=0).tolist()})
 
 
-def _put_units(work: Work, cloud: Cloud, part: int) -> None:
+def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
     """Write the normals of a part as units."""
     local = work.local(part)
     found = units(cloud, local)
     local.write(work.columns[UNITS], found.normals)
     if found.known is not None:
         local.write(work.columns[KNOWN], found.known)
+    return {"mended": list(found.mended)}

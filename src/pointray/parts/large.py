@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..cluster.chores import Team
-from ..points.normals.checks import RUN, RUNS, agreement_share
+from ..points.normals.checks import agreement_share, sample_rows
 from ..points.normals.estimate import DISAGREE, told
 from ..points.normals.units import to_units
 from ..points.smoothing.noise import Stretches, settled
@@ -28,7 +28,7 @@ from .columns import Columns
 from .facing import turn_fits, turn_given
 from .finish import Described, finish
 from .spooled import Spooled
-from .stages import GIVEN, KNOWN, MERGED, NOISE, NORMALS, PLACED, PLANES, POSITIONS, Cloud, merge, survey_fits
+from .stages import GIVEN, KNOWN, MERGED, NOISE, NORMALS, PLACED, PLANES, POSITIONS, TURNED, Cloud, merge, survey_fits
 from .tasks import (
     BORDERS,
     RADII,
@@ -56,11 +56,13 @@ class Wanted:
     """How a model is made, see `Model`.
 
     size : points of a part, a power of two
+    leveled : whether parts get levels of detail
     """
 
     settings: TreeSettings
     smooth: str | float
     size: int
+    leveled: bool = True
 
 
 class Large:
@@ -164,7 +166,8 @@ class Large:
         self._is_noisy = any(fact["is_noisy"] for fact in facts)
         if not has_normals:
             turn_fits(work, cloud, any(fact["has_planes"] for fact in facts), (PLACED_AT, FACED_AT))
-        lost, odd = np.sum([fact["mended"] for fact in facts], axis=0).tolist()
+        mended = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
+        lost, odd = np.sum(mended, axis=0).tolist()
         for text in told(lost, odd, cloud.total):
             warnings.warn(text, stacklevel=4)
 
@@ -180,10 +183,7 @@ class Large:
 
     def _check_signs(self) -> None:
         """Warn of normals that look to opposite sides or inwards."""
-        columns, total = self._columns, self._cloud.total
-        rows = np.arange(total)
-        if total > RUNS * RUN:
-            rows = (np.linspace(0, total - RUN, RUNS).astype(np.int64)[:, None] + np.arange(RUN)).ravel()
+        columns, rows = self._columns, sample_rows(self._cloud.total)
         where = columns[self._cloud.latest(MERGED, POSITIONS)]
         unit, length = to_units(columns[GIVEN][rows])
         good = np.flatnonzero(length > 0)
@@ -215,5 +215,5 @@ class Large:
         optional = [name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts)]
         optional += [NOISE] if self._is_noisy else []
         attributes = {name: f"points.{column}" for name, column in self._names.items()}
-        model = Described(settings, self._wanted.smooth, attributes, tuple(optional))
+        model = Described(settings, self._wanted.smooth, attributes, tuple(optional), self._wanted.leveled)
         finish(self._folder, self._work, self._cloud, model, (SUPPORTED, 1.0))

@@ -3,18 +3,20 @@
 Each pass goes over all parts, in any order, or at once: what it needs is known before it begins, and a part writes the
 labels of its own rows only, the same whenever it is asked. So a pass may be shared out, and goes on after a break.
 
-    find       a part -> how many points its pieces have; their labels
+    find       a part -> how many pieces its points form
     vote       a part and the labels around it -> the votes of its edges
     gather     all of these -> the groups of the whole
     look       a part -> which groups in it face inward, and samples of those that reach farther
-    face       all of these -> the sign of each piece
+    face       all of these -> which groups are turned
     write      a part's labels -> its signs
+
+All that has a row for each point or piece, or for each pair of pieces, stays in columns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,25 +24,17 @@ from numpy.typing import NDArray
 from ..points.normals.joins import join
 from ..points.normals.outward import Sample, inward_of, take_sample
 from ..points.normals.pieces import TILE, find_pieces
-from ..points.normals.votes import Votes, cast_votes
-from ..progress import Progress, part_of, tell
+from ..points.normals.votes import cast_votes
+from .ballots import Ballots, drop_all, keep, name_of
+from .columns import Columns
 
-FOUND, VOTED, JOINED, LOOKED = 0.4, 0.75, 0.85, 0.95  # shares of the time after which a pass is done
+# Columns: of each point its piece, counted in its part, its sign in that, and its sign; of each piece, which are
+# counted part after part, its group and its sign in that; of each group how many points it has.
+PIECE, SIGN, SIGNED, GROUP, TURN, POINTS = "piece", "sign", "signed", "group", "turn", "group.points"
 
 Floats = NDArray[np.float32]
 Whole = NDArray[np.int64]
-Signs = NDArray[np.int8]
-Result = TypeVar("Result")
-
-
-class Rows(Protocol):
-    """A column, in memory or on disk."""
-
-    def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[Any]:
-        """Some rows."""
-
-    def write(self, start: int, rows: NDArray[Any]) -> None:
-        """Write rows, from number `start` on."""
+Flags = NDArray[np.bool_]
 
 
 class Local(NamedTuple):
@@ -67,44 +61,15 @@ class Local(NamedTuple):
     near: NDArray[np.int32]
 
 
-class Labels(NamedTuple):
-    """What is known of each row of the whole.
+class Shared(NamedTuple):
+    """The groups in a part that lie in other parts too.
 
-    piece : (rows,) int32, its piece, counted in its part
-    sign : (rows,) int8, its sign in its piece
+    groups : (s,) int32, ascending
+    earlier : (s,) int64, how many of their points lie in parts before this one
     """
 
-    piece: Rows
-    sign: Rows
-
-
-class Groups(NamedTuple):
-    """The groups of the whole's pieces, which are counted part after part.
-
-    Attributes
-    ----------
-    first_row, first_piece : (parts + 1,) int64
-        Of each part; how many there are.
-    sizes : (p,) int64
-        How many points each piece has.
-    group : (p,) int32
-        From 0.
-    turn : (p,) int8
-        The sign of each piece in its group.
-    points : (g,) int64
-        How many points each group has.
-    """
-
-    first_row: Whole
-    first_piece: Whole
-    sizes: Whole
-    group: NDArray[np.int32]
-    turn: Signs
-    points: Whole
-
-    def among(self, pieces: slice) -> Whole:
-        """How many points each group has in some of the pieces."""
-        return _points_of(self.group[pieces], self.sizes[pieces], len(self.points))
+    groups: NDArray[np.int32]
+    earlier: Whole
 
 
 class Outlook(NamedTuple):
@@ -118,111 +83,112 @@ class Outlook(NamedTuple):
     sample: Sample
 
 
-def find(local: Local, labels: Labels) -> Whole:
-    """Label the points of a part by their pieces; returns how many points each piece has.
-
-    Raises
-    ------
-    ValueError
-        If the part does not begin where a tile of the whole does.
-    """
-    first = int(local.rows[local.core.start])
-    if first % TILE:
-        raise ValueError(f"a part begins at a multiple of {TILE:,} rows, not at row {first:,}")
-    found = find_pieces(local.positions, local.normals, local.near, local.core)
-    labels.piece.write(first, found.piece)
-    labels.sign.write(first, found.sign)
-    return found.sizes
-
-
-def vote(local: Local, labels: Labels, sizes: Sequence[Whole]) -> Votes:
-    """The votes of the edges that begin in a part; sizes : what `find` told of each part, in their order."""
-    first_row, first_piece = _firsts(sizes)
-    part = np.searchsorted(first_row, local.rows, side="right") - 1
-    piece = labels.piece[local.rows] + first_piece[part].astype(np.int32)
-    return cast_votes(local.positions, local.normals, local.near, local.core, piece, labels.sign[local.rows])
-
-
-def gather(sizes: Sequence[Whole], votes: Sequence[Votes]) -> Groups:
-    """The groups of the whole, from what `find` and `vote` told of each part."""
-    together = np.concatenate(sizes)
-    group, turn = join(len(together), votes)
-    return Groups(*_firsts(sizes), together, group, turn, _points_of(group, together, int(group.max()) + 1))
-
-
-def look(local: Local, part: int, labels: Labels, groups: Groups) -> Outlook:
-    """Which groups in a part face inward; a group that reaches into other parts is left to `face`."""
-    first, last = groups.first_piece[part : part + 2].tolist()
-    earlier, here = groups.among(slice(0, first)), groups.among(slice(first, last))
-    rows = slice(*groups.first_row[part : part + 2].tolist())
-    piece = labels.piece[rows] + first
-    signs, each = labels.sign[rows] * groups.turn[piece], groups.group[piece]
-    positions, normals = local.positions[local.core], local.normals[local.core]
-    sample = take_sample(positions, normals, signs, each, groups.points, earlier)
-    is_alone = (here == groups.points)[sample.groups]
-    inward = inward_of([sample.only(is_alone)], groups.points)
-    return Outlook(np.flatnonzero(inward).astype(np.int32), sample.only(~is_alone))
-
-
-def face(groups: Groups, outlooks: Sequence[Outlook]) -> Signs:
-    """The sign of each piece, (p,), from what `look` told of each part, in their order."""
-    inward = inward_of([each.sample for each in outlooks], groups.points)
-    inward[np.concatenate([each.inward for each in outlooks])] = True
-    return groups.turn * np.where(inward[groups.group], np.int8(-1), np.int8(1))
-
-
-def write(part: int, labels: Labels, groups: Groups, facing: Signs, signs: Rows) -> None:
-    """Write the signs, int8, of a part's points; facing : what `face` told."""
-    rows = slice(*groups.first_row[part : part + 2].tolist())
-    signs.write(rows.start, labels.sign[rows] * facing[labels.piece[rows] + groups.first_piece[part]])
-
-
-def sign_all(
-    parts: Sequence[Callable[[], Local]], labels: Labels, signs: Rows, progress: Progress | None = None
-) -> None:
-    """Write the signs of all points, so that normals agree and face outward, or up if there is no outside.
+class Signs:
+    """The passes over a cloud in parts. It can be sent to other processes that see the columns.
 
     Parameters
     ----------
-    parts : sequence of callables
-        Each loads a part; they follow each other in the whole.
-    labels : Labels
-        Columns with a row for each point, which are overwritten.
-    signs : Rows
-        A column with a row for each point, int8: 1 or -1.
-    progress : callable, optional
-        Called with the share done.
-
-    Raises
-    ------
-    ValueError
-        If a part does not begin where a tile of the whole does.
+    columns : Columns
+        `PIECE`, `SIGN` and `SIGNED` have a row for each point; they are overwritten.
+    starts : (parts + 1,) int64
+        The first row of each part, and how many rows there are.
     """
-    n = len(parts)
-    sizes = _each(lambda part: find(parts[part](), labels), n, part_of(progress, 0.0, FOUND))
-    votes = _each(lambda part: vote(parts[part](), labels, sizes), n, part_of(progress, FOUND, VOTED))
-    groups = gather(sizes, votes)
-    tell(progress, JOINED)
-    outlooks = _each(lambda part: look(parts[part](), part, labels, groups), n, part_of(progress, JOINED, LOOKED))
-    facing = face(groups, outlooks)
-    _each(lambda part: write(part, labels, groups, facing, signs), n, part_of(progress, LOOKED, 1.0))
+
+    def __init__(self, columns: Columns, starts: Whole) -> None:
+        self._columns, self._starts = columns, starts
+
+    def find(self, local: Local) -> int:
+        """Label the points of a part by their pieces; returns how many there are.
+
+        Raises
+        ------
+        ValueError
+            If the part does not begin where a tile of the whole does.
+        """
+        first = int(local.rows[local.core.start])
+        if first % TILE:
+            raise ValueError(f"a part begins at a multiple of {TILE:,} rows, not at row {first:,}")
+        found = find_pieces(local.positions, local.normals, local.near, local.core)
+        self._columns[PIECE].write(first, found.piece)
+        self._columns[SIGN].write(first, found.sign)
+        return len(found.sizes)
+
+    def vote(self, local: Local, part: int, firsts: Whole) -> Whole:
+        """Write the votes of the edges that begin in a part; returns where each table of them begins.
+
+        firsts : (parts + 1,) the first piece of each part, and how many there are, by what `find` told
+        """
+        of = np.searchsorted(self._starts, local.rows, side="right") - 1
+        piece = self._columns[PIECE][local.rows] + firsts[of].astype(np.int32)
+        sign = self._columns[SIGN][local.rows]
+        votes = cast_votes(local.positions, local.normals, local.near, local.core, piece, sign)
+        return keep(self._columns, name_of(part), votes, int(firsts[-1]))
+
+    def gather(self, firsts: Whole, cuts: Sequence[Whole]) -> list[Shared]:
+        """Write the groups of the whole, from what `find` and `vote` told of each part; returns those of each part."""
+        names = [name_of(part) for part in range(len(cuts))]
+        group, turn = join(int(firsts[-1]), Ballots(self._columns, names, cuts))
+        drop_all(self._columns)
+        points, running = np.zeros((2, int(group.max()) + 1), np.int64)
+        for part in range(len(cuts)):
+            ids, here = self._groups_in(part, group[firsts[part] : firsts[part + 1]])
+            points[ids] += here
+        for name, rows in ((GROUP, group), (TURN, turn), (POINTS, points)):
+            self._columns.fill(name, rows)
+        shared = []
+        for part in range(len(cuts)):
+            ids, here = self._groups_in(part, group[firsts[part] : firsts[part + 1]])
+            ids, here = ids[here < points[ids]], here[here < points[ids]]
+            shared.append(Shared(ids, running[ids]))
+            running[ids] += here
+        return shared
+
+    def look(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
+        """Which groups in a part face inward; a group that reaches into other parts is left to `face`."""
+        piece, signs, group = self._labels(part, firsts)
+        groups, each = np.unique(group, return_inverse=True)
+        points, earlier = self._columns[POINTS][groups], np.zeros(len(groups), np.int64)
+        others = np.searchsorted(groups, shared.groups)
+        earlier[others] = shared.earlier
+        positions, normals = local.positions[local.core], local.normals[local.core]
+        sample = take_sample(positions, normals, signs, each.astype(np.int32)[piece], points, earlier)
+        is_alone = ~np.isin(sample.groups, others)
+        inward = inward_of([sample.only(is_alone)], points)
+        rest = sample.only(~is_alone)
+        return Outlook(groups[inward], rest._replace(groups=groups[rest.groups]))
+
+    def face(self, outlooks: Sequence[Outlook]) -> Flags:
+        """Which groups must be turned, (g,), from what `look` told of each part, in their order."""
+        inward = inward_of([each.sample for each in outlooks], self._columns[POINTS][:])
+        inward[np.concatenate([each.inward for each in outlooks])] = True
+        return inward
+
+    def write(self, part: int, firsts: Whole, inward: Flags, kept: Flags | None = None) -> None:
+        """Write the signs, int8, of a part's points. inward : of all groups; kept : points whose normals stay"""
+        piece, signs, group = self._labels(part, firsts)
+        signs *= np.where(inward[group], np.int8(-1), np.int8(1))[piece]
+        if kept is not None:
+            signs[kept] = 1
+        self._columns[SIGNED].write(int(self._starts[part]), signs)
+
+    def told(self, part: int, firsts: Whole, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+        """The group of each point of a part whose normal is known, and the sign that makes it face with its group."""
+        piece, signs, group = self._labels(part, firsts)
+        return group[piece[known]], signs[known]
+
+    def _labels(self, part: int, firsts: Whole) -> tuple[NDArray[Any], NDArray[np.int8], NDArray[np.int32]]:
+        """The piece of each point of a part, and its sign in its group; and the group of each piece."""
+        rows, pieces = slice(*self._starts[part : part + 2].tolist()), slice(*firsts[part : part + 2].tolist())
+        piece, columns = self._columns[PIECE][rows], self._columns
+        return piece, columns[SIGN][rows] * columns[TURN][pieces][piece], columns[GROUP][pieces]
+
+    def _groups_in(self, part: int, group: NDArray[np.int32]) -> tuple[NDArray[np.int32], Whole]:
+        """The groups in a part, ascending, and how many of their points lie in it. group : of each of its pieces"""
+        ids, each = np.unique(group, return_inverse=True)
+        sizes = np.bincount(self._columns[PIECE][slice(*self._starts[part : part + 2].tolist())], minlength=len(group))
+        return ids, np.bincount(each, sizes, len(ids)).astype(np.int64)
 
 
-def _each(task: Callable[[int], Result], parts: int, progress: Progress | None) -> list[Result]:
-    """What a pass tells of each part."""
-    results = []
-    for part in range(parts):
-        results.append(task(part))
-        tell(progress, (part + 1) / parts)
-    return results
-
-
-def _firsts(sizes: Sequence[Whole]) -> tuple[Whole, Whole]:
-    """The first row and the first piece of each part, and how many there are."""
-    rows, pieces = [int(each.sum()) for each in sizes], [len(each) for each in sizes]
-    return np.cumsum([0, *rows]), np.cumsum([0, *pieces])
-
-
-def _points_of(group: NDArray[np.int32], sizes: Whole, groups: int) -> Whole:
-    """How many points each group has, (groups,), in pieces of some sizes."""
-    return np.bincount(group, sizes, groups).astype(np.int64)
+def firsts_of(pieces: Sequence[int]) -> Whole:
+    """The first piece of each part, and how many there are."""
+    return np.cumsum([0, *pieces])

@@ -58,6 +58,11 @@ class Cloud:
     seers: dict[str, str]
     is_seen: bool
 
+    @property
+    def has_units(self) -> bool:
+        """Whether the normals that points have by now are unit ones: those of another length would be rounded again."""
+        return self.columns.get(TURNED) is not None
+
     def points(self, local: Local) -> Points:
         """Some of the points, where they are by now, with the normals that they have by now."""
         columns = self.columns
@@ -107,7 +112,7 @@ def examine(cloud: Cloud, local: Local) -> Stretches:
     """What the stretches of a part show of its noise; places are those of the whole cloud."""
     points = cloud.points(local)
     along = path_of(points.positions)
-    known = None if points.normals is None else take(_units_of(points).normals, along.rows)
+    known = None if points.normals is None else take(_units_of(cloud, local, points).normals, along.rows)
     found = examined(along.positions, known, points_per_stretch(cloud.total))
     rows = along.rows[found.places]
     own = np.isin(rows, local.own)
@@ -117,7 +122,7 @@ def examine(cloud: Cloud, local: Local) -> Stretches:
 def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None) -> Surface:
     """Points with normals of their own, moved where they are noisy. stretches : of all parts; None: sigma tells"""
     points = cloud.points(local)
-    mended = _units_of(points)
+    mended = _units_of(cloud, local, points)
     along = path_of(points.positions)
     noise = _noise_along(local, along, stretches)
     placed = smooth_known(points.with_normals(mended.normals), sigma, along=along, known_noise=noise)
@@ -151,7 +156,7 @@ def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | N
 def units(cloud: Cloud, local: Local) -> Surface:
     """Points with unit normals, which face those who saw them, where that is known."""
     points = cloud.points(local)
-    mended, (eye, known) = _units_of(points), _eyes_of(cloud, points)
+    mended, (eye, known) = _units_of(cloud, local, points), _eyes_of(cloud, points)
     if eye is not None:
         mended.normals[~faced(points.positions, mended.normals, eye)] *= -1
     return mended._replace(known=known)
@@ -172,9 +177,11 @@ def _noise_along(local: Local, along: Path, stretches: Stretches | None) -> Nois
     return None if stretches is None else noise_by(stretches, local.rows[along.rows])
 
 
-def _units_of(points: Points) -> Surface:
-    """The points with unit normals; where none is good they are estimated."""
-    found = with_units(points)
+def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
+    """The points with unit normals; where none is good they are estimated. Own points alone count as mended."""
+    if cloud.has_units:
+        return Surface(points.positions, np.asarray(points.normals), None)
+    found = with_units(points, local.own)
     if found is None:
         return Surface(points.positions, np.asarray(estimate_normals(points).normals), None)
     return Surface(points.positions, found.unit, None, mended=(found.lost, found.odd))

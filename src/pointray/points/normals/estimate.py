@@ -196,8 +196,11 @@ class Mended(NamedTuple):
     odd: int
 
 
-def with_units(points: Points) -> Mended | None:
-    """The points' normals, made unit ones; missing ones are the mean of the nearest good ones. None: none is good."""
+def with_units(points: Points, counted: NDArray[np.int64] | None = None) -> Mended | None:
+    """The points' normals, made unit ones; missing ones are the mean of the nearest good ones. None: none is good.
+
+    counted : the rows that the numbers of mended ones are about. None: all
+    """
     assert points.normals is not None
     finite = points.finite
     unit, length = to_units(points.normals)
@@ -211,7 +214,9 @@ def with_units(points: Points) -> Mended | None:
         unit[~sound] = 0
     if lost.any():
         unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(sound), lost)
-    return Mended(unit, sound, int(lost.sum()), _odd_lengths(length if whole else length[sound]))
+    rows = slice(None) if counted is None else counted
+    lengths = length[rows] if whole else length[rows][sound[rows]]
+    return Mended(unit, sound, int(lost[rows].sum()), _odd_lengths(lengths))
 
 
 def told(lost: int, odd: int, total: int) -> list[str]:
@@ -226,7 +231,7 @@ def told(lost: int, odd: int, total: int) -> list[str]:
 
 def _odd_lengths(length: NDArray[np.float64]) -> int:
     """How many lengths are not 1 within UNIT; 0 if all are scaled alike."""
-    if length.max() - length.min() <= UNIT * length.min():  # as nearly always
+    if not len(length) or length.max() - length.min() <= UNIT * length.min():  # as nearly always
         return 0
     usual = np.median(length)
     if np.abs(length - usual).max() <= UNIT * usual:

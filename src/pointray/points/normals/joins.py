@@ -2,64 +2,128 @@
 
 In each round a piece joins the neighbour with the clearest vote, and the votes of joined pieces are added up. A vote
 is clear if it is large, and little of it was contradicted.
+
+Votes come in tables, of which one at a time is in memory. Beside it a piece takes 13 bytes at most, in the first round.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, kernel
+from ...jit import Array, i64, kernel
 from .pieces import climb
 from .votes import Votes, sum_of, turned
 
 UNITED = 0.8  # a vote is as clear as its share that nothing contradicts, to this power, times its size to the rest
 
 
-@kernel
-def _join_clearest(
-    one: Array, other: Array, votes: Array, clear: Array, best: Array, parent: Array, sign: Array
-) -> int:
-    """Join each piece with the neighbour whose vote is clearest; returns the number of joins."""
-    best[:] = -1
-    for t in range(len(votes)):
-        for p in (one[t], other[t]):
-            if best[p] < 0 or clear[t] > clear[best[p]]:
-                best[p] = t
-    joins = 0
-    for p in range(len(best)):
-        t = best[p]
-        if t >= 0:
-            a, s = climb(parent, sign, one[t])
-            b, r = climb(parent, sign, other[t])
-            if a != b:
-                parent[b] = a
-                sign[b] = s * r * (1 if votes[t] >= 0 else -1)
-                joins += 1
-    return joins
+class Tables(Protocol):
+    """Votes of all pairs of pieces."""
+
+    def __iter__(self) -> Iterator[Votes]:
+        """Tables that follow each other in the order of their pairs; each pair comes once."""
+
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Tables:
+        """What becomes of all tables; votes of the same pair are added up. pieces : how many there are by then"""
+
+
+class Held:
+    """Votes in memory, in one table.
+
+    Parameters
+    ----------
+    votes : sequence of Votes
+        Of parts of the cloud.
+    """
+
+    def __init__(self, votes: Sequence[Votes]) -> None:
+        self._all = sum_of(votes)
+
+    def __iter__(self) -> Iterator[Votes]:
+        yield self._all
+
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Held:
+        return Held([change(self._all)])
 
 
 @kernel
-def _flatten(parent: Array, sign: Array) -> int:
-    """Make every parent a root; paths are halved on the way, so that long ones do not cost quadratic time."""
+def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array) -> int:
+    """Find the neighbour with the clearest vote of each piece, the first one of several, among more votes.
+
+    best : (p,) how clear it is; -1: there was none
+    partner : (p,) the neighbour, or -1 minus it if the two disagree
+    """
+    for t in range(len(pairs)):
+        one, other = pairs[t] >> 32, pairs[t] & 0xFFFFFFFF
+        for p, q in ((one, other), (other, one)):
+            if clear[t] > best[p]:
+                best[p] = clear[t]
+                partner[p] = q if sums[t] >= 0 else -1 - q
+    return 0
+
+
+@kernel
+def _join(partner: Array, parent: Array, sign: Array) -> int:
+    """Join each piece that has a partner with it."""
+    for p in range(len(partner)):
+        if partner[p] == p:
+            continue
+        agree, q = (1, i64(partner[p])) if partner[p] >= 0 else (-1, -1 - i64(partner[p]))
+        a, s = climb(parent, sign, min(p, q))
+        b, r = climb(parent, sign, max(p, q))
+        if a != b:
+            parent[b] = a
+            sign[b] = s * r * agree
+    return 0
+
+
+@kernel
+def _number(parent: Array, sign: Array, number: Array) -> int:
+    """Write the number of each piece's group, by the order of their roots; returns how many there are.
+
+    sign : to the parent, then to the root; paths are halved on the way, so that long ones do not cost quadratic time
+    """
+    count = 0
     for i in range(len(parent)):
         while parent[parent[i]] != parent[i]:
             sign[i] *= sign[parent[i]]
             parent[i] = parent[parent[i]]
-    return 0
+        if parent[i] == i:
+            number[i] = count
+            count += 1
+    for i in range(len(parent)):
+        number[i] = number[parent[i]]
+    return count
 
 
-def join(pieces: int, votes: Sequence[Votes]) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+def _joined(pieces: int, tables: Tables) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
+    """One round: the number of each piece's group, the piece's sign in it, and how many groups there are."""
+    best, partner = np.full(pieces, -1.0), np.arange(pieces, dtype=np.int32)
+    for votes in tables:
+        clear = np.abs(votes.sums) / np.maximum(votes.masses, 1) ** UNITED
+        _choose(votes.pairs, votes.sums, clear, best, partner)
+    del best
+    parent, sign = np.arange(pieces, dtype=np.int32), np.ones(pieces, np.int8)
+    _join(partner, parent, sign)
+    del partner
+    number = np.empty(pieces, np.int64)
+    return number, sign, _number(parent, sign, number)
+
+
+def join(pieces: int, tables: Tables) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
     """The connected groups of pieces.
 
     Parameters
     ----------
     pieces : int
         How many there are.
-    votes : sequence of Votes
-        Those of all parts of the cloud.
+    tables : Tables
+        Votes of all parts of the cloud.
 
     Returns
     -------
@@ -68,17 +132,11 @@ def join(pieces: int, votes: Sequence[Votes]) -> tuple[NDArray[np.int32], NDArra
     turn : (pieces,) int8
         1 or -1: the sign of each piece in its group.
     """
-    group, turn, left = np.arange(pieces, dtype=np.int32), np.ones(pieces, np.int8), sum_of(votes)
-    size = pieces
-    while len(left.pairs):
-        parent, sign = np.arange(size), np.ones(size, np.int8)
-        clear = np.abs(left.sums) / np.maximum(left.masses, 1) ** UNITED
-        one, other = left.pairs >> 32, left.pairs & 0xFFFFFFFF
-        _join_clearest(one, other, left.sums, clear, np.empty(size, np.int64), parent, sign)
-        _flatten(parent, sign)
-        is_root = parent == np.arange(size)
-        number = (np.cumsum(is_root) - 1)[parent]
+    number, turn, size = _joined(pieces, tables)
+    group, sign, before = number.astype(np.int32), turn, pieces
+    while size < before:  # as long as there were votes
+        tables, before = tables.changed(partial(turned, number=number, sign=sign), size), size
+        number, sign, size = _joined(before, tables)
         turn *= sign[group]
-        group = number[group].astype(np.int32)
-        left, size = turned(left, number, sign), int(is_root.sum())
+        group = number.astype(np.int32)[group]
     return group, turn

@@ -28,7 +28,7 @@ MUCH = 0.4  # noise in spacings from which creases are not to be told from noise
 # them: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
 BENT, ASKS = 0.2, 0.12
 BEYOND = 0.6  # the least of it in the noise's standard deviations: planes have it at 4% of their points
-SHARE = 2  # of the former every so manieth
+SHARE = 2  # of the former those in every so manieth row: a part of a cloud has the same ones
 # Planes that are asked, and how many there must be: with 3, which must agree to 0.9, a tower's mortar had specks.
 ASKED, FEW = 8, 6
 AROUND = 3.0  # spacings: how far away they may be
@@ -156,7 +156,7 @@ class Edges:
         some = np.flatnonzero(beyond > ASKS * spacing)
         self._rows.append(rows[some])
         self._spacing.append(spacing[some].astype(np.float32))
-        seats = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise))[::SHARE]
+        seats = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise) & (rows % SHARE == 0))
         known = np.stack([noise[seats], errors[seats, 1]], axis=1)
         models = fit_creases(self._positions, rows[seats], near[seats], known)
         found = models[:, 0] > 0

@@ -14,6 +14,7 @@ from ...neighbors import neighbor_chunks, take
 from ...progress import Progress, part_of, tell
 from ..normals.estimate import mend_normals, with_fits
 from ..normals.jets import Fits, Planes, faces, fit_normals, survey
+from ..normals.sixteen import LANES
 from ..path import Path, along_path
 from ..usual import Usual
 from .edges import Edges
@@ -187,10 +188,10 @@ def smooth_known(
     for part, found in neighbor_chunks(path, most, part_of(progress, SURVEYED, 1.0)):
         rows = np.arange(part.start, part.start + len(found))
         share, _ = _shares(path, rows, found, noise[part], sigma)
-        some = np.flatnonzero(share[:, 0] > 0)
-        shifts, normals, _, _ = fit_surface(path, rows[some], found[some], known, noise[part][some])
-        moved[part][some] += share[some] * shifts
-        turned[part][some] = _blended(known[part][some], normals, share[some])
+        asked, some = _asked(share[:, 0] > 0)
+        shifts, normals, _, _ = fit_surface(path, rows[asked], found[asked], known, noise[part][asked])
+        moved[part][asked[some]] += share[asked[some]] * shifts[some]
+        turned[part][asked[some]] = _blended(known[part][asked[some]], normals[some], share[asked[some]])
         noise[part] *= share[:, 0]
     positions, out = along.spread(moved, points), along.spread(turned, points)
     positions[~points.finite] = points.positions[~points.finite]
@@ -231,6 +232,17 @@ def _shares(
         return np.ones((len(rows), 1), np.float32), spacing
     share = (noise / np.maximum(spacing, 1e-30) - LITTLE) / (MOVES - LITTLE)
     return np.clip(share, 0.0, 1.0).astype(np.float32)[:, None], spacing
+
+
+def _asked(wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The rows that are fitted so that some are, and which of them are these.
+
+    Rows that are fitted side by side have each other's last bits: whole groups of them are fitted, the same ones
+    wherever a part of a cloud begins.
+    """
+    groups = np.add.reduceat(wanted, np.arange(0, len(wanted), LANES)) > 0
+    rows = np.flatnonzero(np.repeat(groups, LANES)[: len(wanted)])
+    return rows, wanted[rows]
 
 
 def _blended(known: Floats, fitted: Floats, share: Floats) -> Floats:

@@ -1,0 +1,78 @@
+"""Votes on disk: tables of them, each of which fits into memory, however many there are in all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..points.normals.joins import Held, Tables
+from ..points.normals.votes import Votes, sum_of
+from .columns import Columns
+
+PIECES = 1 << 18  # of a table, which has the votes of pairs whose lower piece is one of them: 5 to 10 for each
+
+VOTES = "votes-"  # names of columns begin so
+
+Whole = NDArray[np.int64]
+
+
+class Ballots:
+    """Votes in columns, which others replace when they are changed. See `Tables`.
+
+    Parameters
+    ----------
+    columns : Columns
+    names : sequence of str
+        Columns of votes, see `keep`, each pair once in each of them.
+    cuts : sequence of (t + 1,) int64
+        What `keep` says of each column.
+    """
+
+    def __init__(self, columns: Columns, names: Sequence[str], cuts: Sequence[Whole]) -> None:
+        self._columns, self._names, self._cuts = columns, names, cuts
+
+    def __iter__(self) -> Iterator[Votes]:
+        for k in range(len(self._cuts[0]) - 1):
+            slices = [(name, slice(*cut[k : k + 2])) for name, cut in zip(self._names, self._cuts, strict=True)]
+            found = [self._columns[name][rows] for name, rows in slices if rows.stop > rows.start]
+            yield sum_of([Votes(*np.ascontiguousarray(rows.T)) for rows in found or [np.empty((0, 3), np.int64)]])
+
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Tables:
+        """See `Tables`; few votes stay in memory."""
+        if pieces <= PIECES:
+            return Held([change(votes) for votes in self])
+        generation, names, cuts = _generation(self._names[0]) + 1, [], []
+        for k, votes in enumerate(self):
+            names.append(name_of(k, generation))
+            cuts.append(keep(self._columns, names[-1], change(votes), pieces))
+        for name in self._names:
+            self._columns.drop(name)
+        return Ballots(self._columns, names, cuts)
+
+
+def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Whole:
+    """Write votes to a new column; returns where the rows of each table begin, and how many rows there are.
+
+    pieces : how many there are in the whole cloud
+    """
+    columns.fill(name, np.stack(votes, axis=1))
+    tables = max(-(-pieces // PIECES), 1)
+    return np.searchsorted(votes.pairs, np.arange(tables + 1) * PIECES << 32)
+
+
+def drop_all(columns: Columns) -> None:
+    """Remove all columns of votes."""
+    for name in columns.names:
+        if name.startswith(VOTES):
+            columns.drop(name)
+
+
+def name_of(k: int, generation: int = 0) -> str:
+    """The name of a column of votes."""
+    return f"{VOTES}{generation:02d}-{k:04d}"
+
+
+def _generation(name: str) -> int:
+    return int(name.split("-")[1])

@@ -1,0 +1,280 @@
+"""Winding numbers of a cloud: how often its surface goes around a place (Barill et al. 2018): 0 outside and 1 inside.
+
+Each point is a dipole. Far groups of points are one dipole each: the nodes of a binary tree over stretches of the kd
+order, of which tiles, aligned stretches, have subtrees of their own. Whoever knows the roots of all tiles, and the
+points of those tiles that places come close to, finds what the whole cloud gives, to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile, run
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+Arrays: TypeAlias = tuple[Array, ...]
+
+AREA = 8  # the neighbour whose distance gives a point's area
+LEAF, LEAVES = 16, 256  # points of a leaf, leaves of a tile
+TILE = LEAF * LEAVES
+NODES = 2 * LEAVES  # of a tile
+FAR = 1.5  # a node this many times its radius and a step away is one dipole: 2.0 is no better and takes twice as long
+SOFT = 0.5  # spacings within which a dipole is blurred
+CHUNK = 256
+STACK = 64
+NUMBERS = 8  # of a node: centre, dipole, radius, area
+
+
+class Frame(NamedTuple):
+    """Where positions are measured from, and the unit, so that no square is too large or too small.
+
+    origin : (3,) float32
+    size : the cloud's longest extent
+    """
+
+    origin: Floats
+    size: float
+
+    def of(self, positions: Floats) -> Floats:
+        """Positions in the frame."""
+        placed: Floats = (positions - self.origin) / f32(max(self.size, 1e-30))
+        return placed
+
+
+class Splats(NamedTuple):
+    """Points of whole tiles, one tile after the other.
+
+    positions : (n, 3) float32, in the frame
+    normals : (n, 3) float32, unit
+    spacing : (n,) float32, the square roots of areas
+    """
+
+    positions: Floats
+    normals: Floats
+    spacing: Floats
+
+
+@kernel
+def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array) -> int:
+    """Compute the square roots of the areas of the points from row `core` on, by their neighbours."""
+    positions, near, out = borrow(positions), borrow(near), borrow(out)
+    k = min(AREA, near.shape[1] - 1)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            square = 0.0
+            for c in range(3):
+                square += (f64(positions[near[i, k], c]) - f64(positions[core + i, c])) ** 2
+            out[i] = math.sqrt(math.pi * square / (k + 0.5))
+        tile = next_tile(work)
+    return 0
+
+
+def spacings(positions: Floats, near: NDArray[np.int32], core: int = 0) -> Floats:
+    """The square roots of areas, (m,), of the points from row `core` on. near : (m, k), each point itself first"""
+    out = np.empty(len(near), np.float32)
+    run(_spacings, -(-len(out) // CHUNK), positions, near, core, out)
+    return out
+
+
+@inline
+def _distance(one: Array, i: int, other: Array, j: int) -> float:
+    x, y, z = one[i, 0] - other[j, 0], one[i, 1] - other[j, 1], one[i, 2] - other[j, 2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@inline
+def _combine(nodes: Array, t: int, one: int, two: int) -> None:
+    """Fill a node, which is zero, with its children."""
+    for child in (one, two):
+        nodes[t, 7] += nodes[child, 7]
+        for c in range(3):
+            nodes[t, c] += nodes[child, 7] * nodes[child, c]
+            nodes[t, 3 + c] += nodes[child, 3 + c]
+    for c in range(3):
+        nodes[t, c] /= max(nodes[t, 7], 1e-300)
+    for child in (one, two):
+        if nodes[child, 7] > 0.0:
+            nodes[t, 6] = max(nodes[t, 6], nodes[child, 6] + _distance(nodes, child, nodes, t))
+
+
+@kernel
+def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: Array) -> int:
+    """Fill the trees of tiles, one after the other; the root of each is node 1, children are 2i and 2i + 1."""
+    positions, normals, spacing, nodes = borrow(positions), borrow(normals), borrow(spacing), borrow(nodes)
+    n, tile = len(positions), next_tile(work)
+    while tile >= 0:
+        for b in range(LEAVES):
+            t, start = tile * NODES + LEAVES + b, tile * TILE + b * LEAF
+            stop = min(start + LEAF, n)
+            for i in range(start, stop):
+                a = spacing[i] * spacing[i]
+                nodes[t, 7] += a
+                for c in range(3):
+                    nodes[t, c] += a * positions[i, c]
+                    nodes[t, 3 + c] += a * normals[i, c]
+            for c in range(3):
+                nodes[t, c] /= max(nodes[t, 7], 1e-300)
+            for i in range(start, stop):
+                nodes[t, 6] = max(nodes[t, 6], _distance(positions, i, nodes, t))
+        for t in range(LEAVES - 1, 0, -1):
+            at = tile * NODES
+            _combine(nodes, at + t, at + 2 * t, at + 2 * t + 1)
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _join_roots(top: Array) -> int:
+    """Fill the tree over the tiles, whose roots are its leaves."""
+    for t in range(len(top) // 2 - 1, 0, -1):
+        _combine(top, t, 2 * t, 2 * t + 1)
+    return 0
+
+
+def trees_of(splats: Splats) -> Floats:
+    """The trees of tiles, (tiles * NODES, 8)."""
+    tiles = -(-len(splats.positions) // TILE)
+    nodes = np.zeros((tiles * NODES, NUMBERS), np.float32)
+    run(_grow, tiles, *splats, nodes)
+    return nodes
+
+
+def roots_of(splats: Splats) -> Floats:
+    """The roots of tiles, (tiles, 8)."""
+    return trees_of(splats)[1::NODES]
+
+
+def top_of(roots: Floats) -> Floats:
+    """The tree over all tiles of a cloud, from their roots."""
+    leaves = 1 << (len(roots) - 1).bit_length()
+    top = np.zeros((2 * leaves, NUMBERS), np.float32)
+    top[leaves : leaves + len(roots)] = roots
+    _join_roots(top)
+    return top
+
+
+@inline
+def _dipole(x: float, y: float, z: float, u: float, v: float, w: float, soft: float) -> float:
+    """Solid angle of the dipole (u, v, w) seen from (-x, -y, -z), blurred."""
+    square = x * x + y * y + z * z + soft
+    return (x * u + y * v + z * w) / (square * math.sqrt(square))
+
+
+@inline
+def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
+    """The first child of a node; of a leaf -1 minus its first point; 0 if there is nothing at hand."""
+    if t >= tops:
+        tile, node = (t - tops) // NODES, (t - tops) % NODES
+        return t + node if node < LEAVES else -1 - (tile * TILE + (node - LEAVES) * LEAF)
+    if 2 * t < tops:
+        return 2 * t
+    tile = t - tops // 2
+    if tile >= len(slots):  # beyond the last one
+        return 0
+    slot = i64(slots[tile])
+    if slot < 0:
+        needed[tile] = 1
+        return 0
+    return tops + slot * NODES + 2
+
+
+@kernel
+def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, out: Array, needed: Array) -> int:
+    """Winding numbers a step in front of the points and a step behind, both in one traversal.
+
+    rows : among the splats
+    trees : nodes, those of the tree over all tiles before those of the tiles at hand; (1,) int64, how many the former
+        are; (tiles,) int32, which one at hand each tile is, or -1
+    needed : (tiles,) int8, 1 is written for tiles that are not at hand, which the numbers lack
+    """
+    (positions, normals, spacing), (nodes, top, slots) = borrow(splats), borrow(trees)
+    rows, out, needed = borrow(rows), borrow(out), borrow(needed)
+    tops, n = i64(top[0]), len(positions)
+    stack = np.empty(STACK, np.int64)
+    share = f32(1.0 / (4.0 * math.pi))
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
+            r = rows[i]
+            h = f32(step) * spacing[r]
+            soft = (f32(SOFT) * spacing[r]) ** 2
+            p, q, s = positions[r, 0], positions[r, 1], positions[r, 2]
+            a, b, c = h * normals[r, 0], h * normals[r, 1], h * normals[r, 2]
+            front = behind = f32(0.0)
+            stack[0], depth = 1, 1
+            while depth > 0:
+                depth -= 1
+                t = stack[depth]
+                x, y, z = nodes[t, 0] - p, nodes[t, 1] - q, nodes[t, 2] - s
+                extent = nodes[t, 6] + h
+                if x * x + y * y + z * z > f32(FAR * FAR) * extent * extent:
+                    u, v, w = nodes[t, 3], nodes[t, 4], nodes[t, 5]
+                    front += _dipole(x - a, y - b, z - c, u, v, w, soft)
+                    behind += _dipole(x + a, y + b, z + c, u, v, w, soft)
+                    continue
+                child = _below(t, tops, slots, needed)
+                if child > 0:
+                    stack[depth], stack[depth + 1] = child, child + 1
+                    depth += 2
+                elif child < 0:
+                    for j in range(-child - 1, min(-child - 1 + LEAF, n)):
+                        x, y, z = positions[j, 0] - p, positions[j, 1] - q, positions[j, 2] - s
+                        g = spacing[j] * spacing[j]
+                        u, v, w = g * normals[j, 0], g * normals[j, 1], g * normals[j, 2]
+                        front += _dipole(x - a, y - b, z - c, u, v, w, soft)
+                        behind += _dipole(x + a, y + b, z + c, u, v, w, soft)
+            out[i, 0], out[i, 1] = share * front, share * behind
+        tile = next_tile(work)
+    return 0
+
+
+class Winding:
+    """The winding numbers of a cloud, some of whose tiles are at hand.
+
+    Parameters
+    ----------
+    top : (m, 8) float32
+        See `top_of`.
+    tiles : int
+        How many the cloud has.
+    read : callable
+        Some tiles, ascending -> their splats.
+    held : (h,) int64, optional
+        Tiles that are read first. None: others tell.
+    """
+
+    def __init__(self, top: Floats, tiles: int, read: Callable[[Rows], Splats], held: Rows | None = None) -> None:
+        self._top, self._tiles, self._read = top, tiles, read
+        self._held = np.zeros(0, np.int64)
+        if held is not None:
+            self._hold(held)
+
+    def around(self, rows: Rows, step: float) -> Floats:
+        """The numbers `step` spacings in front of points of the cloud, and behind them, (m, 2)."""
+        out, needed = np.empty((len(rows), 2), np.float32), np.zeros(self._tiles, np.int8)
+        self._hold(np.unique(rows // TILE))
+        while True:
+            local = self._slots[rows // TILE].astype(np.int64) * TILE + rows % TILE
+            trees = self._nodes, np.array([len(self._top)]), self._slots
+            run(_wind, -(-len(rows) // CHUNK), local, tuple(self._splats), trees, float(step), out, needed)
+            if not needed.any():
+                return out
+            self._hold(np.flatnonzero(needed))
+            needed[:] = 0
+
+    def _hold(self, tiles: Rows) -> None:
+        """Read tiles, unless they are at hand."""
+        held = np.union1d(self._held, tiles)
+        if len(held) == len(self._held):
+            return
+        self._held, self._slots = held, np.full(self._tiles, -1, np.int32)
+        self._slots[held] = np.arange(len(held))
+        self._splats = self._read(held)
+        self._nodes = np.concatenate([self._top, trees_of(self._splats)])
