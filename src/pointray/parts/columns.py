@@ -218,7 +218,7 @@ class Columns:
     def fill(self, name: str, rows: NDArray[Any]) -> None:
         """Write a column at once, in place of one with this name, which stays if this fails."""
         path = self._path(name, rows.dtype, rows.shape[1] if rows.ndim > 1 else 0)
-        with told(path), replacing(path) as beside:
+        with replacing(path) as beside:
             beside.write(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
 
     def rename(self, name: str, new: str) -> None:
