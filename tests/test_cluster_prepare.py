@@ -15,6 +15,7 @@ import pointray as pr
 from clusters import cluster_of
 from conftest import sphere_points
 from pointray.cli import execute
+from pointray.cluster import client as client_module
 from pointray.cluster import worker
 from pointray.cluster.chores import THREADS, _on, stoppable
 from pointray.cluster.crew import Crew
@@ -98,7 +99,7 @@ def test_every_part_of_a_stage_is_a_job(client: Any, tmp_path: Path, monkeypatch
     monkeypatch.setattr(Crew, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
     rough(tmp_path / "a.ply")
     prepared(tmp_path / "a.ply", tmp_path / "a", client)
-    for stage in ("sort", "merge", "noise", "place", "signs", "support", "boxes", "tree"):
+    for stage in ("sort", "merge", "noise", "place", "signs", "support", "boxes", "tree", "level-1-points"):
         assert {f"{stage} {k}/4" for k in range(1, 5)} <= set(names)
 
 
@@ -258,7 +259,7 @@ def test_memory_is_that_of_all_processes(client: Any, monkeypatch: pytest.Monkey
         part_points_within(1 << 30, 2)
     assert part_points_for(client, 4 << 30) == 1 << 21  # both are on this machine
     assert part_points_for(None, 4 << 30) == part_points_within(4 << 30)
-    monkeypatch.setattr(prepare_module, "available_memory", lambda: 3 << 30)
+    monkeypatch.setattr(client_module, "available_memory", lambda: 3 << 30)
     assert part_points_for(client, None) == part_points_within(3 << 30, 2)
 
 
