@@ -5,6 +5,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,13 @@ from pointray.cluster import client as client_module
 from pointray.cluster import worker
 from pointray.cluster.chores import THREADS, _on, stoppable
 from pointray.cluster.crew import Crew
+from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.worker import DroppedError
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
+from pointray.parts.columns import Columns
 from pointray.parts.prepare import part_points_for, part_points_within, prepare
+from pointray.parts.work import Work, _do_once
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
 from pointray.tree.settings import check_settings
@@ -157,6 +161,40 @@ def test_a_file_is_not_seen_where_it_is_another_one(tmp_path: Path) -> None:
     assert alone_module._is_seen(place)
     (tmp_path / "a" / "task.json").write_text("{ }")
     assert not alone_module._is_seen(place)
+
+
+def test_a_folder_that_cannot_be_written_to_is_not_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "task.json").write_text("{}")
+    place, make = alone_module.place_of(tmp_path / "a" / "task.json"), os.open
+
+    def refuse(path: Any, *rest: Any) -> int:
+        if Path(path).parent == tmp_path:
+            raise PermissionError(13, "Permission denied", str(path))
+        return make(path, *rest)
+
+    monkeypatch.setattr(os, "open", refuse)
+    assert not alone_module._is_seen(place)
+
+
+def test_each_job_looks_again_at_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file is made there, so that NFS does not show an old list."""
+    work = Work(Columns(tmp_path), 10_000, 1 << 12)
+    sent = unpack(pack(partial(_do_once, work, "count", partial(count_names, work))))
+    made: list[str] = []
+    make = os.open
+    monkeypatch.setattr(os, "open", lambda path, *rest: made.append(Path(path).name) or make(path, *rest))
+    work.columns.put("found", {})
+    before = len(made)
+    assert sent(2) == {"names": 1} and made[before].startswith(".")
+    assert work.columns.get("count-0002") == {"names": 1}
+    del made[before:]
+    assert _do_once(work, "count", partial(count_names, work), 1) == {"names": 2}
+    assert not any(name.startswith(".") and "pointray" not in name for name in made)
+
+
+def count_names(work: Work, part: int) -> dict[str, int]:
+    return {"names": len(list(work.columns.folder.glob("*.json")))}
 
 
 def test_a_later_worker_that_does_not_see_the_folder_is_left_out(client: Any) -> None:
