@@ -65,12 +65,27 @@ def box():
     return pr.Points(rows.astype(np.float32))
 
 
+def plates():
+    """A closed body, and small ones around it that are thinner than their points are apart."""
+    body = pr.procedural("statue", 80_000).positions
+    low, high = body.min(axis=0), body.max(axis=0)
+    h = 0.1 / np.sqrt(75)  # spacing of a plate
+    found = [body]
+    for side in (-1, 1, -1, 1, -1, 1):
+        rows = RNG.random((150, 3)) * 2 - 1
+        rows[:, 2] = np.where(np.arange(150) % 2, 1, -1)
+        place = low + RNG.random(3) * (high - low) + [1.3 * side, 0, 0]
+        found.append(place + rows * [0.05, 0.05, 0.25 * h])
+    return pr.Points(np.concatenate(found).astype(np.float32))
+
+
 STATUE = pr.procedural("statue", 100_000)
 CLOUDS = {
     "with normals": STATUE,
     "without": sheets(),
     "noisy, with normals": noisy(STATUE, 0.2),
     "noisy, without": noisy(sheets(), 0.2),
+    "thin plates": noisy(plates(), 0.01),
     "noisy edges": noisy(box(), 0.1),
     "signs by chance": some_signs(STATUE),
     "lost normals": STATUE.with_normals(np.where(RNG.random((len(STATUE), 1)) < 0.01, 0, 2 * STATUE.normals)),

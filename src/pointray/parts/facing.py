@@ -87,15 +87,19 @@ class Facing:
         return signs.Local(local.rows, core, places, normals, near)
 
 
-def near_in(cloud: Cloud, local: Local, core: slice, count: int) -> NDArray[np.int32]:
-    """The neighbours of a part's own points, (m, k), each itself first."""
+def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
+    """The neighbours of a part's own points, or of some points, (m, k), each itself first."""
     places = local.read(cloud.columns[cloud.latest(MERGED, POSITIONS)])
-    near = NeighborTree(places, in_order=True).rows(count, core)
-    odd = np.flatnonzero(near[:, 0] != local.own)  # another point is at the same place
+    tree = NeighborTree(places, in_order=True)
+    if isinstance(core, slice):
+        rows, near = np.arange(core.start, core.stop), tree.rows(count, core)
+    else:
+        rows, near = core, tree.rows_at(count, places[core])
+    odd = np.flatnonzero(near[:, 0] != rows)  # another point is at the same place
     if len(odd):
-        at = near[odd] == local.own[odd, None]
+        at = near[odd] == rows[odd, None]
         near[odd] = np.where(at, near[odd, :1], near[odd])
-        near[odd, 0] = local.own[odd]
+        near[odd, 0] = rows[odd]
     return near
 
 

@@ -22,7 +22,7 @@ from .coarser import ATTRIBUTE, Named
 from .columns import Columns
 from .layer import Layer
 from .levels import write_levels
-from .stages import FACED, NOISE, NORMALS, PLACED, POSITIONS, Cloud
+from .stages import NOISE, PLACED, POSITIONS, Cloud
 from .tasks import BORDERS, RADII, SHEETS
 from .trees import Plan, bounds_about, cells_of, plan_of, shown, tree_of
 from .work import Facts, Work
@@ -82,7 +82,7 @@ def _splats_of(cloud: Cloud, model: Described) -> Splats:
     """All splats, in columns that are opened anew."""
     columns = cloud.columns
     arrays: list[Any] = [
-        *(columns[PLACED], columns[cloud.latest(FACED, NORMALS)], columns[RADII], Numbers()),
+        *(columns[PLACED], columns[cloud.normals], columns[RADII], Numbers()),
         columns.find("points.colors"),
         *(columns[name] if name in model.optional else None for name in (BORDERS, SHEETS, NOISE)),
     ]
@@ -104,8 +104,8 @@ def _grow(folder: Path, id: str, work: Work, cloud: Cloud, model: Described, pla
 
 def _layer_of(work: Work, cloud: Cloud, model: Described) -> Layer:
     """The splats, as levels of detail are made of them."""
-    columns, facing = work.columns, cloud.latest(FACED, NORMALS)
-    sources: dict[str, Any] = {layer.POSITIONS: PLACED, layer.NORMALS: facing, layer.RADII: RADII}
+    columns = work.columns
+    sources: dict[str, Any] = {layer.POSITIONS: PLACED, layer.NORMALS: cloud.normals, layer.RADII: RADII}
     if NOISE in model.optional:
         sources[layer.NOISE] = NOISE
     if "points.colors" in columns:

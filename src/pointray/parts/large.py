@@ -28,7 +28,21 @@ from .columns import Columns
 from .facing import turn_fits, turn_given
 from .finish import Described, finish
 from .spooled import Spooled
-from .stages import GIVEN, KNOWN, MERGED, NOISE, NORMALS, PLACED, PLANES, POSITIONS, TURNED, Cloud, merge, survey_fits
+from .stages import (
+    GIVEN,
+    KNOWN,
+    MERGED,
+    NOISE,
+    NORMALS,
+    PLACED,
+    PLANES,
+    POSITIONS,
+    THICK,
+    TURNED,
+    Cloud,
+    merge,
+    survey_fits,
+)
 from .tasks import (
     BORDERS,
     RADII,
@@ -40,14 +54,15 @@ from .tasks import (
     measure_noise,
     move_layers,
 )
+from .thin import part_thin_sheets
 from .trees import least_size
 from .work import Work
 
 SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
 RADIUS = "radius"  # the attribute that holds given radii
 # Shares of the time after which stages are done.
-ARRANGED, SORTED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, FACED_AT, SUPPORTED = (
-    *(0.12, 0.16, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8),
+ARRANGED, SORTED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
+    *(0.12, 0.16, 0.3, 0.35, 0.4, 0.5, 0.56, 0.6, 0.8),
 )
 
 
@@ -159,13 +174,16 @@ class Large:
         for name in (PLACED, NORMALS, *PLANES):
             work.room(name, np.float32, 3)
         work.room(NOISE, np.float32)
+        work.room(THICK, np.int8)
         if cloud.is_seen:
             work.room(KNOWN, np.int8)
         measure = Measure(sigma, stretches, usual)
         facts = work.each("place", partial(find_surface, work, cloud, measure), (EXAMINED, PLACED_AT))
         self._is_noisy = any(fact["is_noisy"] for fact in facts)
         if not has_normals:
-            turn_fits(work, cloud, any(fact["has_planes"] for fact in facts), (PLACED_AT, FACED_AT))
+            turn_fits(work, cloud, any(fact["has_planes"] for fact in facts), (PLACED_AT, TURNED_FITS))
+            if not cloud.is_seen:
+                part_thin_sheets(work, cloud, facts, (TURNED_FITS, FACED_AT))
         mended = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
         lost, odd = np.sum(mended, axis=0).tolist()
         for text in told(lost, odd, cloud.total):

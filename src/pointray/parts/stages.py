@@ -18,6 +18,7 @@ from ..points.normals.estimate import estimate_normals, seen_from, with_units
 from ..points.normals.jets import survey
 from ..points.normals.layers import Layers
 from ..points.normals.orientation import NEAR
+from ..points.normals.sheets import is_thick
 from ..points.normals.stations import eyes_of, faced, is_known
 from ..points.path import Path
 from ..points.smoothing.noise import Stretches, examined, points_per_stretch
@@ -37,6 +38,7 @@ POSITIONS, GIVEN = "points.positions", "points.normals"
 MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
 PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"
 PLANES = "planes.moved", "planes.normals"
+THICK, PARTED = "thick", "parted"  # whether a point may be of two sheets; normals where these were looked for
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,11 @@ class Cloud:
         """Whether the normals that points have by now are unit ones: those of another length would be rounded again."""
         return self.columns.get(TURNED) is not None
 
+    @property
+    def normals(self) -> str:
+        """The column with the normals of the surface that are there by now."""
+        return self.latest(PARTED, self.latest(FACED, NORMALS))
+
     def points(self, local: Local) -> Points:
         """Some of the points, where they are by now, with the normals that they have by now."""
         columns = self.columns
@@ -84,6 +91,7 @@ class Surface(NamedTuple):
     planes : (n, 3) float32 each, positions on planes around noisy points and the planes' normals, which tell signs
     known : (n,) bool, whose scanner is known; None: nobody's
     mended : how many normals were lost, and of another length
+    thick : (n,) bool, which points may be of two sheets; None: not asked
     """
 
     positions: Floats
@@ -92,6 +100,7 @@ class Surface(NamedTuple):
     planes: tuple[Floats, Floats] | None = None
     known: NDArray[np.bool_] | None = None
     mended: tuple[int, int] = (0, 0)
+    thick: NDArray[np.bool_] | None = None
 
 
 def path_of(positions: Floats) -> Path:
@@ -150,7 +159,8 @@ def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | N
     planes = None
     if layers is not None and layers.noisy:
         planes = along.spread(layers.moved, points), along.spread(layers.planes, points)
-    return Surface(positions, normals, noise, planes, known)
+    thick = None if layers is None else along.spread(is_thick(found.residuals), points)
+    return Surface(positions, normals, noise, planes, known, thick=thick)
 
 
 def units(cloud: Cloud, local: Local) -> Surface:
@@ -189,7 +199,7 @@ def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
 
 def support(cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, usual: Usual) -> Support:
     """The support of points on their surface. given : (n,), their radii; None: chosen"""
-    positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.latest(FACED, NORMALS)))
+    positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.normals))
     automatic = settings.overhang < np.inf
     return find_support(
         positions,

@@ -15,7 +15,7 @@ from ..splats.make import check_size
 from ..splats.support import Support
 from ..tree.settings import TreeSettings
 from .local import Local
-from .stages import KNOWN, MERGED, NOISE, NORMALS, PLACED, PLANES, Cloud, examine, fit, merge, place, support
+from .stages import KNOWN, MERGED, NOISE, NORMALS, PLACED, PLANES, THICK, Cloud, examine, fit, merge, place, support
 from .work import Facts, Work
 
 RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
@@ -71,7 +71,12 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
         local.write(columns[name], values)
     if found.known is not None:
         local.write(columns[KNOWN], found.known)
-    said = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
+    said: Facts = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
+    if found.thick is not None:
+        local.write(columns[THICK], found.thick)
+        own = found.positions[local.own]
+        said |= {"thick": int(found.thick[local.own].sum()), "low": own.min(axis=0).tolist()}
+        said |= {"high": own.max(axis=0).tolist()}
     return {**said, "mended": list(found.mended)}
 
 

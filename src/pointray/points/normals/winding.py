@@ -260,14 +260,15 @@ class Winding:
         """The numbers `step` spacings in front of points of the cloud, and behind them, (m, 2)."""
         out, needed = np.empty((len(rows), 2), np.float32), np.zeros(self._tiles, np.int8)
         self._hold(np.unique(rows // TILE))
-        while True:
+        while len(rows):
             local = self._slots[rows // TILE].astype(np.int64) * TILE + rows % TILE
             trees = self._nodes, np.array([len(self._top)]), self._slots
             run(_wind, -(-len(rows) // CHUNK), local, tuple(self._splats), trees, float(step), out, needed)
             if not needed.any():
-                return out
+                break
             self._hold(np.flatnonzero(needed))
             needed[:] = 0
+        return out
 
     def _hold(self, tiles: Rows) -> None:
         """Read tiles, unless they are at hand."""

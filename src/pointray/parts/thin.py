@@ -1,0 +1,265 @@
+"""Thin sheets of a closed cloud in parts: normals are turned as in the whole, to the bit, see `points.normals.sheets`.
+
+A winding number is a sum over all points: over tiles of the kd order, of whose trees all parts know the roots. A pass
+reads the tiles that its numbers ask for. What a pass finds is in columns when the next one begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..points.normals.orientation import NEAR
+from ..points.normals.sheets import (
+    RINGS,
+    STEP,
+    disagrees,
+    energy,
+    is_odd,
+    is_unsure,
+    is_wrong,
+    sample_of,
+    scale_of,
+    step_of,
+)
+from ..points.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
+from .facing import Span, near_in
+from .local import Local, runs_of
+from .stages import FACED, PARTED, PLACED, THICK, Cloud
+from .work import Facts, Work
+
+SPACING, TOP, FOUND, GAIN, STATE = "spacing", "winding", "suspects", "gain", "turns"  # columns
+TURNED, UNSURE, TURNED_AGAIN = 1, 2, 4  # what STATE says of a point, added up
+DONE = "sheets-done"
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+class Field(NamedTuple):
+    """What is known of the winding numbers' splats.
+
+    scale : what spacings are divided by, or None
+    has_turned : whether normals are turned by what STATE says
+    """
+
+    scale: float | None = None
+    has_turned: bool = False
+
+
+class Around(NamedTuple):
+    """A part with its margin, and the neighbours of some of its own points.
+
+    rows : (m,) int64, these points, among the n
+    positions, normals : (n, 3) float32
+    near : (n, k) int32, of these points alone; 0 elsewhere
+    """
+
+    local: Local
+    rows: Rows
+    positions: Floats
+    normals: Floats
+    near: NDArray[np.int32]
+
+
+class Thin:
+    """The passes. It can be sent to workers.
+
+    Parameters
+    ----------
+    work : Work
+    cloud : Cloud
+    frame : Frame
+    thick : sequence of int
+        How many points of each part may be of two sheets.
+    """
+
+    def __init__(self, work: Work, cloud: Cloud, frame: Frame, thick: Sequence[int]) -> None:
+        self._work, self._cloud, self._frame, self._thick = work, cloud, frame, list(thick)
+
+    def part_sheets(self, span: Span) -> bool:
+        """Write all normals, some of which are turned, to the column `PARTED`; returns whether there are any."""
+        work = self._work
+        ends = np.linspace(*span, 13)
+        spans = iter(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
+
+        def each(do: Any) -> list[Any]:
+            return work.all(do, next(spans), "sheets")
+
+        for name, dtype in ((SPACING, np.float32), (GAIN, np.float32), (FOUND, np.int8), (STATE, np.int8)):
+            work.room(name, dtype)
+        each(self._measure)
+        self._settle(each, Field())
+        near, far = (np.concatenate(numbers) for numbers in zip(*each(self._sample), strict=True))
+        scale = scale_of(near, far)
+        if scale is None:
+            return False
+        field = Field(scale)
+        self._settle(each, field)
+        for ring in range(1, RINGS + 1):
+            self._mark(ring, each(partial(self._ring, field, ring)))
+        if not any(each(partial(self._turn, field))):
+            return False
+        field = Field(scale, has_turned=True)
+        self._settle(each, field)
+        each(partial(self._weigh, field))
+        each(self._turn_back)
+        each(partial(self._vote, field))
+        work.room(PARTED, np.float32, 3)
+        each(self._write)
+        return True
+
+    def _settle(self, each: Any, field: Field) -> None:
+        """Write the tree over all tiles."""
+        self._work.columns.fill(TOP, top_of(np.concatenate(each(partial(self._roots, field)))))
+
+    def _measure(self, part: int) -> None:
+        """Write the spacings of a part."""
+        local, columns = self._work.local(part), self._work.columns
+        core = slice(int(local.own[0]), int(local.own[-1]) + 1)
+        positions = self._frame.of(local.read(columns[PLACED]))
+        found = spacings(positions, near_in(self._cloud, local, core, NEAR), core.start)
+        columns[SPACING].write(self._work.stretch(part).start, found)
+
+    def _read(self, field: Field, tiles: Rows) -> Splats:
+        """Splats of some tiles."""
+        rows = (tiles[:, None] * TILE + np.arange(TILE)).ravel()
+        columns, runs = self._work.columns, runs_of(rows[rows < self._cloud.total])
+        placed, normals, spacing = (_rows(columns[name], runs) for name in (PLACED, FACED, SPACING))
+        if field.has_turned:
+            normals *= _signs(_rows(columns[STATE], runs))
+        if field.scale is not None:
+            spacing /= np.float32(field.scale)
+        return Splats(self._frame.of(placed), normals, spacing)
+
+    def _around(self, field: Field, rows: Rows, step: float = STEP) -> Floats:
+        """The winding numbers in front of and behind some points of the cloud."""
+        tiles = -(-self._cloud.total // TILE)
+        return Winding(self._work.columns[TOP][:], tiles, partial(self._read, field)).around(rows, step)
+
+    def _roots(self, field: Field, part: int) -> Floats:
+        stretch = self._work.stretch(part)
+        return roots_of(self._read(field, np.arange(stretch.start // TILE, -(-stretch.stop // TILE))))
+
+    def _sample(self, part: int) -> tuple[Floats, Floats]:
+        """The numbers of those points of the sample that lie in a part, one spacing away and farther."""
+        rows, stretch = sample_of(self._cloud.total), self._work.stretch(part)
+        rows = rows[(rows >= stretch.start) & (rows < stretch.stop)]
+        return self._around(Field(), rows, 1.0), self._around(Field(), rows)
+
+    def _ring(self, field: Field, ring: int, part: int) -> Rows:
+        """Mark a part's own points around those whose numbers are odd; returns those in other parts."""
+        columns, stretch = self._work.columns, self._work.stretch(part)
+        if ring == 1:
+            found = np.zeros(stretch.stop - stretch.start, np.int8)
+            thick, earlier = np.flatnonzero(columns[THICK][stretch]), sum(self._thick[:part])
+            step = step_of(sum(self._thick), self._cloud.total)
+            rows = thick[-earlier % step :: step]
+        else:
+            found = columns[FOUND][stretch]
+            rows = np.flatnonzero(found == ring - 1)
+        rows = rows[is_odd(self._around(field, rows + stretch.start))]
+        around = self._neighborhood(field, part, rows)
+        beside = around.local.rows[np.unique(around.near[around.rows])]
+        own = beside[(beside >= stretch.start) & (beside < stretch.stop)] - stretch.start
+        found[own[found[own] == 0]] = ring
+        columns[FOUND].write(stretch.start, found)
+        return np.setdiff1d(beside, own + stretch.start)
+
+    def _mark(self, ring: int, rows: Sequence[Rows]) -> None:
+        """Mark points that parts have found in others."""
+        column = self._work.columns[FOUND]
+        beside = np.unique(np.concatenate(rows))
+        for run in runs_of(beside) if len(beside) else []:
+            found = column[run]
+            found[found == 0] = ring
+            column.write(run.start, found)
+
+    def _neighborhood(self, field: Field, part: int, rows: Rows) -> Around:
+        """A part with its margin. rows : of its own points"""
+        local, columns = self._work.local(part), self._work.columns
+        mine = local.own[rows]
+        near = np.zeros((len(local.rows), NEAR), np.int32)
+        if len(mine):
+            near[mine] = near_in(self._cloud, local, mine, NEAR)
+        normals = local.read(columns[FACED])
+        if field.has_turned:
+            normals *= _signs(local.read(columns[STATE]))
+        return Around(local, mine, self._frame.of(local.read(columns[PLACED])), normals, near)
+
+    def _turn(self, field: Field, part: int) -> bool:
+        """Say which of the suspects are turned; returns whether there are any suspects."""
+        columns, stretch = self._work.columns, self._work.stretch(part)
+        state, rows = np.zeros(stretch.stop - stretch.start, np.int8), np.flatnonzero(columns[FOUND][stretch])
+        numbers = self._around(field, rows + stretch.start)
+        columns.fill(_numbers_of(part), numbers)
+        _, mine, positions, normals, near = self._neighborhood(field, part, rows)
+        state[rows[is_wrong(mine, numbers, positions, normals, near)]] = TURNED
+        columns[STATE].write(stretch.start, state)
+        return len(rows) > 0
+
+    def _weigh(self, field: Field, part: int) -> None:
+        """Write what the suspects have gained, and which are unsure."""
+        columns, stretch = self._work.columns, self._work.stretch(part)
+        gain, rows = np.zeros(stretch.stop - stretch.start, np.float32), np.flatnonzero(columns[FOUND][stretch])
+        before, after = columns[_numbers_of(part)][:], self._around(field, rows + stretch.start)
+        gain[rows] = energy(before) - energy(after)
+        state = columns[STATE][stretch] & TURNED
+        state[rows[is_unsure(before, after)]] |= UNSURE
+        columns[GAIN].write(stretch.start, gain)
+        columns[STATE].write(stretch.start, state)
+
+    def _turn_back(self, part: int) -> None:
+        """Turn back those that have gained nothing."""
+        columns, stretch = self._work.columns, self._work.stretch(part)
+        state = columns[STATE][stretch]
+        turned = np.flatnonzero(state & TURNED)
+        local, mine, _, _, near = self._neighborhood(Field(), part, turned)
+        back = turned[local.read(columns[GAIN])[near[mine]].sum(axis=1) <= 0]
+        state[back] = UNSURE
+        columns[STATE].write(stretch.start, state)
+
+    def _vote(self, field: Field, part: int) -> None:
+        """Say which of those that are unsure edges turn."""
+        columns, stretch = self._work.columns, self._work.stretch(part)
+        state = columns[STATE][stretch]
+        unsure = np.flatnonzero(state & UNSURE)
+        _, mine, positions, normals, near = self._neighborhood(field, part, unsure)
+        state[unsure[disagrees(mine, positions, normals, near)]] |= TURNED_AGAIN
+        columns[STATE].write(stretch.start, state)
+
+    def _write(self, part: int) -> None:
+        columns, stretch = self._work.columns, self._work.stretch(part)
+        state = columns[STATE][stretch]
+        normals = columns[FACED][stretch] * _signs(state) * _signs((state & TURNED_AGAIN) // TURNED_AGAIN)
+        columns[PARTED].write(stretch.start, normals)
+
+
+def _rows(column: Any, runs: list[slice]) -> NDArray[Any]:
+    return np.concatenate([column[run] for run in runs])
+
+
+def _signs(state: NDArray[np.int8]) -> NDArray[np.int8]:
+    """-1 where points are turned, (n, 1)."""
+    return (1 - 2 * (state & TURNED))[:, None].astype(np.int8)
+
+
+def _numbers_of(part: int) -> str:
+    return f"numbers-{part:04d}"
+
+
+def part_thin_sheets(work: Work, cloud: Cloud, facts: Sequence[Facts], span: Span) -> None:
+    """Turn normals of thin plates and cavities, unless that is done. facts : of all parts, see `find_surface`"""
+    thick = [fact["thick"] for fact in facts]
+    if work.columns.get(DONE) is not None or not sum(thick):
+        return
+    low, high = (np.array([fact[name] for fact in facts], np.float32) for name in ("low", "high"))
+    frame = Frame(work.columns[PLACED][:1][0], float((high.max(axis=0) - low.min(axis=0)).max()))
+    if Thin(work, cloud, frame, thick).part_sheets(span):
+        work.columns.put(PARTED, {})
+    work.columns.put(DONE, {})
