@@ -14,7 +14,7 @@ import pytest
 
 import pointray as pr
 from clusters import cluster_of
-from conftest import sphere_points
+from conftest import slow, sphere_points
 from pointray.cli import execute
 from pointray.cluster import client as client_module
 from pointray.cluster import worker
@@ -86,7 +86,7 @@ def seen(file: Path) -> None:
             out.writelines(f"{a:.6f} {b:.6f} {c:.6f} 0.5\n" for a, b, c in some)
 
 
-@pytest.mark.parametrize("make", [statue, rough, some_signs, given_radii, seen])
+@pytest.mark.parametrize("make", [statue, rough, slow(some_signs), slow(given_radii), seen])
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path) -> None:
     file = tmp_path / ("scan.ptx" if make is seen else "scan.ply")
