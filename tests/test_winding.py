@@ -24,10 +24,10 @@ def some(splats, tiles):
     return Splats(*(array[rows] for array in splats))
 
 
-def winding(splats, read, held=None):
+def winding(splats, read):
     tiles = -(-len(splats.positions) // TILE)
     roots = [roots_of(some(splats, part)) for part in np.array_split(np.arange(tiles), 3)]
-    return Winding(top_of(np.concatenate(roots)), tiles, read, held)
+    return Winding(top_of(np.concatenate(roots)), tiles, read)
 
 
 def test_tiles_are_read_as_they_are_needed(splats):
@@ -37,7 +37,7 @@ def test_tiles_are_read_as_they_are_needed(splats):
         read.append(tiles)
         return some(splats, tiles)
 
-    whole = winding(splats, lambda tiles: splats, np.arange(11)).around(rows, 1.5)
+    whole = Winding.of(splats).around(rows, 1.5)
     parts = winding(splats, note)
     np.testing.assert_array_equal(parts.around(rows, 1.5), whole)
     assert [len(tiles) for tiles in read[:1]] == [1] and 2 <= len(read) <= 3 and len(read[-1]) < 11
