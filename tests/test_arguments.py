@@ -133,7 +133,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "EnvironmentLight": (pr.EnvironmentLight, {}),
         "Mirror": (pr.Mirror, {}),
         "Model": (pr.Model, {"points": t.rows[:100], "smooth": 0.5}),
-        "Model.load": (pr.Model.load, {"path": t.folder / "a.pointray"}),
+        "Model.load": (pr.Model.load, {"path": t.folder / "a.pointray", "memory": 1 << 30}),
         "Model.make_levels": (pr.Model(t.points).make_levels, {}),
         "Model.remade": (t.model.remade, {"smooth": 0, "surface": "imls"}),
         "Model.save": (t.model.save, {"path": t.folder / "b.pointray"}),

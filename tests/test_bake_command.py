@@ -80,9 +80,9 @@ def bakes(monkeypatch: pytest.MonkeyPatch) -> list:
     """The scenes and settings of all bakes, whose work is made small."""
     calls, real = [], pr.bake
 
-    def bake(scene, settings=None, progress=None):
+    def bake(scene, settings=None, progress=None, client=None):
         calls.append((scene, settings))
-        return real(scene, BAKED, progress)
+        return real(scene, BAKED, progress, client=client)
 
     monkeypatch.setattr(pr, "bake", bake)
     monkeypatch.setattr(plan, "bake", bake)

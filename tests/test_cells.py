@@ -6,11 +6,12 @@ from scipy.spatial import Voronoi
 
 from conftest import sphere_points
 from pointray.neighbors import distinct, neighbors
+from pointray.points.usual import quantile
 from pointray.splats import cells, choose_radii
 from pointray.splats.borders import FOLD, GAP, find_gaps
 from pointray.splats.cells import NEIGHBORS
 from pointray.splats.closed import CLOSED, OPEN, UNSURE, WIDE, distances, measure_closed, pack_table
-from pointray.splats.medians import medians_around, quantile
+from pointray.splats.medians import medians_around
 from pointray.splats.radii import _in_cells
 from pointray.splats.sheets import BESIDE, OPPOSED, find_sheets
 from pointray.splats.voronoi import OTHER_SHEET, Hood, measure_cells

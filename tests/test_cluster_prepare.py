@@ -26,7 +26,7 @@ from pointray.points.files import request_of
 from pointray.points.selection import Selection
 from pointray.tree.settings import check_settings
 
-SIZE = 1 << 13
+SIZE = 1 << 14  # the least there is for so few points
 RNG = np.random.default_rng(0)
 
 
@@ -36,10 +36,10 @@ def client() -> Iterator[Any]:
         yield client
 
 
-def prepared(file: Path, folder: Path, client: Any = None, progress: Any = None, size: int = SIZE) -> dict[str, bytes]:
+def prepared(file: Path, folder: Path, client: Any = None, progress: Any = None) -> dict[str, bytes]:
     """The files of the model in parts of a file."""
     reading = request_of(), Selection(1, None, None, None, None)
-    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), size, progress, client)
+    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), SIZE, progress, client)
     return files_of(folder)
 
 
@@ -49,31 +49,31 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 def statue(file: Path) -> None:
     """Points with normals and colours, of which no two are alike."""
-    points = pr.procedural("statue", 30_000)
+    points = pr.procedural("statue", 50_000)
     pr.write(file, points.changed(attributes={"number": np.arange(len(points), dtype=np.int32)}))
 
 
 def rough(file: Path) -> None:
     """A noisy sphere over a ground that ends, without normals."""
-    ground = RNG.random((15_000, 2)) * 4 - 2
-    rows = np.concatenate([sphere_points(15_000), np.column_stack([ground, np.full(15_000, -1.2)])])
+    ground = RNG.random((25_000, 2)) * 4 - 2
+    rows = np.concatenate([sphere_points(25_000), np.column_stack([ground, np.full(25_000, -1.2)])])
     pr.write(file, pr.Points((rows + RNG.normal(size=rows.shape) * 0.004).astype(np.float32)))
 
 
 def some_signs(file: Path) -> None:
     """Normals that face either side, by chance."""
-    rows = sphere_points(30_000)
+    rows = sphere_points(40_000)
     pr.write(file, pr.Points(rows, rows * RNG.choice([-1, 1], (len(rows), 1)).astype(np.float32)))
 
 
 def given_radii(file: Path) -> None:
-    rows = sphere_points(20_000)
+    rows = sphere_points(40_000)
     pr.write(file, pr.Points(rows, rows, attributes={"radius": np.full(len(rows), 0.03, np.float32)}))
 
 
 def seen(file: Path) -> None:
     """Two scans of a sphere, each from a station of its own."""
-    rows = sphere_points(30_000)
+    rows = sphere_points(40_000)
     with file.open("w") as out:
         for x in (-4, 4):
             some = rows[rows[:, 0] * x > 0] - [x, 0, 0]
@@ -287,7 +287,7 @@ def test_the_command_prepares_on_a_cluster(scan: Path, tmp_path: Path, capsys: p
     with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=0, **options) as cluster:
         words = ["prepare", str(scan), "-o", f"{out}/", "--part-points", str(SIZE)]
         assert execute([*words, "--cluster", cluster.scheduler_address]) == 0
-    assert capsys.readouterr().out == f"{out}: a model of 30,000 points in 4 parts\n"
+    assert capsys.readouterr().out == f"{out}: a model of 50,000 points in 4 parts\n"
     # Here such a scan is made at once, unless part by part is asked for.
     assert files_of(out) == prepared(scan, tmp_path / "b")
 
@@ -345,18 +345,19 @@ def test_ctrl_c_ends_all_workers_and_the_work_goes_on(tmp_path: Path) -> None:
     statue(tmp_path / "a.ply")
     out = tmp_path / "a.pointray"
     command = [sys.executable, "-m", "pointray", "prepare", str(tmp_path / "a.ply"), "-o", f"{out}/"]
-    command += ["--part-points", "4096", "--workers", "2"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE)
+    command += ["--part-points", str(SIZE), "--workers", "2"]
+    with (tmp_path / "log.txt").open("w") as errors:
+        process = subprocess.Popen(command, stderr=errors)
     end = time.monotonic() + 120
     while not list((out / "unfinished").glob("place-*.json")) and process.poll() is None and time.monotonic() < end:
         time.sleep(0.02)
     found = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=20) == 130
-    assert process.stderr is not None and process.stderr.read() == b""
+    assert (tmp_path / "log.txt").read_text() == ""
     _, alive = psutil.wait_procs(found, timeout=10)
     assert alive == [] and len(found) >= 3
     assert not (out / "index.json").exists()
     done = subprocess.run(command, capture_output=True, check=False, timeout=300)
     assert done.returncode == 0 and done.stderr == b""
-    assert files_of(out) == prepared(tmp_path / "a.ply", tmp_path / "b", size=4096)
+    assert files_of(out) == prepared(tmp_path / "a.ply", tmp_path / "b")

@@ -26,6 +26,7 @@ TOWER = [
         "array_file",
         "model_file",
         "model_folder",
+        "residence",
         "model",
         "model_cache",
     ),

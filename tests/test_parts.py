@@ -12,8 +12,10 @@ from PIL import Image
 
 import pointray as pr
 from conftest import shared_model
+from pointray.array_file import read_arrays
 from pointray.cli import execute
-from pointray.model_folder import INDEX, POINTS
+from pointray.model_file import KIND
+from pointray.model_folder import INDEX, POINTS, LevelFile, PartFile, write_level, write_part
 from pointray.parts.split import split
 from pointray.parts.trees import nth_least
 from pointray.tree.build import build_tree
@@ -159,6 +161,17 @@ def damaged(folder: Path, **changes: object) -> None:
     (folder / INDEX).write_text(json.dumps(index))
 
 
+def damaged_part(folder: Path, **changes: object) -> None:
+    """Change what the index says of the first part."""
+    parts = json.loads((folder / INDEX).read_text())["parts"]
+    damaged(folder, parts=[parts[0] | changes, *parts[1:]])
+
+
+def described(name: str, spacing: float) -> dict[str, object]:
+    """What the index says of a level of detail."""
+    return LevelFile(f"{name}.pointray", 1, spacing, 16, 1, "")._asdict()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -173,17 +186,48 @@ def damaged(folder: Path, **changes: object) -> None:
         (lambda f: damaged(f, settings={"surface": "other"}), "damaged"),
         (lambda f: damaged(f, id="other"), "points.pointray.*another folder"),
         (lambda f: damaged(f, more=1), "index.json"),
+        (lambda f: damaged_part(f, reach=[[0, 0, 0], [1, 1, -1]]), "bounds"),
+        (lambda f: damaged_part(f, spacing=-1.0), "spacing"),
+        (lambda f: damaged_part(f, longest=1.5), "points, blocks or bytes"),
+        (lambda f: damaged_part(f, name="../part-0001.pointray"), "files of the folder"),
+        (lambda f: damaged_part(f, name="part-0001.pointray"), "files of the folder"),
+        (lambda f: damaged_part(f, levels=[{"name": "a.pointray"}]), "index.json"),
+        (lambda f: damaged_part(f, levels=[described("a", 2.0), described("b", 1.0)]), "fine to coarse"),
         (lambda f: (f / "part-0001.pointray").write_bytes(b""), "part-0001.pointray.*cut off"),
         (lambda f: shutil.copy(f / "part-0000.pointray", f / "part-0001.pointray"), "part-0001.pointray"),
         (lambda f: (f / POINTS).write_bytes((f / POINTS).read_bytes()[:-64]), "points.pointray.*cut off"),
     ],
-    ids=range(14),
+    ids=range(21),
 )
 def test_damaged_folders_are_refused(folder: Path, change: object, words: str) -> None:
     pr.Model.load(folder)
     change(folder)  # type: ignore[operator]
     with pytest.raises(ValueError, match=words):
         pr.Model.load(folder)
+
+
+def test_the_index_tells_what_a_part_is_without_its_file(both: tuple[pr.Model, pr.Model], tmp_path: Path) -> None:
+    for part in both[1].parts:
+        told = write_part(tmp_path, "0", 0, 5, part.bounds, part.tree)
+        assert told.reach == part.reach.tolist()
+        assert told.longest == part.longest
+        assert told.spacing == pytest.approx(np.median(part.radii[part.tree.order[part.tree.order >= 0]]), rel=1e-6)
+        assert PartFile.of(json.loads(json.dumps(told.facts))) == told
+
+
+def test_levels_of_detail_are_saved_models_that_name_their_folder(tmp_path: Path) -> None:
+    model = pr.Model(pr.procedural("sphere", 5000))
+    model.make_levels()
+    level = model.levels[0]
+    told = write_level(tmp_path, "12", 3, 1, level._kept())
+    assert (told.name, told.points, told.longest) == ("part-0003-1.pointray", len(level.points), level.longest)
+    assert told.nbytes == (tmp_path / told.name).stat().st_size
+    assert told.spacing == level.spacing
+    about, _ = read_arrays(tmp_path / told.name, KIND)
+    assert (about["folder"], about["part"], about["level"]) == ("12", 3, 1)
+    assert np.array_equal(pr.Model.load(tmp_path / told.name).tree.leaves, level.tree.leaves)
+    part = write_part(tmp_path, "12", 3, 5, model.bounds, model.tree)._replace(levels=[told])
+    assert PartFile.of(json.loads(json.dumps(part.facts))) == part
 
 
 def test_a_missing_part_is_named(folder: Path) -> None:

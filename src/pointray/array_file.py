@@ -9,7 +9,8 @@ import json
 import math
 import mmap
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from typing import IO, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from .points.replacing import check_regular, replacing
 
+SMALL = 1 << 20  # bytes: smaller files are read, not mapped, which would take a file descriptor each
 ALIGN = 64  # bytes: arrays begin at multiples of it, and as much follows the last one, for loads past its end
 CHUNK = 1 << 24  # items that are written between two progress reports
 
@@ -104,8 +106,10 @@ def read_arrays(path: str | os.PathLike[str], kind: Kind) -> tuple[dict[str, Any
         size = os.fstat(stream.fileno()).st_size
         if stream.read(6) != b"\x93NUMPY":
             raise ValueError(f"not {kind.noun}")
-        # Pages are copied when written to: the file does not change.
-        memory = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_COPY)
+        stream.seek(0)
+        # Pages of a mapped file are copied when written to: the file does not change.
+        is_small, number = size <= SMALL, stream.fileno()
+        memory = bytearray(stream.read()) if is_small else mmap.mmap(number, 0, access=mmap.ACCESS_COPY)
         stream.seek(0)
         about = _description(_next_array(stream, memory, size, "the description"), kind)
         arrays = {name: _next_array(stream, memory, size, name) for name in about["arrays"]}
@@ -129,7 +133,7 @@ def _description(head: NDArray[Any], kind: Kind) -> dict[str, Any]:
     return {**about, "arrays": names}
 
 
-def _next_array(stream: IO[bytes], memory: mmap.mmap, size: int, name: str) -> NDArray[Any]:
+def _next_array(stream: IO[bytes], memory: mmap.mmap | bytearray, size: int, name: str) -> NDArray[Any]:
     """The array that begins at the stream's position; leaves the stream at the array's end."""
     try:
         if npy.read_magic(stream) != (1, 0):
@@ -147,6 +151,25 @@ def _next_array(stream: IO[bytes], memory: mmap.mmap, size: int, name: str) -> N
     if count == 0:
         return np.empty(shape, dtype)
     return np.frombuffer(memory, dtype, count, start).reshape(shape)
+
+
+def drop_pages(arrays: Iterable[NDArray[Any]]) -> None:
+    """Give the memory of mapped arrays back to the system, which reads it from the file again where it is needed.
+
+    What has been written to them is lost. Nothing happens where the system cannot do that.
+    """
+    files = {id(file): file for file in map(_mapping_of, arrays) if file is not None}
+    for file in files.values():
+        with suppress(AttributeError, OSError, ValueError):
+            file.madvise(mmap.MADV_DONTNEED)
+
+
+def _mapping_of(array: NDArray[Any]) -> mmap.mmap | None:
+    """The file in which an array lies."""
+    base: Any = array
+    while isinstance(base, np.ndarray | memoryview):
+        base = base.base if isinstance(base, np.ndarray) else base.obj
+    return base if isinstance(base, mmap.mmap) else None
 
 
 def take_array(found: Arrays, name: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:

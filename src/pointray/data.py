@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,8 @@ FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole 
 LABELS = "classification", "point_source_id", SCAN  # names whose whole numbers are categories, however few points
 MOST_LABELS = 256  # distinct ones: as many classes as LAS has
 PROBE = 1000  # rows that are tested first
+CHUNK = 1 << 20  # rows that are looked at together
+SPREAD, STRETCHES = 1 << 18, 256  # rows of a mapped file that stand for all, in how many stretches
 
 
 @dataclass(frozen=True, slots=True, init=False, repr=False, eq=False)
@@ -321,6 +324,15 @@ def check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
     return np.require(array, dtype, ["C", "W", "A"])
 
 
+def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
+    """At most so many of n rows, in even stretches: of a mapped file few pages are read."""
+    if n <= most:
+        return np.arange(n)
+    each = most // STRETCHES
+    starts = np.linspace(0, n - each, STRETCHES).astype(np.int64)
+    return np.asarray((starts[:, None] + np.arange(each)).reshape(-1))
+
+
 def is_label(name: str) -> bool:
     """Whether an attribute's name says that its whole numbers are categories."""
     return name.lower().removeprefix("scalar_") in LABELS
@@ -334,11 +346,13 @@ def categories_of(values: NDArray[Any], name: str = "") -> tuple[int, ...] | Non
     if values.ndim != 1:
         return None
     sure = values.dtype == np.bool_ or is_label(name)
-    for rows in (values[:: max(len(values) // PROBE, 1)], values):
+    most, found = MOST_LABELS if sure else MOST_CATEGORIES, values[:0]
+    chunks = (values[start : start + CHUNK] for start in range(0, len(values), CHUNK))
+    for rows in itertools.chain([values[:: max(len(values) // PROBE, 1)]], chunks):
         if rows.dtype.kind == "f" and not (np.isfinite(rows).all() and (rows == np.rint(rows)).all()):
             return None
-        found = np.unique(rows)
-        if len(found) > (MOST_LABELS if sure else MOST_CATEGORIES):
+        found = np.union1d(found, rows)
+        if len(found) > most:
             return None
     if not sure and len(values) < FEWEST_ROWS * len(found):
         return None

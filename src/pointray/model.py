@@ -6,28 +6,32 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_callback, check_choice, check_path, check_positive
+from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
 from .choices import SURFACES
-from .data import Points
-from .kernels.tree import NODE, WIDTH, Tree
+from .data import Points, spread_rows
+from .kernels.tree import Tree
 from .model_file import Level, Place, place_of, read_model, write_model
-from .model_folder import INDEX, read_folder
+from .model_folder import INDEX, PartFile, read_folder
 from .points.ready import check_model_memory, finite_rows, placed_for_model
 from .points.smoothing.smooth import Placed, check_sigma
+from .residence import Key, Residence, Source
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.make import Made, Sizes, make_splats
 from .splats.radii import check_radii
 from .tree.build import build_tree
 from .tree.settings import LOOSE_TRIM, check_settings, settings_of
-from .tree.stored import stored_splats
+from .tree.stored import longest_leaf, reach_of, stored_splats
 
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
+SAMPLE = 1 << 20  # of more radii of a model in parts the median is that of so many
+ON_DISK = frozenset({"tree", "points", "radii", "settings", "surface", "smooth", "_bounds"})
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
 
 
@@ -65,8 +69,9 @@ class Model:
     Attributes
     ----------
     parts : tuple of Model
-        Of a model in parts, which `load` takes from a folder: the parts, each with the points of the whole. A scene
-        shows them as one model. Empty for others.
+        Of a model in parts, which `load` takes from a folder: the parts, each with the points of the whole, and levels
+        of detail of its own. A scene shows them as one model. What lies on disk is opened when it is asked for. Empty
+        for others.
 
     Raises
     ------
@@ -77,6 +82,8 @@ class Model:
 
     parts: tuple[Model, ...] = ()
     _saved: tuple[Place, tuple[Model, ...]] | None = None  # the file that holds it, with which levels of detail
+    _source: Source | None = None  # of a part, or a level of detail of one: where what is not here comes from
+    _residence: Residence[Model] | None = None  # of a model in parts: what is open of it
 
     def __init__(
         self,
@@ -188,10 +195,17 @@ class Model:
         )
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Model:
+    def load(cls, path: str | os.PathLike[str], memory: int | None = None) -> Model:
         """A model that `save` has written, or a folder with one in parts (`pointray prepare IN -o city.pointray/`).
 
         It is mapped into memory: ready at once, whatever its size. The files must not change while the model is used.
+        Parts, and their levels of detail, are opened and checked when they are first needed.
+
+        Parameters
+        ----------
+        memory : int, optional
+            Of a model in parts: how many bytes of parts and levels of detail stay open. The least recently used ones
+            go. What a call needs at once is opened nevertheless. None: half of the memory that is available now.
 
         Raises
         ------
@@ -200,9 +214,10 @@ class Model:
         ValueError
             If it is no saved model, has another version, or is damaged.
         """
+        budget = None if memory is None else check_whole(memory, "memory", 1, or_none=True)
         check_path(path)
         if os.path.isdir(path):
-            return cls._in_parts(path)
+            return cls._in_parts(path, budget)
         kept = read_model(path)
         try:
             model, *levels = (cls._restore(level) for level in kept)
@@ -221,16 +236,50 @@ class Model:
         return replace(place, leveled=bool(self.levels)) if self.levels is levels or not self.levels else None
 
     @classmethod
-    def _in_parts(cls, path: str | os.PathLike[str]) -> Model:
+    def _in_parts(cls, path: str | os.PathLike[str], budget: int | None) -> Model:
         """A model in parts, from a folder."""
-        folder = read_folder(path)
+        index, whole = read_folder(path)
         try:
-            model, *parts = (cls._restore(level) for level in (folder.whole, *folder.parts))
+            model = cls._restore(whole)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path}: the model is damaged: {error}") from error
-        model.parts = tuple(parts)
+        residence = Residence(Path(path).absolute(), index, whole, cls._restore, budget)
+        parts = []
+        for number, file in enumerate(index.parts):
+            part = cls._restore(whole._replace(bounds=np.array(file.bounds)))
+            del part.tree
+            part._source = Source(residence, Key(number, 0))
+            sources = [Source(residence, Key(number, level + 1)) for level in range(len(file.levels))]
+            part.levels = tuple(cls._on_disk(source) for source in sources)
+            parts.append(part)
+        model.parts, model._residence = tuple(parts), residence
         model._saved = place_of(path, INDEX), model.levels
         return model
+
+    @classmethod
+    def _on_disk(cls, source: Source) -> Model:
+        """A level of detail of a part."""
+        level = cls.__new__(cls)
+        level._source, level.levels = source, ()
+        return level
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:  # asked for what is not here
+            source = self.__dict__.get("_source")
+            if source is None or name not in ON_DISK:
+                raise AttributeError(f"a Model has no attribute {name!r}")
+            return getattr(source.open(), name)
+
+    @property
+    def source(self) -> Source | None:
+        """Of a part of a model, or a level of detail of one: the file that it comes from, as long as it is on disk."""
+        return self._source
+
+    @property
+    def resident_bytes(self) -> int:
+        """Of a model in parts: bytes of the parts and levels of detail that are open; of others: all of `nbytes`."""
+        return self.nbytes if self._residence is None else self._residence.nbytes
 
     @classmethod
     def _restore(cls, level: Level) -> Model:
@@ -291,8 +340,15 @@ class Model:
             raise ValueError("this needs a model as a whole, not one in parts: prepare the scan anew")
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for pickles and copies; it is a copy, as another thread may compute `reach` for the first time."""
-        return self.__dict__.copy()
+        """State for pickles and copies, with all that lies on disk.
+
+        It is a copy, as another thread may compute `reach` for the first time.
+        """
+        state = self.__dict__.copy()
+        state.pop("_residence", None)
+        if state.pop("_source", None) is not None:
+            state |= {name: getattr(self, name) for name in ON_DISK}
+        return state
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -313,17 +369,32 @@ class Model:
         rows, positions, normals, _ = stored_splats(self.tree)
         return self.points.select(rows).changed(positions=positions, normals=normals), rows
 
+    @property
+    def has_levels(self) -> bool:
+        """Whether it, or a part of it, has levels of detail."""
+        return bool(self.levels) or any(part.levels for part in self.parts)
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether rays can hit it."""
+        if self._source is None:
+            return bool(self.tree.blocks.size) or any(part.has_surface for part in self.parts)
+        return not isinstance(self._source.file, PartFile) or self._source.file.reach is not None
+
     @cached_property
     def reach(self) -> NDArray[np.float64]:
         """Bounds of all that rays can hit, (2, 3) float64 about the origin: the surface extends beyond the points."""
         if self.parts:
-            each = np.array([part.reach for part in self.parts])
+            each = np.array(
+                [part.reach for part in self.parts if part.has_surface] or [self._bounds - self.points.origin]
+            )
             return np.stack([each[:, 0].min(axis=0), each[:, 1].max(axis=0)])
-        root = self.tree.boxes[:NODE].reshape(2, 3, WIDTH)
-        reach = np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
-        if (reach[0] <= reach[1]).all():
-            return reach
-        return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)  # no surface: a box without size
+        if self._source is not None and isinstance(self._source.file, PartFile) and self._source.file.reach:
+            return np.array(self._source.file.reach)
+        reach = reach_of(self.tree)
+        if reach is None:  # no surface: a box without size
+            return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)
+        return reach
 
     @cached_property
     def spacing(self) -> float:
@@ -332,20 +403,35 @@ class Model:
         It stands for the spacing of the points. Radii that the model chose are about 1.15 times the spacing of an even
         cloud, the root of its area per point. Given radii and `radius_scale` make it larger or smaller.
         """
-        return float(np.median(self.radii))
+        if self._source is not None:
+            return self._source.file.spacing
+        radii = self.radii
+        if self.parts:  # reading all of them would take seconds
+            radii = radii[spread_rows(len(radii), SAMPLE)]
+        return float(np.median(radii))
 
     @cached_property
     def longest(self) -> int:
         """The number of blocks in the longest leaf."""
-        return 16 * int(max(part.tree.spans[1::2].max(initial=0) for part in self.parts or (self,)))
+        if self._source is not None:
+            return self._source.file.longest
+        return max([longest_leaf(self.tree), *(part.longest for part in self.parts)])
 
     @property
     def nbytes(self) -> int:
-        """Bytes of every array held: the points, their radii, the tree, and the levels."""
+        """Bytes of every array: the points, their radii, the tree, and the levels.
+
+        Of a model in parts also of what is not open, as large as the files are.
+        """
+        if self._source is not None:
+            return sum(model._source.file.nbytes for model in (self, *self.levels) if model._source is not None)
         points = self.points
         arrays = [points.positions, points.normals, points.colors, *points.attributes.values(), self.radii, *self.tree]
-        arrays += [array for part in self.parts for array in part.tree]
-        return sum(array.nbytes for array in arrays if array is not None) + sum(level.nbytes for level in self.levels)
+        held = sum(array.nbytes for array in arrays if array is not None)
+        if self._residence is None and self.parts:  # copies, which share the points
+            held += sum(array.nbytes for part in self.parts for array in part.tree)
+            return held + sum(level.nbytes for part in self.parts for level in part.levels)
+        return held + sum(model.nbytes for model in (*self.levels, *self.parts))
 
     def __repr__(self) -> str:
         parts = f" in {len(self.parts)} parts" if self.parts else ""

@@ -7,7 +7,7 @@ that a damaged one is an error.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -77,7 +77,9 @@ def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
     return Place(os.path.abspath(path), facts.st_size, facts.st_mtime_ns, index=index)
 
 
-def write_model(path: str | os.PathLike[str], levels: Sequence[Level], say: Say) -> None:
+def write_model(
+    path: str | os.PathLike[str], levels: Sequence[Level], say: Say, more: Mapping[str, Any] | None = None
+) -> None:
     """Write a file that `read_model` reads; the file gets its name when all is written.
 
     Parameters
@@ -86,13 +88,15 @@ def write_model(path: str | os.PathLike[str], levels: Sequence[Level], say: Say)
         The model, then its levels of detail.
     say : callable
         Told the share done.
+    more : dict, optional
+        What the description says besides, in a form that JSON can hold.
     """
     named = {
         f"{_prefix(k)}{name}": array for k, level in enumerate(levels) for name, array in _arrays_of(level).items()
     }
     settings = [level.settings for level in levels]
     about = {"settings": settings[0], "levels": settings[1:], "survey": levels[0].points.survey.facts}
-    write_arrays(path, KIND, about, named, say)
+    write_arrays(path, KIND, {**about, **(more or {})}, named, say)
 
 
 def _prefix(k: int) -> str:
@@ -110,8 +114,17 @@ def _arrays_of(level: Level) -> Arrays:
     return {name: array for name, array in named.items() if array is not None}
 
 
-def read_model(path: str | os.PathLike[str]) -> list[Level]:
+def read_model(
+    path: str | os.PathLike[str], among: Mapping[str, Any] | None = None, is_sound: bool = False
+) -> list[Level]:
     """The model of a file and its levels of detail: mapped, so that they are ready at once.
+
+    Parameters
+    ----------
+    among : dict, optional
+        What the description must say besides.
+    is_sound : bool
+        Whether the file has been checked before, and is the same.
 
     Raises
     ------
@@ -122,11 +135,13 @@ def read_model(path: str | os.PathLike[str]) -> list[Level]:
     """
     try:
         about, found = read_arrays(path, KIND)
+        if any(about.get(name) != value for name, value in (among or {}).items()):
+            raise ValueError("it is another part, or of another folder")
         survey = survey_of(about)
-        levels = [_take_level(settings, found, _prefix(k), survey) for k, settings in enumerate(_settings_in(about))]
+        given = [(settings, _prefix(k)) for k, settings in enumerate(_settings_in(about))]
+        levels = [_take_level(settings, found, prefix, survey, is_sound) for settings, prefix in given]
         for level in levels[1:]:
-            if _columns_of(level.points) != _columns_of(levels[0].points):
-                raise ValueError("the model is damaged: a level of detail has other attributes or colors")
+            check_columns(level, levels[0])
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     return levels
@@ -152,12 +167,20 @@ def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
+def check_columns(level: Level, model: Level) -> None:
+    """ValueError if a level of detail has not the columns and the origin of its model."""
+    if _columns_of(level.points) != _columns_of(model.points):
+        raise ValueError("the model is damaged: a level of detail has other attributes or colors")
+    if not np.array_equal(level.points.origin, model.points.origin):
+        raise ValueError("the model is damaged: a level of detail has another origin")
+
+
 def _columns_of(points: Points) -> dict[str, Any]:
     """The columns that all levels of a model share."""
     return {"": points.colors is None, **{name: (v.dtype, v.shape[1:]) for name, v in points.attributes.items()}}
 
 
-def _take_level(settings: dict[str, Any], found: Arrays, prefix: str, survey: Survey) -> Level:
+def _take_level(settings: dict[str, Any], found: Arrays, prefix: str, survey: Survey, is_sound: bool) -> Level:
     """The level whose arrays' names begin with a prefix, checked."""
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
     points = points_of(mine, survey)
@@ -169,7 +192,8 @@ def _take_level(settings: dict[str, Any], found: Arrays, prefix: str, survey: Su
     if not (within.all() and (bounds[0] <= bounds[1]).all()):
         raise ValueError("the model is damaged: its bounds are none")
     level = Level(settings, points, radii, bounds, take_tree(mine))
-    check_level(level.tree, len(points))
+    if not is_sound:
+        check_level(level.tree, len(points))
     return level
 
 
@@ -195,6 +219,7 @@ def take_tree(found: Arrays) -> Tree:
     types = {name: np.int32 if name in whole else np.int8 if name in small else np.float32 for name in Tree._fields}
     found.setdefault("tree.noise", np.zeros(0, np.float32))  # a file that was saved before it was kept
     tree = Tree(*(take_array(found, f"tree.{name}", types[name], (-1,)) for name in Tree._fields))
+    tree = tree._replace(head=tree.head.copy())  # the only array that is written to
     if len(tree.head) == HEAD and tree.head[LONGEST] == 0.0:  # the file was saved before this number was kept
         tree.head[LONGEST] = tree.leaves[STEP::LEAF].max(initial=0.0)
     return tree

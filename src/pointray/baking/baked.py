@@ -57,7 +57,7 @@ class Baked:
         self._bake(now.without_camera_lights(), progress, crew)
 
     def _bake(self, snapshot: Snapshot, progress: Progress | None, crew: Crew | None = None) -> None:
-        self._exchange = Exchange(snapshot, self._settings, progress, crew)
+        self._exchange = Exchange(snapshot.opened(), self._settings, progress, crew)
         self._shape = shape_of(snapshot)
         self._write(snapshot)
         tell(progress, 1.0)
@@ -132,7 +132,7 @@ class Baked:
         if self._stored is not None:
             self._bake(snapshot, progress)
             return
-        self._exchange.follow(snapshot, shape != self._shape, progress)
+        self._exchange.follow(snapshot.opened(), shape != self._shape, progress)
         self._shape = shape
         self._write(snapshot)
         tell(progress, 1.0)

@@ -104,9 +104,9 @@ class Kept(NamedTuple):
 
 def _slots(scene: Snapshot, levels: NDArray[np.int64]) -> list[int]:
     """The slots of the tree that each instance shows; 0 for planes."""
-    trees = [[model.tree, *(level.tree for level in model.levels)] for model in scene.models]
+    families = [(model, *model.levels) for model in scene.models]
     kinds, shapes = scene.world.instances.reshape(-1, INSTANCE)[:, [KIND, SHAPE_ROW]].astype(int).T
     return [
-        trees[shape][level].order.size if kind == MODEL else 0
+        families[shape][level].tree.order.size if kind == MODEL else 0
         for kind, shape, level in zip(kinds, shapes, levels, strict=True)
     ]

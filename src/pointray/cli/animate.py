@@ -241,6 +241,7 @@ def _render(
 def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Progress, client: Any) -> Iterator[Any]:
     """Render frames in order. job : scene, cameras and settings"""
     from ..rendering.sequence import render_each
+    from ..rendering.waves.spread import check_spread
 
     scene, cameras, settings = job
     count = len(cameras)
@@ -251,7 +252,7 @@ def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Pro
 
     wait_for_kernels(client, settings)
     show(0.0)
-    return render_each(scene, cameras, settings, client, show, numbers)
+    return render_each(scene, cameras, settings, client, show, numbers, check_spread(None, client, settings))
 
 
 def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str]:

@@ -19,19 +19,33 @@ ClusterOption = Annotated[
 WorkersOption = Annotated[
     int | None, typer.Option(min=1, help="Let so many processes do the work, by Dask, which share the cores evenly.")
 ]
+SpreadOption = Annotated[
+    bool,
+    typer.Option(
+        "--spread",
+        help="Each worker opens only some parts of a model in parts, and rays travel: where no worker could hold all.",
+    ),
+]
 
 
 @contextmanager
-def working_on(cluster: str | None, workers: int | None) -> Iterator[Any]:
-    """A client of Dask whose workers do the work; None: this process does. What is wrong raises ValueError at once."""
+def working_on(cluster: str | None, workers: int | None, spread: bool = False) -> Iterator[Any]:
+    """A client of Dask whose workers do the work; None: this process does. What is wrong raises ValueError at once.
+
+    spread : whether models in parts are spread over the workers
+    """
     if cluster is None and workers is None:
+        if spread:
+            raise ValueError("--spread is for --cluster and --workers")
         yield None
         return
     if cluster is not None and workers is not None:
         raise ValueError("--cluster and --workers exclude each other")
-    from ..cluster.client import connected, local_workers
+    from ..cluster.client import connected, local_workers, prefer_spread
 
     with connected(cluster) if cluster is not None else local_workers(workers or 1) as client:
+        if spread:
+            prefer_spread(client)
         yield client
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -299,3 +300,12 @@ def use_threads(threads: int | None) -> int:
     count = thread_count(threads)
     os.environ["POINTRAY_THREADS"] = str(count)
     return count
+
+
+def bytes_of(text: str) -> int:
+    """Parse `4GiB`, `500MB` or `2000000`: a number of bytes."""
+    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(?:([kmgt])(i?)b?)?\s*", text, re.IGNORECASE)
+    if match is None:
+        raise ValueError(f"--memory must be a size like 4GiB or 500MB, not {text!r}")
+    number, unit, binary = match.groups()
+    return int(float(number) * (1024 if binary else 1000) ** (" kmgt".index(unit.lower()) if unit else 0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import warnings
 from collections.abc import Sequence
 from functools import partial
@@ -58,15 +57,6 @@ def surface_of(settings: Any) -> dict[str, Any]:
     return {"surface": settings.surface, "samples": settings.samples, "refine": settings.refine, "trim": trim}
 
 
-def bytes_of(text: str) -> int:
-    """Parse `4GiB`, `500MB` or `2000000`: a number of bytes."""
-    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(?:([kmgt])(i?)b?)?\s*", text, re.IGNORECASE)
-    if match is None:
-        raise ValueError(f"--memory must be a size like 4GiB or 500MB, not {text!r}")
-    number, unit, binary = match.groups()
-    return int(float(number) * (1024 if binary else 1000) ** (" kmgt".index(unit.lower()) if unit else 0))
-
-
 def check_parts(output: Path, part_points: int | None) -> None:
     """ValueError if a model in parts cannot be written to a folder."""
     if output.suffix.lower() != SAVED:
@@ -118,7 +108,7 @@ def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dic
         most = part_points_for(client, options["memory"])
         size = min(most, options["part_points"] or begun_points(output) or PART)
         work = partial(prepare_parts, scan.files, (reading.request, selection), output, settings, size)
-        count = in_background(lambda: work(partial(progress.show, "preparing"), client))
+        count = in_background(lambda: work(partial(progress.show, "preparing"), client, options["levels"]))
     return f"{output}: a model of {count:,} points in {len(pr.Model.load(output).parts)} parts"
 
 
@@ -162,7 +152,7 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
                 except ValueError as error:
                     raise ValueError(f"{scan.name}: {error}") from error
             if options["in_parts"]:
-                write = partial(split, model, output, options["part_points"])
+                write = partial(split, model, output, options["part_points"], levels=options["levels"])
                 in_background(lambda: write(progress=lambda share: progress.show("writing", share)))
                 parts = len(pr.Model.load(output).parts)
                 return f"{output}: a model of {len(points):,} points in {parts} parts"

@@ -21,6 +21,11 @@ def is_saved(file: Path) -> bool:
     return file.suffix.lower() == SAVED
 
 
+def is_in_parts(file: Path) -> bool:
+    """Whether a path is that of a model in parts."""
+    return is_saved(file) and file.is_dir()
+
+
 @dataclass(frozen=True)
 class ScanFiles:
     """A scan: one file or several, which are read as one cloud; or a saved model, which is alone.
@@ -68,6 +73,19 @@ class ScanFiles:
         """Raise an error if no format knows one of its files."""
         for file in self.files:
             check_scan(file, self.reading)
+
+    def verify(self) -> None:
+        """Raise an error if a file of a model in parts is not the one that its index describes."""
+        from ..model_folder import verify_folder
+
+        if not self.is_in_parts:
+            raise ValueError("--verify is for models in parts")
+        verify_folder(self.files[0])
+
+    @property
+    def is_in_parts(self) -> bool:
+        """Whether it is a model in parts."""
+        return is_in_parts(self.files[0])
 
     def read(
         self, progress: Callable[[float], None] | None = None, viewpoint: tuple[float, float, float] | None = None
@@ -125,7 +143,7 @@ def check_scan(file: Path, reading: Reading | None = None) -> None:
     from ..points.files import check_readable
     from ..points.replacing import check_regular
 
-    if is_saved(file) and file.is_dir():
+    if is_in_parts(file):
         check_folder(file)
     elif is_saved(file):
         check_regular(file)

@@ -21,7 +21,7 @@ CAMERA = (*VECTORS, "up", "fov", "size", "projection", "aperture", "focus")
 SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads", "levels")
 ROOT = ("background", "exposure")
 LIGHT = ("bake",)
-WORKERS = ("cluster", "workers")  # who renders
+WORKERS = ("cluster", "workers", "spread")  # who renders
 FILM = ("seconds", "fps", "turns", "keys")  # options about the film, not about what it shows
 
 

@@ -14,7 +14,7 @@ from ..choices import AUTO
 from .baked_light import FIRST, light_source
 from .options import background_of
 from .read_options import Reading
-from .scan_files import ScanFiles, check_scan, check_unread, files_of, is_saved
+from .scan_files import ScanFiles, check_scan, check_unread, files_of, is_in_parts, is_saved
 from .scan_lights import ScanLights, outlook_of
 from .scan_scene import PLAIN, check_saved, ground_under
 from .scene_file import DescribedScene, scene_of
@@ -34,7 +34,7 @@ def shared_scene_of(
     """The shared scene to view, and its loader. A wrong file or option raises an error at once.
 
     typed : the options that the user has typed
-    options : settings, up, light, fill, background, ground, normals, bake and quick, see `picture_options`
+    options : settings, up, light, fill, background, ground, normals, bake and quick, see `picture_options`; and memory
     cached : whether the scans' model may come from the cache, and is kept there
     surface : as `Model` takes it; only the default surface gets levels of detail
     """
@@ -83,7 +83,11 @@ def shared_scene_of(
     title, source = files[0].name, str(files[0]) if reading.is_plain else ""
     if len(files) > 1:
         title, source = f"{len(files):,} files", ""
-    settings = options["settings"]
+    settings, in_parts = options["settings"], any(map(is_in_parts, files))
+    if in_parts and options["quick"]:
+        settings = with_direct_light(settings)
+    if options["memory"] is not None and not in_parts:
+        raise ValueError("--memory is for models in parts")
     baked = light_source(settings, options["bake"])
     from_file = baked is not None and baked.file is not None
     if baked is not None and not from_file:
@@ -92,7 +96,7 @@ def shared_scene_of(
     light = baked.make if baked is not None and from_file else None
     scans = ScanFiles(tuple(file for file in files if not is_saved(file)), reading, cached)
     entry = scans.entry(normals=options["normals"], **surface) if scans.files else None
-    kept = reading.arguments, entry, reading.drop_strays
+    kept = reading.arguments, entry, reading.drop_strays, options["memory"]
     loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, *kept)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes, shared.look = True, lights.look or ""

@@ -7,7 +7,7 @@ recipe. Nothing of Dask is imported here before somebody brings an array of it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -53,8 +53,23 @@ def check_chunks(values: Mapping[str, Any]) -> list[Any]:
     return arrays
 
 
+class Shared(NamedTuple):
+    """Work of several workers on each chunk.
+
+    homes : by the address of a worker, an argument of the work, the last one; another one does it where that is gone
+    join : the function of a module, which makes one of what they return: a dict of arrays in the same forms
+    """
+
+    homes: Mapping[str, Any]
+    join: Callable[[list[dict[str, Any]]], dict[str, Any]]
+
+
 def chunked_like(
-    scene: Stage, work: tuple[Any, ...], arrays: Sequence[Any], forms: Mapping[str, Form]
+    scene: Stage,
+    work: tuple[Any, ...],
+    arrays: Sequence[Any],
+    forms: Mapping[str, Form],
+    shared: Shared | None = None,
 ) -> dict[str, Any]:
     """Arrays of Dask that are made of rays.
 
@@ -65,6 +80,8 @@ def chunked_like(
         threads and a `Progress` (both may be None), and returns a dict of arrays in these forms.
     arrays : sequence
         Origins and directions, (..., 3), and limits, (...), which broadcast.
+    shared : Shared, optional
+        Those who do the work together. None: whoever is free does it.
     """
     dask, da = (require(name, "cluster", "an array of Dask") for name in ("dask", "dask.array"))
     axes = max(array.ndim - (k < 2) for k, array in enumerate(arrays))
@@ -77,10 +94,20 @@ def chunked_like(
         pairs.append(rays[axes - own :] + ((axes,) if k < 2 else ()))
     stowed = Stowed(scene)
     box = dask.delayed(stowed, name=stowed.key, traverse=False)
-    options = {"concatenate": True, "dtype": object, "meta": np.empty((0,) * axes, object)}
-    packed = da.blockwise(
-        partial(_make, work=work), rays, *pairs, scene=box, name=None, token="pointray-rays", **options
-    )
+    options = {"dtype": object, "meta": np.empty((0,) * axes, object)}
+
+    def pack(whole: tuple[Any, ...]) -> Any:
+        made = partial(_make, work=whole)
+        return da.blockwise(made, rays, *pairs, scene=box, token="pointray-rays", concatenate=True, **options)
+
+    if shared is None:
+        packed = pack(work)
+    else:
+        each = []
+        for home, argument in shared.homes.items():
+            with dask.annotate(workers=[home], allow_other_workers=True):
+                each += [pack((*work, argument)), rays]
+        packed = da.blockwise(partial(_join, join=shared.join), rays, *each, token="pointray-join", **options)
     made = {}
     for name, (dtype, columns) in forms.items():
         more = tuple(range(axes, axes + len(columns)))
@@ -101,3 +128,8 @@ def _make(*chunks: Any, work: tuple[Any, ...], scene: Stowed) -> Any:
     """The task of a chunk."""
     function, *args = work
     return scene.use(function, (*args, chunks))
+
+
+def _join(*found: Any, join: Callable[[list[dict[str, Any]]], dict[str, Any]]) -> Any:
+    """The task that joins what several have made of a chunk."""
+    return join(list(found))

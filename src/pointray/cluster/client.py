@@ -5,20 +5,24 @@ from __future__ import annotations
 import logging
 import queue
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from math import inf
 from typing import Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 from ..arguments import wrong
 from ..extras import require
 from ..jit import thread_count
+from ..memory import available_memory
 from .worker import version_here
 
 Client: TypeAlias = Any  # a distributed.Client, or None
 
 PATIENCE = 4  # seconds for a scheduler to answer
 _FIT: WeakKeyDictionary[Any, set[str]] = WeakKeyDictionary()  # by client: workers of our version
+_SPREAD: WeakKeyDictionary[Any, bool] = WeakKeyDictionary()  # by client: whether models are spread over its workers
 WANTED = "a dask.distributed.Client, not asynchronous, or None"
 
 
@@ -69,6 +73,28 @@ def unfit(client: Any, workers: list[str]) -> dict[str, str]:
         else:
             fit.add(worker)
     return wrongs
+
+
+def prefer_spread(client: Any) -> None:
+    """From now on models in parts are spread over the workers of a client, unless a call says something else."""
+    _SPREAD[client] = True
+
+
+def is_spread_preferred(client: Any) -> bool:
+    """See `prefer_spread`."""
+    return client is not None and _SPREAD.get(client, False)
+
+
+def memory_of(client: Any) -> float:
+    """Bytes of memory that are available to the worker with the least of it, if those of a machine share it evenly."""
+    found = client.run(available_memory, on_error="ignore")
+    hosts = Counter(map(_host, found))
+    return min((free / hosts[_host(worker)] for worker, free in found.items() if free is not None), default=inf)
+
+
+def _host(worker: str) -> str:
+    """The machine in the address of a worker."""
+    return worker.rpartition("://")[2].rpartition(":")[0]
 
 
 @contextmanager

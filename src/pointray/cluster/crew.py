@@ -14,9 +14,9 @@ from typing import Any
 
 from ..model import Model
 from ..model_file import Place
-from .client import check_client, unfit
+from .client import check_client, memory_of, unfit
 from .dispatch import Dispatch, Job
-from .parcels import Parcel, parcels_of
+from .parcels import Parcel, check_spreadable, parcels_of
 from .recipe import Stage, write_recipe
 from .worker import Ticket, do_job
 
@@ -38,6 +38,8 @@ class Crew:
         As it is now; later changes of the scene change nothing here.
     ask : callable, optional
         Given the client and some workers, it tells what is wrong with those that must not be used, as `unfit` does.
+    spread : bool
+        Whether each worker opens only some parts of models in parts: whoever makes jobs sees to that.
 
     Attributes
     ----------
@@ -45,10 +47,10 @@ class Crew:
         The threads of each, by its address.
     """
 
-    def __init__(self, client: Any, scene: Stage, ask: Ask | None = None) -> None:
-        self._client, self._parcels, self._ask = client, parcels_of(client), ask
+    def __init__(self, client: Any, scene: Stage, ask: Ask | None = None, spread: bool = False) -> None:
+        self._client, self._parcels, self._ask, self.spread = client, parcels_of(client), ask, spread
         scene = scene.copy()
-        self._baked = scene.baked
+        self._baked = None if spread else scene.baked
         self._models: list[Model] = scene.models
         recipe = write_recipe(scene, self._models)
         self._name = hashlib.sha256(recipe).hexdigest()[:16]
@@ -148,12 +150,21 @@ class Crew:
         return wrongs
 
 
-def taken(scene: Stage, client: Any) -> tuple[Any, Crew | None]:
-    """A scene's snapshot as it is now, and those who work for it: None is this process."""
+def taken(scene: Stage, client: Any, spread: bool | None = False) -> tuple[Any, Crew | None]:
+    """A scene's snapshot as it is now, and those who work for it: None is this process.
+
+    spread : whether models in parts are spread over the workers; None: if one does not fit into a worker's memory
+    """
     if check_client(client) is None:
         return scene.snapshot(), None
     scene = scene.copy()
-    return scene.snapshot(), Crew(client, scene)
+    parted = [model for model in scene.models if model.parts]
+    if spread is None:
+        free = memory_of(client) if parted else 0
+        spread = any(model.nbytes > free for model in parted)
+    for model in parted if spread else ():
+        check_spreadable(model)
+    return scene.snapshot(), Crew(client, scene, spread=spread)
 
 
 def _name(sent: Any) -> str:

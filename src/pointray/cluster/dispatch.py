@@ -22,6 +22,7 @@ from .worker import UnseenFileError
 TICK = 0.1  # seconds between two reports of progress
 AT_ONCE = 2  # jobs of a worker: one more than it does, so that it need not wait for the next one
 SLOW, LEAST_SLOW = 3.0, 2.0  # a job is slow that takes so many times the median, and so many seconds
+SLOW_AT_HOME = 60.0  # seconds, of a job that only one worker is prepared for
 ATTEMPTS = 4  # of a job whose workers die: it may be what kills them
 
 
@@ -32,12 +33,14 @@ class Job:
     name : what the dashboard shows
     work, args : see `worker.Ticket`
     parcels : what workers get once; the work takes the things in them after `args`
+    home : the worker that does it as long as it is there and not very slow; empty: any
     """
 
     name: str
     work: Callable[..., Any]
     args: tuple[Any, ...]
     parcels: tuple[Parcel, ...] = ()
+    home: str = ""
 
 
 @dataclass(eq=False)
@@ -101,17 +104,25 @@ class Dispatch:
 
     def _give(self, worker: str) -> bool:
         """Give a worker a job, if there is one for it; returns whether jobs can be sent."""
-        if self._again:
-            return self._launch(*self._again.popleft(), worker)
-        if self._jobs:
-            return self._launch(self._jobs.popleft(), 1, worker)
+        again = next((one for one in self._again if self._is_for(one[0], worker)), None)
+        if again is not None:
+            self._again.remove(again)
+            return self._launch(*again, worker)
+        job = next((one for one in self._jobs if self._is_for(one, worker)), None)
+        if job is not None:
+            self._jobs.remove(job)
+            return self._launch(job, 1, worker)
         return bool(self._flights_of(worker)) or self._take_over(worker)
+
+    def _is_for(self, job: Job, worker: str) -> bool:
+        """Whether a worker may do a job at once."""
+        return not job.home or job.home == worker or job.home not in self._crew.workers
 
     def _take_over(self, worker: str) -> bool:
         """Have an idle worker do what waits at another one, or what another one takes too long for."""
         for flight in [one for one in self.flights if one.worker != worker]:
             alone = len(self._flights_for(flight.job)) == 1
-            waits = flight in self._flights_of(flight.worker)[1:]
+            waits = flight in self._flights_of(flight.worker)[1:] and self._is_for(flight.job, worker)
             if alone and waits:
                 self._drop(flight)
             if alone and (waits or self._is_slow(flight)):
@@ -120,7 +131,8 @@ class Dispatch:
 
     def _is_slow(self, flight: _Flight) -> bool:
         spent = time.monotonic() - flight.begun
-        return bool(self._times) and spent > max(SLOW * median(self._times), LEAST_SLOW)
+        least = SLOW_AT_HOME if flight.job.home else LEAST_SLOW
+        return bool(self._times) and spent > max(SLOW * median(self._times), least)
 
     def take_in(self) -> Iterator[tuple[Job, Any]]:
         """Wait a moment for results; yields those that are ready."""
@@ -165,6 +177,8 @@ class Dispatch:
         """A job gave an error; None: it, or its result, was lost with its worker."""
         self._drop(flight)
         if isinstance(error, UnseenFileError):
+            if flight.job.home and error.args[0].index:  # a model in parts is not sent to one who holds some of them
+                raise ValueError(str(error))
             self._crew.unsee(error.args[0])
             self._retry(flight, flight.attempt)
         elif error is None or type(error).__name__ == "KilledWorker":

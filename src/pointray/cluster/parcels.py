@@ -71,6 +71,13 @@ def _is_same(old: Any, new: Any) -> bool:
     return old is new
 
 
+def check_spreadable(model: Model) -> Place:
+    """The folder of a model in parts, which workers open; ValueError if it is not there."""
+    if model.place is None:
+        raise ValueError("spread: the folder of a model in parts is gone, or has changed: load it anew")
+    return model.place
+
+
 _PARCELS: WeakKeyDictionary[Any, Parcels] = WeakKeyDictionary()  # by client
 
 

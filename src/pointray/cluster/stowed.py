@@ -16,9 +16,10 @@ from weakref import WeakKeyDictionary
 
 from ..model import Model
 from ..model_file import Place
-from .parcels import Parcel, Parcels, parcels_of
+from .client import check_client
+from .parcels import Parcel, Parcels, check_spreadable, parcels_of
 from .recipe import Stage, write_recipe
-from .worker import Bench, Sent, at_work, version_here
+from .worker import Bench, Sent, UnseenFileError, at_work, version_here
 
 _NAMES: WeakKeyDictionary[Model, str] = WeakKeyDictionary()  # of models, which nothing else in any process has
 
@@ -101,6 +102,27 @@ def current_client() -> Any:
         if client.status == "running" and not client.asynchronous:
             return client
     return None
+
+
+def homes_for(models: Sequence[Model]) -> list[str]:
+    """The workers of the client at hand over which models in parts can be spread.
+
+    Raises
+    ------
+    ValueError
+        If there is no client, it has no workers, or not all of these see the folders.
+    """
+    client = current_client()
+    if client is None:
+        raise ValueError("spread: there is no client of Dask, whose workers would hold the models")
+    workers = list(check_client(client).nthreads())
+    places = [check_spreadable(model) for model in models if model.parts]
+    parcels = parcels_of(client)
+    _ask(client, parcels, set(places) - parcels.asked)
+    for place in places:
+        if place in parcels.unseen:
+            raise ValueError(f"spread: {UnseenFileError(place)}")
+    return workers
 
 
 def _send(client: Any, models: Sequence[Model]) -> list[Parcel | Place]:

@@ -193,6 +193,9 @@ def _aligned(model: Model) -> Model:
 
 
 def _align(model: Model) -> None:
-    """Copy the arrays that kernels read of a model if they lie at odd addresses, as parts of a message."""
-    if not all(array.flags.aligned for array in model.tree):
+    """Copy the arrays that kernels read of a model if they lie at odd addresses, as parts of a message.
+
+    What is read from a file does not.
+    """
+    if model.source is None and not all(array.flags.aligned for array in model.tree):
         model.tree = Tree(*(np.require(array, requirements=["A", "C", "W"]) for array in model.tree))

@@ -99,7 +99,7 @@ class Column:
         bytes_left, place = array.reshape(-1).view(np.uint8).data, start * self._row
         if self._written is not None:
             self._written.add(self)
-        with told(self.path):
+        with _told(self.path):
             while len(bytes_left):
                 written = self._put(bytes_left, place)
                 bytes_left, place = bytes_left[written:], place + written
@@ -110,7 +110,7 @@ class Column:
 
     def sync(self) -> None:
         """Return when all that was written has reached the disk."""
-        with told(self.path):
+        with _told(self.path):
             os.fsync(self._file)
 
     def _room(self, n: int) -> NDArray[Any]:
@@ -211,14 +211,14 @@ class Columns:
         """A new column in place of one with this name. Its rows are 0, and take no room until they are written."""
         path = self._path(name, np.dtype(dtype), width)
         self.drop(name)
-        with told(path), path.open("xb") as file:
+        with _told(path), path.open("xb") as file:
             file.truncate(rows * np.dtype(dtype).itemsize * max(width, 1))
         return Column(path, self._written)
 
     def fill(self, name: str, rows: NDArray[Any]) -> None:
         """Write a column at once, in place of one with this name, which stays if this fails."""
         path = self._path(name, rows.dtype, rows.shape[1] if rows.ndim > 1 else 0)
-        with told(path), replacing(path) as beside:
+        with replacing(path) as beside:
             beside.write(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
 
     def rename(self, name: str, new: str) -> None:
@@ -241,8 +241,7 @@ class Columns:
 
     def put(self, name: str, facts: Mapping[str, Any]) -> None:
         """Keep small facts, values of JSON, in place of those with this name."""
-        path = self._facts(name)
-        with told(path), replacing(path) as beside:
+        with replacing(self._facts(name)) as beside:
             beside.write(json.dumps(facts, indent=1).encode())
 
     def get(self, name: str) -> dict[str, Any] | None:
@@ -272,7 +271,7 @@ class Columns:
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
+def _told(path: Path) -> Iterator[None]:
     """Put the name of a file into the system's error: of a full disk, say."""
     try:
         yield

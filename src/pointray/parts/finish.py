@@ -16,14 +16,18 @@ from ..progress import tell
 from ..tree.build import Splats
 from ..tree.settings import TreeSettings
 from ..tree.top import Groups
+from . import layer
 from .arrange import CHUNK
+from .coarser import ATTRIBUTE, Named
 from .columns import Columns
+from .layer import Layer
+from .levels import write_levels
 from .stages import NOISE, PLACED, POSITIONS, Cloud
 from .tasks import BORDERS, RADII, SHEETS
-from .trees import Plan, bounds_about, plan_of, shown, tree_of
+from .trees import Plan, bounds_about, cells_of, plan_of, shown, tree_of
 from .work import Facts, Work
 
-SHOWN, TREES = 0.1, 0.7  # shares of the time
+SHOWN, TREES, LEVELS = 0.05, 0.5, 0.8  # shares of the time after which boxes, trees and levels of detail are there
 
 Span = tuple[float, float]
 
@@ -34,12 +38,14 @@ class Described(NamedTuple):
     settings, smooth : see `Model`
     attributes : dict of str to str, the columns of the attributes
     optional : tuple of str, those of the columns `BORDERS`, `SHEETS` and `NOISE` that any splat needs
+    leveled : whether it gets levels of detail
     """
 
     settings: TreeSettings
     smooth: str | float
     attributes: dict[str, str]
     optional: tuple[str, ...]
+    leveled: bool
 
 
 class Numbers:
@@ -54,16 +60,22 @@ def finish(folder: Path, work: Work, cloud: Cloud, model: Described, span: Span)
     columns, size, id = work.columns, work.size, _id(work.columns)
     if NOISE in model.optional:
         _limit_noise(columns)
-    first, middle = (span[0] + share * (span[1] - span[0]) for share in (SHOWN, TREES))
+    first, grown, leveled = (span[0] + share * (span[1] - span[0]) for share in (SHOWN, TREES, LEVELS))
     shows = work.all(partial(_show, work, cloud, model), (span[0], first), "boxes")
     plan = plan_of(shows, columns[RADII], size)
     grow = partial(_grow, folder, id, work, cloud, model, plan)
-    trees = work.each("tree", grow, (first, middle))
+    trees = work.each("tree", grow, (first, grown))
+    files = [PartFile.of(tree["file"]) for tree in trees]
+    if model.leveled:
+        whole = _layer_of(work, cloud, model)
+        about = Named(folder, id, cloud.origin, cloud.survey, list(model.attributes))
+        files = write_levels(work, whole, about, cells_of(plan), files, (grown, leveled))
     named = {name: columns.find(f"points.{name}") for name in ("positions", "normals", "colors")}
     attributes = {name: columns[column] for name, column in model.attributes.items()}
-    say = work.watch((middle, span[1]))
+    say = work.watch((leveled, span[1]))
     sizes = write_columns(folder, id, cloud.origin, named, attributes, columns[RADII], lambda share: tell(say, share))
-    write_index(folder, _index_of(id, cloud, model, plan, trees, sizes))
+    longest = max(tree["longest"] for tree in trees)
+    write_index(folder, _index_of(id, cloud, model, plan, files, (longest, *sizes)))
 
 
 def _splats_of(cloud: Cloud, model: Described) -> Splats:
@@ -87,16 +99,30 @@ def _grow(folder: Path, id: str, work: Work, cloud: Cloud, model: Described, pla
     tree = tree_of(_splats_of(cloud, model), plan, part, model.settings)
     here = work.columns[POSITIONS][work.stretch(part)]
     file = write_part(folder, id, part, len(here), bounds_about(here, cloud.origin), tree)
-    return {"file": file._asdict(), "longest": float(tree.head[LONGEST])}
+    return {"file": file.facts, "longest": float(tree.head[LONGEST])}
 
 
-def _index_of(id: str, cloud: Cloud, model: Described, plan: Plan, trees: list[Facts], sizes: tuple[int, str]) -> Index:
-    files = [PartFile(**tree["file"]) for tree in trees]
-    boxes, longest = np.array([file.bounds for file in files]), max(tree["longest"] for tree in trees)
+def _layer_of(work: Work, cloud: Cloud, model: Described) -> Layer:
+    """The splats, as levels of detail are made of them."""
+    columns = work.columns
+    sources: dict[str, Any] = {layer.POSITIONS: PLACED, layer.NORMALS: cloud.normals, layer.RADII: RADII}
+    if NOISE in model.optional:
+        sources[layer.NOISE] = NOISE
+    if "points.colors" in columns:
+        sources[layer.COLORS] = "points.colors"
+    sources |= {f"{ATTRIBUTE}{k}": column for k, column in enumerate(model.attributes.values())}
+    sizes = np.array([rows.stop - rows.start for rows in map(work.stretch, range(work.parts))], np.int64)
+    return Layer(0, columns, sizes, sizes, sources)
+
+
+def _index_of(
+    id: str, cloud: Cloud, model: Described, plan: Plan, files: list[PartFile], sizes: tuple[float, int, str]
+) -> Index:
+    boxes = np.array([file.bounds for file in files])
     bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
     settings = {**model.settings._asdict(), "smooth": model.smooth}
     supports = plan.supports.astype(float).tolist()
-    return Index(id, settings, cloud.survey.facts, bounds, supports, longest, *sizes, files)
+    return Index(id, settings, cloud.survey.facts, bounds, supports, *sizes, files)
 
 
 def _limit_noise(columns: Columns) -> None:

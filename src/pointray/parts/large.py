@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..cluster.chores import Team
-from ..points.normals.checks import RUN, RUNS, agreement_share
+from ..points.normals.checks import agreement_share, sample_rows
 from ..points.normals.estimate import DISAGREE, told
 from ..points.normals.units import to_units
 from ..points.smoothing.noise import Stretches, settled
@@ -71,11 +71,13 @@ class Wanted:
     """How a model is made, see `Model`.
 
     size : points of a part, a power of two
+    leveled : whether parts get levels of detail
     """
 
     settings: TreeSettings
     smooth: str | float
     size: int
+    leveled: bool = True
 
 
 class Large:
@@ -199,10 +201,7 @@ class Large:
 
     def _check_signs(self) -> None:
         """Warn of normals that look to opposite sides or inwards."""
-        columns, total = self._columns, self._cloud.total
-        rows = np.arange(total)
-        if total > RUNS * RUN:
-            rows = (np.linspace(0, total - RUN, RUNS).astype(np.int64)[:, None] + np.arange(RUN)).ravel()
+        columns, rows = self._columns, sample_rows(self._cloud.total)
         where = columns[self._cloud.latest(MERGED, POSITIONS)]
         unit, length = to_units(columns[GIVEN][rows])
         good = np.flatnonzero(length > 0)
@@ -234,5 +233,5 @@ class Large:
         optional = [name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts)]
         optional += [NOISE] if self._is_noisy else []
         attributes = {name: f"points.{column}" for name, column in self._names.items()}
-        model = Described(settings, self._wanted.smooth, attributes, tuple(optional))
+        model = Described(settings, self._wanted.smooth, attributes, tuple(optional), self._wanted.leveled)
         finish(self._folder, self._work, self._cloud, model, (SUPPORTED, 1.0))

@@ -92,17 +92,22 @@ def _margin(boxes: Floats, part: Rows, positions: Floats, reach: float) -> Rows:
     others = np.setdiff1d(np.arange(len(boxes)), part)
     near = (boxes[others, :3] <= high.max(axis=0)).all(axis=1) & (boxes[others, 3:] >= low.min(axis=0)).all(axis=1)
     some = others[near]
-    touched = np.zeros(len(some), np.bool_)
-    step = max(PAIRS // len(low), 1)
-    for start in range(0, len(some), step):
-        tiles = boxes[some[start : start + step], None]
-        meets = np.ones((len(tiles), len(low)), np.bool_)
-        for c in range(3):
-            meets &= (tiles[..., c] <= high[:, c]) & (tiles[..., 3 + c] >= low[:, c])
-        touched[start : start + step] = meets.any(axis=1)
     beside = np.concatenate([part - 1, part + 1, [len(boxes) - 2]])
-    found = np.union1d(some[touched], np.setdiff1d(beside, part))
+    found = np.union1d(some[touched(boxes[some], low, high)], np.setdiff1d(beside, part))
     return found[(found >= 0) & (found < len(boxes))]
+
+
+def touched(boxes: Floats, low: Floats, high: Floats) -> NDArray[np.bool_]:
+    """Which of some boxes (n, 6) meet any of others, given by their corners (m, 3)."""
+    out = np.zeros(len(boxes), np.bool_)
+    step = max(PAIRS // len(low), 1)
+    for start in range(0, len(boxes), step):
+        some = boxes[start : start + step, None]
+        meets = np.ones((len(some), len(low)), np.bool_)
+        for c in range(3):
+            meets &= (some[..., c] <= high[:, c]) & (some[..., 3 + c] >= low[:, c])
+        out[start : start + step] = meets.any(axis=1)
+    return out
 
 
 def _widened(positions: Floats, reach: float) -> tuple[Floats, Floats]:

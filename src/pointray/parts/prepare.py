@@ -92,6 +92,7 @@ def prepare(
     part_points: int,
     progress: Progress | None = None,
     client: Any = None,
+    levels: bool = True,
 ) -> int:
     """Write a model in parts, see `Model`; returns how many points it has.
 
@@ -110,6 +111,8 @@ def prepare(
         Called with the share done.
     client : distributed.Client, optional
         Its workers must see the folder at the same path, and may write there.
+    levels : bool
+        Whether parts get levels of detail.
 
     Raises
     ------
@@ -122,12 +125,12 @@ def prepare(
     there, path = path.exists(), path if client is None else path.absolute()
     columns = Columns(check_unfinished(path))
     size = 1 << (part_points.bit_length() - 1)
-    wanted = Wanted(settings[0], settings[1], size)
+    wanted = Wanted(settings[0], settings[1], size, levels)
     with alone(columns.folder), _going_on(path):
         if columns.get(TASK) is None and (path / INDEX).exists():
             _remove(columns.folder, None)
             raise _not_empty(path)
-        _check_task(columns, _task_of(files, reading, settings, size))
+        _check_task(columns, {**_task_of(files, reading, settings, size), "levels": levels})
         try:
             team = team_for(client, columns.folder / f"{TASK}.json")
             spooled = spooled_in(columns)

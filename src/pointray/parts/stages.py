@@ -179,7 +179,7 @@ def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bo
     eyes = eyes_of(points)
     if eyes is None:
         return None, np.zeros(len(points), np.bool_)
-    eye = seen_from(points, eyes, np.arange(len(points), dtype=np.int32))
+    eye = np.require(seen_from(points, eyes, np.arange(len(points), dtype=np.int32)), requirements="W")  # for `take`
     return eye, is_known(eye) & (eye != points.positions).any(axis=1)
 
 

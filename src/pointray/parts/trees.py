@@ -23,7 +23,7 @@ from ..tree.build import Splats, Whole, bounds_of, build_tree
 from ..tree.leaves import longest_step
 from ..tree.parts import without_unused
 from ..tree.settings import TreeSettings
-from ..tree.top import PER_GROUP, Groups, groups_of, groups_per_root, top_of_part
+from ..tree.top import PER_GROUP, Groups, cells_of_parts, cut_top, groups_of, groups_per_root, top_of_part
 
 GROUP = PER_BLOCK * PER_GROUP  # splats
 BINS = 1 << 16  # of the upper half of a float's bits, and of the lower
@@ -47,11 +47,11 @@ class Plan(NamedTuple):
 class Trees(NamedTuple):
     """What `write_trees` has written.
 
-    supports : (6,) float32, bounds of all supports; longest : longest step of the samples in any leaf
+    plan : what they share; longest : longest step of the samples in any leaf
     """
 
     parts: list[PartFile]
-    supports: NDArray[np.float32]
+    plan: Plan
     longest: float
 
 
@@ -89,7 +89,7 @@ def write_trees(
         here = points.positions[part * size : (part + 1) * size]
         files.append(write_part(folder, id, part, len(here), bounds_about(here, points.origin), tree))
         tell(progress, (part + 1) / len(parts))
-    return Trees(files, plan.supports, longest)
+    return Trees(files, plan, longest)
 
 
 def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
@@ -115,6 +115,23 @@ def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tr
     rows = (needed[:, None] * GROUP + np.arange(GROUP)).reshape(-1)
     whole = Whole(top, plan.supports, plan.reference)
     return without_unused(build_tree(part_of(splats, rows[rows < count]), settings, in_order=True, whole=whole))
+
+
+def cells_of(plan: Plan) -> NDArray[np.float64]:
+    """The space of each part, (parts, 6): the same planes cut it as in the whole's tree."""
+    return cells_of_parts(plan.groups, plan.size // GROUP)
+
+
+def tree_within(
+    splats: Splats, box: NDArray[np.float64], shared: tuple[NDArray[np.float32], float], settings: TreeSettings
+) -> Tree:
+    """The tree of some splats, in kd order, in a box only.
+
+    box : (6,) float64; shared : with other trees, `supports` and `reference` as in `Plan`
+    """
+    groups = groups_of(*make_blocks(*splats[:3], np.arange(len(splats.radii), dtype=np.int32)))
+    top = cut_top(groups, longest_step(settings.samples), within=box)
+    return without_unused(build_tree(splats, settings, in_order=True, whole=Whole(top, *shared)))
 
 
 def bounds_about(positions: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float64]:

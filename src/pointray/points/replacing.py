@@ -118,7 +118,10 @@ class Replacement(io.BufferedIOBase):
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
-    """A file in the same folder to write to: it replaces `path` at the end, or is removed if anything is raised."""
+    """A file in the same folder to write to: it replaces `path` at the end, or is removed if anything is raised.
+
+    Errors of the system that name no file, as that of a full disk, name this one then.
+    """
     check_writable(path)
     file = Path(os.path.realpath(path))  # the file that a link points to, not the link
     sweep(file.parent)
@@ -126,8 +129,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
     try:
         yield beside
         beside.take_place_of(file)
-    except BaseException:  # Ctrl-C too
+    except BaseException as error:  # Ctrl-C too
         beside.discard()
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            error.filename = str(path)
         raise
 
 

@@ -18,6 +18,7 @@ from ..scene.world import Snapshot
 from .camera import Camera
 from .picture import check_picture, check_view, picture_bytes, render_snapshot
 from .settings import Settings
+from .waves.spread import check_spread
 
 LAYER_BYTES = 80  # a pixel, of all layers
 BAND, SQUARE = 1 << 13, 32  # pixels whose rays are traced together, in squares of this edge
@@ -71,7 +72,7 @@ def render_layers(
         if progress is not None:
             progress(done)
 
-    now, crew = taken(scene, client)
+    now, crew = taken(scene, client, check_spread(None, client, settings))
     radiance = render_snapshot(now, camera, settings, lambda done: show(share * done), crew)
     shape = radiance.shape[:2]
     layers: dict[str, NDArray[Any]] = {

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,51 +21,152 @@ from ..kernels.records import (
     TO_MODEL,
     World,
 )
-from ..kernels.tree import model_table
 from ..model import COARSER, Model
+from ..scene.shown import instances_of, world_showing
 from ..scene.world import Snapshot
 from ..splats.levels import SUPPORT
 from .camera import Camera
+from .window import may_see
 
 # Pixels: the largest support, in the median. With 1.2, 1.6, 2.0 and 2.6, frames of 24 statues of a million points, 100
 # pixels high, change by 0.81, 0.78, 0.75 and 0.65 of what they do with all points, and their error is 0.0065, 0.0068,
 # 0.0071 and 0.0086; it is 0.0070 with all points.
 FINENESS = 1.9
+SKIPPED = 2  # levels: what is so much finer is shown for one that is not open, and one so much coarser is opened first
+AROUND = 0.05  # share of a part's box: how far its surface may extend beyond its points
 FINEST = 0.25  # share of FINENESS: the limit, however many samples a pixel has
 
 
-def at_distance(scene: Snapshot, camera: Camera, spp: int) -> tuple[World, NDArray[np.int64]]:
+class Fetch(Protocol):
+    """Opens models that lie on disk, while pictures show what is there."""
+
+    def want(self, models: list[Model]) -> None:
+        """Open these in their order, as far as there is memory, and forget what was wanted before."""
+
+    def open(self, model: Model) -> bool:
+        """Open one at once; False: it cannot be opened."""
+
+
+def at_distance(
+    scene: Snapshot,
+    camera: Camera,
+    spp: int | None,
+    fetch: Fetch | None = None,
+    held: NDArray[np.int64] | None = None,
+) -> tuple[World, NDArray[np.int64]]:
     """The scene's world with the fitting level for each instance; the world itself where no model has levels.
 
     Also returns which level each instance has, (instances,): 0 is the model itself.
 
-    Instances coloured by classes of an attribute keep their finest model.
+    Instances coloured by classes of an attribute keep their finest model, unless they are parts on disk.
 
     Parameters
     ----------
-    spp : int
-        Samples for each pixel: the more there are, the finer a level is.
+    spp : int or None
+        Samples for each pixel: the more there are, the finer a level is. None: no level is wanted.
+    fetch : Fetch, optional
+        Opens what lies on disk and is not open yet; until then other levels are shown. None: it is waited for.
+    held : (n,) int64, optional
+        Rows of instances: of others that lie on disk nothing is opened, and rays hit nothing. None: all.
     """
-    world = scene.world
     families = [(model, *model.levels) for model in scene.models]
-    shown = np.zeros(world.instances.size // INSTANCE, np.int64)
-    if all(len(family) == 1 for family in families):
-        return world, shown
+    shown = np.zeros(scene.world.instances.size // INSTANCE, np.int64)
+    waits = fetch is None or not any(model.source for model in scene.models)
+    if waits and all(len(family) == 1 for family in families):
+        return scene.opened(held).world, shown
+    records = instances_of(scene.world).copy()
+    rows = np.flatnonzero(records[:, KIND] == MODEL)
+    fitting = Fitting(scene, camera, rows, families)
+    wanted = fitting.levels(_finest(spp))
+    if fetch is not None:
+        wanted = _there(fetch, fitting, wanted, spp)
     first = np.cumsum([0, *(len(family) for family in families)])
-    levels = [level for family in families for level in family]
-    instances = world.instances.reshape(-1, INSTANCE).copy()
-    rows = np.flatnonzero(instances[:, KIND] == MODEL)
-    shapes = instances[rows, SHAPE_ROW].astype(int)
-    pixel = _pixel_sizes(camera, scene.boxes[rows]) * _scales(instances[rows])  # in the model's unit
-    finest = _finest(spp)
     for k, family in enumerate(families):
-        spacing = [level.spacing for level in family[1:]]
-        mine = shapes == k
-        level = np.searchsorted(spacing, finest * pixel[mine], side="right")
-        shown[rows[mine]] = _repaint(world, instances, rows[mine], level, len(spacing))
-        instances[rows[mine], SHAPE_ROW] = first[k] + shown[rows[mine]]
-    table, longest = model_table([level.tree for level in levels]), max(level.longest for level in levels)
-    return world._replace(table=table, instances=instances.reshape(-1), longest=longest), shown
+        mine = rows[fitting.shapes == k]
+        shown[mine] = _repaint(scene.world, records, mine, wanted[fitting.shapes == k], len(family) - 1)
+        records[mine, SHAPE_ROW] = first[k] + shown[mine]
+    models = [level for family in families for level in family]
+    used = set(records[rows if held is None else held, SHAPE_ROW].astype(int).tolist())
+    if fetch is not None:
+        used = {k for k in used if (source := models[k].source) is None or source.is_open}
+    return world_showing(scene.world, records, models, used, scene.painting), shown
+
+
+class Fitting:
+    """The instances of models, and which levels of detail fit their distances.
+
+    Attributes
+    ----------
+    families : list of tuple of Model
+        Each model of the scene, with its levels.
+    shapes : (n,) int64
+        The row in `families` of each instance.
+    pixels : (n,) float64
+        The size of a pixel at its nearest point, in the model's unit.
+    is_seen : (n,) bool
+        Whether the camera may see it.
+    """
+
+    def __init__(
+        self, scene: Snapshot, camera: Camera, rows: NDArray[np.int64], families: list[tuple[Model, ...]]
+    ) -> None:
+        records, boxes = instances_of(scene.world)[rows], scene.boxes[rows]
+        self.families, self.shapes = families, records[:, SHAPE_ROW].astype(int)
+        self.pixels = _pixel_sizes(camera, boxes) * _scales(records)
+        self._seen = camera, boxes
+
+    @cached_property
+    def is_seen(self) -> NDArray[np.bool_]:
+        camera, boxes = self._seen
+        beyond = AROUND * (boxes[:, 3:] - boxes[:, :3])
+        return may_see(camera, np.concatenate([boxes[:, :3] - beyond, boxes[:, 3:] + beyond], axis=1))
+
+    def levels(self, finest: float) -> NDArray[np.int64]:
+        """The level of each that fits; parts on disk that are not seen, but may cast shadows, have coarser ones.
+
+        finest : pixels, the largest spacing of points that is shown
+        """
+        found = np.zeros(len(self.shapes), np.int64)
+        for k, family in enumerate(self.families):
+            mine = self.shapes == k
+            spacing = [level.spacing for level in family[1:]]
+            found[mine] = np.searchsorted(spacing, finest * self.pixels[mine], side="right")
+            if family[0].source is not None:
+                found[mine] = np.minimum(found[mine] + np.where(self.is_seen[mine], 0, SKIPPED), len(spacing))
+        return found
+
+
+def _there(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp: int | None) -> NDArray[np.int64]:
+    """Levels that are open, near to the wanted ones; tells what is to be opened, what is seen and near first.
+
+    Those for one sample are wanted first, so that both the first picture and the ones that refine it find theirs.
+    """
+    order = np.lexsort((fitting.pixels, ~fitting.is_seen)).tolist()
+    families, shapes = fitting.families, fitting.shapes
+    shown, soon = wanted.copy(), []
+    for k in order:
+        family, level = families[shapes[k]], int(wanted[k])
+        if family[level].source is None:
+            continue
+        shown[k] = level = _nearest_open(fetch, family, level)
+        middle = min(int(wanted[k]) + SKIPPED, len(family) - 1)
+        if level > middle:
+            soon.append(family[middle])
+    rough = fitting.levels(_finest(1)) if spp is not None and spp > 1 else wanted
+    later = [families[shapes[k]][int(levels[k])] for levels in (rough, wanted) for k in order]
+    fetch.want(list(dict.fromkeys(model for model in (*soon, *later) if model.source is not None)))
+    return shown
+
+
+def _nearest_open(fetch: Fetch, family: tuple[Model, ...], level: int) -> int:
+    """The level of a part that is shown in place of one, until that is open; itself, if there is none."""
+    finer, coarser = range(level, max(level - SKIPPED, 0) - 1, -1), range(level + 1, len(family))
+    for near in (*finer, *coarser):
+        source = family[near].source
+        if source is not None and source.is_open:
+            return near
+    last = len(family) - 1  # it is small, and stays open from now on
+    return last if last > 0 and fetch.open(family[last]) else level
 
 
 def is_far(model: Model, camera: Camera, spp: int) -> bool:
@@ -71,8 +175,10 @@ def is_far(model: Model, camera: Camera, spp: int) -> bool:
     return COARSER * SUPPORT * model.spacing <= _finest(spp) * pixel
 
 
-def _finest(spp: int) -> float:
-    """Pixels: the largest spacing of points that is shown."""
+def _finest(spp: int | None) -> float:
+    """Pixels: the largest spacing of points that is shown; 0: all points."""
+    if spp is None:
+        return 0.0
     return float(FINENESS * max(spp**-0.5, FINEST))
 
 

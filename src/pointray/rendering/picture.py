@@ -18,7 +18,6 @@ from ..cluster.client import Client
 from ..cluster.crew import Crew, taken
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run
-from ..kernels.vec import LUMINANCE
 from ..memory import check_memory
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
@@ -26,14 +25,15 @@ from .baked import baked_frame
 from .camera import Camera
 from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
 from .integrate import BLOCK_EDGE, quick_frame, sampled_frame
+from .lod import Fetch
+from .noise import light_of, noise_of
 from .pieces import Floats, Order, add_in_pieces
 from .plan import plan
 from .settings import Settings
+from .waves.spread import NOTHING, check_spread
 
 IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel, and of each of its numbers in a film
 DENOISE_BYTES = 68  # a pixel: its light, its noisy share, colours and normals, and what Open Image Denoise takes
-ROUNDING = 4e-6  # share of a squared mean: the variance that sums of equal samples may have by rounding
-BAND = 1 << 17  # pixels that are processed together where noise is measured
 SURFACE_SAMPLES = 16  # samples of the colours and normals that the denoiser gets
 
 Progress = Callable[[float], None]
@@ -45,6 +45,7 @@ def render(
     settings: Settings | None = None,
     progress: Progress | None = None,
     client: Client = None,
+    spread: bool | None = None,
 ) -> NDArray[np.float32]:
     """Render a scene.
 
@@ -55,6 +56,9 @@ def render(
     client : dask.distributed.Client, optional
         The workers of a cluster render, each with all of its threads (`pip install 'pointray[cluster]'`). The picture
         is the same, on processors of one kind to the last bit, unless a time limit ends it. See docs/scale.md.
+    spread : bool, optional
+        Whether each worker holds only some parts of models in parts, and rays travel to them; not for "baked" and
+        "cost". None: where all parts of a model do not fit into the memory of a worker.
 
     Returns
     -------
@@ -67,7 +71,7 @@ def render(
     white sky of radiance 1. "baked" shows `Scene.baked`; without it, light is baked first, and a warning says so.
     """
     settings = check_view(scene, camera, settings, progress)
-    now, crew = taken(scene, client)
+    now, crew = taken(scene, client, check_spread(spread, client, settings))
     return render_snapshot(now, camera, settings, progress, crew)
 
 
@@ -156,6 +160,8 @@ class Picture:
         Those who add the samples, of the same scene.
     in_part : bool
         Only a piece of it will be made: no memory is asked for, and what is not touched takes none.
+    fetch : Fetch, optional
+        Opens what lies on disk, see `at_distance`; None: it is waited for.
 
     Attributes
     ----------
@@ -172,15 +178,17 @@ class Picture:
         in_passes: bool = False,
         crew: Crew | None = None,
         in_part: bool = False,
+        fetch: Fetch | None = None,
     ) -> None:
         self._settings, self._camera = settings, camera.record()
         self._crew, self._seen, self._background = crew, camera, background
-        scene = scene.seen_by(self._camera)
+        scene = self._scene = scene.seen_by(self._camera)
+        spread = crew is not None and crew.spread
         width, height = camera.size
         self._blocks = -(-width // BLOCK_EDGE) * -(-height // BLOCK_EDGE)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
         self._kernel = kernel_for(settings)
-        self._world, self._pass = plan(scene, camera, settings)
+        self._world, self._pass = plan(scene, camera, settings, fetch, NOTHING if spread else None)
         if background is not None:
             self._pass = self._pass._replace(background=background)
         catchers = self._world.catchers > 0
@@ -188,7 +196,7 @@ class Picture:
             check_picture(camera.size, picture_bytes(settings, catchers))
         sums = _sums(settings, catchers)
         self.image = np.empty((height, width, 4), np.float32)
-        without_film = self._one_pass and not settings.denoised
+        without_film = self._one_pass and not settings.denoised and not (spread and settings.most > LONGEST_PASS)
         self._film = np.zeros((0, 0, sums) if without_film else (height, width, sums), np.float32)
         self._done = 0  # samples
 
@@ -205,7 +213,7 @@ class Picture:
             if settings.time_limit is not None:
                 shares.append(spent / settings.time_limit)
             if settings.noise is not None and done > 1:
-                shares.append((settings.noise / max(self._noise(done), 1e-30)) ** 2)
+                shares.append((settings.noise / max(noise_of(self._film, done), 1e-30)) ** 2)
             yield min(max(shares), 1.0)
             if max(shares) >= 1.0:
                 return
@@ -220,6 +228,8 @@ class Picture:
         """
         if self._crew is None:
             self._run((first, end), (0, self._blocks), progress, cancel)
+        elif self._crew.spread:
+            self._travel(self._crew, (first, end), progress)
         else:
             order = Order(self._seen, self._settings, self._background, (first, end))
             add_in_pieces(self._crew, render_piece, order, (self.image, self._film), progress)
@@ -239,6 +249,18 @@ class Picture:
         threads = self._settings.threads
         run(self._kernel, blocks[1], *args, threads=threads, progress=progress, cancel=cancel, first=blocks[0])
 
+    def _travel(self, crew: Crew, samples: tuple[int, int], progress: Progress | None) -> None:
+        """Add samples to all blocks, with workers who hold the models."""
+        from .waves.recall import recalled_for
+        from .waves.travel import View, add_by_waves
+        from .waves.wave import Pictured
+
+        settings = self._settings
+        fixed = self._world, self._camera, self._pass
+        picture = Pictured(recalled_for(self._kernel), *fixed, self._film, self.image, settings.threads)
+        view = View(self._seen, settings.most if settings.levels else None)
+        add_by_waves(crew, self._scene, view, picture, samples, progress)
+
     def add_to(self, order: Order, progress: Progress | None) -> tuple[Floats, Floats | None]:
         """Add samples to a piece; returns its image, and its sums if they are wanted."""
         piece = order.piece
@@ -248,30 +270,8 @@ class Picture:
         return piece.of(self.image).copy(), piece.of(self._film).copy() if order.returns else None
 
     def light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Light along the rays without the background, (h, w, 4); and 1 where samples differ, else 0, (h, w).
-
-        One sample a pixel cannot tell that, nor can samples that are all dark: what they met counts as noisy.
-        """
-        light, noisy = np.zeros_like(self.image), np.empty(self.image.shape[:2], np.float32)
-        for row, differs, film in zip(light, noisy, self._film, strict=True):
-            row[:, :3] = film[:, :3] / self._done
-            mean = film[:, :3].astype(np.float64) @ np.array(LUMINANCE) / self._done
-            variance = film[:, 4] / self._done - mean * mean
-            same = (variance <= ROUNDING * mean * mean) & (mean > 0) & (self._done > 1)
-            differs[:] = (film[:, 3] > 0) & ~same
-        return light, noisy
-
-    def _noise(self, done: int) -> float:
-        """Standard error of the pixels, root mean square, as a share of the picture's mean."""
-        light, variance, film = 0.0, 0.0, self._film
-        rows = max(BAND // film.shape[1], 1)
-        for top in range(0, len(film), rows):
-            band = film[top : top + rows].astype(np.float64)
-            mean = band[..., :3] @ np.array(LUMINANCE) / done
-            variance += float(np.maximum(band[..., 4] / done - mean * mean, 0.0).sum()) / (done - 1)
-            light += float(mean.sum())
-        pixels = film.shape[0] * film.shape[1]
-        return float(np.sqrt(variance / pixels)) * pixels / light if light > 0 else 0.0
+        """See `light_of`."""
+        return light_of(self._film, self._done)
 
 
 def render_piece(

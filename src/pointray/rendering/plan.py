@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..choices import EXPOSED, FILTERS, INTEGRATORS, NOISY, number_of
 from ..kernels.records import (
@@ -24,7 +25,7 @@ from ..shade.environment import EnvironmentLight
 from .camera import Camera
 from .film import Window
 from .integrate import Pass
-from .lod import at_distance
+from .lod import Fetch, at_distance
 from .settings import AO, BAKED, COST, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
 
@@ -33,11 +34,21 @@ MOST_SPECULAR = 32  # limit of mirrors and panes one behind the other
 SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights that paths see
 
 
-def plan(scene: Snapshot, camera: Camera, settings: Settings) -> tuple[World, Pass]:
-    """The world as the integrator needs it, and what the kernel needs to know of all samples."""
-    world, levels = scene.world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
-    if settings.levels:
-        world, levels = at_distance(scene, camera, settings.most)
+def plan(
+    scene: Snapshot,
+    camera: Camera,
+    settings: Settings,
+    fetch: Fetch | None = None,
+    held: NDArray[np.int64] | None = None,
+) -> tuple[World, Pass]:
+    """The world as the integrator needs it, and what the kernel needs to know of all samples.
+
+    fetch, held : see `at_distance`
+    """
+    if settings.levels or fetch is not None:
+        world, levels = at_distance(scene, camera, settings.most if settings.levels else None, fetch, held)
+    else:
+        world, levels = scene.opened(held).world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
     color = scene.background
     integrator = number_of(INTEGRATORS, settings.integrator)
     lit = integrator == PATH or (integrator == AO and scene.shows_sky)

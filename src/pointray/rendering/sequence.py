@@ -26,6 +26,7 @@ from .picture import (
 )
 from .pieces import in_order
 from .settings import Settings
+from .waves.spread import check_spread
 
 AHEAD = 2  # pictures for each job of a worker that are begun, or wait, before the first of them is taken
 
@@ -38,6 +39,7 @@ def animate(
     settings: Settings | None = None,
     progress: Progress | None = None,
     client: Client = None,
+    spread: bool | None = None,
 ) -> Iterator[NDArray[np.float32]]:
     """Render the pictures of a film, one for each camera: see `turntable` and `fly`.
 
@@ -50,6 +52,8 @@ def animate(
     client : dask.distributed.Client, optional
         The workers of a cluster render, each whole pictures, some ahead of the one that is taken. The pictures are the
         same, see `render`.
+    spread : bool, optional
+        As for `render`; then all workers render one picture after the other.
 
     Returns
     -------
@@ -74,7 +78,8 @@ def animate(
     settings = check_scene(scene, settings, progress)
     for size in {camera.size for camera in cameras}:
         check_picture(size, picture_bytes(settings))
-    return render_each(scene, list(cameras), settings, client, progress)
+    spread = check_spread(spread, client, settings)
+    return render_each(scene, list(cameras), settings, client, progress, spread=spread)
 
 
 def render_each(
@@ -84,15 +89,17 @@ def render_each(
     client: Client,
     progress: Progress | None,
     numbers: Sequence[int] | None = None,
+    spread: bool | None = None,
 ) -> Iterator[Floats]:
     """The pictures of `animate`, of checked arguments.
 
-    Each worker renders whole pictures. Those that are denoised are cut into pieces, one picture after the other.
+    Each worker renders whole pictures. Where they are denoised, or models are spread, all render one after the other.
 
     numbers : what the dashboard calls the pictures; None: 0 and so on
+    spread : see `check_spread`
     """
-    now, crew = taken(scene, client)
-    if crew is None or settings.denoised:
+    now, crew = taken(scene, client, spread)
+    if crew is None or crew.spread or settings.denoised:
         parts = [_part(progress, k, len(cameras)) for k in range(len(cameras))]
         return (render_snapshot(now, *each, crew) for each in zip(cameras, repeat(settings), parts, strict=False))
     names = [f"frame {number}" for number in (numbers or range(len(cameras)))]

@@ -26,7 +26,7 @@ def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
     top : (9,) float64
         The bounds of the models, see `records.World`.
     """
-    if camera.projection == "panorama" or camera.aperture > 0:
+    if _sees_all(camera):
         return EVERYWHERE
     record, (width, height) = camera.record(), camera.size
     eye, forward, across, upward = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
@@ -38,3 +38,31 @@ def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
     x = (corners @ across / (across @ across) / depth + 1.0) * width / 2.0
     y = (1.0 - corners @ upward / (upward @ upward) / depth) * height / 2.0
     return x.min() - BEYOND, y.min() - BEYOND, x.max() + BEYOND, y.max() + BEYOND
+
+
+def may_see(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether rays of a camera may enter boxes, (n,); True for all if it is a panorama or has a lens.
+
+    Parameters
+    ----------
+    boxes : (n, 6) float64
+        lo x y z, hi x y z, in the world.
+    """
+    if _sees_all(camera):
+        return np.ones(len(boxes), np.bool_)
+    record = camera.record()
+    eye, forward, across, upward = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
+    corners = boxes.reshape(-1, 2, 3)[:, np.array(list(itertools.product((0, 1), repeat=3))), np.arange(3)] - eye
+    x, y = (corners @ axis / (axis @ axis) for axis in (across, upward))
+    depth = corners @ forward if camera.projection == "perspective" else np.ones(x.shape)
+    # A box that lies beyond one side of the picture with all its corners is not seen.
+    sides = (x - depth, -x - depth, y - depth, -y - depth)
+    beyond = [(side > 0).all(axis=1) for side in sides]
+    if camera.projection == "perspective":
+        beyond.append((depth < 0).all(axis=1))
+    return np.asarray(~np.logical_or.reduce(beyond))
+
+
+def _sees_all(camera: Camera) -> bool:
+    """Whether the rays of a camera do not all lie in the pyramid, or the box, of its picture."""
+    return camera.projection == "panorama" or camera.aperture > 0

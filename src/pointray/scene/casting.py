@@ -8,13 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..cluster.arrays import Form, check_chunks, chunked_like
+from ..cluster.arrays import Form, Shared, check_chunks, chunked_like
 from ..cluster.recipe import Stage
-from ..trace.cast import PLAIN, Pace, closest_hits, occlusions
+from ..cluster.stowed import homes_for
+from ..trace.cast import PLAIN, Pace
 from .blend import blend, blended_form
 from .rays import Hits, Rays, check_rays, leading_shape
+from .reached import closest_reached, occluded_reached
+from .shares import Rows, Shares, held_scene
 from .world import Snapshot
 
+ALONG = "along"  # what hits are compared by, beside the fields of `Hits`
 Given = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]  # origins, directions, t_min and t_max, as callers give them
 
 
@@ -23,7 +27,7 @@ def intersect_snapshot(
 ) -> Hits:
     """The closest hits of checked rays, see `Scene.intersect`. shape : the leading shape"""
     forms = {name: blended_form(scene, name) for name in attributes}
-    found = closest_hits(scene.world, shape, *rays, pace)
+    scene, found = closest_reached(scene, shape, rays, pace)
     return Hits(
         found["t"].reshape(shape),
         found["position"].reshape(*shape, 3),
@@ -37,11 +41,11 @@ def intersect_snapshot(
 
 def occluded_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace = PLAIN) -> NDArray[np.bool_]:
     """Whether checked rays meet anything, see `Scene.occluded`."""
-    return occlusions(scene.world, shape, *rays, pace).reshape(shape)
+    return occluded_reached(scene, shape, rays, pace).reshape(shape)
 
 
-def intersect_chunks(scene: Stage, given: Given, attributes: Sequence[str]) -> Hits:
-    """The same for arrays of Dask, see `Scene.intersect`."""
+def intersect_chunks(scene: Stage, given: Given, attributes: Sequence[str], spread: bool = False) -> Hits:
+    """The same for arrays of Dask, see `Scene.intersect`. spread : whether each worker opens only some parts"""
     arrays = _check(given)
     now = scene.snapshot()
     blended = {name: blended_form(now, name) for name in attributes}
@@ -55,14 +59,22 @@ def intersect_chunks(scene: Stage, given: Given, attributes: Sequence[str]) -> H
         "instance": Form(np.dtype(np.int32), number),
         **{_key(name): Form(form.dtype, form.columns) for name, form in blended.items()},
     }
-    made = chunked_like(scene, (_intersect, tuple(attributes)), arrays, forms)
+    if spread:
+        shared = Shared(_homes(scene, now), _nearest)
+        made = chunked_like(scene, (_intersect_held, tuple(attributes)), arrays, forms, shared)
+    else:
+        made = chunked_like(scene, (_intersect, tuple(attributes)), arrays, forms)
     found = {name: made.pop(_key(name)) for name in attributes}
     return Hits(**made, attributes=found)
 
 
-def occluded_chunks(scene: Stage, given: Given) -> Any:
+def occluded_chunks(scene: Stage, given: Given, spread: bool = False) -> Any:
     """The same for arrays of Dask, see `Scene.occluded`."""
-    return chunked_like(scene, (_occlude,), _check(given), {"occluded": Form(np.dtype(np.bool_), ())})["occluded"]
+    arrays, forms = _check(given), {"occluded": Form(np.dtype(np.bool_), ())}
+    if spread:
+        shared = Shared(_homes(scene, scene.snapshot()), _any)
+        return chunked_like(scene, (_occlude_held,), arrays, forms, shared)["occluded"]
+    return chunked_like(scene, (_occlude,), arrays, forms)["occluded"]
 
 
 def _check(given: Given) -> list[Any]:
@@ -86,3 +98,42 @@ def _intersect(scene: Snapshot, names: tuple[str, ...], rays: Given, threads: in
 def _occlude(scene: Snapshot, rays: Given, threads: int | None, check: Any) -> dict[str, Any]:
     """What is in the way of the rays of a chunk."""
     return {"occluded": occluded_snapshot(scene, *check_rays(*rays), Pace(threads, check))}
+
+
+def _homes(scene: Stage, now: Snapshot) -> dict[str, Rows]:
+    """The rows of instances that each worker holds."""
+    shares = Shares(now, homes_for(scene.models))
+    return {holder: shares.of(holder) for holder in shares.holders}
+
+
+def _intersect_held(
+    scene: Snapshot, names: tuple[str, ...], rows: Rows, rays: Given, threads: int | None, check: Any
+) -> dict[str, Any]:
+    """The hits of a chunk in what one worker holds, and how far along the rays they lie, which t tells less exactly."""
+    found = _intersect(held_scene(scene, rows), names, rays, threads, check)
+    del found["attributes"]  # they are there one by one
+    origins, directions = np.asarray(rays[0], np.float64), np.asarray(rays[1], np.float64)
+    with np.errstate(all="ignore"):
+        return {**found, ALONG: ((found["position"] - origins) * directions).sum(axis=-1)}
+
+
+def _occlude_held(scene: Snapshot, rows: Rows, rays: Given, threads: int | None, check: Any) -> dict[str, Any]:
+    """What is in the way of the rays of a chunk, of what one worker holds."""
+    return _occlude(held_scene(scene, rows), rays, threads, check)
+
+
+def _nearest(found: list[dict[str, Any]]) -> dict[str, Any]:
+    """The nearest hits of those that several workers have found."""
+    best = dict(found[0])
+    for other in found[1:]:
+        t, t_best = other["t"], best["t"]
+        nearer = (t < t_best) | ((t == t_best) & (other[ALONG] < best[ALONG]))
+        for name, values in other.items():
+            columns = values.ndim - nearer.ndim
+            best[name] = np.where(nearer.reshape(nearer.shape + (1,) * columns), values, best[name])
+    return best
+
+
+def _any(found: list[dict[str, Any]]) -> dict[str, Any]:
+    """Whether any of several workers has found something in the way."""
+    return {"occluded": np.logical_or.reduce([some["occluded"] for some in found])}

@@ -218,6 +218,8 @@ class Instances:
     def finish(self) -> tuple[list[Model], NDArray[np.float64], NDArray[np.float64], PaintTables]:
         """Write into the records which model or plane, material and paint each has; returns all of these tables.
 
+        What lies on disk is not opened.
+
         Returns
         -------
         models : list of Model
@@ -251,7 +253,7 @@ class Instances:
 
 def _with_surface(parts: tuple[Model, ...]) -> tuple[Model, ...]:
     """The parts that a ray can hit."""
-    return tuple(part for part in parts if part.tree.blocks.size)
+    return tuple(part for part in parts if part.has_surface)
 
 
 def _grown(array: NDArray[Any]) -> NDArray[Any]:

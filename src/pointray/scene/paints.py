@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -10,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import Points, categories_of
+from ..data import Points, categories_of, spread_rows
 from ..image.tone import srgb_to_linear
 from ..kernels.records import (
     BLENDED,
@@ -33,10 +34,13 @@ LOW, HIGH = 2, 98  # percentiles between which a range lies if none is given
 SAMPLE = 100_000  # rows whose coordinates determine the range
 NEUTRAL = (128, 128, 128)  # sRGB, for what has no value
 
+EVERY, NOTHING = slice(None), slice(0)
+
 Range = tuple[float, float]
+Rows = slice | NDArray[np.integer[Any]]
 
 
-def column_of(points: Points, name: str) -> NDArray[Any]:
+def column_of(points: Points, name: str, rows: Rows = EVERY) -> NDArray[Any]:
     """The values that `Attribute` calls by this name, (n,), lengths as float64; ValueError if there are none."""
     column = None if name in points.attributes else re.fullmatch(r"(.+)\[(\d+)\]", name)
     found = points.attributes.get(column[1] if column else name)
@@ -44,27 +48,23 @@ def column_of(points: Points, name: str) -> NDArray[Any]:
         known = [n if v.ndim == 1 else f"{n}[0..{v.shape[1] - 1}]" for n, v in points.attributes.items()]
         names = ", ".join([*sorted(known), *COORDINATES])
         raise ValueError(f"the points have no attribute {name!r}; there are: {names}")
-    values = found[:, int(column[2])] if column else found
+    values = found[rows, int(column[2])] if column else found[rows]
     return values if values.ndim == 1 else np.asarray(np.linalg.norm(values.astype(np.float64), axis=1))
-
-
-def values_of(points: Points, name: str) -> NDArray[np.float64]:
-    """The same as float64."""
-    return column_of(points, name).astype(np.float64)
 
 
 def check_attribute(points: Points, attribute: Attribute) -> None:
     """ValueError if the attribute cannot colour the points."""
     if attribute.name not in COORDINATES:
-        column_of(points, attribute.name)
+        column_of(points, attribute.name, NOTHING)
 
 
-_CATEGORIES: WeakKeyDictionary[Model, dict[str, tuple[int, ...] | None]] = WeakKeyDictionary()  # it reads all values
+# It reads all values. The parts of a model share it.
+_CATEGORIES: WeakKeyDictionary[Any, dict[str, tuple[int, ...] | None]] = WeakKeyDictionary()
 
 
 def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
     """The categories of an attribute of a model's points; None if it has none."""
-    known = _CATEGORIES.setdefault(model, {})
+    known = _CATEGORIES.setdefault(model if model.source is None else model.source.residence, {})
     if name not in known:
         known[name] = categories_of(column_of(model.points, name), name)
     return known[name]
@@ -86,6 +86,17 @@ class PaintTables(NamedTuple):
     map_colors: NDArray[np.float32]
 
 
+Painted = tuple[Attribute, Model]
+
+
+class Joined(NamedTuple):
+    """The map positions of the splats of some models, one after the other; and those of models on disk once more."""
+
+    painted: list[Painted]
+    positions: NDArray[np.float32]
+    on_disk: dict[Painted, NDArray[np.float32]]
+
+
 class Paints:
     """The paints of a scene. Results that take long are kept for the next time and never changed, so copies share them.
 
@@ -93,13 +104,15 @@ class Paints:
     ----------
     shown : list of Attribute
         The attributes of the last `finish`, each once, with the ranges that are shown.
+    coats : list of (Attribute, Model or None)
+        What each of its paints shows; None: a coordinate.
     """
 
     def __init__(self) -> None:
         self.shown: list[Attribute] = []
+        self.coats: list[tuple[Attribute, Model | None]] = []
         self._ranges: dict[tuple[Any, ...], Range | None] = {}
-        self._painted: list[tuple[Attribute, Model]] = []
-        self._joined = np.zeros(0, np.float32)
+        self._joined = Joined([], np.zeros(0, np.float32), {})
 
     def finish(self, coats: list[Coat]) -> tuple[list[int], PaintTables]:
         """The number of each instance's paint, and the tables."""
@@ -111,21 +124,37 @@ class Paints:
         for paint in dict.fromkeys(wanted):
             row_of[paint] = len(paints)
             paints += [paint, *_coarser(*paint)]
-        self._find_map_positions([(attribute, model) for attribute, model in paints if model is not None])
+        here = [(attribute, model) for attribute, model in paints if model is not None and model.source is None]
         colors = [np.concatenate([_table(a), [NEUTRAL]]).astype(np.uint8) for a in self.shown]
         starts = dict(zip(self.shown, np.cumsum([0, *(c.size for c in colors)]), strict=False))
-        begin, records = 0, np.zeros((len(paints), PAINT_SIZE))
+        records = np.zeros((len(paints), PAINT_SIZE))
         for record, (attribute, model) in zip(records, paints, strict=True):
             record[PAINT_COLORS], record[PAINT_COUNT] = starts[attribute], len(_table(attribute))
             if model is None:
                 _record_coordinate(record, attribute)
                 continue
             record[PAINT_KIND] = CLASSES if _has_classes(attribute) else BLENDED
-            record[PAINT_POSITIONS], record[PAINT_COARSER] = begin, len(_coarser(attribute, model))
-            begin += len(model.tree.order)
+            record[PAINT_COARSER] = len(_coarser(attribute, model))
         linear = srgb_to_linear(np.concatenate([*colors, np.zeros((0, 3), np.uint8)]))
-        tables = PaintTables(records.reshape(-1), self._joined, linear.reshape(-1))
+        self.coats = paints
+        tables = PaintTables(*self.place(records.reshape(-1), paints, here), linear.reshape(-1))
         return [row_of[paint] for paint in wanted], tables
+
+    def place(
+        self, paints: NDArray[np.float64], coats: Sequence[tuple[Attribute, Model | None]], painted: list[Painted]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Paints, and the map positions of some of the models that they are of, which are opened; others have none.
+
+        coats : what each paint shows, see `coats`; painted : those whose map positions are wanted
+        """
+        found = self._join(painted)
+        lengths = [len(model.tree.order) for _, model in painted]
+        starts = dict(zip(painted, np.cumsum([0, *lengths]).tolist(), strict=False))
+        records = paints.reshape(-1, PAINT_SIZE).copy()
+        for record, (attribute, model) in zip(records, coats, strict=True):
+            if model is not None:
+                record[PAINT_POSITIONS] = starts.get((attribute, model), 0)
+        return records.reshape(-1), found
 
     def _find_ranges(self, coats: list[Coat]) -> dict[Attribute, Attribute]:
         """The attributes, each with the range or the categories that are shown."""
@@ -136,7 +165,7 @@ class Paints:
             attribute = coat.attribute
             if attribute.range is None and sorts[attribute] is None:
                 where = coat.to_model.tobytes() if attribute.name in COORDINATES else b""
-                key = (coat.model, attribute.name, shows_classes(attribute.colormap), where)
+                key = (coat.model.points, attribute.name, shows_classes(attribute.colormap), where)
                 self._ranges[key] = known[key] if key in known else _range_of(coat)
                 span = self._ranges[key]
                 spans[attribute] += [] if span is None else [span]
@@ -148,17 +177,24 @@ class Paints:
                 shown[a] = a if a.range is not None else replace(a, range=_widest(found))
         return shown
 
-    def _find_map_positions(self, painted: list[tuple[Attribute, Model]]) -> None:
-        """Find the map positions of all splats; earlier ones are used again where the same attribute is painted."""
-        if painted != self._painted:
-            found = [_map_positions(attribute, model) for attribute, model in painted]
-            self._joined = found[0] if len(found) == 1 else np.concatenate([*found, np.zeros(0, np.float32)])
-            self._painted = painted
+    def _join(self, painted: list[Painted]) -> NDArray[np.float32]:
+        """The map positions of all splats; earlier ones are used again where the same attribute is painted."""
+        known = self._joined
+        if painted == known.painted:
+            return known.positions
+        found = [known.on_disk[one] if one in known.on_disk else _map_positions(*one) for one in painted]
+        joined = found[0] if len(found) == 1 else np.concatenate([*found, np.zeros(0, np.float32)])
+        on_disk = {one: array for one, array in zip(painted, found, strict=True) if one[1].source is not None}
+        self._joined = Joined(painted, joined, on_disk)
+        return joined
 
 
 def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute, Model | None]]:
-    """The paints of a model's levels of detail: none for classes, as a mean of classes is no class."""
-    if model is None or _has_classes(attribute):
+    """The paints of a model's levels of detail: none for classes, as a mean of classes is no class.
+
+    Of models on disk, whose parts do not all fit into memory, levels show the commonest class.
+    """
+    if model is None or (_has_classes(attribute) and model.source is None):
         return []
     return [(attribute, level) for level in model.levels]
 
@@ -186,11 +222,14 @@ def _range_of(coat: Coat) -> Range | None:
     """The range for one instance; None if no value is finite."""
     if coat.attribute.name in COORDINATES:
         rows = coat.model.points.positions
-        rows = rows[:: -(-len(rows) // SAMPLE)]
+        step = -(-len(rows) // SAMPLE)
+        rows = rows[::step] if coat.model.source is None else rows[spread_rows(len(rows), SAMPLE)]
         to_world = np.linalg.inv(coat.to_model[:, :3])[COORDINATES.index(coat.attribute.name)]
         values = (rows - coat.to_model[:, 3]) @ to_world
     else:
-        values = values_of(coat.model.points, coat.attribute.name)
+        points = coat.model.points
+        some = EVERY if coat.model.source is None else spread_rows(len(points))
+        values = column_of(points, coat.attribute.name, some).astype(np.float64)
     values = values[np.isfinite(values)]
     if len(values) == 0:
         return None
@@ -212,21 +251,23 @@ def _widest(ranges: list[Range]) -> Range:
 def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
     """Positions in the colour map for the values of a model's splats, in the tree's order."""
     order = model.tree.order
+    used = np.flatnonzero(order >= 0)
+    values = column_of(model.points, attribute.name, order[used])
+    out = np.zeros(len(order), np.float32)
     if attribute.values:
-        values = column_of(model.points, attribute.name)
         known = np.array(attribute.values)
         row = np.minimum(np.searchsorted(known, values), len(known) - 1)
-        found = np.where(known[row] == values, row, np.nan)
-        return np.where(order >= 0, found[order], 0).astype(np.float32)
+        out[used] = np.where(known[row] == values, row, np.nan)
+        return out
     assert attribute.range is not None
     low, high = attribute.range
-    values = values_of(model.points, attribute.name)
+    values = values.astype(np.float64)
     count = len(colormap(attribute.colormap))
     if shows_classes(attribute.colormap):
-        found = np.mod(np.rint(np.clip(values, low, high) - low), count)
+        out[used] = np.mod(np.rint(np.clip(values, low, high) - low), count)
     else:
-        found = np.clip((values - low) / (high - low), 0, 1) * count
-    return np.where(order >= 0, found[order], 0).astype(np.float32)
+        out[used] = np.clip((values - low) / (high - low), 0, 1) * count
+    return out
 
 
 def _record_coordinate(record: NDArray[np.float64], attribute: Attribute) -> None:

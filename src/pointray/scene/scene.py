@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_mapping, rgb, wrong
+from ..arguments import check_flag, check_mapping, rgb, wrong
 from ..cluster.arrays import is_chunked
 from ..model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights
 from ..shade.lights import Light
 from ..shade.materials.base import Material
-from .casting import intersect_chunks, intersect_snapshot, occluded_chunks, occluded_snapshot
+from .casting import Given, intersect_chunks, intersect_snapshot, occluded_chunks, occluded_snapshot
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
 from .rays import Hits, check_rays
@@ -245,6 +245,7 @@ class Scene:
         t_max: ArrayLike = np.inf,
         *,
         attributes: str | tuple[str, ...] | list[str] = (),
+        spread: bool = False,
     ) -> Hits:
         """The closest hit of each ray.
 
@@ -267,6 +268,9 @@ class Scene:
             Which of the points' attributes to blend at the hits; a string is one name. Categories (bools, at most 32
             different whole numbers, classes) are not blended: a hit has the value of the splat of greatest weight. See
             `Hits.attributes` for the dtypes.
+        spread : bool
+            Only for arrays of Dask, with a client: whether each worker opens only some parts of models in parts; each
+            chunk goes to all of them, and the nearest hits are joined.
 
         Returns
         -------
@@ -276,24 +280,30 @@ class Scene:
         Raises
         ------
         ValueError
-            If shapes do not broadcast, a dtype is no number, no model has an attribute of that name, or an array of
-            Dask has chunks of unknown size.
+            If shapes do not broadcast, a dtype is no number, no model has an attribute of that name, an array of
+            Dask has chunks of unknown size, or parts cannot be spread.
         """
         given = origins, directions, t_min, t_max
         names = (attributes,) if isinstance(attributes, str) else attributes
         if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):
             raise wrong("attributes", "a name or a sequence of names", attributes)
-        if is_chunked(*given):
-            return intersect_chunks(self, given, names)
+        if _is_chunked(given, spread):
+            return intersect_chunks(self, given, names, spread)
         return intersect_snapshot(self.snapshot(), *check_rays(*given), names)
 
     def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike = 0, t_max: ArrayLike = np.inf
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0,
+        t_max: ArrayLike = np.inf,
+        *,
+        spread: bool = False,
     ) -> NDArray[np.bool_]:
         """Whether each ray meets anything between t_min and t_max: (...) bool; parameters as for `intersect`."""
         given = origins, directions, t_min, t_max
-        if is_chunked(*given):
-            return occluded_chunks(self, given)
+        if _is_chunked(given, spread):
+            return occluded_chunks(self, given, spread)
         return occluded_snapshot(self.snapshot(), *check_rays(*given))
 
     def _change(self) -> None:
@@ -311,3 +321,11 @@ class Scene:
                     self._instances, self._lights, self._clips, self._background, self.shows_sky, self._baked
                 )
             return self._built
+
+
+def _is_chunked(given: Given, spread: bool) -> bool:
+    """Whether rays come in arrays of Dask; ValueError if they do not, and models shall be spread."""
+    chunked = is_chunked(*given)
+    if check_flag(spread, "spread") and not chunked:
+        raise ValueError("spread: it takes rays in arrays of Dask")
+    return chunked

@@ -23,7 +23,6 @@ from ..kernels.records import (
     LightTree,
     World,
 )
-from ..kernels.tree import model_table
 from ..model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights, no_sky
@@ -32,6 +31,8 @@ from ..shade.tables import light_shares, light_trees
 from ..tree.instance_bvh import boxes_around, build_top
 from .clips import clip_records
 from .instances import Instances
+from .paints import Paints
+from .shown import Coats, instances_of, table_of, world_showing
 
 PARTS = 1 << 30  # numbers from which keys of parts are counted
 
@@ -58,6 +59,8 @@ class BakedLight(Protocol):
 class Snapshot(NamedTuple):
     """A scene as it was at one moment: all that a picture or a batch of rays needs of it. Nothing in it changes.
 
+    Parts of models that lie on disk are not open in it: rays hit nothing of them, see `opened`.
+
     Attributes
     ----------
     world : World
@@ -74,6 +77,8 @@ class Snapshot(NamedTuple):
         World bounds of instances, see `Instances.boxes`.
     shown : tuple of Attribute
         The attributes that colour instances, each once, with the ranges that are shown.
+    painting : (Paints, sequence of (Attribute, Model or None))
+        The paints of the world, and what each shows.
     background : (3,) float64 or None
         Linear RGB; None: transparent.
     shows_sky : bool
@@ -88,6 +93,7 @@ class Snapshot(NamedTuple):
     keys: NDArray[np.int32]
     boxes: NDArray[np.float64]
     shown: tuple[Attribute, ...]
+    painting: tuple[Paints, Coats]
     background: NDArray[np.float64] | None
     shows_sky: bool
     baked: BakedLight | None
@@ -96,6 +102,30 @@ class Snapshot(NamedTuple):
     def bounds(self) -> NDArray[np.float64]:
         """See `Scene.bounds`."""
         return bounds_of(self.world.instances.reshape(-1, INSTANCE), self.boxes)
+
+    @property
+    def on_disk(self) -> NDArray[np.int64]:
+        """The rows of instances whose models are parts that lie on disk."""
+        shapes = {k for k, model in enumerate(self.models) if model.source is not None}
+        if not shapes:
+            return np.zeros(0, np.int64)
+        records = instances_of(self.world)
+        return np.flatnonzero((records[:, KIND] == MODEL) & np.isin(records[:, SHAPE_ROW], list(shapes)))
+
+    def opened(self, rows: NDArray[np.int64] | None = None) -> Snapshot:
+        """The scene with parts that lie on disk: those of some rows of instances, or all; they are opened.
+
+        Raises
+        ------
+        OSError, ValueError
+            If a file cannot be opened, or is damaged; the message names it.
+        """
+        rows = self.on_disk if rows is None else rows
+        if not len(rows):
+            return self
+        records = instances_of(self.world)
+        used = set(records[rows, SHAPE_ROW].astype(int).tolist())
+        return self._replace(world=world_showing(self.world, records, self.models, used, self.painting))
 
     def seen_by(self, record: NDArray[np.float64]) -> Snapshot:
         """The scene in front of a camera, given its record: lights that follow the camera are placed by it."""
@@ -149,8 +179,9 @@ def take_snapshot(
     sky, sky_colors, sky_rows, sky_columns, sky_mean = skies[0] if skies else no_sky()
     bounds = _around(instances.records, instances.boxes)
     top, top_boxes, top_children = _top(instances, models)
+    table, longest = table_of(models)
     world = World(
-        model_table([model.tree for model in models]),
+        table,
         instances.records.reshape(-1),
         planes,
         top,
@@ -165,7 +196,7 @@ def take_snapshot(
         sky_mean,
         *paints,
         srgb_to_linear(np.arange(256, dtype=np.uint8)),
-        max([model.longest for model in models], default=16),
+        longest,
         int((instances.records[:, KIND] == CATCHER).sum()),
         clip_records(clips),
         np.zeros(0, np.int64),
@@ -174,9 +205,10 @@ def take_snapshot(
     numbers = np.append(instances.numbers, -1).astype(np.int32)
     alone = np.append(np.bincount(instances.numbers)[instances.numbers] == 1, True)
     keys = np.where(alone, numbers, PARTS + np.arange(len(numbers))).astype(np.int32)
-    shown = tuple(instances.paints.shown)
+    shown, painting = tuple(instances.paints.shown), (instances.paints, instances.paints.coats)
+    boxes = instances.boxes
     return Snapshot(
-        world, tuple(models), tuple(lamps), numbers, keys, instances.boxes, shown, background, shows_sky, baked
+        world, tuple(models), tuple(lamps), numbers, keys, boxes, shown, painting, background, shows_sky, baked
     )
 
 
@@ -197,6 +229,11 @@ def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64]
     too, whose supports are large, 10,000 statues took 1.12 times as long, and the picture was the same.
     """
     rows = np.flatnonzero(instances.records[:, KIND] == MODEL)
-    bounds = np.array([model.reach for model in models]).reshape(-1, 2, 3)
-    bounds = bounds[instances.records[rows, SHAPE_ROW].astype(int)]
-    return build_top(boxes_around(instances.records[rows, TO_MODEL:].reshape(-1, 3, 4), bounds), rows)
+    return build_top(reach_boxes(instances.records, models, rows), rows)
+
+
+def reach_boxes(records: NDArray[np.float64], models: Sequence[Model], rows: NDArray[np.int64]) -> NDArray[np.float64]:
+    """World boxes around all that rays can hit of some instances, (n, 6). rows : theirs"""
+    records = records.reshape(-1, INSTANCE)[rows]
+    bounds = np.array([model.reach for model in models]).reshape(-1, 2, 3)[records[:, SHAPE_ROW].astype(int)]
+    return boxes_around(records[:, TO_MODEL:].reshape(-1, 3, 4), bounds)

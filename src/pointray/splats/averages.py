@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import categories_of, is_label
+from ..data import FEWEST_ROWS, MOST_LABELS, categories_of, is_label
 
 KNOWN = 0.5  # share of the values that must be finite, or the mean is NaN
 
@@ -17,6 +18,7 @@ def attribute_averages(
     order: NDArray[np.integer[Any]],
     starts: NDArray[np.integer[Any]],
     least: float = KNOWN,
+    categories: Collection[str] | None = None,
 ) -> dict[str, NDArray[Any]]:
     """The attributes of groups of points, with the dtypes that they have; whole numbers' means are rounded.
 
@@ -28,12 +30,27 @@ def attribute_averages(
         Where groups begin in `order`. None is empty.
     least : float
         Share of a group's values that must be finite; where fewer are, the mean is NaN.
+    categories : collection of str, optional
+        The attributes that have categories. None: as the values tell.
     """
     averages = {}
     for name, values in attributes.items():
-        whole = has_categories(name, values)
+        whole = has_categories(name, values) if categories is None else name in categories
         averages[name] = commonest(values[order], starts) if whole else _means(values, order, starts, least)
     return averages
+
+
+def have_categories(name: str, chunks: Iterable[NDArray[Any]]) -> bool:
+    """`has_categories`, of values that come in chunks, which need not fit into memory."""
+    rows, found = 0, None
+    for chunk in chunks:
+        if chunk.ndim != 1 or (chunk.dtype.kind != "f" and is_label(name)):
+            return chunk.ndim == 1
+        rows += len(chunk)
+        found = np.unique(chunk if found is None else np.append(found, np.unique(chunk)))
+        if len(found) > MOST_LABELS:
+            return False
+    return found is not None and has_categories(name, np.resize(found, min(rows, FEWEST_ROWS * len(found))))
 
 
 def has_categories(name: str, values: NDArray[Any]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,16 @@ class Groups(NamedTuple):
         out = np.empty(len(middles), np.float32)
         run(_reach, -(-len(out) // CHUNK), (positions, radii, middles), self.order, self.starts, out)
         return out
+
+    @property
+    def first(self) -> NDArray[np.int32]:
+        """The first row of each group, (m,)."""
+        return self.order[self.starts[:-1]]
+
+    def pick(self, kept: NDArray[np.bool_]) -> Groups:
+        """Some of the groups. kept : (m,)"""
+        sizes = np.diff(self.starts)
+        return Groups(self.order[np.repeat(kept, sizes)], np.append(0, np.cumsum(sizes[kept])))
 
 
 @kernel
@@ -111,13 +121,26 @@ def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts
     return 0
 
 
-def groups_in_cells(positions: Floats, normals: Floats, cell: float) -> Groups:
-    """Splats in one cell of a grid that face one of the six main directions, in the order of their first rows."""
-    codes: NDArray[Any] = np.empty((len(positions), 3), np.float32)
-    low = np.array([column.min() for column in positions.T])
-    tiles = -(-len(codes) // CHUNK)
-    run(_codes, tiles, np.ascontiguousarray(positions), np.ascontiguousarray(normals), low, np.float32(cell), codes)
-    rows, ids = distinct(codes)
+def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats | None = None) -> Groups:
+    """Splats in one cell of a grid that face one of the six main directions, in the order of their first rows.
+
+    low : (3,) float32, where the grid begins; None: at the least coordinates
+    """
+    rows, ids = distinct(_codes_of(positions, normals, cell, low))
     starts, order = np.zeros(len(rows) + 2, np.int64), np.empty(len(ids), np.int32)
     _sort(ids, starts, order)
     return Groups(order, starts[:-1])
+
+
+def cell_numbers(positions: Floats, normals: Floats, cell: float, low: Floats) -> NDArray[np.int64]:
+    """A number for each splat, (n,), equal for those of one of the groups that `groups_in_cells` makes."""
+    x, y, z = _codes_of(positions, normals, cell, low).astype(np.int64).T
+    return np.asarray((x * MOST_CELLS + y) * MOST_CELLS + z)
+
+
+def _codes_of(positions: Floats, normals: Floats, cell: float, low: Floats | None) -> Floats:
+    codes = np.empty((len(positions), 3), np.float32)
+    low = np.array([column.min() for column in positions.T]) if low is None else low
+    tiles = -(-len(codes) // CHUNK)
+    run(_codes, tiles, np.ascontiguousarray(positions), np.ascontiguousarray(normals), low, np.float32(cell), codes)
+    return codes

@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points
 from .averages import attribute_averages
-from .groups import groups_in_cells
+from .groups import Groups, groups_in_cells
 
 LEAST_POINTS = 700  # 200 points no longer show the statue's shape or shading: pictures are 9% brighter
 LEAST_GAIN = 1.5  # a level has at least this many times fewer points than the one before
@@ -24,6 +26,34 @@ THIN = 0.5
 SUPPORT = 1.0
 
 Floats = NDArray[np.float32]
+
+
+class Fine(NamedTuple):
+    """Splats that a level is made of.
+
+    positions, normals : (n, 3) float32; radii : (n,) float32
+    colors : (n, 3) uint8 or None; noise : (n,) float32 or None, what was smoothed away
+    """
+
+    positions: Floats
+    normals: Floats
+    radii: Floats
+    colors: NDArray[np.uint8] | None
+    noise: Floats | None
+
+
+class Coarse(NamedTuple):
+    """A level's splats.
+
+    positions, normals : (m, 3) float32; limits : (m,) float32, upper limits of their supports
+    colors : (m, 3) uint8 or None; noise : (m,) float32 or None
+    """
+
+    positions: Floats
+    normals: Floats
+    limits: Floats
+    colors: NDArray[np.uint8] | None
+    noise: Floats | None
 
 
 def coarsen(
@@ -55,17 +85,23 @@ def coarsen(
     """
     assert points.normals is not None
     groups = groups_in_cells(points.positions, points.normals, cell)
-    normals, colors = groups.mean(points.normals), None
-    if points.colors is not None:
-        colors = np.rint(np.sqrt(groups.mean(points.colors.astype(np.float32) ** 2))).astype(np.uint8)
-    middles = groups.mean(points.positions).astype(np.float32)
-    coarse = Points.about(
-        points.origin,
+    found = means_of(groups, Fine(points.positions, points.normals, radii, points.colors, noise), cell)
+    attributes = attribute_averages(points.attributes, groups.order, groups.starts[:-1])
+    coarse = Points.about(points.origin, found.positions, found.normals, found.colors, attributes, points.survey)
+    return coarse, found.limits, found.noise
+
+
+def means_of(groups: Groups, fine: Fine, cell: float) -> Coarse:
+    """What stands for each group of splats, see `coarsen`."""
+    normals, colors = groups.mean(fine.normals), None
+    if fine.colors is not None:
+        colors = np.rint(np.sqrt(groups.mean(fine.colors.astype(np.float32) ** 2))).astype(np.uint8)
+    middles = groups.mean(fine.positions).astype(np.float32)
+    limits = np.maximum(groups.reach(fine.positions, fine.radii, middles), np.float32(SUPPORT * cell))
+    return Coarse(
         middles,
-        normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32),
+        limits,
         colors,
-        attribute_averages(points.attributes, groups.order, groups.starts[:-1]),
-        points.survey,
+        None if fine.noise is None else groups.mean(fine.noise).astype(np.float32),
     )
-    limits = np.maximum(groups.reach(points.positions, radii, middles), np.float32(SUPPORT * cell))
-    return coarse, limits, None if noise is None else groups.mean(noise).astype(np.float32)

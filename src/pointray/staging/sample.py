@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ..data import Points
+from ..data import STRETCHES, Points, spread_rows
 from ..kernels.records import TO_MODEL
 from ..model import Model
 from ..scene.scene import Scene
@@ -99,11 +100,31 @@ def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:
     if isinstance(subject, Points):
         return [(subject, np.eye(4))]
     if isinstance(subject, Model):
-        return [(subject.points, np.eye(4))]
+        return [(points, np.eye(4)) for points in _standing_for(subject)]
     with subject._lock:
         shapes, records = list(subject._instances.shapes), subject._instances.records.copy()
-    placed = [(shape.points, row) for shape, row in zip(shapes, records, strict=True) if isinstance(shape, Model)]
-    return [(points, _matrix(row[TO_MODEL:], points)) for points, row in placed]
+    placed = [(shape, row) for shape, row in zip(shapes, records, strict=True) if isinstance(shape, Model)]
+    return [(points, _matrix(row[TO_MODEL:], points)) for shape, row in placed for points in _standing_for(shape)]
+
+
+def _standing_for(model: Model) -> list[Points]:
+    """The points of a model; of one whose parts lie on disk, and need not fit into memory, some of them.
+
+    The coarsest levels of detail stand for parts, and as small a share of the points for parts without levels.
+    """
+    files = [part.source.file for part in model.parts if part.source is not None]
+    if not files:
+        return [model.points]
+    counts = [file.points for file in files]
+    starts, leveled = np.cumsum([0, *counts]), [bool(part.levels and part.has_surface) for part in model.parts]
+    coarse = [part.levels[-1].points for part, has_levels in zip(model.parts, leveled, strict=True) if has_levels]
+    share = sum(map(len, coarse)) / max(sum(itertools.compress(counts, leveled)), 1) or MOST / len(model.points)
+    rest = [
+        start + spread_rows(count, max(int(share * count), STRETCHES))
+        for start, count, has_levels in zip(starts, counts, leveled, strict=False)
+        if not has_levels
+    ]
+    return [*coarse, *([model.points.select(np.concatenate(rest))] if rest else [])]
 
 
 def _matrix(to_model: Floats, points: Points) -> Floats:

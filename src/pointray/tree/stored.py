@@ -1,4 +1,4 @@
-"""The splats that a tree keeps, read back."""
+"""The splats that a tree keeps, read back, and how far it extends."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import Array, borrow, i64, kernel, next_tile, run
-from ..kernels.tree import BLOCK, NX, PX, Tree
+from ..kernels.tree import BLOCK, INV_R2, NODE, NX, PX, WIDTH, Tree
 
 CHUNK = 1 << 14  # splats of a tile
 
@@ -56,3 +56,21 @@ def stored_splats(tree: Tree, by_row: bool = True) -> Stored:
     run(_unpack, -(-len(slots) // CHUNK), tree.blocks, slots, positions, normals)
     noise = tree.noise[slots // 4] if tree.noise.size else None
     return Stored(rows, positions, normals, noise)
+
+
+def radii_of(tree: Tree) -> Floats:
+    """The radii of all splats of a tree, but for rounding, in the order in which they are stored."""
+    inverse = tree.blocks.reshape(-1, BLOCK)[:, INV_R2 : INV_R2 + 4].reshape(-1)
+    return np.asarray(1.0 / np.sqrt(inverse[tree.order >= 0]))
+
+
+def reach_of(tree: Tree) -> NDArray[np.float64] | None:
+    """Bounds of all that rays can hit, (2, 3) about the origin; None: there is nothing."""
+    root = tree.boxes[:NODE].reshape(2, 3, WIDTH)
+    reach = np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
+    return reach if (reach[0] <= reach[1]).all() else None
+
+
+def longest_leaf(tree: Tree) -> int:
+    """The number of blocks in the longest leaf."""
+    return 16 * int(tree.spans[1::2].max(initial=0))

@@ -102,7 +102,7 @@ def groups_per_root(groups: int) -> int:
     return per_root
 
 
-def cut_top(groups: Groups, step: float, part: range | None = None) -> Top:
+def cut_top(groups: Groups, step: float, part: range | None = None, within: NDArray[np.float64] | None = None) -> Top:
     """Cut space along the kd order, stretch by stretch, down to the roots.
 
     Parameters
@@ -113,6 +113,8 @@ def cut_top(groups: Groups, step: float, part: range | None = None) -> Top:
         Longest step of the samples, in radii.
     part : range, optional
         A stretch of the groups, aligned: only the roots in it are wanted, with what is above them there.
+    within : (6,) float64, optional
+        A box: only the space in it is cut.
     """
     supports, _, longest = groups
     stretches, per_root = _stretches(groups)
@@ -120,8 +122,8 @@ def cut_top(groups: Groups, step: float, part: range | None = None) -> Top:
     if part is not None:
         wanted = range(part.start // per_root, -(-part.stop // per_root))
     top = Top([], [], [], [])
-    everything = np.array([-FAR] * 3 + [FAR] * 3, np.float64)
-    pending = [_Node(range(len(stretches)), np.arange(len(supports)), everything, -1, 0)]
+    space = _everything() if within is None else within
+    pending = [_Node(range(len(stretches)), np.arange(len(supports)), space, -1, 0)]
     while pending:
         node = pending.pop()
         if node.stretches.start >= wanted.stop or node.stretches.stop <= wanted.start:
@@ -154,6 +156,30 @@ def cut_top(groups: Groups, step: float, part: range | None = None) -> Top:
     if sum(len(rows) for rows in top.groups) > CROWDED * per_root * len(wanted):
         return _one_root(top)
     return top
+
+
+def cells_of_parts(groups: Groups, size: int) -> NDArray[np.float64]:
+    """The boxes that the same planes cut all space into, (parts, 6): of parts of so many groups, a power of two."""
+    stretches, per_root = _stretches(groups)
+    most, cells = size // per_root, np.empty((-(-len(groups.longest) // size), 6))
+    pending = [(range(len(stretches)), _everything())]
+    while pending:
+        node, cell = pending.pop()
+        if len(node) <= most:
+            cells[node.start // most] = cell
+            continue
+        half = uncompiled(first_part)(len(node))
+        sides = node[:half], node[half:]
+        axis, place = _plane_between(*(stretches[side.start : side.stop] for side in sides))
+        for side, face in zip(sides, (3 + axis, axis), strict=True):
+            box = cell.copy()
+            box[face] = place
+            pending.append((side, box))
+    return cells
+
+
+def _everything() -> NDArray[np.float64]:
+    return np.array([-FAR] * 3 + [FAR] * 3, np.float64)
 
 
 def _one_root(top: Top) -> Top:

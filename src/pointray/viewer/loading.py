@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data import Points
+from ..data import Points, spread_rows
 from ..model import Model
 from ..model_cache import Entry, built
 from ..model_file import SAVED
@@ -60,6 +60,8 @@ class Files:
         The place of the scans' model in the cache, from which it comes, or where it is kept when all is shown.
     drop_strays : bool
         Whether strays of the scans are left out.
+    memory : int, optional
+        Bytes of a model in parts that stay open, see `Model.load`.
     """
 
     paths: Sequence[Path]
@@ -72,6 +74,7 @@ class Files:
     reading: Mapping[str, Any] = field(default_factory=dict)
     entry: Entry | None = None
     drop_strays: bool = False
+    memory: int | None = None
 
     @property
     def _groups(self) -> list[list[Path]]:
@@ -136,7 +139,7 @@ class Files:
         stage = f"reading {files[0].name if len(files) == 1 else f'{len(files):,} files'}"
         shared.say(stage, None)
         if files[0].suffix.lower() == SAVED:
-            return Model.load(files[0])
+            return Model.load(files[0], memory=self.memory)
         known = None if self.entry is None else self.entry.load()
         if known is not None:
             known.levels = known.levels if self.leveled else ()
@@ -151,6 +154,8 @@ class Files:
     def _some(self, cloud: Points | Model, number: int) -> Points:
         """A limited number of the points, without normals if those are unwanted or, by this sample, wrong."""
         points = _points(cloud)
+        if isinstance(cloud, Model) and cloud.parts:  # reading all of them would take long
+            return points.select(spread_rows(len(points), COARSE))
         if len(points) > COARSE:
             rows = np.flatnonzero(points.finite)
             rows = np.random.default_rng(0).choice(rows, min(COARSE, len(rows)), replace=False, shuffle=False)

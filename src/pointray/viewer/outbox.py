@@ -136,7 +136,8 @@ def _statistics(frame: Frame, rate: float) -> list[str]:
     if sketch is not None:
         return [f"a sketch: {len(sketch.points):,} of {sketch.count:,} points"]
     models = frame.request.scene.models
-    points, held = sum(len(model.points) for model in models), sum(model.nbytes for model in models) / 2**20
+    points = sum(len(model.points) for model in models)
+    held = sum(model.resident_bytes for model in models) / 2**20  # of a model in parts what is open
     what = f"{rate:.0f} fps"
     if frame.samples > 1:
         what = f"{frame.samples:,} of {frame.request.view.samples:,} samples"

@@ -25,6 +25,7 @@ from ..rendering.settings import Settings
 from ..scene.scene import Scene
 from ..staging.studio import with_direct_light
 from .baker import Baker
+from .fetcher import Fetcher
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 from .sketch import Sketch
 from .view_settings import ViewSettings
@@ -105,8 +106,9 @@ class Painter:
         say: Callable[[str, float | None, float | None], None],
     ) -> None:
         self._deliver, self._fail = deliver, fail
-        self._baker = Baker(self._draw_again, say)
-        self._again: FrameRequest | None = None  # the request that is drawn again, as there is new light
+        self._baker = Baker(self._draw_lit, say)
+        self._fetcher = Fetcher(self._draw_again, fail)
+        self._again: FrameRequest | None = None  # the request that is drawn again, as there is more to show
         self._changed = threading.Condition()
         self._request: FrameRequest | None = None
         self._open, self._cancel = True, Cancel()
@@ -129,10 +131,16 @@ class Painter:
             self._cancel()
             self._changed.notify_all()
 
-    def _draw_again(self) -> None:
+    def _draw_lit(self) -> None:
         """Draw the newest request once more: there is new light for it."""
+        request = self._request
+        if request is not None and request.view.integrator == BAKED:
+            self._draw_again()
+
+    def _draw_again(self) -> None:
+        """Draw the newest request once more: there is more to show of it."""
         with self._changed:
-            if self._request is not None and self._request.view.integrator == BAKED:
+            if self._request is not None:
                 self._request = self._again = self._request._replace()
                 self._cancel()
                 self._changed.notify_all()
@@ -146,6 +154,7 @@ class Painter:
     def close(self) -> None:
         """Stop drawing, and forget scenes: what else is left of a session waits for Python's garbage collector."""
         self._baker.close()
+        self._fetcher.close()
         with self._changed:
             self._open = False
             self._request = self._again = self._dressed = None
@@ -154,8 +163,8 @@ class Painter:
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing is drawn or baked any more, after `close`."""
-        return not self._thread.is_alive() and self._baker.has_ended
+        """Whether nothing is drawn, baked or opened any more, after `close`."""
+        return not self._thread.is_alive() and self._baker.has_ended and self._fetcher.has_ended
 
     @property
     def frames_a_second(self) -> float:
@@ -177,7 +186,7 @@ class Painter:
         while (request := self._next(done)) is not None:
             try:
                 self._draw(request)
-            except ValueError as error:
+            except (OSError, ValueError) as error:  # a file that is missing, say
                 self._fail(str(error))
             except Exception as error:
                 log.exception("while drawing")
@@ -216,7 +225,7 @@ class Painter:
         settings = self._light(request, scene, request.view.settings(1))
         if stage is MOVING:  # contact shadows with one sample would be noise
             settings = replace(settings, sky_rays=0)
-        picture = Picture(scene.snapshot(), camera, settings)
+        picture = Picture(scene.snapshot(), camera, settings, fetch=self._fetcher)
         picture.add(0, 1, cancel=cancel)
         if cancel is None or not cancel.wanted:
             self._send(request, picture.image, stage, (1, 1), time.perf_counter() - begun)
@@ -231,7 +240,7 @@ class Painter:
             return  # there is no light yet: the processors are to bake it
         if settings.integrator == BAKED and self._baker.is_baking:
             most = min(most, WHILE_BAKING)
-        picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True)
+        picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True, fetch=self._fetcher)
         done, last, seconds = 0, 1, 0.0
         while done < most:
             count = min(next_pass(last, seconds) if done else 2, most - done)

@@ -41,7 +41,7 @@ def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scen
     material = [] if not scene.models else [_material(view, scene)]
     surface = [] if build is None else [_surface(build)]
     return [
-        _view(view, any(model.levels for model in scene.models)),
+        _view(view, any(model.has_levels for model in scene.models)),
         _light(view, bool(scene.lights) and not shared.look),
         *material,
         *surface,

@@ -34,6 +34,7 @@ from ..options import (
     SurfaceOption,
     ThreadsOption,
     UpOption,
+    bytes_of,
     given,
     numbers,
     use_threads,
@@ -166,7 +167,6 @@ def prepare(
     workers: WorkersOption = None,
 ) -> None:
     """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
-    from ..prepare import bytes_of
     from ..prepare import prepare as work
 
     if estimate_normals and normals == "file":
@@ -210,6 +210,9 @@ def info(
     json: Annotated[
         bool, typer.Option("--json", help="As JSON: null is what only --deep finds of so many points.")
     ] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Of a model in parts: compare the SHA-256 of all files with the index.")
+    ] = False,
 ) -> None:
     """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
     from ..facts import describe_all
@@ -217,6 +220,8 @@ def info(
 
     scan = scan_of(files, reading)
     scan.check()
+    if verify:
+        scan.verify()
     show_table(describe_all(scan, deep), json)
 
 

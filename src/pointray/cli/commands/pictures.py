@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ...choices import AUTO
-from ..cluster import ClusterOption, WorkersOption, working_on
+from ..cluster import ClusterOption, SpreadOption, WorkersOption, working_on
 from ..options import (
     SCANS,
     TOGETHER,
@@ -56,6 +56,7 @@ from ..options import (
     UpOption,
     ViewOption,
     ZoomOption,
+    bytes_of,
     exposure_of,
     given,
     use_threads,
@@ -98,6 +99,7 @@ def render(
     threads: ThreadsOption = None,
     cluster: ClusterOption = None,
     workers: WorkersOption = None,
+    spread: SpreadOption = False,
     cache: CacheOption = True,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
@@ -125,14 +127,14 @@ def render(
     check_output(output, exposure != AUTO and stops != 0, legend)
     scene_file = scene_of(files)
     if scene_file is not None:
-        with working_on(cluster, workers) as client:
+        with working_on(cluster, workers, spread) as client:
             print(render_scene(scene_file, output, given(context), client))
         return
     if legend and color_by is None:
         raise ValueError("--legend is for --color-by, which is not given")
     scan_view, settings, scan_scene = staged(scan_of(files, reading, cache), options, is_layered(output))
     check_fits(output, scan_view.size, settings, legend)
-    with working_on(cluster, workers) as client, Progress(settings, scan_scene.bakes) as progress:
+    with working_on(cluster, workers, spread) as client, Progress(settings, scan_scene.bakes) as progress:
         scene, model, scan = scan_scene.build(progress)
         scan_scene.light(progress)
         settings, camera = scan_scene.shown_with(settings), scan_view.camera(scan)
@@ -183,6 +185,7 @@ def animate(
     threads: ThreadsOption = None,
     cluster: ClusterOption = None,
     workers: WorkersOption = None,
+    spread: SpreadOption = False,
     cache: CacheOption = True,
     levels: LevelsOption = True,
     surface: SurfaceOption = None,
@@ -212,13 +215,13 @@ def animate(
     checked_output = film_output(output, background)
     scene_file = scene_of(files)
     if scene_file is not None:
-        with working_on(cluster, workers) as client:
+        with working_on(cluster, workers, spread) as client:
             print(animate_scene(scene_file, checked_output, given(context), fps, client))
         return
     scan_view, settings, scan_scene = staged(scan_of(files, reading, cache), options)
     camera_path = CameraPath(scan_view, fps, context.params)
     source = scan_source(scan_scene, scan_view, settings, exposure_of(exposure, options["integrator"].value))
-    with working_on(cluster, workers) as client:
+    with working_on(cluster, workers, spread) as client:
         print(work(checked_output, camera_path, source, client))
 
 
@@ -253,6 +256,10 @@ def view(
     ground: GroundOption = False,
     threads: ThreadsOption = None,
     cache: CacheOption = True,
+    memory: Annotated[
+        str | None,
+        typer.Option(help="Of a model in parts: so much of it stays open, like 1GiB [half of what is available]."),
+    ] = None,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
     from ...arguments import check_positive
@@ -268,5 +275,6 @@ def view(
     surface_options["smooth"] = smooth_of(smooth)
     check_positive(radius_scale, "--radius-scale")
     options["normals"] = normals.value
+    options["memory"] = None if memory is None else bytes_of(memory)
     shared, loader = shared_scene_of(files, reading, given(context), options, surface_options, cache)
     serve(shared, loader, host, port, open_browser)

@@ -38,15 +38,21 @@ def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array)
     return level + 2 * min(before, behind)
 
 
+def sample_rows(count: int) -> NDArray[np.int64]:
+    """The places in a kd order of so many points that stand for all: stretches, or each, if there are few."""
+    if count <= RUNS * RUN:
+        return np.arange(count)
+    starts = np.linspace(0, count - RUN, RUNS).astype(np.int64)
+    return (starts[:, None] + np.arange(RUN)).ravel()
+
+
 def agreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32] | None = None) -> float:
     """Share of the three nearest neighbours that face the opposite side, from a sample if there are many points.
 
     order : of the positions, like that of `kd_order`, if it is known
     """
     order = kd_order(positions) if order is None else order
-    if len(order) > RUNS * RUN:
-        starts = np.linspace(0, len(order) - RUN, RUNS).astype(np.int64)
-        order = order[(starts[:, None] + np.arange(RUN)).ravel()]
+    order = order[sample_rows(len(order))]
     order = order[distinct(positions[order])[0]]
     path, unit = positions[order], normals[order]
     if len(path) < 2:

@@ -1,0 +1,121 @@
+"""Stage `view` of `scale.py`: the first picture of a model in parts in a fresh process, and a flight through it.
+
+    python bench/scale_view.py FOLDER MEMORY BEGUN CAMERAS PICTURE
+
+The child: renders the pictures of the cameras in a JSON file, the first of them into a PNG, and prints JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pointray as pr
+from pointray.cli.options import bytes_of
+from scale_prepare import Options, asked
+from scale_rows import LEAST, MOST, Row
+from scale_watch import Watched, watched
+
+FIRST, RATE = 1.5, 10.0  # asked: seconds, frames a second
+LIGHTS = (-0.6, 0.5, -1.0), 0.4  # the direction of the sun's light, the sky's
+
+
+def lit(model: pr.Model) -> pr.Scene:
+    """A model under a sun and a sky."""
+    scene = pr.Scene()
+    scene.add(model)
+    scene.lights = [pr.SunLight(LIGHTS[0]), pr.EnvironmentLight(LIGHTS[1])]
+    return scene
+
+
+def show(folder: str, memory: int, begun: float, cameras: Sequence[pr.Camera], picture: str) -> dict[str, Any]:
+    """What a child measures. begun : when it was started, as `time.time` counts"""
+    model = pr.Model.load(folder, memory=memory)
+    scene = lit(model)
+    opened = time.time() - begun
+    pr.write_image(picture, pr.render(scene, cameras[0]))
+    first, spent = time.time() - begun, []
+    for camera in cameras[1:]:
+        at = time.perf_counter()
+        pr.render(scene, camera)
+        spent.append(time.perf_counter() - at)
+    return {"opened": opened, "first": first, "frames": spent, "resident": model.resident_bytes}
+
+
+def child(options: Options, name: str, cameras: Sequence[pr.Camera]) -> tuple[dict[str, Any], Watched]:
+    """Figures of a fresh process that renders pictures, and its memory."""
+    there = options.there / f"{name}.json"
+    there.write_text(json.dumps([asdict(camera) for camera in cameras]))
+    words = [options.prepared, bytes_of(options.resident), repr(time.time()), there, options.there / f"{name}.png"]
+    found = watched([__file__, *words])
+    return json.loads(found.output.splitlines()[-1]), found
+
+
+def forget(folder: Path) -> None:
+    """Have the system drop the pages of all files in a folder, so that they are read from the disk again."""
+    if hasattr(os, "posix_fadvise"):
+        for path in folder.rglob("*"):
+            with suppress(OSError), path.open("rb") as file:
+                os.fsync(file.fileno())
+                os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
+def view(options: Options) -> list[Row]:
+    """Pictures of the prepared city."""
+    if not (options.prepared / "index.json").exists():
+        raise ValueError(f"{options.prepared}: is not there: run the stage `prepare` of so many points first")
+    return [*_first_pictures(options), *_flight(options)]
+
+
+def _first_pictures(options: Options) -> Iterator[Row]:
+    views = {"far": options.city.far(options.size), "near": options.city.near(options.size)}
+    for name, camera in views.items():
+        child(options, name, [camera])  # compiles kernels
+        for kind, prepared in (
+            ("", "its files were read before"),
+            (".cold", "its files have to be read from the disk"),
+        ):
+            runs = []
+            for _ in range(options.runs):
+                if kind:
+                    forget(options.prepared)
+                runs.append(child(options, name, [camera]))
+            seconds, opened = (statistics.median(found[what] for found, _ in runs) for what in ("first", "opened"))
+            what = f"from the start of a process to a picture from {'afar' if name == 'far' else 'near'}, {prepared}"
+            row = options.row(f"view.{name}{kind}", seconds, "s", what)
+            yield row if kind else asked(row, MOST, FIRST)
+            if not kind:
+                yield options.row(f"view.{name}.opened", opened, "s", "of it until the model was open")
+                yield options.row(f"view.{name}.peak", max(w.resident for _, w in runs), "bytes", "resident")
+
+
+def _flight(options: Options) -> Iterator[Row]:
+    cameras = options.city.flight(options.frames + 1, options.size)
+    forget(options.prepared)
+    found, seen = child(options, "flight", cameras)
+    spent, what = found["frames"], f"{options.frames} frames, --memory {options.resident}"
+    yield asked(options.row("view.flight", len(spent) / sum(spent), "frames/s", f"flight of {what}"), LEAST, RATE)
+    yield options.row("view.flight.median", statistics.median(spent), "s", "a frame of it, median")
+    yield options.row("view.flight.slowest", max(spent), "s", "its slowest frame")
+    row = options.row("view.flight.resident", found["resident"], "bytes", "of parts and levels, at its end")
+    yield asked(row, MOST, bytes_of(options.resident))
+    yield options.row("view.flight.peak", seen.resident, "bytes", "resident memory of the process")
+    yield options.row("view.flight.anonymous", seen.anonymous, "bytes", "the same without pages of files")
+
+
+def main() -> None:
+    folder, memory, begun, cameras, picture = sys.argv[1:]
+    views = [pr.Camera(**one) for one in json.loads(Path(cameras).read_text())]
+    print(json.dumps(show(folder, int(memory), float(begun), views, picture)))
+
+
+if __name__ == "__main__":
+    main()

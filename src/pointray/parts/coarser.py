@@ -1,0 +1,290 @@
+"""A level of detail of a part, step by step: its splats, their supports, its tree. As in a whole model's levels.
+
+A splat that stands for several, of different parts, belongs to the part of the first of them. Others see it in their
+margins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import Points
+from ..model_file import Level
+from ..model_folder import write_level
+from ..neighbors import kd_order
+from ..points.usual import Usual, sample_of
+from ..splats.averages import attribute_averages
+from ..splats.groups import cell_numbers, groups_in_cells
+from ..splats.levels import SUPPORT, Fine, means_of
+from ..splats.support import Support, find_support
+from ..survey import Survey
+from ..tree.build import Splats, bounds_of
+from ..tree.leaves import longest_step
+from ..tree.settings import TreeSettings
+from ..tree.stored import reach_of
+from .arrange import boxes_of
+from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
+from .trees import tree_within
+from .work import Facts
+
+LIMITS, BORDERS, SHEETS = "limits", "borders", "sheets"  # columns
+ATTRIBUTE = "attribute."  # and the number of the attribute
+# Cells around a part's splats that decide about their supports, at least: 80 neighbours lie within 5 cells, and those
+# that are looked for across a gap within 14.
+MARGIN = 16
+LEAST = 1 << 16  # splats that a margin may have, however small the part is
+WIDEST = 4.0  # cells: what no more than a few supports are wider than
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The grid of a level.
+
+    cell : edge of its cells; low : (3,) where it begins
+    """
+
+    cell: float
+    low: list[float]
+
+
+class Whole(NamedTuple):
+    """What the trees of all parts of a level share.
+
+    supports : (6,) float32, bounds of all supports; reference : the radius that steps are powers of two of
+    longest : (parts,) float32, greatest radius of each part
+    """
+
+    supports: Floats
+    reference: float
+    longest: Floats
+
+
+class Written(NamedTuple):
+    """What is written of a part so far: how many levels, and the spacing of the last one, 0 if there is none."""
+
+    levels: int
+    spacing: float
+
+
+class Named(NamedTuple):
+    """What files say of a model besides.
+
+    folder : where they are; id : that all of them name
+    origin : (3,) float64; attributes : names
+    """
+
+    folder: Path
+    id: str
+    origin: NDArray[np.float64]
+    survey: Survey
+    attributes: list[str]
+
+
+def show_part(layer: Layer, part: int) -> Facts:
+    """Write the boxes of a part's tiles; the box around its splats."""
+    positions = layer.read(POSITIONS, layer.own(part))
+    layer.write_boxes(part, positions)
+    return _box_around(positions)
+
+
+def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
+    """Write the splats of a part's next level; how many they are, and the box around them.
+
+    categories : the columns of attributes that have categories
+    """
+    own, (cell, low) = fine.own(part), (grid.cell, np.array(grid.low, np.float32))
+    if own.start == own.stop:
+        return {"size": 0}
+    mine = np.unique(cell_numbers(fine.read(POSITIONS, own), fine.read(NORMALS, own), cell, low))
+
+    def shared(rows: slice) -> NDArray[np.bool_]:
+        return np.isin(cell_numbers(fine.read(POSITIONS, rows), fine.read(NORMALS, rows), cell, low), mine)
+
+    others = fine.near(part, _widened(fine.boxes(part), 1.01 * cell), None, shared)
+    rows = np.sort(np.concatenate([others, np.arange(own.start, own.stop)]))
+    positions, normals = fine.read(POSITIONS, rows), fine.read(NORMALS, rows)
+    groups = groups_in_cells(positions, normals, cell, low)
+    owner = rows[groups.first]
+    groups = groups.pick((owner >= own.start) & (owner < own.stop))
+    found = means_of(
+        groups, Fine(positions, normals, fine.read(RADII, rows), fine.find(COLORS, rows), fine.find(NOISE, rows)), cell
+    )
+    named: dict[str, NDArray[Any]] = {POSITIONS: found.positions, NORMALS: found.normals, LIMITS: found.limits}
+    named |= {name: array for name, array in ((COLORS, found.colors), (NOISE, found.noise)) if array is not None}
+    for name, values in named.items():
+        coarse.write(name, part, values)
+    for name in [name for name in fine.sources if name.startswith(ATTRIBUTE)]:
+        some = {name: fine.read(name, rows)}
+        means = attribute_averages(some, groups.order, groups.starts[:-1], categories=categories)
+        coarse.write(name, part, means[name])
+    coarse.write_boxes(part, found.positions)
+    return {"size": len(found.positions), **_box_around(found.positions)}
+
+
+def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
+    """What is usual in a level, found in a sample."""
+    rows = own = np.concatenate([layer.rows_of(some) for some in sample_of(layer.total)])
+    if len(own) < layer.total:
+        here, reach = layer.read(POSITIONS, own), MARGIN * cell
+        rows = np.union1d(own, layer.near(None, _widened(boxes_of(here), reach), None, _around(layer, here, reach)))
+    known: dict[str, float] = {}
+    _supports(layer, rows, cell, known, own)
+    return known
+
+
+def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) -> Facts:
+    """Write the supports of a part's splats; how wide they are, and how many are of close sheets."""
+    own = layer.own(part)
+    if own.start == own.stop:
+        return {"longest": 0.0, "borders": False, "sheets": 0}
+    here, reach = layer.read(POSITIONS, own), MARGIN * cell
+    while True:
+        others = layer.near(part, _widened(layer.boxes(part), reach), None, _around(layer, here, reach))
+        if len(others) <= max(len(here), LEAST) or reach < cell:
+            break
+        reach /= 2
+    rows = np.sort(np.concatenate([others, np.arange(own.start, own.stop)]))
+    mine = slice(int(np.searchsorted(rows, own.start)), int(np.searchsorted(rows, own.stop)))
+    found = _supports(layer, rows, cell, known)
+    radii = found.radii[mine]
+    borders = np.zeros((len(here), 3), np.float32) if found.borders is None else found.borders[mine]
+    sheets = np.zeros(len(here), np.int8) if found.sheets is None else found.sheets[mine]
+    for name, values in ((RADII, radii), (BORDERS, borders), (SHEETS, sheets)):
+        layer.write(name, part, values)
+    splats = Splats(here, here, radii, np.zeros(0, np.int32), None)
+    said = {"longest": float(radii.max()), "supports": bounds_of(splats).astype(float).tolist()}
+    return {**said, "borders": bool(borders.any()), "sheets": int(sheets.sum())}
+
+
+def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sample: Rows | None = None) -> Support:
+    """The supports of some splats, in the order of their rows. sample : those that tell what is usual, into `known`"""
+    positions = layer.read(POSITIONS, rows)
+    order = kd_order(positions)
+    back = np.empty(len(order), np.int64)
+    back[order] = np.arange(len(order))
+    if (positions == positions[0]).all():  # nothing tells how far apart splats are
+        radii = np.full(len(rows), SUPPORT * cell, np.float32)
+        return Support(radii, None, None, False, None, np.zeros(len(rows), np.bool_))
+    usual = Usual(None, known, is_told=True)
+    if sample is not None:
+        usual = Usual(None if len(sample) == len(rows) else np.flatnonzero(np.isin(rows[order], sample)), known)
+    found = find_support(
+        positions[order],
+        layer.read(NORMALS, rows)[order],
+        None,
+        1.0,
+        borders=True,
+        sheets=True,
+        within=(SUPPORT * cell, layer.read(LIMITS, rows)[order]),
+        usual=usual,
+    )
+    sheets = None if found.sheets is None else found.sheets[back]
+    borders = None if found.borders is None else found.borders[back]
+    return found._replace(radii=found.radii[back], borders=borders, sheets=sheets)
+
+
+def tree_part(
+    layer: Layer,
+    cells: NDArray[np.float64],
+    whole: Whole,
+    settings: TreeSettings,
+    named: Named,
+    written: list[Written | None],
+    part: int,
+) -> Facts:
+    """Write the file of a part's level; what the index says of it, if rays can hit anything there, and how far.
+
+    cells : (parts, 6) the space of each part; written : what there is of each part, None: no more is wanted
+    """
+    before = written[part]
+    rows = None if before is None else _reaching(layer, cells[part], whole, longest_step(settings.samples))
+    if before is None or rows is None or not len(rows):
+        return {"file": None}
+    rows = rows[kd_order(layer.read(POSITIONS, rows))]
+    positions, radii, colors = layer.read(POSITIONS, rows), layer.read(RADII, rows), layer.find(COLORS, rows)
+    noise = layer.find(NOISE, rows)
+    splats = Splats(
+        positions,
+        layer.read(NORMALS, rows),
+        radii,
+        np.arange(len(rows), dtype=np.int32),
+        colors,
+        layer.find(BORDERS, rows),
+        layer.find(SHEETS, rows),
+        None if noise is None else np.minimum(noise, radii),
+    )
+    tree = tree_within(splats, cells[part], (whole.supports, whole.reference), settings)
+    reach = reach_of(tree)
+    used, order = np.unique(tree.order, return_inverse=True)
+    empty = int(used[0] < 0)
+    tree, used = tree._replace(order=(order.ravel() - empty).astype(np.int32)), used[empty:]
+    if reach is None or np.median(radii[used]) < before.spacing:
+        return {"file": None}
+    points = Points.about(
+        named.origin,
+        positions[used],
+        splats.normals[used],
+        None if colors is None else colors[used],
+        {name: layer.read(f"{ATTRIBUTE}{k}", rows[used]) for k, name in enumerate(named.attributes)},
+        named.survey,
+    )
+    level = Level({**settings._asdict(), "smooth": 0.0}, points, radii[used], points.bounds, tree)
+    file = write_level(named.folder, named.id, part, before.levels + 1, level)
+    return {"file": file._asdict(), "reach": reach.tolist()}
+
+
+def _reaching(layer: Layer, cell: NDArray[np.float64], whole: Whole, step: float) -> Rows:
+    """The splats whose supports reach into a box, or to within a sample's step of it."""
+
+    def reach(around: float) -> Rows:
+        def keep(rows: slice) -> NDArray[np.bool_]:
+            positions, wide = layer.read(POSITIONS, rows), layer.read(RADII, rows)[:, None] + np.float32(around)
+            return np.asarray(((positions + wide >= cell[:3]) & (positions - wide <= cell[3:])).all(axis=1))
+
+        return layer.near(None, cell[None].astype(np.float32), whole.longest + np.float32(around), keep)
+
+    rows = reach(0.0)
+    if not len(rows):
+        return rows
+    radii = layer.read(RADII, rows)
+    return reach(step * min(float(radii.max()), WIDEST * float(np.median(radii))))
+
+
+def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], NDArray[np.bool_]]:
+    """Tells which rows lie within some distance of positions, or somewhat farther away."""
+    low = positions.min(axis=0).astype(np.float64) - 2 * reach
+    count = np.floor((positions.max(axis=0) - low) / reach).astype(np.int64) + 3
+
+    def numbers(some: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        at = np.floor((some - low) / reach).astype(np.int64)
+        inside = ((at >= 0) & (at < count)).all(axis=1)
+        return (at[:, 0] * count[1] + at[:, 1]) * count[2] + at[:, 2], inside
+
+    cells = np.unique(numbers(positions)[0])
+    for stride in (1, int(count[2]), int(count[1] * count[2])):
+        cells = np.unique(np.concatenate([cells - stride, cells, cells + stride]))
+
+    def keep(rows: slice) -> NDArray[np.bool_]:
+        found, inside = numbers(layer.read(POSITIONS, rows))
+        return inside & np.isin(found, cells)
+
+    return keep
+
+
+def _widened(boxes: Floats, reach: float) -> Floats:
+    return np.concatenate([boxes[:, :3] - np.float32(reach), boxes[:, 3:] + np.float32(reach)], axis=1)
+
+
+def _box_around(positions: Floats) -> Facts:
+    if not len(positions):
+        return {}
+    return {"low": positions.min(axis=0).astype(float).tolist(), "high": positions.max(axis=0).astype(float).tolist()}

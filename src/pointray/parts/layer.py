@@ -1,0 +1,191 @@
+"""One level of detail of all parts: splats in columns, those of a part side by side, and in the order of all parts.
+
+Each splat is of one part, and lies beside others of other parts: `near` finds them without reading all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrange import CHUNK, TILE, boxes_of
+from .columns import Column, Columns
+from .local import touched
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+Source = str | NDArray[Any]  # the name of a column, or an array
+
+POSITIONS, NORMALS, RADII, NOISE, COLORS = "positions", "normals", "radii", "noise", "colors"
+BOXES = "boxes"  # of tiles
+FOUR = 4  # splats of a block, which share their noise
+
+
+class Layer:
+    """A level of detail of a model in parts.
+
+    Parameters
+    ----------
+    number : int
+        0 is the model itself.
+    columns : Columns
+    room : (parts,) int64
+        Rows that each part has in the columns.
+    sizes : (parts,) int64
+        How many of them, from the first one on, are splats.
+    sources : dict of str to str or array
+        Where what is known of the splats is kept.
+    """
+
+    def __init__(
+        self, number: int, columns: Columns, room: Rows, sizes: Rows, sources: dict[str, Source] | None = None
+    ) -> None:
+        self.number, self.columns, self.room, self.sizes = number, columns, room, sizes
+        self.sources: dict[str, Source] = sources or {}
+        self._open: dict[str, Column] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The state without open files."""
+        return {**self.__dict__, "_open": {}}
+
+    @property
+    def total(self) -> int:
+        """Splats of all parts."""
+        return int(self.sizes.sum())
+
+    def own(self, part: int) -> slice:
+        """The rows of a part."""
+        first = int(self.room[:part].sum())
+        return slice(first, first + int(self.sizes[part]))
+
+    def rows_of(self, numbers: slice) -> Rows:
+        """The rows of a stretch of all splats, counted without the room that is left."""
+        ends = np.cumsum(self.sizes)
+        places = np.arange(numbers.start, min(numbers.stop, int(ends[-1])))
+        part = np.searchsorted(ends, places, side="right")
+        return np.asarray(places - (ends - self.sizes)[part] + (np.cumsum(self.room) - self.room)[part])
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.sources
+
+    def column(self, name: str) -> Column | NDArray[Any]:
+        """All rows of what is known."""
+        source = self.sources[name]
+        return self._opened(source) if isinstance(source, str) else source
+
+    def _opened(self, name: str) -> Column:
+        if name not in self._open:
+            self._open[name] = self.columns[name]
+        return self._open[name]
+
+    def read(self, name: str, rows: slice | Rows) -> NDArray[Any]:
+        """Some rows of what is known; of the model itself, four splats side by side have the same noise."""
+        column = self.column(name)
+        if name != NOISE or self.number:
+            return np.asarray(column[rows])
+        numbers = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else rows
+        block = numbers // FOUR * FOUR
+        return np.max([column[np.minimum(block + k, len(column) - 1)] for k in range(FOUR)], axis=0)
+
+    def find(self, name: str, rows: slice | Rows) -> NDArray[Any] | None:
+        """`read`, or None if nothing is known."""
+        return self.read(name, rows) if name in self else None
+
+    def chunks(self, name: str) -> Iterator[NDArray[Any]]:
+        """All that is known, part after part."""
+        column = self.column(name)
+        for part in range(len(self.sizes)):
+            own = self.own(part)
+            for start in range(own.start, own.stop, CHUNK):
+                yield np.asarray(column[start : min(start + CHUNK, own.stop)])
+
+    def make(self, name: str, dtype: Any, width: int = 0) -> None:
+        """Make a column for all rows, unless there is one."""
+        self._make(name, dtype, width, int(self.room.sum()))
+        self.sources[name] = self._name(name)
+
+    def make_boxes(self) -> None:
+        """Make the column that `write_boxes` writes to."""
+        self._make(BOXES, np.float32, 6, int(_tiles(self.room).sum()))
+
+    def _make(self, name: str, dtype: Any, width: int, rows: int) -> None:
+        if self._name(name) not in self.columns:
+            self.columns.make(self._name(name), dtype, width, rows)
+
+    def _name(self, name: str) -> str:
+        return f"level.{self.number}.{name}"
+
+    def write(self, name: str, part: int, values: NDArray[Any]) -> None:
+        """Write what is found of the splats of a part."""
+        self._opened(self._name(name)).write(self.own(part).start, values)
+
+    def drop(self) -> None:
+        """Remove all columns of this level."""
+        for name in self.columns.names:
+            if name.startswith(self._name("")):
+                self.columns.drop(name)
+
+    def write_boxes(self, part: int, positions: Floats) -> None:
+        """Write the boxes around the tiles of a part."""
+        if len(positions):
+            first = int(_tiles(self.room[:part]).sum())
+            self._opened(self._name(BOXES)).write(first, boxes_of(positions))
+
+    def near(
+        self,
+        part: int | None,
+        boxes: Floats,
+        wide: Floats | None,
+        keep: Callable[[slice], NDArray[np.bool_]],
+    ) -> Rows:
+        """Rows around some boxes, ascending.
+
+        Parameters
+        ----------
+        part : int, optional
+            Rows of this part are left out.
+        boxes : (m, 6) float32
+            Only tiles that meet one of these are looked at.
+        wide : (parts,) float32, optional
+            How much larger the tiles of each part count.
+        keep : callable
+            Which of some rows are wanted.
+        """
+        found = [np.zeros(0, np.int64)]
+        for rows in self._touched(part, boxes, wide):
+            for start in range(rows.start, rows.stop, CHUNK):
+                some = slice(start, min(start + CHUNK, rows.stop))
+                found.append(some.start + np.flatnonzero(keep(some)))
+        return np.concatenate(found)
+
+    def boxes(self, part: int) -> Floats:
+        """The boxes of a part's tiles, (n, 6)."""
+        first = int(_tiles(self.room[:part]).sum())
+        return np.asarray(self._opened(self._name(BOXES))[first : first + int(_tiles(self.sizes[part]))])
+
+    def _touched(self, part: int | None, boxes: Floats, wide: Floats | None) -> Iterator[slice]:
+        """The rows of all tiles that meet some boxes, in long stretches."""
+        counts = _tiles(self.sizes)
+        owner = np.repeat(np.arange(len(counts)), counts)
+        number = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]  # of each tile in its part
+        firsts, ends = np.cumsum(self.room) - self.room, np.cumsum(self.room) - self.room + self.sizes
+        tiles = self._opened(self._name(BOXES))[:][(np.cumsum(_tiles(self.room)) - _tiles(self.room))[owner] + number]
+        if wide is not None:
+            tiles = tiles + wide[owner, None] * np.array([-1, -1, -1, 1, 1, 1], np.float32)
+        low, high = boxes[:, :3], boxes[:, 3:]
+        others = np.ones(len(owner), np.bool_) if part is None else owner != part
+        near = np.flatnonzero(touched(tiles, low.min(axis=0)[None], high.max(axis=0)[None]) & others)
+        near = near[touched(tiles[near], low, high)]
+        ends_here = (np.diff(near) > 1) | (np.diff(owner[near]) > 0)
+        for run in np.split(near, np.flatnonzero(ends_here) + 1):
+            if len(run):
+                place = firsts[owner[run[0]]] + number[run] * TILE
+                yield slice(int(place[0]), int(min(place[-1] + TILE, ends[owner[run[0]]])))
+
+
+def _tiles(rows: Any) -> Any:
+    """How many tiles so many rows are."""
+    return -(-rows // TILE)

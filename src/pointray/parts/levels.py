@@ -1,0 +1,192 @@
+"""Levels of detail of all parts: those of the whole, each part with its own splats and a margin of its neighbours'.
+
+Level by level, each for all parts before the next one. So a cell of the grid that a cut goes through gives one splat,
+of all points in it, and the trees on both sides of the cut hold it. What is found stays in columns until the next level
+is done.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import COARSER, LEVEL_SAMPLES
+from ..model_folder import LevelFile, PartFile
+from ..splats.averages import have_categories
+from ..splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
+from ..tree.settings import check_settings
+from .coarser import (
+    ATTRIBUTE,
+    BORDERS,
+    LIMITS,
+    SHEETS,
+    Grid,
+    Named,
+    Whole,
+    Written,
+    coarsen_part,
+    show_part,
+    support_part,
+    survey_supports,
+    tree_part,
+)
+from .columns import Columns
+from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
+from .trees import nth_least
+from .work import Facts, Work
+
+SHOWN = 0.05  # share of the time after which the boxes of the finest splats are known
+COARSENED, SUPPORTED = 0.3, 0.6  # shares of a level's time
+
+Span = tuple[float, float]
+
+
+def write_levels(
+    work: Work, whole: Layer, named: Named, cells: NDArray[np.float64], parts: list[PartFile], span: Span
+) -> list[PartFile]:
+    """Write levels of detail until no part has LEAST_POINTS splats in one; what the index says of the parts then.
+
+    Parameters
+    ----------
+    whole : Layer
+        The model itself.
+    cells : (parts, 6) float64
+        The space of each part.
+    parts : list of PartFile
+        What it says of them without levels.
+    """
+    columns, fine = work.columns, whole
+    span = span[0] + SHOWN * (span[1] - span[0]), span[1]
+    whole.make_boxes()
+    facts = work.each("level-0", partial(show_part, whole), (span[0], span[0]))
+    cell, last = _median_of(whole, columns), whole.sizes
+    files: list[list[LevelFile]] = [[] for _ in parts]
+    reaches = [[part.reach] for part in parts]
+    while True:
+        number, cell = fine.number + 1, COARSER * cell
+        middle = span[0] + (1 - COARSER**-2) * (span[1] - span[0])
+        coarse = Layer(number, columns, fine.sizes, fine.sizes)
+        if not _is_done(columns, number + 1):
+            _make_room(fine, coarse)
+        grid = Grid(cell, np.min([fact["low"] for fact in facts if "low" in fact], axis=0).tolist())
+        facts = _coarsened(work, fine, coarse, grid, named.attributes, (span[0], middle))
+        coarse.sizes = np.array([fact["size"] for fact in facts], np.int64)
+        large = coarse.sizes >= LEAST_POINTS
+        if not large.any():
+            break
+        wanted = large & (coarse.sizes * LEAST_GAIN <= last)
+        written = [
+            Written(len(some), some[-1].spacing if some else 0.0) if wanted[part] else None
+            for part, some in enumerate(files)
+        ]
+        for part, fact in enumerate(_shaped(work, coarse, cell, named, cells, written, (span[0], middle))):
+            if fact["file"] is not None:
+                files[part].append(LevelFile(**fact["file"]))
+                reaches[part].append(fact["reach"])
+        columns.put(f"level-{number}", {})
+        fine.drop()
+        last = np.where(wanted, coarse.sizes, last)
+        fine, span = coarse, (middle, span[1])
+    for layer in (fine, coarse):
+        layer.drop()
+    return [
+        part._replace(levels=some, reach=reach)
+        for part, some, reach in zip(parts, files, _widened(reaches), strict=True)
+    ]
+
+
+def _coarsened(work: Work, fine: Layer, coarse: Layer, grid: Grid, names: list[str], span: Span) -> list[Facts]:
+    """Write the splats of a level, see `coarsen_part`."""
+    name = f"level-{coarse.number}-categories"
+    known = work.columns.get(name)
+    if known is None:
+        keys = [f"{ATTRIBUTE}{k}" for k in range(len(names))]
+        found = [key for key, name in zip(keys, names, strict=True) if have_categories(name, fine.chunks(key))]
+        known = {"names": found}
+        work.columns.put(name, known)
+    do = partial(coarsen_part, fine, coarse, grid, known["names"])
+    return work.each(f"level-{coarse.number}-points", do, (span[0], span[0] + COARSENED * (span[1] - span[0])))
+
+
+def _shaped(
+    work: Work,
+    layer: Layer,
+    cell: float,
+    named: Named,
+    cells: NDArray[np.float64],
+    written: list[Written | None],
+    span: Span,
+) -> list[Facts]:
+    """Find the supports of a level, and write its files, see `tree_part`."""
+    columns, stage = work.columns, f"level-{layer.number}"
+    first, second = (span[0] + share * (span[1] - span[0]) for share in (COARSENED, SUPPORTED))
+    known = columns.get(f"{stage}-usual")
+    if known is None:
+        known = survey_supports(layer, cell)
+        columns.put(f"{stage}-usual", known)
+    supports = work.each(f"{stage}-support", partial(support_part, layer, cell, known), (first, second))
+    if not any(fact["borders"] for fact in supports):
+        layer.sources.pop(BORDERS, None)
+    if sum(fact["sheets"] for fact in supports) < THIN * layer.total:
+        layer.sources.pop(SHEETS, None)
+    steps = columns.get(f"{stage}-steps")
+    if steps is None:
+        steps = {"reference": nth_least(lambda: layer.chunks(RADII), layer.total // 50)}
+        columns.put(f"{stage}-steps", steps)
+    boxes = np.array([fact["supports"] for fact in supports if "supports" in fact], np.float32)
+    box = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+    whole = Whole(box, steps["reference"], np.array([fact["longest"] for fact in supports], np.float32))
+    settings = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
+    return work.each(
+        f"{stage}-tree", partial(tree_part, layer, cells, whole, settings, named, written), (second, span[1])
+    )
+
+
+def _make_room(fine: Layer, coarse: Layer) -> None:
+    """Make the columns of a level."""
+    coarse.make_boxes()
+    for name in (NORMALS, POSITIONS, BORDERS):
+        coarse.make(name, np.float32, 3)
+    for name in (LIMITS, RADII):
+        coarse.make(name, np.float32)
+    coarse.make(SHEETS, np.int8)
+    for name in fine.sources:
+        if name in (COLORS, NOISE) or name.startswith(ATTRIBUTE):
+            column = fine.column(name)
+            coarse.make(name, column.dtype, column.shape[1] if len(column.shape) > 1 else 0)
+
+
+def _is_done(columns: Columns, number: int) -> bool:
+    """Whether a level is done for all parts: what it was made of is gone."""
+    return columns.get(f"level-{number}") is not None
+
+
+def _median_of(layer: Layer, columns: Columns) -> float:
+    """The median of all radii, as NumPy has it."""
+    known = columns.get("level-0-median")
+    if known is None:
+        places = {(layer.total - 1) // 2, layer.total // 2}
+        middles = [nth_least(lambda: layer.chunks(RADII), place) for place in places]
+        known = {"radius": float(np.mean(np.array(middles, np.float32)))}
+        columns.put("level-0-median", known)
+    return float(known["radius"])
+
+
+def _widened(reaches: list[list[Any]]) -> list[Any]:
+    """What rays can hit of each part in any level, no farther away than what they can hit of the finest of any part."""
+    finest = np.array([boxes[0] for boxes in reaches if boxes[0] is not None])
+    if not len(finest):
+        return [None] * len(reaches)
+    low, high = finest[:, 0].min(axis=0), finest[:, 1].max(axis=0)
+    return [
+        None
+        if boxes[0] is None
+        else [
+            np.maximum(np.min([box[0] for box in boxes], axis=0), low).tolist(),
+            np.minimum(np.max([box[1] for box in boxes], axis=0), high).tolist(),
+        ]
+        for boxes in reaches
+    ]

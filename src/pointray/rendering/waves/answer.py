@@ -1,0 +1,95 @@
+"""What rays of pictures meet, with all that shading reads of models there: asked of those who hold the models."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+
+from ...jit import Array, borrow, keep_alive, kernel, next_tile, run
+from ...kernels.records import World
+from ...kernels.scratch import (
+    COLOR,
+    INSTANCE_OF,
+    NEAREST,
+    NORMAL,
+    SHADING_MARGIN,
+    TILE,
+    load3,
+    new_scratch,
+)
+from ...kernels.vec import load3_flat
+from ...shade.shading_points import store_shading_points
+from ...trace.cast import PLAIN, Pace
+from ...trace.hits import describe_tile
+from ...trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
+
+BATCH = 1024  # rays that a thread takes at a time
+
+Rays: TypeAlias = tuple[Array, Array, Array, Array]  # origins, directions, ends, sides: float64, flat
+
+
+@kernel
+def _answer(work: Array, world: World, rays: Rays, any_hit: bool, instances: Array, facts: Array) -> int:
+    """What rays meet. any_hit : whether it only matters that they do; instances : (n,) int32, -1 where they do not
+
+    facts : (n * 8,) float64, t, normal, color and the margin of `shading_points`, of those that do
+    """
+    origins, directions, ends, sides = borrow(rays[0]), borrow(rays[1]), borrow(rays[2]), borrow(rays[3])
+    memory = new_scratch(world.longest)
+    scratch, world = borrow(memory), borrow(world)
+    batch = next_tile(work)
+    while batch >= 0:
+        for first in range(batch * BATCH, min((batch + 1) * BATCH, ends.size), TILE):
+            for k in range(TILE):
+                i = first + k
+                if i < ends.size:
+                    ray = load3_flat(origins, 3 * i), load3_flat(directions, 3 * i), 0.0, ends[i]
+                    set_ray_from(scratch, k, ray, sides[i])
+                else:
+                    set_ray(scratch, k, NO_RAY)
+            if any_hit:
+                occlude_tile(world, scratch)
+            else:
+                trace_tile(world, scratch)
+                describe_tile(world, True, scratch)
+                store_shading_points(world, scratch)
+            for k in range(min(TILE, ends.size - first)):
+                i = first + k
+                if any_hit:
+                    instances[i] = 0 if is_blocked(scratch, k) else -1
+                    continue
+                instances[i] = scratch.numbers[INSTANCE_OF + k]
+                if instances[i] >= 0:
+                    normal, color = load3(scratch.world, NORMAL + k), load3(scratch.world, COLOR + k)
+                    facts[8 * i] = scratch.world[NEAREST + k]
+                    facts[8 * i + 7] = scratch.shading_points[SHADING_MARGIN + k]
+                    for c in range(3):
+                        facts[8 * i + 1 + c], facts[8 * i + 4 + c] = normal[c], color[c]
+        batch = next_tile(work)
+    keep_alive(memory)
+    return 0
+
+
+def answer(world: World, rays: Array, any_hit: bool, pace: Pace = PLAIN) -> tuple[Array, Array]:
+    """What rays meet.
+
+    Parameters
+    ----------
+    rays : (n, 8) float64
+        Origin, unit direction, end, side.
+    any_hit : bool
+        Whether it only matters that they meet something.
+
+    Returns
+    -------
+    instances : (n,) int32
+        The row of what is met, 0 where only that matters; -1: nothing.
+    facts : (n, 8) float64
+        t, normal, colour, margin; without meaning where nothing is met, and where that does not matter.
+    """
+    n = len(rays)
+    instances, facts = np.full(n, -1, np.int32), np.empty((0 if any_hit else n, 8))
+    columns = tuple(np.ascontiguousarray(rays[:, part]).reshape(-1) for part in (slice(3), slice(3, 6), 6, 7))
+    run(_answer, -(-n // BATCH), world, columns, any_hit, instances, facts.reshape(-1), **pace._asdict())
+    return instances, facts

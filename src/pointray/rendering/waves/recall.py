@@ -1,0 +1,320 @@
+"""The kernels of pictures without models: what rays meet is recalled from answers that others gave.
+
+A sample of a tile runs from its start in each wave, with all answers so far. It asks what is not answered yet, one tile
+of rays, and ends there: from then on its rays meet nothing, and what comes of them is not kept. After the last wave
+nothing is left to ask, and the sample is what it would be with the models at hand, by the same code with the same
+numbers.
+
+That code is not repeated here. `exchanged` makes copies of the functions of the other kernels, in which those that
+trace rays are exchanged.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Callable, Sequence
+from types import FunctionType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...jit import Array, borrow, i64, inline, kernel, routine, uncompiled
+from ...kernels.records import World
+from ...kernels.scratch import (
+    COLOR,
+    DIRECTION,
+    INSTANCE_OF,
+    LEAF_OF,
+    LOCAL,
+    NEAREST,
+    NORMAL,
+    ORIGIN,
+    SHADING_MARGIN,
+    SIDE_OF,
+    T_MIN,
+    TILE,
+    Scratch,
+    load3,
+    store3,
+)
+from ...kernels.vec import load3_flat
+from ...shade.shading_points import store_shading_points
+from ...trace.hits import describe_tile
+from ...trace.instance import through_instance
+from ...trace.instance_bvh import begin_walk
+from ...trace.world import occlude_tile, trace_tile
+from ..film import EDGE, Corner, set_pixel_rays
+from ..integrate import BLOCK_EDGE, Pass, quick_frame, sampled_frame
+
+# A ray that is asked for, RAY float64: it begins at 0, as all rays of pictures do.
+RAY = 8
+RAY_ORIGIN, RAY_DIRECTION, RAY_END, RAY_SIDE = 0, 3, 6, 7  # side: see `scratch.SIDE_OF`
+# What is told of a hit, FACTS float64; margin: see `scratch.SHADING_MARGIN`.
+FACTS = 9
+FACT_INSTANCE, FACT_T, FACT_NORMAL, FACT_COLOR, FACT_MARGIN = 0, 1, 2, 5, 8
+MISS = -1
+
+# Numbers of a thread's sample, in `scratch.stack`: a walk through models needs it, and here is none.
+COLUMN, ROW, SAMPLE = 0, 1, 2  # the first pixel of its tile; its number
+TURN = 3  # how many questions it has asked since its start
+SILENT = 4  # 1: it has no answers any more
+
+
+class Recall(NamedTuple):
+    """Answers, and questions. The samples of a piece of a picture are counted block by block, tile by tile.
+
+    Attributes
+    ----------
+    first_block, across : int
+        Number of the piece's first block; blocks in a row of the picture.
+    first, samples : int
+        Number of the first sample, and how many there are, of each tile.
+    units : int
+        Samples of all tiles.
+    turns : int
+        How many questions have been answered, of those who asked so many.
+    last : bool
+        Whether nobody has anything to ask.
+    begins : (turns * units,) int64
+        Where the answers to each question begin; -1: it was not asked.
+    found : (n,) int64
+        The row of a hit's facts; MISS. For a ray that may be blocked, whether it is: 0 or MISS.
+    facts : (m * FACTS,) float64
+    counts : (units,) int32
+        What samples ask now: how many rays.
+    kinds : (units,) uint8
+        1: whether they are blocked; 0: what they meet.
+    rays : (units * TILE * RAY,) float64
+        Those of a sample begin at TILE times its number.
+    """
+
+    first_block: int
+    across: int
+    first: int
+    samples: int
+    units: int
+    turns: int
+    last: bool
+    begins: Array
+    found: Array
+    facts: Array
+    counts: Array
+    kinds: Array
+    rays: Array
+
+
+# A `World` with answers: the exchanged functions take it, as it has the same fields.
+RecalledWorld: Any = namedtuple("RecalledWorld", [*World._fields, "recall"])  # type: ignore[misc]  # noqa: PYI024
+
+
+def exchanged(functions: Sequence[Any], others: dict[Any, Any]) -> list[Any]:
+    """Pieces of kernels that are copied, with all that they call, where other pieces are called instead of some.
+
+    others : by the pieces that are exchanged; what calls none of them is not copied
+    """
+    made: dict[Any, Any] = dict(others)
+
+    def copy(piece: Any) -> Any:
+        if piece not in made:
+            plain = uncompiled(piece)
+            names = {name: plain.__globals__.get(name) for name in plain.__code__.co_names}
+            calls = {name: copy(value) for name, value in names.items() if hasattr(value, "py_func")}
+            changed = any(calls[name] is not names[name] for name in calls)
+            decorate = inline if piece.targetoptions.get("forceinline", True) else routine
+            made[piece] = decorate(_with_globals(plain, calls)) if changed else piece
+        return made[piece]
+
+    return [copy(function) for function in functions]
+
+
+def _with_globals(function: Callable[..., Any], others: dict[str, Any]) -> Callable[..., Any]:
+    """A copy of a function that sees other things by some global names."""
+    assert isinstance(function, FunctionType)
+    twin = FunctionType(
+        function.__code__,
+        {**function.__globals__, **others},
+        function.__name__,
+        function.__defaults__,
+        function.__closure__,
+    )
+    twin.__qualname__ = function.__qualname__
+    return twin
+
+
+@inline
+def _no_walk(world: Any, scratch: Scratch) -> int:
+    """There is nothing but planes."""
+    return 0
+
+
+@inline
+def _no_instance(world: Any, offset: int, rays: int, any_hit: bool, scratch: Scratch) -> None:
+    """Nothing is in an instance."""
+
+
+_trace_planes, _occlude_planes = exchanged(
+    (trace_tile, occlude_tile), {begin_walk: _no_walk, through_instance: _no_instance}
+)
+
+
+@inline
+def _unit_of(recall: Recall, stack: Array) -> int:
+    """The number of a thread's sample among those of the piece."""
+    block = stack[ROW] // BLOCK_EDGE * recall.across + stack[COLUMN] // BLOCK_EDGE - recall.first_block
+    tile = stack[ROW] // EDGE % 2 * 2 + stack[COLUMN] // EDGE % 2
+    return i64(block * 4 + tile) * recall.samples + stack[SAMPLE] - recall.first
+
+
+@inline
+def _is_open(scratch: Scratch, i: int) -> bool:
+    """Whether models may be in the way of ray i, after planes."""
+    return scratch.world[T_MIN + i] <= scratch.world[NEAREST + i]
+
+
+@inline
+def _begin_sample(
+    camera: Array, size: tuple[int, int], corner: Corner, sample: int, drawn: tuple[int, int], scratch: Scratch
+) -> None:
+    """In place of `set_pixel_rays`: takes note of which sample begins."""
+    stack = scratch.stack
+    stack[COLUMN], stack[ROW], stack[SAMPLE], stack[TURN], stack[SILENT] = corner[0], corner[1], sample, 0, 0
+    set_pixel_rays(camera, size, corner, sample, drawn, scratch)
+
+
+@routine
+def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
+    """Recall what the tile's rays meet, after planes; else ask."""
+    scratch, world = borrow(scratch), borrow(world)
+    recall, stack = world.recall, scratch.stack
+    asked = 0
+    for i in range(TILE):
+        scratch.world[LOCAL + i] = 0.0  # the margin of what is met
+        asked += 1 if _is_open(scratch, i) else 0
+    unit, turn = _unit_of(recall, stack), i64(stack[TURN])
+    if recall.turns > 0 and not recall.last and recall.begins[(recall.turns - 1) * recall.units + unit] < 0:
+        stack[SILENT] = 1  # it had nothing more to ask in the wave before
+    if asked > 0 and stack[SILENT] == 0:
+        stack[TURN] += 1
+        begin = recall.begins[turn * recall.units + unit] if turn < recall.turns else i64(-1)
+        if begin >= 0:
+            _take(recall, begin, any_hit, scratch)
+            return
+        _ask(recall, unit, asked, any_hit, scratch)
+        stack[SILENT] = 1
+    if stack[SILENT] != 0:
+        for i in range(TILE):
+            scratch.numbers[INSTANCE_OF + i] = -1
+
+
+@inline
+def _take(recall: Recall, begin: int, any_hit: bool, scratch: Scratch) -> None:
+    """Take the answers to a tile's question."""
+    wide, numbers = scratch.world, scratch.numbers
+    k = begin
+    for i in range(TILE):
+        if not _is_open(scratch, i):
+            continue
+        row = recall.found[k]
+        k += 1
+        if row < 0:
+            continue
+        numbers[LEAF_OF + i] = -1
+        if any_hit:
+            numbers[INSTANCE_OF + i] = 0
+            continue
+        at = row * FACTS
+        numbers[INSTANCE_OF + i] = i64(recall.facts[at + FACT_INSTANCE])
+        wide[NEAREST + i] = recall.facts[at + FACT_T]
+        store3(wide, NORMAL + i, load3_flat(recall.facts, at + FACT_NORMAL))
+        store3(wide, COLOR + i, load3_flat(recall.facts, at + FACT_COLOR))
+        wide[LOCAL + i] = recall.facts[at + FACT_MARGIN]
+
+
+@inline
+def _ask(recall: Recall, unit: int, asked: int, any_hit: bool, scratch: Scratch) -> None:
+    """Write down the tile's rays as the question of a sample."""
+    recall.counts[unit] = asked
+    recall.kinds[unit] = 1 if any_hit else 0
+    at = unit * TILE * RAY
+    for i in range(TILE):
+        if _is_open(scratch, i):
+            o, d = load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)
+            for c in range(3):
+                recall.rays[at + RAY_ORIGIN + c] = o[c]
+                recall.rays[at + RAY_DIRECTION + c] = d[c]
+            recall.rays[at + RAY_END] = scratch.world[NEAREST + i]
+            recall.rays[at + RAY_SIDE] = scratch.world[SIDE_OF + i]
+            at += RAY
+
+
+@inline
+def _recall_closest(world: Any, scratch: Scratch) -> None:
+    """In place of `trace_tile`."""
+    _trace_planes(world, scratch)
+    _recall_tile(world, False, scratch)
+
+
+@inline
+def _recall_occlusion(world: Any, scratch: Scratch) -> None:
+    """In place of `occlude_tile`."""
+    _occlude_planes(world, scratch)
+    _recall_tile(world, True, scratch)
+
+
+@inline
+def _recalled_colors(world: Any, seen_only: bool, scratch: Scratch) -> None:
+    """In place of `describe_tile`: colours came with the hits."""
+
+
+@inline
+def _store_with_margins(world: Any, scratch: Scratch) -> None:
+    """In place of `store_shading_points`: margins came with the hits."""
+    store_shading_points(world, scratch)
+    for i in range(TILE):
+        scratch.shading_points[SHADING_MARGIN + i] = scratch.world[LOCAL + i]
+
+
+_RECALLED = {
+    set_pixel_rays: _begin_sample,
+    trace_tile: _recall_closest,
+    occlude_tile: _recall_occlusion,
+    describe_tile: _recalled_colors,
+    store_shading_points: _store_with_margins,
+}
+_quick, _sampled = exchanged((quick_frame, sampled_frame), _RECALLED)
+
+
+@kernel
+def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
+    """`quick_frame` for a `RecalledWorld`."""
+    return _quick(work, world, camera, job, film, image)
+
+
+@kernel
+def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
+    """`sampled_frame` for a `RecalledWorld`."""
+    return _sampled(work, world, camera, job, film, image)
+
+
+def recalled_for(frame: Any) -> Any:
+    """The kernel in place of one of `integrate`."""
+    return {quick_frame: recalled_quick, sampled_frame: recalled_sampled}[frame]
+
+
+def nothing_asked(units: int, first_block: int, across: int, samples: tuple[int, int]) -> Recall:
+    """Before the first wave. samples : number of the first one, and of the one after the last"""
+    return Recall(
+        first_block,
+        across,
+        samples[0],
+        samples[1] - samples[0],
+        units,
+        0,
+        False,
+        np.zeros(0, np.int64),
+        np.zeros(0, np.int64),
+        np.zeros(0),
+        np.zeros(units, np.int32),
+        np.zeros(units, np.uint8),
+        np.empty(units * TILE * RAY),
+    )

@@ -1,0 +1,66 @@
+"""Which rays meet the boxes of what somebody holds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...jit import Array, borrow, kernel, next_tile, run
+from ...kernels.vec import load3_flat
+
+BATCH = 4096  # rays that a thread takes at a time
+PAD = 1e-5  # share of the size of all boxes together: they are grown by it, more than `tree/instance_bvh.py` does
+
+
+@kernel
+def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) -> int:
+    """out[ray, owner] = 1 where a ray enters one of an owner's boxes before it ends.
+
+    rays : (n, 8) float64, see `answer`; boxes : (m, 6) float64, lo x y z, hi x y z; owners : (m,) int64
+    """
+    rays, boxes, owners, out = borrow(rays), borrow(boxes), borrow(owners), borrow(out)
+    batch = next_tile(work)
+    while batch >= 0:
+        for i in range(batch * BATCH, min((batch + 1) * BATCH, len(rays))):
+            ray = rays[i]
+            o = load3_flat(ray, 0)
+            # No axis is parallel: 0 times inf would be NaN.
+            inverse = (
+                1.0 / (ray[3] if abs(ray[3]) > 1e-300 else 1e-300),
+                1.0 / (ray[4] if abs(ray[4]) > 1e-300 else 1e-300),
+                1.0 / (ray[5] if abs(ray[5]) > 1e-300 else 1e-300),
+            )
+            for b in range(len(boxes)):
+                owner = owners[b]
+                if out[i, owner] != 0:
+                    continue
+                near, far = 0.0, ray[6]
+                for c in range(3):
+                    low, high = (boxes[b, c] - o[c]) * inverse[c], (boxes[b, 3 + c] - o[c]) * inverse[c]
+                    near, far = max(near, min(low, high)), min(far, max(low, high))
+                if near <= far:
+                    out[i, owner] = 1
+        batch = next_tile(work)
+    return 0
+
+
+def route(
+    rays: NDArray[np.float64], boxes: NDArray[np.float64], owners: NDArray[np.int64], count: int, threads: int | None
+) -> NDArray[np.bool_]:
+    """Which owners hold boxes that rays meet, (n, count) bool.
+
+    Parameters
+    ----------
+    rays : (n, 8) float64
+        See `answer.answer`.
+    boxes : (m, 6) float64
+    owners : (m,) int64
+        Who holds what is in each box.
+    """
+    out = np.zeros((len(rays), count), np.uint8)
+    if len(boxes) and len(rays):
+        low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+        pad = PAD * float(np.abs(high - low).max() + np.abs(low + high).max() * 1e-6)
+        grown = np.concatenate([boxes[:, :3] - pad, boxes[:, 3:] + pad], axis=1)
+        run(_route, -(-len(rays) // BATCH), rays, grown, owners, out, threads=threads)
+    return out.view(np.bool_)

@@ -1,0 +1,28 @@
+"""Whether models are spread over the workers of a cluster."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import check_flag
+from ...cluster.client import is_spread_preferred
+from ..settings import Settings
+
+NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)  # the rows of instances that the process holds that asks
+WITHOUT = "baked", "cost"  # integrators that need the models at hand
+
+
+def check_spread(spread: bool | None, client: Any, settings: Settings) -> bool | None:
+    """Whether models are spread over workers; None: as they fit. ValueError if they cannot be."""
+    if spread is None and not is_spread_preferred(client):
+        return False if settings.integrator in WITHOUT else None
+    spread = True if spread is None else spread
+    check_flag(spread, "spread")
+    if spread and client is None:
+        raise ValueError("spread: it takes a client of Dask, whose workers hold the models")
+    if spread and settings.integrator in WITHOUT:
+        raise ValueError(f"spread: the integrator {settings.integrator!r} needs all models in one process")
+    return spread

@@ -1,0 +1,192 @@
+"""What is open of a model in parts: opened when it is first needed, within a budget of memory, and let go again.
+
+The least recently used parts and levels of detail go first. What a picture still reads stays as long as it is read:
+only its pages are given back to the system, which fetches them from the file again where they are touched.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from .array_file import drop_pages
+from .kernels.tree import Tree
+from .memory import available_memory
+from .model_file import Level
+from .model_folder import Index, LevelFile, PartFile, read_level, read_part
+
+SHARE = 0.5  # of the memory that is available when a model is loaded: its budget, if none is given
+UNKNOWN = 1 << 32  # bytes: the budget where that memory is unknown
+MOST_OPEN = 400  # files: each that is mapped takes one of the descriptors of the process, often 1,024
+
+T = TypeVar("T")
+
+
+class Key(NamedTuple):
+    """A file. level : 0 is all points of the part, 1 its finest level of detail"""
+
+    part: int
+    level: int
+
+
+class Opened(NamedTuple, Generic[T]):
+    """What is open. tree : the mapped arrays; nbytes : of the file"""
+
+    thing: T
+    tree: Tree
+    nbytes: int
+
+
+class Residence(Generic[T]):
+    """The parts of a model and their levels of detail, on disk and in memory. Threads may use it at once.
+
+    Parameters
+    ----------
+    folder : Path
+    index : Index
+    whole : Level
+        The whole, with all points and without splats.
+    make : callable
+        Makes of what a file holds what `open` returns.
+    budget : int, optional
+        Bytes of files that are open at once. None: half of the memory that is available now.
+
+    Attributes
+    ----------
+    budget : int
+    """
+
+    def __init__(
+        self, folder: Path, index: Index, whole: Level, make: Callable[[Level], T], budget: int | None = None
+    ) -> None:
+        self._folder, self._index, self._whole, self._make = folder, index, whole, make
+        if budget is None:
+            free = available_memory()
+            budget = UNKNOWN if free is None else int(SHARE * free)
+        self.budget = budget
+        self._open: OrderedDict[Key, Opened[T]] = OrderedDict()  # the least recently used first
+        self._sound: dict[Key, tuple[int, ...]] = {}  # files that were found sound, as they were then
+        self._lock = threading.Lock()  # guards all of these
+        self._reading: dict[Key, threading.Lock] = {}
+
+    def file(self, key: Key) -> PartFile | LevelFile:
+        """What the index says of a file."""
+        part = self._index.parts[key.part]
+        return part.levels[key.level - 1] if key.level else part
+
+    def find(self, key: Key) -> T | None:
+        """What a file holds if it is open, which counts as use; else None."""
+        with self._lock:
+            found = self._open.get(key)
+            if found is None:
+                return None
+            self._open.move_to_end(key)
+            return found.thing
+
+    def open(self, key: Key) -> T:
+        """What a file holds; it is opened and checked if it is not open.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be opened; the error names it.
+        ValueError
+            If it is damaged, or not what the index says; the message names it.
+        """
+        found = self.find(key)
+        if found is not None:
+            return found
+        with self._lock:
+            reading = self._reading.setdefault(key, threading.Lock())
+        with reading:  # of two threads that need a file one reads it
+            found = self.find(key)
+            if found is not None:
+                return found
+            opened = self._read(key)
+            with self._lock:
+                self._open[key] = opened
+                gone = self._surplus(key)
+        for tree in gone:
+            drop_pages(tree)
+        return opened.thing
+
+    @property
+    def room(self) -> int:
+        """Bytes of the budget for what can be let go again: without the coarsest levels, which stay."""
+        with self._lock:
+            return self.budget - sum(opened.nbytes for key, opened in self._open.items() if self.is_kept(key))
+
+    def is_kept(self, key: Key) -> bool:
+        """Whether a file stays open: the coarsest level of a part, which is small, and stands for all others."""
+        return key.level > 0 and key.level == len(self._index.parts[key.part].levels)
+
+    def is_open(self, key: Key) -> bool:
+        """Whether a file is open; that does not count as use."""
+        return key in self._open
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all files that are open."""
+        with self._lock:
+            return sum(opened.nbytes for opened in self._open.values())
+
+    def _read(self, key: Key) -> Opened[T]:
+        file, path = self.file(key), self._folder / self.file(key).name
+        facts = os.stat(path)
+        now = facts.st_ino, facts.st_size, facts.st_mtime_ns
+        is_sound = self._sound.get(key) == now
+        read = read_level if key.level else read_part
+        level = read(self._folder, self._index, key, self._whole, is_sound)
+        try:
+            thing = self._make(level)
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path}: the model is damaged: {error}") from error
+        self._sound[key] = now
+        return Opened(thing, level.tree, file.nbytes)
+
+    def _surplus(self, newest: Key) -> list[Tree]:
+        """Let what is beyond the budget go; returns its trees."""
+        gone: list[Tree] = []
+        total = sum(opened.nbytes for opened in self._open.values())
+        loose = [key for key in self._open if key != newest and not self.is_kept(key)]
+        for key in loose:
+            if total <= self.budget and len(loose) - len(gone) < MOST_OPEN:
+                break
+            opened = self._open.pop(key)
+            total -= opened.nbytes
+            gone.append(opened.tree)
+        return gone
+
+
+class Source(NamedTuple):
+    """Where a part, or a level of detail of one, comes from."""
+
+    residence: Residence[Any]
+    key: Key
+
+    def open(self) -> Any:
+        """See `Residence.open`."""
+        return self.residence.open(self.key)
+
+    def find(self) -> Any:
+        """See `Residence.find`."""
+        return self.residence.find(self.key)
+
+    @property
+    def is_open(self) -> bool:
+        """See `Residence.is_open`."""
+        return self.residence.is_open(self.key)
+
+    @property
+    def is_kept(self) -> bool:
+        """See `Residence.is_kept`."""
+        return self.residence.is_kept(self.key)
+
+    @property
+    def file(self) -> PartFile | LevelFile:
+        """What the index says of it."""
+        return self.residence.file(self.key)

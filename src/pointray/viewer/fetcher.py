@@ -1,0 +1,121 @@
+"""Opens parts of large models for the pictures of one browser, which show coarser levels until then."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+
+from ..model import Model
+from .niceness import PARTS, yield_to_others
+
+log = logging.getLogger("pointray.view")
+
+BETWEEN = 0.2  # seconds between two pictures that show what has been opened
+
+
+class Fetcher:
+    """A `rendering.lod.Fetch`: opens files in a thread of its own, in the order in which pictures want them.
+
+    It opens no more than fits into the budget of a model; what was opened for earlier pictures makes room for it.
+
+    Parameters
+    ----------
+    redraw : callable
+        Called when more is open than the last picture could show.
+    fail : callable
+        Takes the reason why a file cannot be opened, once for each file.
+    """
+
+    def __init__(self, redraw: Callable[[], None], fail: Callable[[str], None]) -> None:
+        self._redraw, self._fail = redraw, fail
+        self._changed = threading.Condition()
+        self._wanted: list[Model] = []
+        self._failed: set[Model] = set()
+        self._open = True
+        self._thread: threading.Thread | None = None
+        self._is_new = False  # whether something has been opened since the last redrawing
+        self._drawn = 0.0
+
+    def want(self, models: list[Model]) -> None:
+        """See `Fetch.want`."""
+        fitting = list(_fitting(models))
+        for model in fitting:
+            if model.source is not None:
+                model.source.find()  # what is wanted is not let go
+        with self._changed:
+            self._wanted = fitting
+            if self._thread is None and self._open and self._next() is not None:
+                self._thread = threading.Thread(target=self._run, name="pointray-fetcher", daemon=True)
+                self._thread.start()
+            self._changed.notify_all()
+
+    def open(self, model: Model) -> bool:
+        """See `Fetch.open`."""
+        if model in self._failed:
+            return False
+        try:
+            if model.source is not None:
+                model.source.open()
+        except (OSError, ValueError) as error:
+            self._failed.add(model)
+            self._fail(str(error))
+            return False
+        return True
+
+    def close(self) -> None:
+        """Open nothing more, and forget what was wanted."""
+        with self._changed:
+            self._open, self._wanted = False, []
+            self._changed.notify_all()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether nothing is opened any more, after `close`."""
+        return self._thread is None or not self._thread.is_alive()
+
+    def _run(self) -> None:
+        with suppress(OSError):
+            yield_to_others(PARTS)
+        while True:
+            with self._changed:
+                model = self._next()
+                while self._open and model is None:
+                    self._changed.wait()
+                    model = self._next()
+                if not self._open:
+                    return
+            assert model is not None
+            try:
+                self._is_new |= self.open(model)
+            except Exception as error:
+                log.exception("while opening a part")
+                self._failed.add(model)
+                self._fail(f"{type(error).__name__}: {error}")
+            with self._changed:
+                is_last = self._next() is None
+            if self._is_new and (is_last or time.monotonic() - self._drawn > BETWEEN):
+                self._is_new, self._drawn = False, time.monotonic()
+                self._redraw()
+
+    def _next(self) -> Model | None:
+        """The first of what is wanted that is not open."""
+        for model in self._wanted:
+            if model not in self._failed and model.source is not None and not model.source.is_open:
+                return model
+        return None
+
+
+def _fitting(models: list[Model]) -> Iterator[Model]:
+    """Those of some parts and levels of detail that fit into their models' budgets, in their order."""
+    left: dict[int, int] = {}
+    for model in models:
+        source = model.source
+        if source is None:
+            continue
+        room = left.setdefault(id(source.residence), source.residence.room)
+        if source.is_kept or source.file.nbytes <= room:
+            left[id(source.residence)] -= 0 if source.is_kept else source.file.nbytes
+            yield model

@@ -1,0 +1,370 @@
+"""Levels of detail of models in parts are those of the whole, and go on over the cuts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from conftest import slow
+from pointray.cli import execute
+from pointray.data import categories_of
+from pointray.model_folder import INDEX
+from pointray.neighbors import kd_order
+from pointray.parts import coarser, levels
+from pointray.parts.columns import Column, Columns
+from pointray.parts.prepare import prepare
+from pointray.parts.split import split
+from pointray.parts.trees import cells_of, plan_of, shown, tree_within
+from pointray.points.files import request_of
+from pointray.points.selection import Selection
+from pointray.splats.averages import has_categories, have_categories
+from pointray.splats.levels import LEAST_POINTS
+from pointray.tree.build import build_tree
+from pointray.tree.parts import splats_of
+from pointray.tree.settings import check_settings
+from pointray.tree.stored import reach_of, stored_splats
+
+SIZE = 1 << 14
+RNG = np.random.default_rng(3)
+
+
+def statue(count: int = 6 * SIZE) -> pr.Points:
+    """With colours, and attributes of all kinds."""
+    points = pr.procedural("statue", count)
+    x, y, z = points.positions.T
+    kinds = {
+        "height": np.where(z > 1, z, np.nan),
+        "classification": (3 * x).astype(np.uint8),
+        "few": np.rint(2 * y).astype(np.int16),
+        "many": (1000 * y).astype(np.int32),
+        "pairs": np.stack([x, z], axis=1).astype(np.float32),
+    }
+    return points.changed(attributes=kinds)
+
+
+def noisy() -> pr.Points:
+    """Open, of several densities, with noise that is smoothed away."""
+    x, z = RNG.uniform(0, 1, (2, 5 * SIZE)) ** [[1.5], [1.0]]
+    positions = np.column_stack([x, 0.05 * np.sin(9 * x) + RNG.normal(0, 0.002, len(x)), z])
+    return pr.Points(positions.astype(np.float32), attributes={"height": z})
+
+
+def plate() -> pr.Points:
+    """Thin, so that all splats are of close sheets; a few points lie far away."""
+    x, z = RNG.uniform(0, 1, (2, 5 * SIZE))
+    side = RNG.choice([-1.0, 1.0], len(x))
+    positions = np.column_stack([x, 5e-3 * side, z])
+    positions[:7] += [[3, 3, 9]]
+    return pr.Points(positions.astype(np.float32), np.outer(side, [0, 1, 0]))
+
+
+CLOUDS: dict[str, Callable[[], pr.Points]] = {"statue": statue, "noisy": noisy, "plate": plate}
+
+
+def large(points: pr.Points, folder: Path) -> None:
+    """Write a model in parts, part by part."""
+    file = folder.with_suffix(".ply")
+    if not file.exists():  # another one would be another task
+        pr.write(file, points)
+    reading = request_of(), Selection(1, None, None, None, None)
+    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), SIZE)
+
+
+@pytest.fixture(scope="module", params=[(name, way) for name in CLOUDS for way in ("split", "large")], ids="-".join)
+def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[pr.Model, Path]:
+    """A model with levels, and a folder with the same in parts."""
+    name, way = request.param
+    folder = tmp_path_factory.mktemp("levels") / "a.pointray"
+    points = CLOUDS[name]()
+    if way == "large":
+        large(points, folder)
+        points = pr.read(folder.with_suffix(".ply"))
+    model = pr.Model(points)
+    model.make_levels()
+    if way == "split":
+        split(model, folder, SIZE)
+    assert sorted(path.name.split("-")[0] for path in folder.iterdir() if "part" not in path.name) == [
+        "index.json",
+        "points.pointray",
+    ]
+    return model, folder
+
+
+def parts_of(folder: Path) -> list[dict[str, Any]]:
+    return json.loads((folder / INDEX).read_text())["parts"]
+
+
+def rows_of(points: pr.Points) -> np.ndarray:
+    """All that is known of each point, in the order of their positions."""
+    columns = [points.positions, points.normals, *([] if points.colors is None else [points.colors])]
+    columns += [np.nan_to_num(values.reshape(len(points), -1), nan=-99.0) for values in points.attributes.values()]
+    return np.concatenate(columns, axis=1, dtype=np.float64)
+
+
+def levels_of(whole: pr.Model, folder: Path) -> list[list[pr.Model]]:
+    """For each level of the whole the levels of parts that hold its points: of all parts, or none."""
+    files = [pr.Model.load(folder / told["name"]) for part in parts_of(folder) for told in part["levels"]]
+    known = [set(map(bytes, rows_of(level.points))) for level in whole.levels]
+    found: list[list[pr.Model]] = [[] for _ in known]
+    for model in files:
+        rows = set(map(bytes, rows_of(model.points)))
+        number = next((number for number, some in enumerate(known) if rows <= some), None)
+        assert number is not None or len(model.points) < 2 * LEAST_POINTS
+        if number is not None:
+            found[number].append(model)
+    complete = [models if len(models) == len(parts_of(folder)) else [] for models in found]
+    assert complete[0] and (complete[1] or whole.points.colors is None)
+    return complete
+
+
+def test_levels_of_parts_are_those_of_the_whole(both: tuple[pr.Model, Path]) -> None:
+    whole, folder = both
+    assert len(parts_of(folder)) >= 5
+    for models, level in zip(levels_of(whole, folder), whole.levels, strict=True):
+        if not models:
+            continue
+        found = np.concatenate([rows_of(model.points) for model in models])
+        assert np.array_equal(np.unique(found, axis=0), np.unique(rows_of(level.points), axis=0))
+        assert all(model.settings == level.settings for model in models)
+        assert {name: values.dtype for name, values in models[0].points.attributes.items()} == {
+            name: values.dtype for name, values in level.points.attributes.items()
+        }
+        radii = dict(zip(map(bytes, rows_of(level.points)), level.radii, strict=True))
+        for model in models:
+            wanted = np.array([radii[bytes(row)] for row in rows_of(model.points)])
+            assert (np.abs(model.radii / wanted - 1) > 1e-4).mean() < 2e-3
+        assert sum(len(model.points) for model in models) < 1.5 * len(level.points)
+        # The lattices of all begin at one place, and have steps of one kind.
+        assert {model.tree.head[:6].tobytes() for model in models} == {level.tree.head[:6].tobytes()}
+
+
+def test_the_index_tells_of_levels(both: tuple[pr.Model, Path]) -> None:
+    whole, folder = both
+    for part in parts_of(folder):
+        reaches = [part["reach"]]
+        for number, told in enumerate(part["levels"]):
+            model = pr.Model.load(folder / told["name"])
+            assert told["name"].endswith(f"-{number + 1}.pointray")
+            assert (told["points"], told["spacing"]) == (len(model.points), model.spacing)
+            reaches.append(model.reach.tolist())
+        low, high = np.min([low for low, _ in reaches], axis=0), np.max([high for _, high in reaches], axis=0)
+        np.testing.assert_allclose(part["reach"][0], np.maximum(low, whole.reach[0]), atol=1e-6)
+        np.testing.assert_allclose(part["reach"][1], np.minimum(high, whole.reach[1]), atol=1e-6)
+        spacings = [told["spacing"] for told in part["levels"]]
+        assert spacings == sorted(spacings)
+
+
+def test_rays_meet_in_levels_of_parts_what_they_meet_in_those_of_the_whole(both: tuple[pr.Model, Path]) -> None:
+    whole, folder = both
+    for models, level in zip(levels_of(whole, folder), whole.levels, strict=True):
+        if not models:
+            continue
+        hits = []
+        for some in ([level], models):
+            scene = pr.Scene()
+            for model in some:
+                scene.add(model)
+            found = []
+            for side in ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.1, 0.2, 1.0)):
+                bounds = np.quantile(whole.points.world, [0.01, 0.99], axis=0)
+                camera = pr.Camera.frame(bounds, side, size=(300, 300))
+                found.append(scene.intersect(*camera.rays()))
+            hits.append([np.concatenate([getattr(one, name) for one in found]) for name in ("t", "normal", "color")])
+        (t, normal, color), (t2, normal2, color2) = hits
+        hit, hit2 = np.isfinite(t), np.isfinite(t2)
+        assert hit.sum() > 20_000
+        assert (hit != hit2).mean() < 1e-4
+        seen = hit & hit2
+        apart = np.abs(t[seen] - t2[seen]) > 1e-3 * np.median(level.radii)
+        assert apart.mean() < 1e-3
+        assert (np.abs(normal - normal2)[seen].max(axis=1) > 1e-2).mean() < 1e-3
+        assert (np.abs(color - color2)[seen].max(axis=1) > 1e-2).mean() < 1e-3
+
+
+def test_no_part_is_shown_twice(both: tuple[pr.Model, Path]) -> None:
+    """What rays can hit of the levels of two parts does not overlap but for rounding."""
+    boxes = [model.reach for model in levels_of(*both)[0]]
+    for k, one in enumerate(boxes):
+        for other in boxes[:k]:
+            size = np.minimum(one[1], other[1]) - np.maximum(one[0], other[0])
+            assert (size <= 1e-3 * (one[1] - one[0]).max()).any()
+
+
+@pytest.mark.parametrize("stop", [23, *map(slow, (1, 9, 40, 49))])
+def test_an_interrupted_run_goes_on(stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    points, calls = pr.procedural("torus", 80_000), []
+    for name in ("show_part", "coarsen_part", "support_part", "tree_part"):
+        work = getattr(levels, name)
+        monkeypatch.setattr(levels, name, lambda *rest, work=work: calls.append(rest) or work(*rest))
+    large(points, tmp_path / "whole.pointray")
+    put, left, all_calls = Columns.put, [stop], len(calls)
+
+    def counted(self: Columns, name: str, facts: Any) -> None:
+        put(self, name, facts)
+        left[0] -= name.startswith("level-")
+        if not left[0]:
+            raise KeyboardInterrupt
+
+    calls.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(Columns, "put", counted)
+        with pytest.raises(KeyboardInterrupt):
+            large(points, tmp_path / "a.pointray")
+    large(points, tmp_path / "a.pointray")
+    assert len(calls) == all_calls
+    first, again = parts_of(tmp_path / "whole.pointray"), parts_of(tmp_path / "a.pointray")
+    assert sum(len(part["levels"]) for part in first) > 4
+    for one, other in zip(first, again, strict=True):
+        for told, told2 in zip(one["levels"], other["levels"], strict=True):
+            assert told | {"sha256": 0} == told2 | {"sha256": 0}
+            models = [pr.Model.load(tmp_path / folder / told["name"]) for folder in ("whole.pointray", "a.pointray")]
+            for a, b in zip(models[0].tree, models[1].tree, strict=True):
+                np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.slow
+def test_memory_is_bounded_by_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No stage of the levels reads more rows at once than a part has, with its margin."""
+    read, most, inside = Column.__getitem__, [0], [False]
+
+    def counted(self: Column, rows: Any) -> Any:
+        out = read(self, rows)
+        if inside[0] and "boxes" not in self.name:
+            most[0] = max(most[0], len(out))
+        return out
+
+    def stage(*arguments: Any) -> Any:
+        inside[0] = True
+        try:
+            return write(*arguments)
+        finally:
+            inside[0] = False
+
+    import pointray.parts.finish as finish_module
+
+    write = finish_module.write_levels
+    monkeypatch.setattr(Column, "__getitem__", counted)
+    monkeypatch.setattr(finish_module, "write_levels", stage)
+    monkeypatch.setattr(coarser, "sample_of", lambda count: [slice(0, min(4096, count))])
+    large(pr.procedural("torus", 400_000), tmp_path / "a.pointray")
+    assert len(parts_of(tmp_path / "a.pointray")) == 25
+    assert SIZE <= most[0] < 2 * SIZE
+
+
+def test_parts_of_other_densities_have_the_levels_that_make_them_smaller(tmp_path: Path) -> None:
+    """Where points are sparse, fine cells hold one each: such a part begins with a coarser level."""
+    x, z = RNG.uniform(0, 1, (2, 90_000))
+    scale = np.where(np.arange(len(x)) < 60_000, 0.05, 1.0)
+    positions = np.column_stack([scale * x, scale * z, 0.0 * x])
+    split(pr.Model(pr.Points(positions, np.tile([0.0, 0, 1], (len(x), 1)))), tmp_path / "a.pointray", SIZE)
+    finest = [part["levels"][0]["points"] / part["points"] for part in parts_of(tmp_path / "a.pointray")[:-1]]
+    spacing = [part["levels"][0]["spacing"] for part in parts_of(tmp_path / "a.pointray")[:-1]]
+    assert max(finest) < 0.7
+    assert max(spacing) > 4 * min(spacing)
+
+
+def test_parts_without_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scan, folder = tmp_path / "a.ply", tmp_path / "a.pointray"
+    pr.write(scan, pr.procedural("sphere", 40_000))
+    words = ["prepare", str(scan), "-o", f"{folder}/", "--part-points", "20000", "--no-levels"]
+    assert execute(words) == 0
+    assert not any(part["levels"] for part in parts_of(folder))
+    assert not list(folder.glob("part-*-*"))
+
+
+def test_a_smaller_part_than_a_level_needs_has_none(tmp_path: Path) -> None:
+    split(pr.Model(pr.procedural("sphere", SIZE + 100)), tmp_path / "a.pointray", SIZE)
+    first, last = parts_of(tmp_path / "a.pointray")
+    assert first["levels"] and not last["levels"] and last["points"] == 100 < LEAST_POINTS
+
+
+def column(name: str) -> np.ndarray:
+    return {
+        "classes": RNG.integers(0, 9, 5000),
+        "many": RNG.integers(0, 900, 5000),
+        "33": np.arange(5000) % 33,
+        "32": np.arange(5000) % 32,
+        "halves": RNG.integers(0, 9, 5000) / 2,
+        "whole floats": RNG.integers(0, 9, 5000) * 1.0,
+        "not finite": np.where(np.arange(5000) == 4000, np.nan, 3.0),
+        "few rows": np.arange(200) % 30,
+        "bools": RNG.random(5000) < 0.5,
+        "classification": RNG.integers(0, 5000, 5000),
+        "scalar_Classification": RNG.integers(0, 99, 5000) * 1.0,
+        "pairs": RNG.integers(0, 3, (5000, 2)),
+    }[name]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("classes", "many", "33", "32", "halves", "whole floats", "not finite", "few rows", "bools"),
+        *("classification", "scalar_Classification", "pairs"),
+    ],
+)
+def test_categories_are_found_chunk_by_chunk(name: str) -> None:
+    values = column(name)
+    chunks = [values[start : start + 700] for start in range(0, len(values), 700)]
+    assert have_categories(name, iter(chunks)) == has_categories(name, values)
+    assert not have_categories(name, iter([]))
+    assert categories_of(column("classes")) is not None
+
+
+def test_the_spaces_of_parts_share_all_space_and_hold_their_points() -> None:
+    points = statue()
+    model = pr.Model(points)
+    splats = splats_of(model.tree, model.radii)
+    plan = plan_of([shown(splats, SIZE, part) for part in range(6)], splats.radii, SIZE)
+    cells = cells_of(plan)
+    places = RNG.uniform(-9, 9, (5000, 3))
+    inside = (places[:, None] >= cells[None, :, :3]) & (places[:, None] < cells[None, :, 3:])
+    assert (inside.all(axis=2).sum(axis=1) == 1).all()
+    for part, cell in enumerate(cells):
+        mine = splats.positions[part * SIZE : (part + 1) * SIZE]
+        assert ((mine >= cell[:3] - 1e-6) & (mine <= cell[3:] + 1e-6)).all()
+
+
+BOXES = [
+    np.array([-0.5, -2, -2, 0.3, 2, 2]),
+    np.array([-2, -2, 0.9, 2, 2, 3.0]),
+    np.array([-9.0] * 3 + [9.0] * 3),
+    np.array([5.0, 5, 5, 6, 6, 6]),  # there is nothing
+]
+
+
+@pytest.mark.parametrize("box", BOXES, ids=range(4))
+def test_a_tree_within_a_box_has_the_surface_in_it_and_no_other(box: np.ndarray) -> None:
+    """Also where whole stretches of the splats lie outside."""
+    points = pr.procedural("sphere", 60_000)
+    model = pr.Model(points)
+    splats = splats_of(model.tree, model.radii)
+    splats = splats._replace(rows=np.arange(len(splats.radii), dtype=np.int32))
+    whole = build_tree(splats, model.settings, in_order=True)
+    shared = whole.head[:6].copy(), float(np.partition(splats.radii, len(splats.radii) // 50)[len(splats.radii) // 50])
+    tree = tree_within(splats, box, shared, model.settings)
+    reach = reach_of(tree)
+    if box[0] == 5:
+        assert reach is None
+        return
+    assert reach is not None
+    assert (reach[0] >= box[:3] - 1e-4).all() and (reach[1] <= box[3:] + 1e-4).all()
+    np.testing.assert_array_equal(kd_order(splats.positions), np.arange(len(splats.positions)))
+    assert len(stored_splats(tree).rows) <= len(splats.radii)
+    scenes = [pr.Scene(), pr.Scene()]
+    for scene, made in zip(scenes, (whole, tree), strict=True):
+        twin = pr.Model.__new__(pr.Model)
+        twin.__dict__.update(model.__dict__, tree=made, points=points.select(splats_of(model.tree, model.radii).rows))
+        twin.__dict__.pop("reach", None)
+        scene.add(twin)
+    rays = pr.Camera.frame(model.bounds, (0.3, -1, 0.5), size=(200, 200)).rays()
+    one, other = (scene.intersect(*rays) for scene in scenes)
+    where = np.asarray(one.position)
+    within = np.isfinite(one.t) & (where >= box[:3] + 1e-3).all(axis=-1) & (where <= box[3:] - 1e-3).all(axis=-1)
+    assert within.sum() > 100
+    np.testing.assert_allclose(np.asarray(other.t)[within], np.asarray(one.t)[within], rtol=1e-5)
