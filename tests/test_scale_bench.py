@@ -250,3 +250,17 @@ def test_wrong_words_are_told(words, tmp_path, capsys):
     with pytest.raises(SystemExit):
         scale.main([*words, "--folder", str(tmp_path)])
     assert "error" in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+def test_workers_make_the_same_at_a_small_size(tmp_path):
+    pytest.importorskip("distributed")
+    options, console = options_of(tmp_path), Console(quiet=True)
+    for stage in ("cluster", "faults"):
+        scale.run(stage, options, console)
+    rows = {row["name"]: row["value"] for row in json.loads((tmp_path / "scale.json").read_text())}
+    apart = {name: value for name, value in rows.items() if name.endswith(".apart")}
+    assert len(apart) >= 11 and not any(apart.values())
+    assert rows["cluster.film.sent"] > 80 * 60 * 16 and rows["cluster.spread.rays.sent.ray"] > 10
+    assert rows["faults.prepare.killed"] == 1
