@@ -82,7 +82,7 @@ def prefer_spread(client: Any) -> None:
 
 def is_spread_preferred(client: Any) -> bool:
     """See `prefer_spread`."""
-    return client is not None and _SPREAD.get(client, False)
+    return check_client(client) is not None and _SPREAD.get(client, False)
 
 
 def memory_of(client: Any) -> float:
