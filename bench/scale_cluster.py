@@ -20,9 +20,9 @@ from distributed import Client, LocalCluster
 from distributed.comm.tcp import TCP
 
 import pointray as pr
+from scale_pictures import lit
 from scale_prepare import Options, asked, command_of, prepared
 from scale_rows import LEAST, MOST, Row
-from scale_view import lit
 from scale_watch import UNFINISHED, watched
 
 THROUGHPUT = 0.85  # asked, of one process

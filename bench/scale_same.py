@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 import pointray as pr
+from scale_pictures import lit
 from scale_prepare import Options, asked, command_of, parts_in
 from scale_rows import MOST, Row
-from scale_view import lit
 from scale_watch import disk_of, watched
 
 PARTS = 8, 64
@@ -85,7 +85,7 @@ def _rows_of(options: Options, count: int, measured: Measured) -> Iterator[Row]:
     paths, scenes, times, cameras = measured
     rays, hit, apart = compared(scenes[1], scenes[count], cameras)
     name, row = f"same.{count}", options.row
-    yield row(f"{name}.parts", parts_in(paths[count]), "", f"parts, {count} or more")
+    yield row(f"{name}.parts", parts_in(paths[count]), "", f"parts, {count} were asked for")
     yield row(f"{name}.rays", rays, "", f"rays, of which {hit:,} hit the whole")
     yield asked(row(f"{name}.apart", 1e5 * apart / max(hit, 1), "in 100,000", "hits with another t"), MOST, 1e5 * APART)
     ratio = sum(times[count]) / sum(times[1])

@@ -1,16 +1,10 @@
-"""Stage `view` of `scale.py`: the first picture of a model in parts in a fresh process, and a flight through it.
-
-    python bench/scale_view.py FOLDER MEMORY BEGUN CAMERAS PICTURE
-
-The child: renders the pictures of the cameras in a JSON file, the first of them into a PNG, and prints JSON.
-"""
+"""Stage `view` of `scale.py`: the first picture of a model in parts in a fresh process, and a flight through it."""
 
 from __future__ import annotations
 
 import json
 import os
 import statistics
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -24,30 +18,8 @@ from scale_prepare import Options, asked
 from scale_rows import LEAST, MOST, Row
 from scale_watch import Watched, watched
 
+CHILD = Path(__file__).parent / "scale_pictures.py"
 FIRST, RATE = 1.5, 10.0  # asked: seconds, frames a second
-LIGHTS = (-0.6, 0.5, -1.0), 0.4  # the direction of the sun's light, the sky's
-
-
-def lit(model: pr.Model) -> pr.Scene:
-    """A model under a sun and a sky."""
-    scene = pr.Scene()
-    scene.add(model)
-    scene.lights = [pr.SunLight(LIGHTS[0]), pr.EnvironmentLight(LIGHTS[1])]
-    return scene
-
-
-def show(folder: str, memory: int, begun: float, cameras: Sequence[pr.Camera], picture: str) -> dict[str, Any]:
-    """What a child measures. begun : when it was started, as `time.time` counts"""
-    model = pr.Model.load(folder, memory=memory)
-    scene = lit(model)
-    opened = time.time() - begun
-    pr.write_image(picture, pr.render(scene, cameras[0]))
-    first, spent = time.time() - begun, []
-    for camera in cameras[1:]:
-        at = time.perf_counter()
-        pr.render(scene, camera)
-        spent.append(time.perf_counter() - at)
-    return {"opened": opened, "first": first, "frames": spent, "resident": model.resident_bytes}
 
 
 def child(options: Options, name: str, cameras: Sequence[pr.Camera]) -> tuple[dict[str, Any], Watched]:
@@ -55,7 +27,7 @@ def child(options: Options, name: str, cameras: Sequence[pr.Camera]) -> tuple[di
     there = options.there / f"{name}.json"
     there.write_text(json.dumps([asdict(camera) for camera in cameras]))
     words = [options.prepared, bytes_of(options.resident), repr(time.time()), there, options.there / f"{name}.png"]
-    found = watched([__file__, *words])
+    found = watched([CHILD, *words])
     return json.loads(found.output.splitlines()[-1]), found
 
 
@@ -109,13 +81,3 @@ def _flight(options: Options) -> Iterator[Row]:
     yield asked(row, MOST, bytes_of(options.resident))
     yield options.row("view.flight.peak", seen.resident, "bytes", "resident memory of the process")
     yield options.row("view.flight.anonymous", seen.anonymous, "bytes", "the same without pages of files")
-
-
-def main() -> None:
-    folder, memory, begun, cameras, picture = sys.argv[1:]
-    views = [pr.Camera(**one) for one in json.loads(Path(cameras).read_text())]
-    print(json.dumps(show(folder, int(memory), float(begun), views, picture)))
-
-
-if __name__ == "__main__":
-    main()

@@ -20,6 +20,7 @@ EVERY = 0.05  # seconds between two samples of memory
 RARE = 10  # samples between two looks at processes, marks and the disk
 UNFINISHED = "unfinished"
 MARK = re.compile(r"([^.].*?)(?:-\d{4,})?\.json")  # a file that is being written begins with a dot
+BESIDE = ("task", "id", "margin", "made-")  # how marks begin that stages leave while they are at work
 ENDED = ("files",)  # what comes after the last stage that leaves a mark
 
 
@@ -127,7 +128,7 @@ class Watch:
         ends: dict[str, list[float]] = {}
         for name, at in self._marks.items():
             match = MARK.fullmatch(name)
-            if match is not None:
+            if match is not None and not name.startswith(BESIDE):
                 ends.setdefault(match[1], []).append(at)
         order = sorted(
             (max(times), name, len(times) if f"{name}-0000.json" in self._marks else 0) for name, times in ends.items()

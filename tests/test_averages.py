@@ -8,7 +8,7 @@ import pytest
 
 import pointray as pr
 from pointray.data import categories_of, is_label
-from pointray.splats.averages import attribute_averages, commonest
+from pointray.splats.averages import attribute_averages, commonest, has_categories, have_categories
 
 RNG = np.random.default_rng(11)
 N, GROUPS = 1500, 200
@@ -136,3 +136,35 @@ def test_a_subsample_and_levels_keep_classes_and_dtypes():
         assert set(np.unique(fewer.attributes["classification"])) == {2, 6}
         low, high = kinds["gps_time"].min(), kinds["gps_time"].max()
         assert (fewer.attributes["gps_time"] >= low).all() and (fewer.attributes["gps_time"] <= high).all()
+
+
+def column(name):
+    return {
+        "classes": RNG.integers(0, 9, 5000),
+        "many": RNG.integers(0, 900, 5000),
+        "33": np.arange(5000) % 33,
+        "32": np.arange(5000) % 32,
+        "halves": RNG.integers(0, 9, 5000) / 2,
+        "whole floats": RNG.integers(0, 9, 5000) * 1.0,
+        "not finite": np.where(np.arange(5000) == 4000, np.nan, 3.0),
+        "few rows": np.arange(200) % 30,
+        "bools": RNG.random(5000) < 0.5,
+        "classification": RNG.integers(0, 5000, 5000),
+        "scalar_Classification": RNG.integers(0, 99, 5000) * 1.0,
+        "pairs": RNG.integers(0, 3, (5000, 2)),
+    }[name]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("classes", "many", "33", "32", "halves", "whole floats", "not finite", "few rows", "bools"),
+        *("classification", "scalar_Classification", "pairs"),
+    ],
+)
+def test_categories_are_found_chunk_by_chunk(name):
+    values = column(name)
+    chunks = [values[start : start + 700] for start in range(0, len(values), 700)]
+    assert have_categories(name, iter(chunks)) == has_categories(name, values)
+    assert not have_categories(name, iter([]))
+    assert have_categories("classes", [column("classes")])

@@ -5,6 +5,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,19 @@ import pytest
 
 import pointray as pr
 from clusters import cluster_of
-from conftest import sphere_points
+from conftest import slow, sphere_points
 from pointray.cli import execute
+from pointray.cluster import client as client_module
 from pointray.cluster import worker
 from pointray.cluster.chores import THREADS, _on, stoppable
 from pointray.cluster.crew import Crew
+from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.worker import DroppedError
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
+from pointray.parts.columns import Columns
 from pointray.parts.prepare import part_points_for, part_points_within, prepare
+from pointray.parts.work import Work, _do_once
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
 from pointray.tree.settings import check_settings
@@ -81,7 +86,7 @@ def seen(file: Path) -> None:
             out.writelines(f"{a:.6f} {b:.6f} {c:.6f} 0.5\n" for a, b, c in some)
 
 
-@pytest.mark.parametrize("make", [statue, rough, some_signs, given_radii, seen])
+@pytest.mark.parametrize("make", [statue, rough, slow(some_signs), slow(given_radii), seen])
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path) -> None:
     file = tmp_path / ("scan.ptx" if make is seen else "scan.ply")
@@ -98,7 +103,7 @@ def test_every_part_of_a_stage_is_a_job(client: Any, tmp_path: Path, monkeypatch
     monkeypatch.setattr(Crew, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
     rough(tmp_path / "a.ply")
     prepared(tmp_path / "a.ply", tmp_path / "a", client)
-    for stage in ("sort", "merge", "noise", "place", "signs", "support", "boxes", "tree"):
+    for stage in ("sort", "merge", "noise", "place", "signs", "support", "boxes", "tree", "level-1-points"):
         assert {f"{stage} {k}/4" for k in range(1, 5)} <= set(names)
 
 
@@ -156,6 +161,40 @@ def test_a_file_is_not_seen_where_it_is_another_one(tmp_path: Path) -> None:
     assert alone_module._is_seen(place)
     (tmp_path / "a" / "task.json").write_text("{ }")
     assert not alone_module._is_seen(place)
+
+
+def test_a_folder_that_cannot_be_written_to_is_not_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "task.json").write_text("{}")
+    place, make = alone_module.place_of(tmp_path / "a" / "task.json"), os.open
+
+    def refuse(path: Any, *rest: Any) -> int:
+        if Path(path).parent == tmp_path:
+            raise PermissionError(13, "Permission denied", str(path))
+        return make(path, *rest)
+
+    monkeypatch.setattr(os, "open", refuse)
+    assert not alone_module._is_seen(place)
+
+
+def test_each_job_looks_again_at_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file is made there, so that NFS does not show an old list."""
+    work = Work(Columns(tmp_path), 10_000, 1 << 12)
+    sent = unpack(pack(partial(_do_once, work, "count", partial(count_names, work))))
+    made: list[str] = []
+    make = os.open
+    monkeypatch.setattr(os, "open", lambda path, *rest: made.append(Path(path).name) or make(path, *rest))
+    work.columns.put("found", {})
+    before = len(made)
+    assert sent(2) == {"names": 1} and made[before].startswith(".")
+    assert work.columns.get("count-0002") == {"names": 1}
+    del made[before:]
+    assert _do_once(work, "count", partial(count_names, work), 1) == {"names": 2}
+    assert not any(name.startswith(".") and "pointray" not in name for name in made)
+
+
+def count_names(work: Work, part: int) -> dict[str, int]:
+    return {"names": len(list(work.columns.folder.glob("*.json")))}
 
 
 def test_a_later_worker_that_does_not_see_the_folder_is_left_out(client: Any) -> None:
@@ -254,11 +293,11 @@ def test_chores_use_the_threads_of_their_worker(monkeypatch: pytest.MonkeyPatch)
 def test_memory_is_that_of_all_processes(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     assert part_points_within(4 << 30, 1) == 1 << 22
     assert part_points_within(4 << 30, 2) == part_points_within(8 << 30, 4) == 1 << 21
-    with pytest.raises(ValueError, match=r"in 1\.00 GiB of memory: 1\.8 GiB are needed with 2 workers on one machine"):
+    with pytest.raises(ValueError, match=r"in 1\.00 GiB of memory: 1\.5 GiB are needed with 2 workers on one machine"):
         part_points_within(1 << 30, 2)
     assert part_points_for(client, 4 << 30) == 1 << 21  # both are on this machine
     assert part_points_for(None, 4 << 30) == part_points_within(4 << 30)
-    monkeypatch.setattr(prepare_module, "available_memory", lambda: 3 << 30)
+    monkeypatch.setattr(client_module, "available_memory", lambda: 3 << 30)
     assert part_points_for(client, None) == part_points_within(3 << 30, 2)
 
 

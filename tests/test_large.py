@@ -20,6 +20,7 @@ from pointray.parts.columns import Columns
 from pointray.parts.large import Large
 from pointray.parts.local import REACH, local_of
 from pointray.parts.prepare import part_points_within, prepare
+from pointray.parts.work import Work
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
 from pointray.tree.settings import check_settings
@@ -96,7 +97,11 @@ CLOUDS = {
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_parts_are_the_whole(name, tmp_path):
-    points = CLOUDS[name]
+    check_parts(CLOUDS[name], tmp_path)
+
+
+def check_parts(points, tmp_path):
+    """Positions, normals and radii of a model made part by part are those of the whole, to the bit."""
     pr.write(tmp_path / "a.ply", points)
     points = pr.read(tmp_path / "a.ply")
     whole = pr.Model(points, points.attributes.get("radius"))
@@ -114,6 +119,22 @@ def test_parts_are_the_whole(name, tmp_path):
         assert not (one != other).any(), (one != other).sum()
     assert parts.settings == whole.settings and parts.smooth == whole.smooth
     np.testing.assert_array_equal(parts.bounds, whole.bounds)
+
+
+def test_parts_that_are_made_again_later_do_no_harm(tmp_path, monkeypatch):
+    """As by a slow worker, whose twin was faster: passes that follow have begun, or ended."""
+    work_all, earlier, dice = Work.all, [], np.random.default_rng(7)
+
+    def again(self, do, *rest):
+        results = work_all(self, do, *rest)
+        for late in (do, *earlier[-3:]):
+            late(int(dice.integers(self.parts)))
+        earlier.append(do)
+        return results
+
+    monkeypatch.setattr(Work, "all", again)
+    check_parts(CLOUDS["thin plates"], tmp_path)
+    assert len(earlier) > 15
 
 
 @pytest.mark.parametrize("scramble", [False, True])
@@ -325,3 +346,15 @@ def test_facts_of_parts_are_json(tmp_path, monkeypatch):
     for file in (folder / "unfinished").glob("*.json"):
         json.loads(file.read_bytes())
     shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("has_normals", [True, False])
+@pytest.mark.filterwarnings("ignore:.*normals")
+def test_points_at_one_place(has_normals, tmp_path):
+    """What is usual is asked of places, each once."""
+    points = pr.procedural("sphere", 40_000)
+    points = points.select(np.concatenate([np.arange(40_000), np.arange(0, 40_000, 7)]))
+    pr.write(tmp_path / "a.ply", points if has_normals else pr.Points(points.world))
+    whole, parts = pr.Model(pr.read(tmp_path / "a.ply")), prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+    assert len(parts.parts) == 3
+    np.testing.assert_allclose(np.sort(parts.radii), np.sort(whole.radii), rtol=1e-5)

@@ -9,6 +9,7 @@ import pointray as pr
 from conftest import slow
 from pointray.cli import execute
 from pointray.kernels.records import INSTANCE, SHAPE_ROW
+from pointray.kernels.tree import ROW
 from pointray.rendering.lod import at_distance
 from pointray.splats.groups import groups_in_cells
 from pointray.splats.levels import coarsen
@@ -103,8 +104,10 @@ def test_supports_of_levels_reach_no_farther_than_those_they_stand_for():
 
 
 def level_of(scene, camera, spp=1):
-    world, _ = at_distance(scene.snapshot(), camera, spp)
-    return world.instances.reshape(-1, INSTANCE)[:, SHAPE_ROW].astype(int).tolist()
+    world, levels = at_distance(scene.snapshot(), camera, spp)
+    models = scene.snapshot().world.instances[SHAPE_ROW::INSTANCE]
+    assert world.table.size == ROW * len(set(zip(models, levels, strict=True)))  # no tree that is not shown
+    return levels.tolist()
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
@@ -117,7 +120,7 @@ def test_the_farther_the_coarser(statue, projection):
     camera = pr.Camera.look_at((0, -4, 1), (0, 0, 1), size=(300, 300), projection=projection)
     rows = level_of(scene, camera)
     assert rows[0] == 0  # has no levels
-    seen = np.array(rows[1:]) - 1
+    seen = np.array(rows[1:])
     if projection == "orthographic":
         assert len(set(seen)) == 1
     else:

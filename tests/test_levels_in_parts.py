@@ -13,7 +13,6 @@ import pytest
 import pointray as pr
 from conftest import slow
 from pointray.cli import execute
-from pointray.data import categories_of
 from pointray.model_folder import INDEX
 from pointray.neighbors import kd_order
 from pointray.parts import coarser, levels
@@ -23,7 +22,6 @@ from pointray.parts.split import split
 from pointray.parts.trees import cells_of, plan_of, shown, tree_within
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
-from pointray.splats.averages import has_categories, have_categories
 from pointray.splats.levels import LEAST_POINTS
 from pointray.tree.build import build_tree
 from pointray.tree.parts import splats_of
@@ -196,6 +194,35 @@ def test_no_part_is_shown_twice(both: tuple[pr.Model, Path]) -> None:
             assert (size <= 1e-3 * (one[1] - one[0]).max()).any()
 
 
+def brightness(models: list[pr.Model], bounds: np.ndarray) -> np.ndarray:
+    """How bright each pixel is in the light of a sun."""
+    scene = pr.Scene()
+    for model in models:
+        scene.add(model, material=pr.Diffuse(0.8))
+    scene.add_light(pr.SunLight((0.5, 0.7, -1)))
+    camera = pr.Camera.frame(bounds, (0.45, -1, 0.35), size=(150, 150))
+    return pr.render(scene, camera, pr.Settings("phong"))[..., :3].max(axis=2)
+
+
+def test_no_shadows_lie_along_cuts_between_two_levels(tmp_path: Path) -> None:
+    """The surfaces of two levels do not meet: rays that begin on the lower one must not be blocked by the step."""
+    model = pr.Model(pr.procedural("statue", 8 * SIZE))
+    split(model, tmp_path / "a.pointray", SIZE)
+    finer, coarser = (
+        [
+            pr.Model.load(tmp_path / "a.pointray" / part["levels"][k]["name"])
+            for part in parts_of(tmp_path / "a.pointray")
+        ]
+        for k in range(2)
+    )
+    for models in (finer, coarser):
+        assert all(model.tree.noise.any() for model in models)
+    alone = [brightness(models, model.bounds) for models in (finer, coarser)]
+    odd = [brightness([*finer[k::2], *coarser[1 - k :: 2]], model.bounds) for k in range(2)]
+    dark = [(both < 0.3 * np.minimum(*alone)).sum() for both in odd]
+    assert sum(dark) <= 6
+
+
 @pytest.mark.parametrize("stop", [23, *map(slow, (1, 9, 40, 49))])
 def test_an_interrupted_run_goes_on(stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points, calls = pr.procedural("torus", 80_000), []
@@ -282,38 +309,6 @@ def test_a_smaller_part_than_a_level_needs_has_none(tmp_path: Path) -> None:
     split(pr.Model(pr.procedural("sphere", SIZE + 100)), tmp_path / "a.pointray", SIZE)
     first, last = parts_of(tmp_path / "a.pointray")
     assert first["levels"] and not last["levels"] and last["points"] == 100 < LEAST_POINTS
-
-
-def column(name: str) -> np.ndarray:
-    return {
-        "classes": RNG.integers(0, 9, 5000),
-        "many": RNG.integers(0, 900, 5000),
-        "33": np.arange(5000) % 33,
-        "32": np.arange(5000) % 32,
-        "halves": RNG.integers(0, 9, 5000) / 2,
-        "whole floats": RNG.integers(0, 9, 5000) * 1.0,
-        "not finite": np.where(np.arange(5000) == 4000, np.nan, 3.0),
-        "few rows": np.arange(200) % 30,
-        "bools": RNG.random(5000) < 0.5,
-        "classification": RNG.integers(0, 5000, 5000),
-        "scalar_Classification": RNG.integers(0, 99, 5000) * 1.0,
-        "pairs": RNG.integers(0, 3, (5000, 2)),
-    }[name]
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        *("classes", "many", "33", "32", "halves", "whole floats", "not finite", "few rows", "bools"),
-        *("classification", "scalar_Classification", "pairs"),
-    ],
-)
-def test_categories_are_found_chunk_by_chunk(name: str) -> None:
-    values = column(name)
-    chunks = [values[start : start + 700] for start in range(0, len(values), 700)]
-    assert have_categories(name, iter(chunks)) == has_categories(name, values)
-    assert not have_categories(name, iter([]))
-    assert categories_of(column("classes")) is not None
 
 
 def test_the_spaces_of_parts_share_all_space_and_hold_their_points() -> None:

@@ -157,7 +157,7 @@ MARKER = """
 import pathlib, sys, time
 there = pathlib.Path(sys.argv[1]) / "unfinished"
 there.mkdir(parents=True)
-for name in ("task", "spooled", "place-0000", "place-0001", "usual-support", ".beside-1a", "tree-0000"):
+for name in ("task", "spooled", "place-0000", "margin-0000", "place-0001", "usual-support", ".beside-1a", "tree-0000"):
     (there / f"{name}.json").write_text("{}")
     (there / f"column.{name}").write_bytes(bytes(1 << 20))
     time.sleep(0.2)
@@ -171,7 +171,7 @@ shutil.rmtree(there)
 def test_stages_are_told_by_their_marks(tmp_path):
     seen = watched(["-c", MARKER, tmp_path / "model"], tmp_path / "model")
     assert [(stage.name, stage.parts) for stage in seen.stages] == [
-        *(("task", 0), ("spooled", 0), ("place", 2), ("usual-support", 0), ("tree", 1), ("files", 0))
+        *(("spooled", 0), ("place", 2), ("usual-support", 0), ("tree", 1), ("files", 0))
     ]
     assert all(stage.seconds > 0 for stage in seen.stages)
     assert sum(stage.seconds for stage in seen.stages) == pytest.approx(seen.seconds, abs=0.2)
@@ -250,3 +250,17 @@ def test_wrong_words_are_told(words, tmp_path, capsys):
     with pytest.raises(SystemExit):
         scale.main([*words, "--folder", str(tmp_path)])
     assert "error" in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+def test_workers_make_the_same_at_a_small_size(tmp_path):
+    pytest.importorskip("distributed")
+    options, console = options_of(tmp_path), Console(quiet=True)
+    for stage in ("cluster", "faults"):
+        scale.run(stage, options, console)
+    rows = {row["name"]: row["value"] for row in json.loads((tmp_path / "scale.json").read_text())}
+    apart = {name: value for name, value in rows.items() if name.endswith(".apart")}
+    assert len(apart) >= 11 and not any(apart.values())
+    assert rows["cluster.film.sent"] > 80 * 60 * 16 and rows["cluster.spread.rays.sent.ray"] > 10
+    assert rows["faults.prepare.killed"] == 1

@@ -82,14 +82,19 @@ def prefer_spread(client: Any) -> None:
 
 def is_spread_preferred(client: Any) -> bool:
     """See `prefer_spread`."""
-    return client is not None and _SPREAD.get(client, False)
+    return check_client(client) is not None and _SPREAD.get(client, False)
 
 
 def memory_of(client: Any) -> float:
     """Bytes of memory that are available to the worker with the least of it, if those of a machine share it evenly."""
+    return min((free / sharing for free, sharing in machines_of(client) if free is not None), default=inf)
+
+
+def machines_of(client: Any) -> list[tuple[int | None, int]]:
+    """For each worker the bytes of memory that its machine has left, None if unknown, and how many workers share it."""
     found = client.run(available_memory, on_error="ignore")
     hosts = Counter(map(_host, found))
-    return min((free / hosts[_host(worker)] for worker, free in found.items() if free is not None), default=inf)
+    return [(free, hosts[_host(worker)]) for worker, free in found.items()]
 
 
 def _host(worker: str) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 from ..cluster.chores import Team
 from ..cluster.client import check_client
 from ..model_file import Place, place_of
+from .columns import look_again
 
 if sys.platform != "win32":
     import fcntl
@@ -84,4 +85,9 @@ def _unseen(place: Place, client: Any, workers: list[str]) -> dict[str, str]:
 def _is_seen(place: Place) -> bool:
     """Whether this process sees a file, and may write beside it, and in the folder above."""
     folder = Path(place.path).parent
-    return place.is_there and all(os.access(one, os.W_OK | os.X_OK) for one in (folder, folder.parent))
+    try:
+        for one in (folder.parent, folder):
+            look_again(one)
+    except OSError:
+        return False
+    return place.is_there

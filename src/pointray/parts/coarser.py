@@ -18,6 +18,7 @@ from ..data import Points
 from ..model_file import Level
 from ..model_folder import write_level
 from ..neighbors import kd_order
+from ..points.sampled import Sampled
 from ..points.usual import Usual, sample_of
 from ..splats.averages import attribute_averages
 from ..splats.groups import cell_numbers, groups_in_cells
@@ -30,7 +31,7 @@ from ..tree.settings import TreeSettings
 from ..tree.stored import reach_of
 from .arrange import boxes_of
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
-from .trees import tree_within
+from .trees import tree_within, with_margins
 from .work import Facts
 
 LIMITS, BORDERS, SHEETS = "limits", "borders", "sheets"  # columns
@@ -176,7 +177,7 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
         return Support(radii, None, None, False, None, np.zeros(len(rows), np.bool_))
     usual = Usual(None, known, is_told=True)
     if sample is not None:
-        usual = Usual(None if len(sample) == len(rows) else np.flatnonzero(np.isin(rows[order], sample)), known)
+        usual = Sampled(np.flatnonzero(np.isin(rows[order], sample)), known)
     found = find_support(
         positions[order],
         layer.read(NORMALS, rows)[order],
@@ -222,7 +223,7 @@ def tree_part(
         layer.find(SHEETS, rows),
         None if noise is None else np.minimum(noise, radii),
     )
-    tree = tree_within(splats, cells[part], (whole.supports, whole.reference), settings)
+    tree = with_margins(tree_within(splats, cells[part], (whole.supports, whole.reference), settings), cells[part])
     reach = reach_of(tree)
     used, order = np.unique(tree.order, return_inverse=True)
     empty = int(used[0] < 0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import secrets
 import sys
 import threading
 import weakref
@@ -268,6 +269,17 @@ class Columns:
 
     def _facts(self, name: str) -> Path:
         return self.folder / f"{_checked(name)}.json"
+
+
+def look_again(folder: Path) -> None:
+    """See what other machines have made in a folder; OSError if nothing can be written there.
+
+    A network file system shows an old list for up to a minute, until something is made in the folder from here.
+    """
+    path = folder / f".{secrets.token_hex(8)}"
+    with _told(folder):
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        path.unlink()
 
 
 @contextmanager

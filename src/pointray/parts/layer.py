@@ -124,6 +124,7 @@ class Layer:
 
     def drop(self) -> None:
         """Remove all columns of this level."""
+        self._open.clear()  # closed files, else their room on the disk is not free
         for name in self.columns.names:
             if name.startswith(self._name("")):
                 self.columns.drop(name)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import socket
 import time
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from ..cluster.client import machines_of
 from ..cluster.worker import version_here
 from ..memory import FULL_DISK, available_memory
 from ..model_folder import INDEX, UNFINISHED, VERSION
@@ -34,7 +33,7 @@ SPOOLED = 0.25  # share of the time
 UNKNOWN = 1 << 32  # bytes, where nobody says how many are available
 # Bytes at the peak: of a point of a part, with its share of a margin; of all else, the sample of the cloud included.
 EACH, REST, LEAST = 600, 3 << 28, 3 << 29
-PROCESS, FEWEST = 3 << 27, 1 << 18  # bytes of a worker without any points; points of a part that it has room for
+PROCESS, FEWEST = 1 << 28, 1 << 18  # bytes of a worker without any points; points of a part that it has room for
 ATTEMPTS, PAUSE = 20, 0.5  # to remove what is unfinished; seconds
 
 
@@ -60,14 +59,9 @@ def part_points_for(client: Any, memory: int | None) -> int:
     """
     if client is None:
         return part_points_within(memory or available_memory() or UNKNOWN)
-    machines = client.run(_machine).values()
-    most = max(Counter(host for host, _ in machines).values())
-    return part_points_within(memory or min(free for _, free in machines), most)
-
-
-def _machine() -> tuple[str, int]:
-    """Its name, and the memory that is available."""
-    return socket.gethostname(), available_memory() or UNKNOWN
+    machines = machines_of(client)
+    most = max((sharing for _, sharing in machines), default=1)
+    return part_points_within(memory or min((free or UNKNOWN for free, _ in machines), default=UNKNOWN), most)
 
 
 def begun_points(path: Path) -> int | None:

@@ -21,6 +21,7 @@ from ..points.normals.orientation import NEAR
 from ..points.normals.sheets import is_thick
 from ..points.normals.stations import eyes_of, faced, is_known
 from ..points.path import Path
+from ..points.sampled import of_places
 from ..points.smoothing.noise import Stretches, examined, points_per_stretch
 from ..points.smoothing.smooth import Fitting, Noise, noise_by, smooth_known
 from ..points.strays.layers import Part, merge_for_model
@@ -113,7 +114,7 @@ def merge(cloud: Cloud, local: Local, usual: Usual) -> Floats:
     """Positions with those of second layers moved onto one surface."""
     points = cloud.points(local)
     along = path_of(points.positions)
-    part = Part(cloud.total, local.rows[along.rows], usual)
+    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids))
     return merge_for_model(points, along=along, part=part).positions
 
 
@@ -141,7 +142,8 @@ def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches |
 
 def survey_fits(cloud: Cloud, local: Local, usual: Usual) -> None:
     """Find what fits to points without normals ask of the whole cloud."""
-    survey(path_of(cloud.points(local).positions).positions, usual)
+    along = path_of(cloud.points(local).positions)
+    survey(along.positions, of_places(usual, along.ids))
 
 
 def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None, usual: Usual) -> Surface:

@@ -1,7 +1,8 @@
 """Thin sheets of a closed cloud in parts: normals are turned as in the whole, to the bit, see `points.normals.sheets`.
 
 A winding number is a sum over all points: over tiles of the kd order, of whose trees all parts know the roots. A pass
-reads the tiles that its numbers ask for. What a pass finds is in columns when the next one begins.
+reads the tiles that its numbers ask for. What a pass finds is in columns of its own when the next one begins: a part
+that is made twice does no harm, however late.
 """
 
 from __future__ import annotations
@@ -32,9 +33,11 @@ from .local import Local, runs_of
 from .stages import FACED, PARTED, PLACED, THICK, Cloud
 from .work import Facts, Work
 
-SPACING, TOP, FOUND, GAIN, STATE = "spacing", "winding", "suspects", "gain", "turns"  # columns
-TURNED, UNSURE, TURNED_AGAIN = 1, 2, 4  # what STATE says of a point, added up
-DONE = "sheets-done"
+# Columns: the square root of each point's area; whether a ring has found it, in its own part or in another one; what
+# its numbers have gained; whether it is turned at first, not decided by numbers, turned back, turned by its edges.
+SPACING, FOUND, BESIDE, GAIN = "spacing", "found", "beside", "gain"
+TURNS, UNSURE, BACK, VOTED = "turns", "unsure", "turned.back", "voted"
+TOP, NUMBERS, DONE = "winding", "numbers", "sheets-done"
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -45,11 +48,16 @@ class Field(NamedTuple):
     """What is known of the winding numbers' splats.
 
     scale : what spacings are divided by, or None
-    has_turned : whether normals are turned by what STATE says
+    has_turned : whether normals are turned by what TURNS says
     """
 
     scale: float | None = None
     has_turned: bool = False
+
+    @property
+    def top(self) -> str:
+        """The column with the tree over all tiles."""
+        return f"{TOP}-{(self.scale is not None) + self.has_turned}"
 
 
 class Around(NamedTuple):
@@ -91,8 +99,10 @@ class Thin:
         def each(do: Any) -> list[Any]:
             return work.all(do, next(spans), "sheets")
 
-        for name, dtype in ((SPACING, np.float32), (GAIN, np.float32), (FOUND, np.int8), (STATE, np.int8)):
-            work.room(name, dtype)
+        for name in (SPACING, GAIN):
+            work.room(name, np.float32)
+        for name in (TURNS, UNSURE, BACK, VOTED, *_ring_columns()):
+            work.room(name, np.int8)
         each(self._measure)
         self._settle(each, Field())
         near, far = (np.concatenate(numbers) for numbers in zip(*each(self._sample), strict=True))
@@ -101,7 +111,7 @@ class Thin:
             return False
         field = Field(scale)
         self._settle(each, field)
-        for ring in range(1, RINGS + 1):
+        for ring in range(RINGS):
             self._mark(ring, each(partial(self._ring, field, ring)))
         if not any(each(partial(self._turn, field))):
             return False
@@ -109,14 +119,14 @@ class Thin:
         self._settle(each, field)
         each(partial(self._weigh, field))
         each(self._turn_back)
-        each(partial(self._vote, field))
+        each(self._vote)
         work.room(PARTED, np.float32, 3)
         each(self._write)
         return True
 
     def _settle(self, each: Any, field: Field) -> None:
         """Write the tree over all tiles."""
-        self._work.columns.fill(TOP, top_of(np.concatenate(each(partial(self._roots, field)))))
+        self._work.columns.fill(field.top, top_of(np.concatenate(each(partial(self._roots, field)))))
 
     def _measure(self, part: int) -> None:
         """Write the spacings of a part."""
@@ -132,7 +142,7 @@ class Thin:
         columns, runs = self._work.columns, runs_of(rows[rows < self._cloud.total])
         placed, normals, spacing = (_rows(columns[name], runs) for name in (PLACED, FACED, SPACING))
         if field.has_turned:
-            normals *= _signs(_rows(columns[STATE], runs))
+            normals *= _signs(_rows(columns[TURNS], runs))
         if field.scale is not None:
             spacing /= np.float32(field.scale)
         return Splats(self._frame.of(placed), normals, spacing)
@@ -140,7 +150,7 @@ class Thin:
     def _around(self, field: Field, rows: Rows, step: float = STEP) -> Floats:
         """The winding numbers in front of and behind some points of the cloud."""
         tiles = -(-self._cloud.total // TILE)
-        return Winding(self._work.columns[TOP][:], tiles, partial(self._read, field)).around(rows, step)
+        return Winding(self._work.columns[field.top][:], tiles, partial(self._read, field)).around(rows, step)
 
     def _roots(self, field: Field, part: int) -> Floats:
         stretch = self._work.stretch(part)
@@ -155,102 +165,103 @@ class Thin:
     def _ring(self, field: Field, ring: int, part: int) -> Rows:
         """Mark a part's own points around those whose numbers are odd; returns those in other parts."""
         columns, stretch = self._work.columns, self._work.stretch(part)
-        if ring == 1:
-            found = np.zeros(stretch.stop - stretch.start, np.int8)
+        before = self._suspects(part, ring)
+        if ring == 0:
             thick, earlier = np.flatnonzero(columns[THICK][stretch]), sum(self._thick[:part])
             step = step_of(sum(self._thick), self._cloud.total)
             rows = thick[-earlier % step :: step]
         else:
-            found = columns[FOUND][stretch]
-            rows = np.flatnonzero(found == ring - 1)
+            rows = np.flatnonzero(before)
         rows = rows[is_odd(self._around(field, rows + stretch.start))]
-        around = self._neighborhood(field, part, rows)
+        around = self._neighborhood(part, rows)
         beside = around.local.rows[np.unique(around.near[around.rows])]
-        own = beside[(beside >= stretch.start) & (beside < stretch.stop)] - stretch.start
-        found[own[found[own] == 0]] = ring
-        columns[FOUND].write(stretch.start, found)
-        return np.setdiff1d(beside, own + stretch.start)
+        is_own = (beside >= stretch.start) & (beside < stretch.stop)
+        found = np.zeros(len(before), np.int8)
+        found[beside[is_own] - stretch.start] = 1
+        columns[f"{FOUND}-{ring}"].write(stretch.start, found)
+        return np.asarray(beside[~is_own])
 
     def _mark(self, ring: int, rows: Sequence[Rows]) -> None:
         """Mark points that parts have found in others."""
-        column = self._work.columns[FOUND]
         beside = np.unique(np.concatenate(rows))
         for run in runs_of(beside) if len(beside) else []:
-            found = column[run]
-            found[found == 0] = ring
-            column.write(run.start, found)
+            self._work.columns[f"{BESIDE}-{ring}"].write(run.start, np.ones(run.stop - run.start, np.int8))
 
-    def _neighborhood(self, field: Field, part: int, rows: Rows) -> Around:
+    def _suspects(self, part: int, rings: int = RINGS) -> Flags:
+        """Which of a part's points some rings have found."""
+        stretch = self._work.stretch(part)
+        found = np.zeros(stretch.stop - stretch.start, np.bool_)
+        for name in _ring_columns(rings):
+            found |= self._work.columns[name][stretch] != 0
+        return found
+
+    def _neighborhood(self, part: int, rows: Rows) -> Around:
         """A part with its margin. rows : of its own points"""
         local, columns = self._work.local(part), self._work.columns
         mine = local.own[rows]
         near = np.zeros((len(local.rows), NEAR), np.int32)
         if len(mine):
             near[mine] = near_in(self._cloud, local, mine, NEAR)
-        normals = local.read(columns[FACED])
-        if field.has_turned:
-            normals *= _signs(local.read(columns[STATE]))
-        return Around(local, mine, self._frame.of(local.read(columns[PLACED])), normals, near)
+        return Around(local, mine, self._frame.of(local.read(columns[PLACED])), local.read(columns[FACED]), near)
 
     def _turn(self, field: Field, part: int) -> bool:
         """Say which of the suspects are turned; returns whether there are any suspects."""
         columns, stretch = self._work.columns, self._work.stretch(part)
-        state, rows = np.zeros(stretch.stop - stretch.start, np.int8), np.flatnonzero(columns[FOUND][stretch])
+        rows = np.flatnonzero(self._suspects(part))
         numbers = self._around(field, rows + stretch.start)
-        columns.fill(_numbers_of(part), numbers)
-        _, mine, positions, normals, near = self._neighborhood(field, part, rows)
-        state[rows[is_wrong(mine, numbers, positions, normals, near)]] = TURNED
-        columns[STATE].write(stretch.start, state)
+        columns.fill(f"{NUMBERS}-{part:04d}", numbers)
+        _, mine, positions, normals, near = self._neighborhood(part, rows)
+        self._say(TURNS, part, rows[is_wrong(mine, numbers, positions, normals, near)])
         return len(rows) > 0
 
     def _weigh(self, field: Field, part: int) -> None:
         """Write what the suspects have gained, and which are unsure."""
         columns, stretch = self._work.columns, self._work.stretch(part)
-        gain, rows = np.zeros(stretch.stop - stretch.start, np.float32), np.flatnonzero(columns[FOUND][stretch])
-        before, after = columns[_numbers_of(part)][:], self._around(field, rows + stretch.start)
+        gain, rows = np.zeros(stretch.stop - stretch.start, np.float32), np.flatnonzero(self._suspects(part))
+        before, after = columns[f"{NUMBERS}-{part:04d}"][:], self._around(field, rows + stretch.start)
         gain[rows] = energy(before) - energy(after)
-        state = columns[STATE][stretch] & TURNED
-        state[rows[is_unsure(before, after)]] |= UNSURE
         columns[GAIN].write(stretch.start, gain)
-        columns[STATE].write(stretch.start, state)
+        self._say(UNSURE, part, rows[is_unsure(before, after)])
 
     def _turn_back(self, part: int) -> None:
-        """Turn back those that have gained nothing."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
-        state = columns[STATE][stretch]
-        turned = np.flatnonzero(state & TURNED)
-        local, mine, _, _, near = self._neighborhood(Field(), part, turned)
-        back = turned[local.read(columns[GAIN])[near[mine]].sum(axis=1) <= 0]
-        state[back] = UNSURE
-        columns[STATE].write(stretch.start, state)
+        """Say which are turned back, as they have gained nothing."""
+        columns = self._work.columns
+        turned = np.flatnonzero(columns[TURNS][self._work.stretch(part)])
+        local, mine, _, _, near = self._neighborhood(part, turned)
+        self._say(BACK, part, turned[local.read(columns[GAIN])[near[mine]].sum(axis=1) <= 0])
 
-    def _vote(self, field: Field, part: int) -> None:
+    def _vote(self, part: int) -> None:
         """Say which of those that are unsure edges turn."""
         columns, stretch = self._work.columns, self._work.stretch(part)
-        state = columns[STATE][stretch]
-        unsure = np.flatnonzero(state & UNSURE)
-        _, mine, positions, normals, near = self._neighborhood(field, part, unsure)
-        state[unsure[disagrees(mine, positions, normals, near)]] |= TURNED_AGAIN
-        columns[STATE].write(stretch.start, state)
+        unsure = np.flatnonzero(columns[UNSURE][stretch] | columns[BACK][stretch])
+        local, mine, positions, normals, near = self._neighborhood(part, unsure)
+        normals *= _signs(local.read(columns[TURNS]) ^ local.read(columns[BACK]))
+        self._say(VOTED, part, unsure[disagrees(mine, positions, normals, near)])
+
+    def _say(self, name: str, part: int, rows: Rows) -> None:
+        """Write 1 for some of a part's points, and 0 for its others."""
+        stretch = self._work.stretch(part)
+        flags = np.zeros(stretch.stop - stretch.start, np.int8)
+        flags[rows] = 1
+        self._work.columns[name].write(stretch.start, flags)
 
     def _write(self, part: int) -> None:
         columns, stretch = self._work.columns, self._work.stretch(part)
-        state = columns[STATE][stretch]
-        normals = columns[FACED][stretch] * _signs(state) * _signs((state & TURNED_AGAIN) // TURNED_AGAIN)
-        columns[PARTED].write(stretch.start, normals)
+        turns = columns[TURNS][stretch] ^ columns[BACK][stretch] ^ columns[VOTED][stretch]
+        columns[PARTED].write(stretch.start, columns[FACED][stretch] * _signs(turns))
 
 
 def _rows(column: Any, runs: list[slice]) -> NDArray[Any]:
     return np.concatenate([column[run] for run in runs])
 
 
-def _signs(state: NDArray[np.int8]) -> NDArray[np.int8]:
+def _signs(turned: NDArray[np.int8]) -> NDArray[np.int8]:
     """-1 where points are turned, (n, 1)."""
-    return (1 - 2 * (state & TURNED))[:, None].astype(np.int8)
+    return np.where(turned, np.int8(-1), np.int8(1))[:, None]
 
 
-def _numbers_of(part: int) -> str:
-    return f"numbers-{part:04d}"
+def _ring_columns(rings: int = RINGS) -> list[str]:
+    return [f"{name}-{ring}" for ring in range(rings) for name in (FOUND, BESIDE)]
 
 
 def part_thin_sheets(work: Work, cloud: Cloud, facts: Sequence[Facts], span: Span) -> None:

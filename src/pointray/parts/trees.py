@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points
-from ..kernels.tree import LONGEST, Tree
+from ..kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
 from ..model_folder import PartFile, write_part
 from ..progress import Progress, tell
 from ..tree.blocks import PER_BLOCK, make_blocks
@@ -26,6 +26,9 @@ from ..tree.settings import TreeSettings
 from ..tree.top import PER_GROUP, Groups, cells_of_parts, cut_top, groups_of, groups_per_root, top_of_part
 
 GROUP = PER_BLOCK * PER_GROUP  # splats
+# Radii: how far the surfaces of two levels, one of twice the radius, lie apart: less in 97 of 100 places (0.2 to 0.3
+# of a finer level's radius for a statue and a hilly ground).
+STEP_BESIDE = 0.25
 BINS = 1 << 16  # of the upper half of a float's bits, and of the lower
 
 
@@ -132,6 +135,22 @@ def tree_within(
     groups = groups_of(*make_blocks(*splats[:3], np.arange(len(splats.radii), dtype=np.int32)))
     top = cut_top(groups, longest_step(settings.samples), within=box)
     return without_unused(build_tree(splats, settings, in_order=True, whole=Whole(top, *shared)))
+
+
+def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
+    """The tree of a level of detail in a box, with margins (`Tree.noise`) in the leaves beside the box's faces.
+
+    Beyond a face another level may be shown, whose surface lies a little higher or lower: a shadow ray that begins on
+    the lower one would go through the step between them.
+    """
+    leaves = tree.leaves.reshape(-1, LEAF)
+    voxels, radii = leaves[:, CELL : CELL + 6], leaves[:, RADIUS]
+    beside = voxels[:, :3] < box[:3] + radii[:, None]
+    beside |= voxels[:, 3:] > box[3:] - radii[:, None]
+    rows = np.flatnonzero(beside.any(axis=1))
+    noise = tree.noise.copy() if tree.noise.size else np.zeros(tree.blocks.size // BLOCK, np.float32)
+    np.maximum.at(noise, tree.refs[16 * tree.spans[2 * rows]], np.float32(STEP_BESIDE) * radii[rows])
+    return tree._replace(noise=noise)
 
 
 def bounds_about(positions: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float64]:

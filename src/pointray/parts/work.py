@@ -14,10 +14,11 @@ import numpy as np
 
 from ..cluster.chores import Team
 from ..memory import give_back
+from ..points.sampled import Sampled
 from ..points.usual import Usual, sample_of
 from ..progress import Progress, part_of, tell
 from .arrange import TILE
-from .columns import Column, Columns
+from .columns import Column, Columns, look_again
 from .local import Local, local_of, points_of
 
 Facts = dict[str, Any]
@@ -41,16 +42,22 @@ class Work:
     team : Team, optional
         Workers who see the columns. What is done for parts is sent to them, so it is a function of a module, or a
         method, with small arguments. None: all is done here.
+
+    Attributes
+    ----------
+    is_sent : bool
+        Whether this is a worker's, or another machine's.
     """
 
     def __init__(
         self, columns: Columns, total: int, size: int, progress: Progress | None = None, team: Team | None = None
     ) -> None:
+        self.is_sent = False
         self.columns, self.size, self.parts = columns, size, -(-total // size)
         self._total, self._progress, self._team = total, progress, team
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Work, (self.columns, self._total, self.size)
+        return Work, (self.columns, self._total, self.size), {"is_sent": True}
 
     def stretch(self, part: int) -> slice:
         """The rows of a part."""
@@ -88,7 +95,7 @@ class Work:
             stretches = sample_of(self._total)
             tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in stretches])
             local = local_of(self.columns, tiles, self._total)
-            usual = Usual(local.own)
+            usual = Sampled(local.own)
             look(local, usual)
             known = usual.known
             self.columns.put(f"usual-{stage}", known)
@@ -119,6 +126,8 @@ class Work:
             done += 1
             tell(say, done / self.parts)
             yield one
+        if self._team is not None:
+            look_again(self.columns.folder)
 
 
 def _mark(stage: str, part: int) -> str:
@@ -128,6 +137,8 @@ def _mark(stage: str, part: int) -> str:
 
 def _do(work: Work, do: Callable[[int], Result], part: int) -> Result:
     """Do something for a part; what it has written is on the disk then, for all machines."""
+    if work.is_sent:
+        look_again(work.columns.folder)
     result = do(part)
     work.columns.sync()
     give_back()

@@ -62,12 +62,14 @@ NORMALS = {
     "points.normals.pieces._join_tiles": 0.7,
     "points.normals.votes._count_votes": 0.1,
     "points.normals.votes._cast_votes": 0.3,
-    "points.normals.joins._join_clearest": 0.3,
-    "points.normals.joins._flatten": 0.1,
+    "points.normals.joins._choose": 0.3,
+    "points.normals.joins._join": 0.2,
+    "points.normals.joins._number": 0.1,
     "points.normals.outward._choose": 0.1,
-    "points.normals.sheets._spacings": 0.2,
-    "points.normals.sheets._build": 0.5,
-    "points.normals.sheets._wind": 0.5,
+    "points.normals.winding._spacings": 0.2,
+    "points.normals.winding._grow": 0.5,
+    "points.normals.winding._join_roots": 0.2,
+    "points.normals.winding._wind": 0.5,
 }
 CLICK = "trace.cast._closest"
 SHARED = 20.0  # what all kernels that trace rays share: the first one in a process compiles it for all

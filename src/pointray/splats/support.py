@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import NeighborTree, distinct, take
+from ..points.sampled import of_places
 from ..points.usual import Usual
 from ..progress import Progress, part_of, tell
 from .cells import NEIGHBORS
@@ -120,6 +121,7 @@ def find_support(
     facing = normals if rows is None else take(normals, rows)
     tree = NeighborTree(sites, in_order=True)
     tell(progress, SORTED)
+    usual = Usual.of(len(sites)) if usual is None else of_places(usual, ids)
     found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual)
     covering = found.radii
     lone = _spread(found.lone, ids) if given is None else none
@@ -129,7 +131,6 @@ def find_support(
     if not borders:
         return Support(chosen, None, None, False, ids, lone)
     at_sites = chosen if rows is None else chosen[rows]
-    usual = usual or Usual.of(len(sites))
     tight = usual.share("tight radii", at_sites < TIGHT * covering) > TIGHT_SHARE
     sides: NDArray[Any] | None = None
     if sheets:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...jit import Array, borrow, f64, kernel, next_tile, run
 from .agreement import agreement
-from .winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
+from .winding import Frame, Splats, Winding, spacings
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -141,8 +141,7 @@ class _Field:
 
     def settle(self) -> None:
         """Take the normals as they are."""
-        splats, tiles = Splats(self.positions, self.normals, self._spacing), -(-len(self.positions) // TILE)
-        self._winding = Winding(top_of(roots_of(splats)), tiles, lambda _: splats, np.arange(tiles))
+        self._winding = Winding.of(Splats(self.positions, self.normals, self._spacing))
 
     def around(self, rows: Rows, step: float = STEP) -> Floats:
         """The winding numbers `step` spacings in front and behind, (m, 2)."""

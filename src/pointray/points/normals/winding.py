@@ -246,15 +246,19 @@ class Winding:
         How many the cloud has.
     read : callable
         Some tiles, ascending -> their splats.
-    held : (h,) int64, optional
-        Tiles that are read first. None: others tell.
     """
 
-    def __init__(self, top: Floats, tiles: int, read: Callable[[Rows], Splats], held: Rows | None = None) -> None:
+    def __init__(self, top: Floats, tiles: int, read: Callable[[Rows], Splats]) -> None:
         self._top, self._tiles, self._read = top, tiles, read
         self._held = np.zeros(0, np.int64)
-        if held is not None:
-            self._hold(held)
+
+    @classmethod
+    def of(cls, splats: Splats) -> Winding:
+        """Of a whole cloud in memory."""
+        trees, tiles = trees_of(splats), -(-len(splats.positions) // TILE)
+        winding = cls(top_of(trees[1::NODES]), tiles, lambda _: splats)
+        winding._take(np.arange(tiles), splats, trees)
+        return winding
 
     def around(self, rows: Rows, step: float) -> Floats:
         """The numbers `step` spacings in front of points of the cloud, and behind them, (m, 2)."""
@@ -275,7 +279,10 @@ class Winding:
         held = np.union1d(self._held, tiles)
         if len(held) == len(self._held):
             return
-        self._held, self._slots = held, np.full(self._tiles, -1, np.int32)
+        splats = self._read(held)
+        self._take(held, splats, trees_of(splats))
+
+    def _take(self, held: Rows, splats: Splats, trees: Floats) -> None:
+        self._held, self._splats, self._slots = held, splats, np.full(self._tiles, -1, np.int32)
         self._slots[held] = np.arange(len(held))
-        self._splats = self._read(held)
-        self._nodes = np.concatenate([self._top, trees_of(self._splats)])
+        self._nodes = np.concatenate([self._top, trees])
