@@ -26,6 +26,7 @@ from pointray.model_folder import INDEX, read_folder, read_part, write_index, wr
 from pointray.parts.split import split
 from pointray.rendering.window import may_see
 from pointray.residence import Key
+from pointray.staging import sample
 from pointray.viewer.painter import Frame, FrameRequest, Painter
 from pointray.viewer.view_settings import ViewSettings
 
@@ -68,7 +69,7 @@ def give_levels(folder: Path, patch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("resident") / "terrain.pointray"
-    split(pr.Model(terrain()), folder, PART)
+    split(pr.Model(terrain()), folder, PART, levels=False)
     with pytest.MonkeyPatch.context() as patch:
         give_levels(folder, patch)
     return folder
@@ -477,10 +478,14 @@ def test_bytes_are_those_of_files_and_points(made: Path) -> None:
     assert model.resident_bytes == 0
 
 
-def test_the_first_view_is_found_from_the_coarsest_levels(made: Path) -> None:
+@pytest.mark.parametrize(("points", "level"), [(1, 3), (3000, 2), (1 << 30, 1)])
+def test_the_first_view_is_found_from_a_coarse_level(
+    made: Path, monkeypatch: pytest.MonkeyPatch, points: int, level: int
+) -> None:
+    monkeypatch.setattr(sample, "COARSE", points)
     model = pr.Model.load(made)
     found, wanted = pr.frame(model), pr.frame(terrain())
-    assert open_files(model) == {(number, 3) for number in range(6)}
+    assert open_files(model) == {(number, level) for number in range(6)}
     assert np.allclose(found.eye, wanted.eye, atol=0.5)
     assert found.up == wanted.up
 
@@ -628,7 +633,8 @@ def test_the_viewer_keeps_to_its_budget_and_comes_to_rest(made: Path, pages: lis
     assert (along(model)[0], 0) in open_files(model)  # the nearest is there
 
 
-def test_a_folder_is_viewed_with_direct_light_and_a_budget(made: Path) -> None:
+def test_a_folder_is_viewed_with_direct_light_and_a_budget(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sample, "COARSE", 1)
     pr.render(scene_of(pr.Model.load(made)), FAR)  # loads the kernel that a picture needs
     options = {"settings": pr.Settings("baked"), "up": "auto", "light": None, "fill": None, "background": "auto"}
     options |= {"ground": False, "normals": "auto", "bake": None, "quick": True, "memory": 1 << 20}

@@ -147,7 +147,7 @@ def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
     voxels, radii = leaves[:, CELL : CELL + 6], leaves[:, RADIUS]
     beside = voxels[:, :3] < box[:3] + radii[:, None]
     beside |= voxels[:, 3:] > box[3:] - radii[:, None]
-    rows = np.flatnonzero(beside.any(axis=1))
+    rows = np.flatnonzero(beside.any(axis=1) & (tree.spans[1::2] > 0))
     noise = tree.noise.copy() if tree.noise.size else np.zeros(tree.blocks.size // BLOCK, np.float32)
     np.maximum.at(noise, tree.refs[16 * tree.spans[2 * rows]], np.float32(STEP_BESIDE) * radii[rows])
     return tree._replace(noise=noise)

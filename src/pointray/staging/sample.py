@@ -17,6 +17,7 @@ from ..scene.scene import Scene
 Floats = NDArray[np.float64]
 
 MOST = 200_000  # points; 0.05% of them are still a hundred
+COARSE = 20_000  # points of a level of detail that stands for a model in parts
 STRAY = 0.0005  # share of the points at either end of an axis that counts as strays
 CELLS = 32  # along the longest side of the others: points in neighbouring cells are connected
 ISLAND = 0.0025  # share of the points: a smaller connected group is apart from the scan
@@ -110,21 +111,35 @@ def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:
 def _standing_for(model: Model) -> list[Points]:
     """The points of a model; of one whose parts lie on disk, and need not fit into memory, some of them.
 
-    The coarsest levels of detail stand for parts, and as small a share of the points for parts without levels.
+    One level of detail of all parts stands for them, which is as dense everywhere: the coarsest that has COARSE points.
+    Parts that have no such level give a share of the points that they have.
     """
-    files = [part.source.file for part in model.parts if part.source is not None]
-    if not files:
+    counts = [part.source.file.points for part in model.parts if part.source is not None]
+    if not counts:
         return [model.points]
-    counts = [file.points for file in files]
-    starts, leveled = np.cumsum([0, *counts]), [bool(part.levels and part.has_surface) for part in model.parts]
-    coarse = [part.levels[-1].points for part, has_levels in zip(model.parts, leveled, strict=True) if has_levels]
-    share = sum(map(len, coarse)) / max(sum(itertools.compress(counts, leveled)), 1) or MOST / len(model.points)
+    level = _coarsest(model)
+    stood = [part.has_surface and len(part.levels) >= level > 0 for part in model.parts]
+    coarse = [part.levels[level - 1].points for part, is_leveled in zip(model.parts, stood, strict=True) if is_leveled]
+    share = sum(map(len, coarse)) / max(sum(itertools.compress(counts, stood)), 1) or MOST / len(model.points)
     rest = [
         start + spread_rows(count, max(int(share * count), STRETCHES))
-        for start, count, has_levels in zip(starts, counts, leveled, strict=False)
-        if not has_levels
+        for start, count, is_leveled in zip(np.cumsum([0, *counts]), counts, stood, strict=False)
+        if not is_leveled
     ]
     return [*coarse, *([model.points.select(np.concatenate(rest))] if rest else [])]
+
+
+def _coarsest(model: Model) -> int:
+    """The number of the coarsest level of detail with COARSE points in all parts together.
+
+    1, if none has as many; 0, if there is none.
+    """
+    sizes: dict[int, int] = {}
+    for level in itertools.chain.from_iterable(part.levels for part in model.parts):
+        if level.source is not None:
+            number = level.source.key.level
+            sizes[number] = sizes.get(number, 0) + level.source.file.points
+    return max((number for number, size in sizes.items() if size >= COARSE), default=min(len(sizes), 1))
 
 
 def _matrix(to_model: Floats, points: Points) -> Floats:
