@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import dask
 import dask.array as da
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from PIL import Image
 import pointray as pr
 from clusters import assert_alike, ball, camera_of, cluster_of, scene_of
 from pointray.cli import execute
+from pointray.cluster import stowed
 from pointray.cluster import worker as worker_module
 from pointray.cluster.dispatch import SLOW_AT_HOME, Dispatch, Job
 from pointray.parts.split import split
@@ -39,7 +41,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
-    with cluster_of(2, processes=False) as client:
+    # Else a worker with nothing to do takes chunks of rays over, and opens what another one holds.
+    with dask.config.set({"distributed.scheduler.work-stealing": False}), cluster_of(2, processes=False) as client:
         yield client
 
 
@@ -106,7 +109,9 @@ def test_rays_in_arrays_meet_the_same(client: Any, folder: Path) -> None:
     assert opened_by_workers(folder) == [[0, 1], [2, 3]]
 
 
-def test_what_cannot_be_spread_is_told(client: Any, folder: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_spread_is_told(
+    client: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene, camera, rays = scene_with(folder), camera_of(16, 16), da.zeros((4, 3))
     with pytest.raises(ValueError, match="spread: it takes a client of Dask"):
         pr.render(scene, camera, spread=True)
@@ -116,7 +121,8 @@ def test_what_cannot_be_spread_is_told(client: Any, folder: Path, tmp_path: Path
         pr.render(scene, camera, client=client, spread="yes")
     with pytest.raises(ValueError, match="spread: it takes rays in arrays of Dask"):
         scene.intersect((0, 0, 0), (0, 0, 1), spread=True)
-    with pytest.raises(ValueError, match="spread: there is no client"):
+    with monkeypatch.context() as patch, pytest.raises(ValueError, match="spread: there is no client"):
+        patch.setattr(stowed, "current_client", lambda: None)  # tasks of this process may have made one
         scene.occluded(rays, (0, 0, 1), spread=True)
     other = tmp_path / "b.pointray"
     split(pr.Model(pr.procedural("statue", 20_000)), other, 16_384)
