@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import dask
 import numpy as np
 from distributed import Client, LocalCluster
 
@@ -17,6 +18,7 @@ from conftest import sphere_points
 def cluster_of(workers: int, processes: bool, threads: int = 1) -> Iterator[Any]:
     """A client of workers on this machine."""
     with (
+        dask.config.set(scheduler=None),  # tasks of workers in this process make clients, which stay the default
         LocalCluster(
             n_workers=workers,
             threads_per_worker=threads,
