@@ -1,18 +1,22 @@
 """Chores: functions that workers call with numbers, such as those of parts, without a scene.
 
-A chore does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside.
+A chore does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside while
+it waits for a kernel: elsewhere it may hold a lock, which would stay locked.
 """
 
 from __future__ import annotations
 
 import ctypes
 import os
+import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from ..jit import run
 from ..progress import Progress
 from .crew import Ask, Crew
 from .dispatch import Job
@@ -21,6 +25,7 @@ from .recipe import Stage, pack, unpack
 from .worker import DroppedError
 
 POLL = 0.1  # seconds between two looks whether a chore is still wanted
+AGAIN = 2.0  # seconds that a chore which was told to end has for it
 THREADS = "POINTRAY_THREADS"
 
 T = TypeVar("T")
@@ -77,7 +82,7 @@ def do_chore(scene: None, number: int, todo: bytes, threads: int | None, check: 
 
 
 def stoppable(work: Callable[[], T], check: Progress) -> T:
-    """Do work in a thread, which is ended as by `sys.exit` when `check` raises DroppedError, after its call of C."""
+    """Do work in a thread, which is ended as by `sys.exit` when `check` raises DroppedError and it waits for a kernel."""
     results: list[T] = []
     errors: list[BaseException] = []
 
@@ -87,7 +92,7 @@ def stoppable(work: Callable[[], T], check: Progress) -> T:
         except BaseException as error:
             errors.append(error)
 
-    thread, is_dropped = threading.Thread(target=body, daemon=True), False
+    thread, is_dropped, told = threading.Thread(target=body, daemon=True), False, -AGAIN
     thread.start()
     while thread.is_alive():
         thread.join(POLL)
@@ -95,12 +100,27 @@ def stoppable(work: Callable[[], T], check: Progress) -> T:
             check(0.0)
         except DroppedError:
             is_dropped = True
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
+            if time.monotonic() - told > AGAIN and _waits_for_kernels(thread):
+                told = time.monotonic()
+                _end(thread)
     if is_dropped:
         raise DroppedError
     if errors:
         raise errors[0]
     return results[0]
+
+
+def _waits_for_kernels(thread: threading.Thread) -> bool:
+    """Whether a thread does nothing but wait for the kernels that it runs."""
+    frame = sys._current_frames().get(thread.ident or 0)
+    while frame is not None and frame.f_code.co_filename == threading.__file__:
+        frame = frame.f_back
+    return frame is not None and frame.f_code is run.__code__
+
+
+def _end(thread: threading.Thread) -> None:
+    """Raise SystemExit in a thread."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
 
 
 _LOCK, _BEFORE = threading.Lock(), list[str | None]()  # of the chores in this process
