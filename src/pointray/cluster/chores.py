@@ -1,7 +1,7 @@
 """Chores: functions that workers call with numbers, such as those of parts, without a scene.
 
-A chore does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside while
-it waits for a kernel: elsewhere it may hold a lock, which would stay locked.
+A chore does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside
+while it waits for a kernel: elsewhere it may hold a lock, which would stay locked.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def do_chore(scene: None, number: int, todo: bytes, threads: int | None, check: 
 
 
 def stoppable(work: Callable[[], T], check: Progress) -> T:
-    """Do work in a thread, which is ended as by `sys.exit` when `check` raises DroppedError and it waits for a kernel."""
+    """Do work in a thread. When `check` raises DroppedError it ends, as by `sys.exit`, while it waits for a kernel."""
     results: list[T] = []
     errors: list[BaseException] = []
 
