@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from conftest import slow, sphere_points
 from pointray.cli import execute
 from pointray.cluster import client as client_module
 from pointray.cluster import worker
-from pointray.cluster.chores import THREADS, _on, stoppable
+from pointray.cluster.chores import THREADS, _Chore, _on, stoppable
 from pointray.cluster.crew import Crew
 from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.worker import DroppedError
@@ -285,6 +286,19 @@ def test_a_chore_is_not_ended_where_it_may_hold_a_lock() -> None:
     assert turns[0] == -1 and not lock.locked()
 
 
+def test_a_chore_that_has_ended_is_not_told_to_end() -> None:
+    """Its number may be that of another thread by now."""
+    chore = _Chore(lambda: 7)
+    chore.start()
+    chore.join()
+    assert chore.result == 7 and not chore.end()
+
+
+def test_a_chore_that_exits_does_not_end_its_worker() -> None:
+    with pytest.raises(RuntimeError, match="a chore was ended"):
+        stoppable(sys.exit, lambda share: None)
+
+
 def test_a_chore_gives_its_result_or_its_error() -> None:
     assert stoppable(lambda: 7, lambda share: None) == 7
     with pytest.raises(ZeroDivisionError):
@@ -398,7 +412,6 @@ def test_the_files_are_the_same_when_a_worker_is_killed(share: float, tmp_path: 
 @pytest.mark.slow
 def test_ctrl_c_ends_all_workers_and_the_work_goes_on(tmp_path: Path) -> None:
     import subprocess
-    import sys
 
     import psutil
 

@@ -83,44 +83,67 @@ def do_chore(scene: None, number: int, todo: bytes, threads: int | None, check: 
 
 def stoppable(work: Callable[[], T], check: Progress) -> T:
     """Do work in a thread. When `check` raises DroppedError it ends, as by `sys.exit`, while it waits for a kernel."""
-    results: list[T] = []
-    errors: list[BaseException] = []
-
-    def body() -> None:
-        try:
-            results.append(work())
-        except BaseException as error:
-            errors.append(error)
-
-    thread, is_dropped, told = threading.Thread(target=body, daemon=True), False, -AGAIN
-    thread.start()
-    while thread.is_alive():
-        thread.join(POLL)
+    chore, is_dropped, told = _Chore(work), False, -AGAIN
+    chore.start()
+    while chore.is_alive():
+        chore.join(POLL)
         try:
             check(0.0)
         except DroppedError:
             is_dropped = True
-            if time.monotonic() - told > AGAIN and _waits_for_kernels(thread):
+            if time.monotonic() - told > AGAIN and chore.end():
                 told = time.monotonic()
-                _end(thread)
     if is_dropped:
         raise DroppedError
-    if errors:
-        raise errors[0]
-    return results[0]
+    if isinstance(chore.error, Exception):
+        raise chore.error
+    if chore.error is not None:  # it would end the worker
+        raise RuntimeError("a chore was ended") from chore.error
+    result: T = chore.result
+    return result
 
 
-def _waits_for_kernels(thread: threading.Thread) -> bool:
-    """Whether a thread does nothing but wait for the kernels that it runs."""
-    frame = sys._current_frames().get(thread.ident or 0)
-    while frame is not None and frame.f_code.co_filename == threading.__file__:
-        frame = frame.f_back
-    return frame is not None and frame.f_code is run.__code__
+class _Chore(threading.Thread):
+    """Work in a thread. result, error : what came of it"""
 
+    def __init__(self, work: Callable[[], Any]) -> None:
+        super().__init__(daemon=True)
+        self._work = work
+        self.result: Any = None
+        self.error: BaseException | None = None
+        self._ending = threading.Lock()
 
-def _end(thread: threading.Thread) -> None:
-    """Raise SystemExit in a thread."""
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
+    def run(self) -> None:
+        """See `Thread`."""
+        try:
+            self.result = self._work()
+        except BaseException as error:
+            self.error = error
+        self._ending.acquire()  # when this thread has ended another one may get its number, which `end` uses
+
+    def end(self) -> bool:
+        """Raise SystemExit in this thread, if it waits for kernels; whether it does."""
+        if not self._ending.acquire(blocking=False):
+            return False
+        try:
+            found = self._waits_for_kernels()
+            if found:
+                exception = ctypes.py_object(SystemExit)
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self.ident or 0), exception)
+            return found
+        finally:
+            self._ending.release()
+
+    def _waits_for_kernels(self) -> bool:
+        """Whether this thread does nothing but wait for the kernels that it runs."""
+        frame = sys._current_frames().get(self.ident or 0)
+        while frame is not None and frame.f_code.co_filename == threading.__file__:
+            frame = frame.f_back
+        if frame is None or frame.f_code is not run.__code__:
+            return False
+        while frame is not None and frame.f_code is not _Chore.run.__code__:
+            frame = frame.f_back
+        return frame is not None and frame.f_locals["self"] is self
 
 
 _LOCK, _BEFORE = threading.Lock(), list[str | None]()  # of the chores in this process
