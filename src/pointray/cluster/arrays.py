@@ -18,6 +18,7 @@ from ..arguments import check_real, real_numbers
 from ..extras import require
 from .recipe import Stage
 from .stowed import Stowed
+from .worker import do_at
 
 
 class Form(NamedTuple):
@@ -96,8 +97,8 @@ def chunked_like(
     box = dask.delayed(stowed, name=stowed.key, traverse=False)
     options = {"dtype": object, "meta": np.empty((0,) * axes, object)}
 
-    def pack(whole: tuple[Any, ...]) -> Any:
-        made = partial(_make, work=whole)
+    def pack(whole: tuple[Any, ...], home: str | None = None) -> Any:
+        made = partial(_make, work=whole, home=home)
         return da.blockwise(made, rays, *pairs, scene=box, token="pointray-rays", concatenate=True, **options)
 
     if shared is None:
@@ -105,8 +106,7 @@ def chunked_like(
     else:
         each = []
         for home, argument in shared.homes.items():
-            with dask.annotate(workers=[home], allow_other_workers=True):
-                each += [pack((*work, argument)), rays]
+            each += [pack((*work, argument), home), rays]
         packed = da.blockwise(partial(_join, join=shared.join), rays, *each, token="pointray-join", **options)
     made = {}
     for name, (dtype, columns) in forms.items():
@@ -124,8 +124,10 @@ def chunked_like(
     return made
 
 
-def _make(*chunks: Any, work: tuple[Any, ...], scene: Stowed) -> Any:
-    """The task of a chunk."""
+def _make(*chunks: Any, work: tuple[Any, ...], scene: Stowed, home: str | None = None) -> Any:
+    """The task of a chunk. home : who does it; None: whoever has it"""
+    if home is not None:  # Dask forgets annotations of arrays when it fuses their tasks
+        return do_at(home, partial(_make, work=work, scene=scene), chunks)
     function, *args = work
     return scene.use(function, (*args, chunks))
 

@@ -115,7 +115,7 @@ def homes_for(models: Sequence[Model]) -> list[str]:
     client = current_client()
     if client is None:
         raise ValueError("spread: there is no client of Dask, whose workers would hold the models")
-    workers = list(check_client(client).nthreads())
+    workers = sorted(check_client(client).nthreads())  # the same ones hold the same parts in the next call
     places = [check_spreadable(model) for model in models if model.parts]
     parcels = parcels_of(client)
     _ask(client, parcels, set(places) - parcels.asked)
