@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -18,10 +19,12 @@ from conftest import slow, sphere_points
 from pointray.cli import execute
 from pointray.cluster import client as client_module
 from pointray.cluster import worker
-from pointray.cluster.chores import THREADS, _on, stoppable
+from pointray.cluster.chores import THREADS, _Chore, _on, stoppable
 from pointray.cluster.crew import Crew
 from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.worker import DroppedError
+from pointray.jit import run
+from pointray.jit.threads import CANCEL
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
 from pointray.parts.columns import Columns
@@ -234,12 +237,13 @@ def full(radii: Any) -> None:
 
 
 def test_a_chore_that_nobody_wants_ends() -> None:
-    begun, is_wanted, lines = threading.Event(), [True], [0]
+    begun, is_wanted, turns = threading.Event(), [True], [0]
 
-    def work() -> None:
+    def until_cancelled(work: Any) -> None:
         begun.set()
-        while True:
-            lines[0] += 1
+        while not work[CANCEL]:
+            turns[0] += 1
+            time.sleep(0.01)
 
     def check(share: float) -> None:
         if not is_wanted[0]:
@@ -247,21 +251,52 @@ def test_a_chore_that_nobody_wants_ends() -> None:
 
     errors: list[BaseException] = []
 
-    def run() -> None:
+    def work() -> None:
         try:
-            stoppable(work, check)
+            stoppable(lambda: run(until_cancelled, 1), check)
         except DroppedError as error:
             errors.append(error)
 
-    thread = threading.Thread(target=run)
+    thread = threading.Thread(target=work)
     thread.start()
     assert begun.wait(5)
     is_wanted[0] = False
     thread.join(5)
     assert not thread.is_alive() and len(errors) == 1
-    done = lines[0]
+    done = turns[0]
     time.sleep(0.2)
-    assert lines[0] == done
+    assert turns[0] == done
+
+
+def test_a_chore_is_not_ended_where_it_may_hold_a_lock() -> None:
+    lock, turns = threading.Lock(), [0]
+
+    def work() -> None:
+        end = time.monotonic() + 0.5
+        with lock:
+            while time.monotonic() < end:
+                turns[0] += 1
+        turns[0] = -1
+
+    def check(share: float) -> None:
+        raise DroppedError
+
+    with pytest.raises(DroppedError):
+        stoppable(work, check)
+    assert turns[0] == -1 and not lock.locked()
+
+
+def test_a_chore_that_has_ended_is_not_told_to_end() -> None:
+    """Its number may be that of another thread by now."""
+    chore = _Chore(lambda: 7)
+    chore.start()
+    chore.join()
+    assert chore.result == 7 and not chore.end()
+
+
+def test_a_chore_that_exits_does_not_end_its_worker() -> None:
+    with pytest.raises(RuntimeError, match="a chore was ended"):
+        stoppable(sys.exit, lambda share: None)
 
 
 def test_a_chore_gives_its_result_or_its_error() -> None:
@@ -377,7 +412,6 @@ def test_the_files_are_the_same_when_a_worker_is_killed(share: float, tmp_path: 
 @pytest.mark.slow
 def test_ctrl_c_ends_all_workers_and_the_work_goes_on(tmp_path: Path) -> None:
     import subprocess
-    import sys
 
     import psutil
 

@@ -1,18 +1,22 @@
 """Chores: functions that workers call with numbers, such as those of parts, without a scene.
 
-A chore does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside.
+A chore does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside
+while it waits for a kernel: elsewhere it may hold a lock, which would stay locked.
 """
 
 from __future__ import annotations
 
 import ctypes
 import os
+import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from ..jit import run
 from ..progress import Progress
 from .crew import Ask, Crew
 from .dispatch import Job
@@ -21,6 +25,7 @@ from .recipe import Stage, pack, unpack
 from .worker import DroppedError
 
 POLL = 0.1  # seconds between two looks whether a chore is still wanted
+AGAIN = 2.0  # seconds that a chore which was told to end has for it
 THREADS = "POINTRAY_THREADS"
 
 T = TypeVar("T")
@@ -77,30 +82,68 @@ def do_chore(scene: None, number: int, todo: bytes, threads: int | None, check: 
 
 
 def stoppable(work: Callable[[], T], check: Progress) -> T:
-    """Do work in a thread, which is ended as by `sys.exit` when `check` raises DroppedError, after its call of C."""
-    results: list[T] = []
-    errors: list[BaseException] = []
-
-    def body() -> None:
-        try:
-            results.append(work())
-        except BaseException as error:
-            errors.append(error)
-
-    thread, is_dropped = threading.Thread(target=body, daemon=True), False
-    thread.start()
-    while thread.is_alive():
-        thread.join(POLL)
+    """Do work in a thread. When `check` raises DroppedError it ends, as by `sys.exit`, while it waits for a kernel."""
+    chore, is_dropped, told = _Chore(work), False, -AGAIN
+    chore.start()
+    while chore.is_alive():
+        chore.join(POLL)
         try:
             check(0.0)
         except DroppedError:
             is_dropped = True
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
+            if time.monotonic() - told > AGAIN and chore.end():
+                told = time.monotonic()
     if is_dropped:
         raise DroppedError
-    if errors:
-        raise errors[0]
-    return results[0]
+    if isinstance(chore.error, Exception):
+        raise chore.error
+    if chore.error is not None:  # it would end the worker
+        raise RuntimeError("a chore was ended") from chore.error
+    result: T = chore.result
+    return result
+
+
+class _Chore(threading.Thread):
+    """Work in a thread. result, error : what came of it"""
+
+    def __init__(self, work: Callable[[], Any]) -> None:
+        super().__init__(daemon=True)
+        self._work = work
+        self.result: Any = None
+        self.error: BaseException | None = None
+        self._ending = threading.Lock()
+
+    def run(self) -> None:
+        """See `Thread`."""
+        try:
+            self.result = self._work()
+        except BaseException as error:
+            self.error = error
+        self._ending.acquire()  # when this thread has ended another one may get its number, which `end` uses
+
+    def end(self) -> bool:
+        """Raise SystemExit in this thread, if it waits for kernels; whether it does."""
+        if not self._ending.acquire(blocking=False):
+            return False
+        try:
+            found = self._waits_for_kernels()
+            if found:
+                exception = ctypes.py_object(SystemExit)
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self.ident or 0), exception)
+            return found
+        finally:
+            self._ending.release()
+
+    def _waits_for_kernels(self) -> bool:
+        """Whether this thread does nothing but wait for the kernels that it runs."""
+        frame = sys._current_frames().get(self.ident or 0)
+        while frame is not None and frame.f_code.co_filename == threading.__file__:
+            frame = frame.f_back
+        if frame is None or frame.f_code is not run.__code__:
+            return False
+        while frame is not None and frame.f_code is not _Chore.run.__code__:
+            frame = frame.f_back
+        return frame is not None and frame.f_locals["self"] is self
 
 
 _LOCK, _BEFORE = threading.Lock(), list[str | None]()  # of the chores in this process
