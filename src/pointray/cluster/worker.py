@@ -122,7 +122,7 @@ def at_work(scene_of: Callable[[Bench], Any], work: Callable[..., Any], args: tu
 
     scene_of : makes the scene, given what is kept here; work : see `Ticket`
     """
-    worker = _worker_here()
+    worker = worker_here()
     if worker is None:
         with _HERE.lock:
             return work(scene_of(_HERE), *args, None, None)
@@ -141,7 +141,7 @@ def at_work(scene_of: Callable[[Bench], Any], work: Callable[..., Any], args: tu
             return None
 
 
-def _worker_here() -> Any:
+def worker_here() -> Any:
     """The worker of Dask that this thread works for; None: it does not."""
     distributed: Any = sys.modules.get("distributed")
     try:
