@@ -106,7 +106,9 @@ def test_rays_in_arrays_meet_the_same(client: Any, folder: Path) -> None:
     assert opened_by_workers(folder) == [[0, 1], [2, 3]]
 
 
-def test_what_cannot_be_spread_is_told(client: Any, folder: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_spread_is_told(
+    client: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene, camera, rays = scene_with(folder), camera_of(16, 16), da.zeros((4, 3))
     with pytest.raises(ValueError, match="spread: it takes a client of Dask"):
         pr.render(scene, camera, spread=True)
@@ -116,7 +118,8 @@ def test_what_cannot_be_spread_is_told(client: Any, folder: Path, tmp_path: Path
         pr.render(scene, camera, client=client, spread="yes")
     with pytest.raises(ValueError, match="spread: it takes rays in arrays of Dask"):
         scene.intersect((0, 0, 0), (0, 0, 1), spread=True)
-    with pytest.raises(ValueError, match="spread: there is no client"):
+    with monkeypatch.context() as alone, pytest.raises(ValueError, match="spread: there is no client"):
+        alone.setattr("pointray.cluster.stowed.current_client", lambda: None)  # workers in this process leave theirs
         scene.occluded(rays, (0, 0, 1), spread=True)
     other = tmp_path / "b.pointray"
     split(pr.Model(pr.procedural("statue", 20_000)), other, 16_384)

@@ -7,6 +7,7 @@ recipe. Nothing of Dask is imported here before somebody brings an array of it.
 from __future__ import annotations
 
 import sys
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import itemgetter
@@ -131,12 +132,11 @@ def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Shared, scene: Sto
     distributed: Any = sys.modules["distributed"]
     with distributed.worker_client() as client:
         sent = client.scatter(list(chunks), hash=False)
-        found = [
-            client.submit(
-                _use, scene, function, (*args, held), *sent, workers=[home], allow_other_workers=True, pure=False
-            )
-            for home, held in shared.homes.items()
-        ]
+        found = []
+        for home, held in shared.homes.items():
+            told: dict[str, Any] = {"workers": [home], "allow_other_workers": True, "pure": False}
+            key = f"pointray-held-{uuid.uuid4().hex}"
+            found.append(client.submit(_use, scene, function, (*args, held), *sent, key=key, **told))
         return shared.join(client.gather(found))
 
 
