@@ -172,7 +172,8 @@ def test_the_command_line_spreads(folder: Path, tmp_path: Path) -> None:
     options = ["--size", "80x60", "--integrator", "ao", "--spp", "2"]
     assert execute(["render", str(folder), "-o", str(picture), *options, "--workers", "2", "--spread"]) == 0
     assert execute(["render", str(folder), "-o", str(other), *options]) == 0
-    np.testing.assert_array_equal(np.asarray(Image.open(picture)), np.asarray(Image.open(other)))
+    one, two = (np.asarray(Image.open(path)).astype(int) for path in (picture, other))
+    assert np.abs(one - two).max() <= 1
     assert execute(["render", str(folder), "-o", str(picture), *options, "--spread"]) == 2
 
 
