@@ -7,6 +7,7 @@ recipe. Nothing of Dask is imported here before somebody brings an array of it.
 from __future__ import annotations
 
 import sys
+import uuid
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import itemgetter
@@ -18,7 +19,7 @@ from ..arguments import check_real, real_numbers
 from ..extras import require
 from .recipe import Stage
 from .stowed import Stowed
-from .worker import do_at
+from .worker import worker_here
 
 
 class Form(NamedTuple):
@@ -95,19 +96,9 @@ def chunked_like(
         pairs.append(rays[axes - own :] + ((axes,) if k < 2 else ()))
     stowed = Stowed(scene)
     box = dask.delayed(stowed, name=stowed.key, traverse=False)
-    options = {"dtype": object, "meta": np.empty((0,) * axes, object)}
-
-    def pack(whole: tuple[Any, ...], home: str | None = None) -> Any:
-        made = partial(_make, work=whole, home=home)
-        return da.blockwise(made, rays, *pairs, scene=box, token="pointray-rays", concatenate=True, **options)
-
-    if shared is None:
-        packed = pack(work)
-    else:
-        each = []
-        for home, argument in shared.homes.items():
-            each += [pack((*work, argument), home), rays]
-        packed = da.blockwise(partial(_join, join=shared.join), rays, *each, token="pointray-join", **options)
+    make = partial(_make, work=work) if shared is None else partial(_make_shared, work=work, shared=shared)
+    options = {"concatenate": True, "dtype": object, "meta": np.empty((0,) * axes, object)}
+    packed = da.blockwise(make, rays, *pairs, scene=box, token="pointray-rays", **options)
     made = {}
     for name, (dtype, columns) in forms.items():
         more = tuple(range(axes, axes + len(columns)))
@@ -132,6 +123,25 @@ def _make(*chunks: Any, work: tuple[Any, ...], scene: Stowed, home: str | None =
     return scene.use(function, (*args, chunks))
 
 
-def _join(*found: Any, join: Callable[[list[dict[str, Any]]], dict[str, Any]]) -> Any:
-    """The task that joins what several have made of a chunk."""
-    return join(list(found))
+def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Shared, scene: Stowed) -> Any:
+    """The task of a chunk of which each worker makes its share.
+
+    It sends tasks to them: where the graph says which worker does what, Dask loses that when it optimizes arrays.
+    """
+    function, *args = work
+    if worker_here() is None:
+        return shared.join([scene.use(function, (*args, held, chunks)) for held in shared.homes.values()])
+    distributed: Any = sys.modules["distributed"]
+    with distributed.worker_client() as client:
+        sent = client.scatter(list(chunks), hash=False)
+        found = []
+        for home, held in shared.homes.items():
+            told: dict[str, Any] = {"workers": [home], "allow_other_workers": True, "pure": False}
+            key = f"pointray-held-{uuid.uuid4().hex}"
+            found.append(client.submit(_use, scene, function, (*args, held), *sent, key=key, **told))
+        return shared.join(client.gather(found))
+
+
+def _use(scene: Stowed, function: Callable[..., Any], args: tuple[Any, ...], *chunks: Any) -> Any:
+    """The task of one worker."""
+    return scene.use(function, (*args, chunks))

@@ -122,7 +122,7 @@ def at_work(scene_of: Callable[[Bench], Any], work: Callable[..., Any], args: tu
 
     scene_of : makes the scene, given what is kept here; work : see `Ticket`
     """
-    worker = _worker_here()
+    worker = worker_here()
     if worker is None:
         with _HERE.lock:
             return work(scene_of(_HERE), *args, None, None)
@@ -141,22 +141,7 @@ def at_work(scene_of: Callable[[Bench], Any], work: Callable[..., Any], args: tu
             return None
 
 
-def do_at(home: str, task: Callable[..., T], args: Sequence[Any]) -> T:
-    """Do a task of Dask at a worker, given its address; another one does it where that is gone.
-
-    A task elsewhere sends it there, and waits without keeping its thread. Without workers it is done here.
-    """
-    worker = _worker_here()
-    if worker is None or worker.address == home:
-        return task(*args)
-    from distributed import worker_client
-
-    with worker_client() as client:
-        done: T = client.submit(task, *args, workers=[home], allow_other_workers=True, pure=False).result()
-    return done
-
-
-def _worker_here() -> Any:
+def worker_here() -> Any:
     """The worker of Dask that this thread works for; None: it does not."""
     distributed: Any = sys.modules.get("distributed")
     try:
