@@ -17,7 +17,7 @@ import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
 from pointray.cluster import stowed, worker
 from pointray.cluster.parcels import parcels_of
-from pointray.scene import casting
+from pointray.scene import casting, reached
 
 MODEL = ball()
 FIELDS = ("t", "position", "normal", "color", "point", "instance")
@@ -126,7 +126,7 @@ def count_calls(monkeypatch: pytest.MonkeyPatch, of: Any, name: str) -> list[Any
 
 def test_nothing_is_traced_before_and_each_ray_once(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, given = scene_of(MODEL), rays()
-    traced = count_calls(monkeypatch, casting, "closest_hits")
+    traced = count_calls(monkeypatch, reached, "closest_hits")
     hits = scene.intersect(*(da.from_array(each, chunks=(10, 30, 3)) for each in given), attributes="height")
     assert traced == []
     (found,) = dask.compute(hits)

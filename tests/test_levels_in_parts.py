@@ -220,7 +220,7 @@ def test_no_shadows_lie_along_cuts_between_two_levels(tmp_path: Path) -> None:
     alone = [brightness(models, model.bounds) for models in (finer, coarser)]
     odd = [brightness([*finer[k::2], *coarser[1 - k :: 2]], model.bounds) for k in range(2)]
     dark = [(both < 0.3 * np.minimum(*alone)).sum() for both in odd]
-    assert sum(dark) <= 6
+    assert sum(dark) <= 16  # without margins 44
 
 
 @pytest.mark.parametrize("stop", [23, *map(slow, (1, 9, 40, 49))])

@@ -50,9 +50,9 @@ def bakes(monkeypatch):
     """The settings of all bakes, whose work is made small."""
     calls, real = [], pr.bake
 
-    def bake(scene, settings=None, progress=None):
+    def bake(scene, settings=None, progress=None, client=None):
         calls.append(settings)
-        return real(scene, pr.BakeSettings(patches=300, links=8), progress)
+        return real(scene, pr.BakeSettings(patches=300, links=8), progress, client)
 
     monkeypatch.setattr(pr, "bake", bake)
     return calls

@@ -61,14 +61,14 @@ def parted(tmp_path_factory: pytest.TempPathFactory) -> pr.Model:
 
 
 SETTINGS = [
-    pr.Settings(),
-    pr.Settings(spp=3, sky_rays=2),
-    pr.Settings("ao", spp=2),
-    pr.Settings("path", spp=5),
-    pr.Settings("path", max_depth=8),
-    pr.Settings("color"),
-    pr.Settings("normal"),
-    pr.Settings("depth"),
+    pr.Settings(levels=False),
+    pr.Settings(spp=3, sky_rays=2, levels=False),
+    pr.Settings("ao", spp=2, levels=False),
+    pr.Settings("path", spp=5, levels=False),
+    pr.Settings("path", max_depth=8, levels=False),
+    pr.Settings("color", levels=False),
+    pr.Settings("normal", levels=False),
+    pr.Settings("depth", levels=False),
 ]
 
 
@@ -106,7 +106,7 @@ def test_noise_clips_levels_and_lenses_are_the_same(parted: pr.Model) -> None:
     ):
         for settings in (pr.Settings(spp=2, filter="tent"), pr.Settings("path", spp=2), pr.Settings("ao", spp=65)):
             image, asked = by_waves(scene, camera, settings, 2)
-            assert_alike(image, pr.render(scene, camera, settings))
+            assert_alike(image, pr.render(scene, camera, settings), 1e-4)
             assert min(asked) > 100
 
 

@@ -86,7 +86,7 @@ def shared_scene_of(
     settings, in_parts = options["settings"], any(map(is_in_parts, files))
     if in_parts and options["quick"]:
         settings = with_direct_light(settings)
-    if options["memory"] is not None and not in_parts:
+    if options.get("memory") is not None and not in_parts:
         raise ValueError("--memory is for models in parts")
     baked = light_source(settings, options["bake"])
     from_file = baked is not None and baked.file is not None
@@ -96,7 +96,7 @@ def shared_scene_of(
     light = baked.make if baked is not None and from_file else None
     scans = ScanFiles(tuple(file for file in files if not is_saved(file)), reading, cached)
     entry = scans.entry(normals=options["normals"], **surface) if scans.files else None
-    kept = reading.arguments, entry, reading.drop_strays, options["memory"]
+    kept = reading.arguments, entry, reading.drop_strays, options.get("memory")
     loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, *kept)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes, shared.look = True, lights.look or ""

@@ -26,9 +26,9 @@ from ..tree.settings import TreeSettings
 from ..tree.top import PER_GROUP, Groups, cells_of_parts, cut_top, groups_of, groups_per_root, top_of_part
 
 GROUP = PER_BLOCK * PER_GROUP  # splats
-# Radii: how far the surfaces of two levels, one of twice the radius, lie apart: less in 97 of 100 places (0.2 to 0.3
-# of a finer level's radius for a statue and a hilly ground).
-STEP_BESIDE = 0.25
+# Radii. A statue in 8 parts, each second one a level coarser: of 3,500 lit pixels 44 are dark without a margin, 10, 8
+# and 1 with 0.1, 0.15 and 0.25; 1, 68, 100 and 157 in shadow are light.
+STEP_BESIDE = 0.1
 BINS = 1 << 16  # of the upper half of a float's bits, and of the lower
 
 
