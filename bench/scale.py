@@ -15,7 +15,7 @@ docs      the tables of docs/scale.md
 
 Stages run in the order in which they are named; `all` runs make, prepare and view with --points, then same, cluster and
 faults with a tenth of it. Rows are kept in FOLDER/scale.json, in place of earlier ones of the same stage and size. All
-that is made stays in FOLDER: 12 GB for 100 million points. A stage makes what it needs and does not find.
+that is made stays in FOLDER: 30 GB at most for 100 million points. A stage makes what it needs and does not find.
 
 Memory is read every 50 ms from /proc: "resident" is VmRSS, what `ps` shows, with the pages of files that are mapped,
 summed over all processes of the command (what they share counts for each); of each process the system's own peak

@@ -180,14 +180,14 @@ def timed(work: Callable[[], Any], runs: int) -> tuple[float, Any]:
 
 def cluster(options: Options) -> Iterator[Row]:
     """Workers of one thread each, and one process with as many threads."""
-    for task in tasks(options):
-        one, whole = timed(lambda task=task: task.make(None, None), options.runs)
-        with cluster_of(options.workers) as client:
-            many, found = timed(lambda task=task, client=client: task.make(client, None), options.runs)
+    with cluster_of(options.workers) as client:
+        for task in tasks(options):
+            one, whole = timed(partial(task.make, None, None), options.runs)
+            many, found = timed(partial(task.make, client, None), options.runs)
             before = sent_by_all(client)
             task.make(client, None)
             sent = sent_by_all(client) - before
-        yield from _rows_of(options, task, (one, many), apart(whole, found), sent)
+            yield from _rows_of(options, task, (one, many), apart(whole, found), sent)
     yield from _prepared_by_workers(options)
 
 
@@ -243,21 +243,30 @@ def kill_one(client: Any) -> None:
     os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
 
 
+def await_workers(client: Any, count: int, before: frozenset[str] = frozenset()) -> frozenset[str]:
+    """Wait until there are so many workers, not all of them those that were there before; returns their addresses."""
+    while len(there := frozenset(client.nthreads())) != count or there == before:
+        time.sleep(0.1)
+    return there
+
+
 def faults(options: Options) -> Iterator[Row]:
     """A worker is killed in the middle of each: the result is the same."""
-    for task in tasks(options):
-        if task.unit == "ray":  # a graph of Dask's own: what becomes of it is up to Dask
-            continue
-        whole, killed = task.make(None, None), []
-        with cluster_of(options.workers) as client:
+    with cluster_of(options.workers) as client:
+        for task in tasks(options):
+            if task.unit == "ray":  # a graph of Dask's own: what becomes of it is up to Dask
+                continue
+            there, killed = await_workers(client, options.workers), []
 
-            def tell(share: float, client: Any = client, killed: list[float] = killed) -> None:
+            def tell(share: float, killed: list[float] = killed) -> None:
                 if share > 0.2 and not killed:
                     killed.append(share)
                     kill_one(client)
 
-            found = task.make(client, tell)
-        yield from _fault_rows(options, task.name, task.what, len(killed), apart(whole, found))
+            whole, found = task.make(None, None), task.make(client, tell)
+            if killed:
+                await_workers(client, options.workers, there)
+            yield from _fault_rows(options, task.name, task.what, len(killed), apart(whole, found))
     yield from _killed_while_preparing(options)
 
 
