@@ -20,7 +20,6 @@ from PIL import Image
 import pointray as pr
 from clusters import assert_alike, ball, camera_of, cluster_of, scene_of
 from pointray.cli import execute
-from pointray.cluster import stowed
 from pointray.cluster import worker as worker_module
 from pointray.cluster.dispatch import SLOW_AT_HOME, Dispatch, Job
 from pointray.parts.split import split

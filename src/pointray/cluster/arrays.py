@@ -115,10 +115,8 @@ def chunked_like(
     return made
 
 
-def _make(*chunks: Any, work: tuple[Any, ...], scene: Stowed, home: str | None = None) -> Any:
-    """The task of a chunk. home : who does it; None: whoever has it"""
-    if home is not None:  # Dask forgets annotations of arrays when it fuses their tasks
-        return do_at(home, partial(_make, work=work, scene=scene), chunks)
+def _make(*chunks: Any, work: tuple[Any, ...], scene: Stowed) -> Any:
+    """The task of a chunk."""
     function, *args = work
     return scene.use(function, (*args, chunks))
 
