@@ -183,11 +183,18 @@ def test_what_a_file_says_is_kept(tmp_path):
     assert not (tmp_path / "a.pointray" / "unfinished").exists()
 
 
+@pytest.fixture(scope="module")
+def at_once(tmp_path_factory):
+    """A scan, and what a run makes of it that nobody interrupts."""
+    folder = tmp_path_factory.mktemp("at-once")
+    pr.write(folder / "a.ply", noisy(sheets(), 0.1))
+    return folder / "a.ply", prepared(folder / "a.ply", folder / "whole.pointray")
+
+
 @pytest.mark.parametrize("stage", ["_arrange", "_merge", "_stretches", "_place", "_support", "_write"])
-def test_an_interrupted_run_goes_on(stage, tmp_path, monkeypatch):
+def test_an_interrupted_run_goes_on(stage, at_once, tmp_path, monkeypatch):
     """What was done is not done again, and the files are the same but for the folder's id."""
-    pr.write(tmp_path / "a.ply", noisy(sheets(), 0.1))
-    whole = prepared(tmp_path / "a.ply", tmp_path / "whole.pointray")
+    scan, whole = at_once
     calls, work = [], getattr(Large, stage)
 
     def interrupted(self):
@@ -197,10 +204,10 @@ def test_an_interrupted_run_goes_on(stage, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(Large, stage, interrupted)
         with pytest.raises(KeyboardInterrupt):
-            prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+            prepared(scan, tmp_path / "a.pointray")
     with monkeypatch.context() as patch:
         patch.setattr(prepare_module, "spool", lambda *arguments: calls.append(arguments))
-        again = prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+        again = prepared(scan, tmp_path / "a.pointray")
     assert not calls
     for one, other in zip(again.parts, whole.parts, strict=True):
         for a, b in zip(one.tree, other.tree, strict=True):
