@@ -68,7 +68,7 @@ def merge_passes(
     usual = usual or Usual.of(len(path))
 
     def share() -> float:
-        some = usual.spread(len(path), SAMPLE)
+        some = np.ascontiguousarray(usual.spread(len(path), SAMPLE))
         seen = heights(path, some, tree.query(AROUND, path[some])[1], scans, facing)
         return float(seen[:, :3].any(axis=1).mean())
 
