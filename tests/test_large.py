@@ -88,6 +88,7 @@ CLOUDS = {
     "noisy, without": noisy(sheets(), 0.2),
     "thin plates": noisy(plates(), 0.01),
     "noisy edges": noisy(box(), 0.1),
+    "at one place": STATUE.select(np.sort(np.r_[: len(STATUE), RNG.integers(len(STATUE), size=2000)])),
     "signs by chance": some_signs(STATUE),
     "lost normals": STATUE.with_normals(np.where(RNG.random((len(STATUE), 1)) < 0.01, 0, 2 * STATUE.normals)),
     "with radii": STATUE.changed(attributes={"radius": np.full(len(STATUE), 0.012, np.float32)}),

@@ -63,7 +63,7 @@ def test_clean_points_stay_to_the_bit(name, count):
 def test_noise_is_measured(share, known):
     rows, normals, h = noisy(share, 50_000)
     points = pr.Points(rows, normals)
-    path, _, first = along_path(points)
+    path, _, first, _ = along_path(points)
     noise, spacing = noise_along(path, normals[first].astype(np.float32) if known else None)
     assert 0.6 * share < np.median(noise) / h < 1.2 * share
     assert np.median(spacing) == pytest.approx(h, rel=0.6 * share + 0.1)
@@ -71,7 +71,7 @@ def test_noise_is_measured(share, known):
 
 def test_no_stretch_of_a_loud_cloud_passes_for_detail():
     rows, _, h = noisy(1.0, 50_000)
-    path, _, _ = along_path(pr.Points(rows))
+    path = along_path(pr.Points(rows)).positions
     assert np.quantile(noise_along(path)[0], 0.01) / h > 0.6
 
 

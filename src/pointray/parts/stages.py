@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points
-from ..neighbors import distinct, take
+from ..neighbors import take
 from ..points.normals.estimate import estimate_normals, seen_from, with_units
 from ..points.normals.jets import survey
 from ..points.normals.layers import Layers
 from ..points.normals.orientation import NEAR
 from ..points.normals.sheets import is_thick
 from ..points.normals.stations import eyes_of, faced, is_known
-from ..points.path import Path
+from ..points.path import Path, path_in
 from ..points.sampled import of_places
 from ..points.smoothing.noise import Stretches, examined, points_per_stretch
 from ..points.smoothing.smooth import Fitting, Noise, noise_by, smooth_known
@@ -104,16 +104,15 @@ class Surface(NamedTuple):
     thick: NDArray[np.bool_] | None = None
 
 
-def path_of(positions: Floats) -> Path:
+def path_of(points: Points) -> Path:
     """The path through points that are in kd order and finite, see `along_path`."""
-    rows, ids = distinct(positions)
-    return Path(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
+    return path_in(points, np.arange(len(points), dtype=np.int32))
 
 
 def merge(cloud: Cloud, local: Local, usual: Usual) -> Floats:
     """Positions with those of second layers moved onto one surface."""
     points = cloud.points(local)
-    along = path_of(points.positions)
+    along = path_of(points)
     part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids))
     return merge_for_model(points, along=along, part=part).positions
 
@@ -121,7 +120,7 @@ def merge(cloud: Cloud, local: Local, usual: Usual) -> Floats:
 def examine(cloud: Cloud, local: Local) -> Stretches:
     """What the stretches of a part show of its noise; places are those of the whole cloud."""
     points = cloud.points(local)
-    along = path_of(points.positions)
+    along = path_of(points)
     known = None if points.normals is None else take(_units_of(cloud, local, points).normals, along.rows)
     found = examined(along.positions, known, points_per_stretch(cloud.total))
     rows = along.rows[found.places]
@@ -133,7 +132,7 @@ def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches |
     """Points with normals of their own, moved where they are noisy. stretches : of all parts; None: sigma tells"""
     points = cloud.points(local)
     mended = _units_of(cloud, local, points)
-    along = path_of(points.positions)
+    along = path_of(points)
     noise = _noise_along(local, along, stretches)
     placed = smooth_known(points.with_normals(mended.normals), sigma, along=along, known_noise=noise)
     assert placed.points.normals is not None
@@ -142,14 +141,14 @@ def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches |
 
 def survey_fits(cloud: Cloud, local: Local, usual: Usual) -> None:
     """Find what fits to points without normals ask of the whole cloud."""
-    along = path_of(cloud.points(local).positions)
+    along = path_of(cloud.points(local))
     survey(along.positions, of_places(usual, along.ids))
 
 
 def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None, usual: Usual) -> Surface:
     """Points without normals, moved where they are noisy; signs are those that scanners tell, or not known."""
     points = cloud.points(local)
-    along, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
+    along, (eye, known) = path_of(points), _eyes_of(cloud, points)
     path, eyes = along.positions, None if eye is None else take(eye, along.rows)
     layers = None if cloud.is_seen else Layers(path)
     fitting = Fitting(sigma, _noise_along(local, along, stretches), usual)

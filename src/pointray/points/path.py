@@ -12,7 +12,7 @@ from ..neighbors import distinct, kd_order, take
 
 
 class Path(NamedTuple):
-    """The distinct positions of the finite rows of some points, in the order of `kd_order`.
+    """The distinct positions of the finite rows of some points, in the order of `kd_order`, or about that.
 
     Attributes
     ----------
@@ -21,15 +21,14 @@ class Path(NamedTuple):
         For each finite row, the number of its position.
     rows : (m,) int32
         The first row at each position.
+    order : (k,) int32
+        The finite rows, counted among themselves, in the order of their positions.
     """
 
     positions: NDArray[np.float32]
     ids: NDArray[np.int32]
     rows: NDArray[np.int32]
-
-    def order(self) -> NDArray[np.integer[Any]]:
-        """The finite rows, counted among themselves, in the order of their positions."""
-        return self.rows if len(self.rows) == len(self.ids) else np.argsort(self.ids, kind="stable")
+    order: NDArray[np.int32]
 
     def spread(self, values: NDArray[Any], points: Points) -> NDArray[Any]:
         """What is known of each position, (m, ...), for each row of the points; 0 for rows that are not finite."""
@@ -40,19 +39,28 @@ class Path(NamedTuple):
         out[points.finite] = found
         return out
 
+    def moved(self, points: Points) -> Path:
+        """The path through the same rows in the same order, where they are now."""
+        return path_in(points, self.order)
+
 
 def along_path(points: Points) -> Path:
     """The path through points."""
     finite = points.finite
+    return path_in(points, kd_order(points.positions if finite.all() else points.positions[finite]))
+
+
+def path_in(points: Points, order: NDArray[np.int32]) -> Path:
+    """The path through points in an order of their finite rows, counted among themselves.
+
+    Where points lie at one place the first of them counts, so the path of a part of the order is a part of the path.
+    """
+    finite = points.finite
     whole = bool(finite.all())
-    positions = points.positions if whole else points.positions[finite]
-    rows, ids = distinct(positions)
-    order = kd_order(positions if len(rows) == len(positions) else take(positions, rows))
-    rank = np.empty(len(order), np.int32)
-    rank[order] = np.arange(len(order), dtype=np.int32)
-    if len(rows) < len(positions):
-        ids, order = take(rank, ids), take(rows, order)
-    else:
-        ids = rank
-    rows = order if whole else take(np.flatnonzero(finite).astype(np.int32), order)
-    return Path(take(positions, order), ids, rows)
+    positions = take(points.positions if whole else points.positions[finite], order)
+    first, ids = distinct(positions)
+    place, rows = np.empty(len(order), np.int32), order
+    place[order] = ids
+    if len(first) < len(positions):
+        positions, rows = take(positions, first), take(order, first)
+    return Path(positions, place, rows if whole else take(np.flatnonzero(finite).astype(np.int32), rows), order)

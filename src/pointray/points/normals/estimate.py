@@ -245,7 +245,7 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, al
         out = unit.copy()
         out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
         return out
-    path, ids, first = along or along_path(points)
+    path, ids, first, _ = along or along_path(points)
     finite = np.flatnonzero(points.finite)
     directions = unit[first]
     near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])

@@ -28,7 +28,7 @@ MUCH = 0.4  # noise in spacings from which creases are not to be told from noise
 # them: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
 BENT, ASKS = 0.2, 0.12
 BEYOND = 0.6  # the least of it in the noise's standard deviations: planes have it at 4% of their points
-SHARE = 2  # of the former those in every so manieth row: a part of a cloud has the same ones
+SHARE = 2  # of the former every so manieth, as its position's bits say: a part of a cloud has the same ones
 # Planes that are asked, and how many there must be: with 3, which must agree to 0.9, a tower's mortar had specks.
 ASKED, FEW = 8, 6
 AROUND = 3.0  # spacings: how far away they may be
@@ -37,6 +37,7 @@ WIDE, GOOD = 128, 0.6  # neighbours that are tried where planes were found, and 
 TURNS = 30  # of Hildreth's method: planes at right angles take two
 CHUNK = 512
 PART = 1 << 16  # rows at a time
+MIX = np.uint32(0x9E3779B1)
 
 
 @inline
@@ -129,6 +130,14 @@ def _settle(
     return 0
 
 
+def _is_asked(positions: Floats) -> NDArray[np.bool_]:
+    """One of `SHARE` points, in no order."""
+    bits = np.ascontiguousarray(positions).view(np.uint32)
+    mixed = bits[:, 0] * MIX ^ (bits[:, 1] * MIX >> np.uint32(5)) ^ (bits[:, 2] * MIX >> np.uint32(11))
+    mixed = (mixed ^ mixed >> np.uint32(16)) * MIX
+    return np.asarray((mixed >> np.uint32(20)) % SHARE == 0)
+
+
 class Edges:
     """Points near creases, collected part by part.
 
@@ -156,7 +165,8 @@ class Edges:
         some = np.flatnonzero(beyond > ASKS * spacing)
         self._rows.append(rows[some])
         self._spacing.append(spacing[some].astype(np.float32))
-        seats = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise) & (rows % SHARE == 0))
+        seats = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise))
+        seats = seats[_is_asked(self._positions[rows[seats]])]
         known = np.stack([noise[seats], errors[seats, 1]], axis=1)
         models = fit_creases(self._positions, rows[seats], near[seats], known)
         found = models[:, 0] > 0

@@ -55,7 +55,7 @@ def merge_for_model(
     the path through the points; `part` tells of which cloud they are a part, None: they are the whole.
     """
     along = along or along_path(points)
-    path, ids, rows = along
+    path, ids, rows, _ = along
     tell(progress, 0.1)
     if len(path) < LEAST:
         return points
@@ -73,7 +73,8 @@ def merge_for_model(
         shift[off] = floors.offset[off]
         positions = points.positions.copy()
         positions[points.finite] += shift[ids]
-        points, along = points.changed(positions=positions), None
+        points = points.changed(positions=positions)
+        along = along.moved(points)
     return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0), along=along, usual=part.usual)
 
 

@@ -60,7 +60,7 @@ def merge_passes(
     scans = _scans_of(points)
     if scans is None:
         return points
-    path, ids, rows = along or along_path(points)
+    path, ids, rows, _ = along or along_path(points)
     facing = _facing(points, eyes_of(points) if eyes is None else eyes)
     if facing is None or len(path) <= AROUND:
         return points
