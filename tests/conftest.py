@@ -67,8 +67,13 @@ def models_made_once() -> Iterator[None]:
         yield
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that take minutes come first: at the end one process would do the last of them alone."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
 def slow(*values: object) -> object:
-    """A case of a test that takes seconds: `make long` runs it, and the run in which every array access is checked."""
+    """A case of a test that takes seconds: `make long` runs it."""
     return pytest.param(*values, marks=pytest.mark.slow)
 
 

@@ -191,24 +191,22 @@ def at_once(tmp_path_factory):
     return folder / "a.ply", prepared(folder / "a.ply", folder / "whole.pointray")
 
 
-@pytest.mark.parametrize("stage", ["_arrange", "_merge", "_stretches", "_place", "_support", "_write"])
-def test_an_interrupted_run_goes_on(stage, at_once, tmp_path, monkeypatch):
+def test_a_run_that_is_interrupted_at_every_stage_goes_on(at_once, tmp_path, monkeypatch):
     """What was done is not done again, and the files are the same but for the folder's id."""
     scan, whole = at_once
-    calls, work = [], getattr(Large, stage)
+    for stage in ("_arrange", "_merge", "_stretches", "_place", "_support", "_write"):
+        work = getattr(Large, stage)
 
-    def interrupted(self):
-        work(self)
-        raise KeyboardInterrupt
+        def interrupted(self, work=work):
+            work(self)
+            raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch:
-        patch.setattr(Large, stage, interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            prepared(scan, tmp_path / "a.pointray")
-    with monkeypatch.context() as patch:
-        patch.setattr(prepare_module, "spool", lambda *arguments: calls.append(arguments))
-        again = prepared(scan, tmp_path / "a.pointray")
-    assert not calls
+        with monkeypatch.context() as patch:
+            patch.setattr(Large, stage, interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                prepared(scan, tmp_path / "a.pointray")
+        monkeypatch.setattr(prepare_module, "spool", lambda *arguments: pytest.fail("files are read again"))
+    again = prepared(scan, tmp_path / "a.pointray")
     for one, other in zip(again.parts, whole.parts, strict=True):
         for a, b in zip(one.tree, other.tree, strict=True):
             np.testing.assert_array_equal(a, b)
