@@ -31,6 +31,7 @@ from ..tree.settings import TreeSettings
 from ..tree.stored import reach_of
 from .arrange import boxes_of
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
+from .members import among, distinct
 from .trees import tree_within, with_margins
 from .work import Facts
 
@@ -105,10 +106,10 @@ def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], 
     own, (cell, low) = fine.own(part), (grid.cell, np.array(grid.low, np.float32))
     if own.start == own.stop:
         return {"size": 0}
-    mine = np.unique(cell_numbers(fine.read(POSITIONS, own), fine.read(NORMALS, own), cell, low))
+    mine = distinct(cell_numbers(fine.read(POSITIONS, own), fine.read(NORMALS, own), cell, low))
 
     def shared(rows: slice) -> NDArray[np.bool_]:
-        return np.isin(cell_numbers(fine.read(POSITIONS, rows), fine.read(NORMALS, rows), cell, low), mine)
+        return among(mine, cell_numbers(fine.read(POSITIONS, rows), fine.read(NORMALS, rows), cell, low))
 
     others = fine.near(part, _widened(fine.boxes(part), 1.01 * cell), None, shared)
     rows = np.sort(np.concatenate([others, np.arange(own.start, own.stop)]))
@@ -270,13 +271,13 @@ def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], 
         inside = ((at >= 0) & (at < count)).all(axis=1)
         return (at[:, 0] * count[1] + at[:, 1]) * count[2] + at[:, 2], inside
 
-    cells = np.unique(numbers(positions)[0])
+    cells = distinct(numbers(positions)[0])
     for stride in (1, int(count[2]), int(count[1] * count[2])):
-        cells = np.unique(np.concatenate([cells - stride, cells, cells + stride]))
+        cells = distinct(np.concatenate([cells - stride, cells, cells + stride]))
 
     def keep(rows: slice) -> NDArray[np.bool_]:
         found, inside = numbers(layer.read(POSITIONS, rows))
-        return inside & np.isin(found, cells)
+        return inside & among(cells, found)
 
     return keep
 
