@@ -196,7 +196,7 @@ def _rows_of(options: Options, task: Task, seconds: tuple[float, float], differ:
     yield row(f"{name}.one", seconds[0], "s", f"{task.what}, by one process of {options.workers} threads")
     yield row(f"{name}.many", seconds[1], "s", f"the same, by {options.workers} workers of one thread")
     ratio = row(f"{name}.throughput", seconds[0] / seconds[1], "", "of workers, of the process's")
-    yield ratio if task.name.startswith("spread") else asked(ratio, LEAST, THROUGHPUT)
+    yield asked(ratio, LEAST, THROUGHPUT) if task.name in ("film", "path") else ratio
     yield asked(row(f"{name}.apart", differ, "", "numbers that differ"), MOST, 0)
     yield row(f"{name}.sent", sent / task.units, f"bytes/{task.unit}", "sent over the network")
     yield row(f"{name}.sent.ray", sent / task.rays, "bytes/ray", f"the same, of {task.rays:,} rays of the camera")

@@ -12,6 +12,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,27 @@ def show(folder: str, memory: int, begun: float, cameras: Sequence[pr.Camera], p
         at = time.perf_counter()
         pr.render(scene, camera)
         spent.append(time.perf_counter() - at)
-    return {"opened": opened, "first": first, "frames": spent, "resident": model.resident_bytes}
+    resident = model.resident_bytes
+    return {
+        "opened": opened,
+        "first": first,
+        "frames": spent,
+        "resident": resident,
+        "moving": moving(scene, cameras[1:]),
+    }
+
+
+def moving(scene: pr.Scene, cameras: Sequence[pr.Camera]) -> list[tuple[float, float]]:
+    """Seconds of each picture, and the share of its width that has pixels, as the viewer draws while it moves."""
+    from pointray.viewer.pace import Pace
+
+    pace, spent = Pace(), []
+    for camera in cameras:
+        scale, at = pace.scale(), time.perf_counter()
+        pr.render(scene, replace(camera, size=tuple(round(edge * scale) for edge in camera.size)))
+        spent.append((time.perf_counter() - at, scale))
+        pace.took(*spent[-1])
+    return spent
 
 
 def main() -> None:

@@ -54,7 +54,9 @@ def same(options: Options) -> list[Row]:
     cameras = [options.city.far(options.size), options.city.near(options.size), *options.city.flight(4, options.size)]
     scenes = {count: lit(pr.Model.load(path)) for count, path in paths.items()}
     times = frame_times(scenes, cameras, options.runs)
-    return [row for count in PARTS for row in _rows_of(options, count, (paths, scenes, times, cameras))]
+    each = sum(times[1]) / len(cameras)
+    whole = options.row("same.whole.frame", each, "s", "a frame of the whole, without levels, mean of the views")
+    return [whole, *(row for count in PARTS for row in _rows_of(options, count, (paths, scenes, times, cameras)))]
 
 
 def frame_times(scenes: dict[int, pr.Scene], cameras: list[pr.Camera], runs: int) -> dict[int, list[float]]:

@@ -77,6 +77,10 @@ def _flight(options: Options) -> Iterator[Row]:
     yield asked(options.row("view.flight", len(spent) / sum(spent), "frames/s", f"flight of {what}"), LEAST, RATE)
     yield options.row("view.flight.median", statistics.median(spent), "s", "a frame of it, median")
     yield options.row("view.flight.slowest", max(spent), "s", "its slowest frame")
+    seconds, scales = zip(*found["moving"], strict=True)
+    what = "the same flight as the viewer draws it, with fewer pixels while it moves"
+    yield options.row("view.flight.moving", len(seconds) / sum(seconds), "frames/s", what)
+    yield options.row("view.flight.moving.scale", statistics.mean(scales), "", "share of the width with pixels there")
     row = options.row("view.flight.resident", found["resident"], "bytes", "of parts and levels, at its end")
     yield asked(row, MOST, bytes_of(options.resident))
     yield options.row("view.flight.peak", seen.resident, "bytes", "resident memory of the process")

@@ -18,6 +18,7 @@ import numba
 import numpy as np
 import platformdirs
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.runtime.nrt import rtsys
 
 # Check every array access and every SIMD load (slow). The test suite runs once with it; it is part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
@@ -171,8 +172,15 @@ class KernelCache(FunctionCache):
             return False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """A kernel from the disk; None if it has to be compiled.
+
+        Numba would first import all that compiling needs, which takes 0.5 s of a first picture's 2.4. Compiling imports
+        it itself.
+        """
+        rtsys.initialize(target_context)
         try:
-            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception:  # a damaged or half-written file: compile again
             return None
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..model import COARSER, LEVEL_SAMPLES
 from ..model_folder import LevelFile, PartFile
+from ..points.usual import steady
 from ..splats.averages import have_categories
 from ..splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
 from ..tree.settings import check_settings
@@ -134,7 +135,7 @@ def _shaped(
         layer.sources.pop(SHEETS, None)
     steps = columns.get(f"{stage}-steps")
     if steps is None:
-        steps = {"reference": nth_least(lambda: layer.chunks(RADII), layer.total // 50)}
+        steps = {"reference": steady(nth_least(lambda: layer.chunks(RADII), layer.total // 50))}
         columns.put(f"{stage}-steps", steps)
     boxes = np.array([fact["supports"] for fact in supports if "supports" in fact], np.float32)
     box = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..data import Points
 from ..kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
 from ..model_folder import PartFile, write_part
+from ..points.usual import steady
 from ..progress import Progress, tell
 from ..tree.blocks import PER_BLOCK, make_blocks
 from ..tree.build import Splats, Whole, bounds_of, build_tree
@@ -107,7 +108,7 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
     reference = nth_least(lambda: (radii[start : start + size] for start in starts), len(radii) // 50)
-    return Plan(size, groups, _around([bounds for _, bounds in parts]), reference)
+    return Plan(size, groups, _around([bounds for _, bounds in parts]), steady(reference))
 
 
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:

@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import check_callback, check_kind
-from ..baking.baked import bake
-from ..baking.settings import BakeSettings
 from ..cluster.client import Client
 from ..cluster.crew import Crew, taken
 from ..image.denoise import check_denoise, denoise
@@ -132,6 +130,9 @@ def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -
     check_callback(progress)
     settings = Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
     if settings.integrator == "baked" and scene.baked is None:
+        from ..baking.baked import bake  # a tenth of a second, which other pictures need not wait for
+        from ..baking.settings import BakeSettings
+
         warnings.warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=stacklevel)
         scene.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
     return settings

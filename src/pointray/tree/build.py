@@ -27,6 +27,7 @@ from ..kernels.tree import (
     Tree,
 )
 from ..neighbors import kd_order
+from ..points.usual import steady
 from .blocks import make_blocks
 from .leaves import fill_groups, fill_leaves, limits_of, longest_step
 from .settings import TreeSettings
@@ -168,8 +169,8 @@ def bounds_of(splats: Splats) -> NDArray[np.float32]:
 
 
 def reference_of(radii: NDArray[np.float32]) -> float:
-    """The radius that the steps in the leaves are powers of two of: fifty times as many are larger."""
-    return float(np.partition(radii, len(radii) // 50)[len(radii) // 50])
+    """The radius that the steps in the leaves are powers of two of: fifty times as many are larger, see `steady`."""
+    return steady(float(np.partition(radii, len(radii) // 50)[len(radii) // 50]))
 
 
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:

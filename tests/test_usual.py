@@ -1,0 +1,32 @@
+"""What is usual in a cloud, and how exactly it is told."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pointray.points.usual import BITS, Usual, steady
+
+
+@pytest.mark.parametrize("value", [1e-30, 0.0071279, 0.6, 1.0, 3.0, 12345.6])
+def test_numbers_that_hardly_differ_are_told_as_one(value: float) -> None:
+    told = steady(value)
+    assert value * (1 - 2.0 ** (1 - BITS)) < told <= value
+    assert steady(told) == told
+    near = [steady(value * (1 + share)) for share in np.linspace(-1e-6, 1e-6, 9)]
+    assert len(set(near)) == 1
+
+
+@pytest.mark.parametrize("value", [0.0, math.inf])
+def test_numbers_without_bits_stay(value: float) -> None:
+    assert steady(value) == value
+    assert math.isnan(steady(math.nan))
+
+
+def test_a_cloud_is_told_by_steady_numbers() -> None:
+    values = np.random.default_rng(0).lognormal(size=5000).astype(np.float32)
+    usual = Usual()
+    found = usual.quantile("a", values, 0.5)
+    assert found == steady(float(np.quantile(values, 0.5))) == usual.known["a"]
+    assert usual.share("b", values > 1) == steady(float((values > 1).mean()))
+    assert usual.least("c", values) == values.min()  # what is compared with each value
