@@ -67,26 +67,58 @@ def lines(rows: Rows) -> Iterator[Line]:
     yield from _of_pictures(sheet)
 
 
+class Group(NamedTuple):
+    """Stages of `prepare` that are told in one line.
+
+    name : the stage, or "levels" for those of all levels
+    kind : SHARED, ALONE or SAMPLE
+    """
+
+    name: str
+    kind: str
+
+
+SHARED, ALONE, SAMPLE = "part by part", "at once", "by a sample"
+
+
+def _group_of(row: Row) -> Group:
+    """A sample is as large for all scans, all else grows with the points."""
+    stage = row.name.split(".")[2]
+    kind = SHARED if "one by one" in row.what else SAMPLE if "usual" in stage else ALONE
+    return Group("levels" if stage.startswith("level-") else stage, kind)
+
+
 def _of_prepare(sheet: Sheet) -> Iterator[Line]:
-    """By stages: those that go part by part are shared out, all else is done by one machine."""
-    times = [row for row in sheet.rows.under("prepare.stage.") if row.name.endswith(".time")]
-    alone, shared = 0.0, 0.0
-    for row in times:
-        by_parts = "one by one" in row.what
-        stage = row.name.split(".")[2]
-        formula = "{0} / its points x 1e9" + (f" / {MACHINES} machines / {{1}}" if by_parts else "")
-
-        def count(name: str = row.name, by_parts: bool = by_parts) -> float:
-            one = sheet.each(name) * POINTS
-            return one / MACHINES / sheet.take("cluster.prepare.throughput") if by_parts else one
-
-        line = sheet.line(f"prepare, {stage}", "s", formula, count)
-        alone, shared = alone + (0 if by_parts else line.value or 0), shared + ((line.value or 0) if by_parts else 0)
+    """Stages that go part by part are shared out, all else is done by one machine."""
+    groups: dict[Group, list[Row]] = {}
+    for row in sheet.rows.under("prepare.stage."):
+        if row.name.endswith(".time"):
+            groups.setdefault(_group_of(row), []).append(row)
+    totals = dict.fromkeys((ALONE, SAMPLE, SHARED), 0.0)
+    for group, rows in groups.items():
+        line = _line_of(sheet, group, rows)
+        totals[group.kind] += line.value or 0.0
         yield line
-    if times:
-        yield Line("prepare, by one machine", alone, "s", "the sum of the stages that are done at once")
-        yield Line("prepare, shared out", shared, "s", "the sum of the stages that go part by part")
-        yield Line("prepare, in all", alone + shared, "s", "the sum of both")
+    if groups:
+        yield Line("prepare, by one machine", totals[ALONE] + totals[SAMPLE], "s", "the lines of what is done at once")
+        yield Line("prepare, shared out", totals[SHARED], "s", "the lines of what goes part by part")
+        yield Line("prepare, in all", sum(totals.values()), "s", "the sum of both")
+
+
+def _line_of(sheet: Sheet, group: Group, rows: list[Row]) -> Line:
+    """What stages take. Of several rows the first and how many there are is named, and their sum."""
+    sheet.used, seconds, points = [], sum(row.value for row in rows), rows[0].points
+    names = f"{rows[0].key}: " if len(rows) == 1 else f"{rows[0].key} and {len(rows) - 1} more like it: "
+    how, value = f"[{names}{shown(seconds, 's')}]", seconds
+    if group.kind != SAMPLE:
+        how, value = f"{how} / its points x 1e9", seconds / points * POINTS
+    if group.kind == SHARED:
+        name = "cluster.prepare.throughput"
+        row = sheet.rows.find(name)
+        if row is None:
+            return Line(f"prepare, {group.name}", None, "s", f"needs the row {name}")
+        how, value = f"{how} / {MACHINES} machines / [{row.key}: {shown(row.value, '')}]", value / MACHINES / row.value
+    return Line(f"prepare, {group.name}, {group.kind}", value, "s", how)
 
 
 def _of_disk_and_memory(sheet: Sheet) -> Iterator[Line]:

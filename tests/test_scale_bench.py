@@ -211,16 +211,22 @@ def test_paper_names_the_row_of_each_number(tmp_path):
         [
             Row("prepare.stage.spooled.time", hundred, 50.0, "s", "all at once"),
             Row("prepare.stage.place.time", hundred, 100.0, "s", "48 parts, one by one"),
+            Row("prepare.stage.usual-support.time", hundred, 7.0, "s", "all at once"),
+            Row("prepare.stage.level-1-tree.time", hundred, 20.0, "s", "48 parts, one by one"),
+            Row("prepare.stage.level-2-tree.time", hundred, 30.0, "s", "48 parts, one by one"),
             Row("cluster.prepare.throughput", 10**7, 0.8, "", ""),
             Row("prepare.disk", hundred, 1e10, "bytes", ""),
         ]
     )
     found = {line.what: line for line in lines(rows)}
-    assert found["prepare, spooled"].value == pytest.approx(500)
-    assert found["prepare, place"].value == pytest.approx(100 / 0.8)
-    assert found["prepare, in all"].value == pytest.approx(500 + 100 / 0.8)
+    assert found["prepare, spooled, at once"].value == pytest.approx(500)
+    assert found["prepare, usual-support, by a sample"].value == pytest.approx(7)  # as large for all scans
+    assert found["prepare, place, part by part"].value == pytest.approx(100 / 0.8)
+    assert found["prepare, levels, part by part"].value == pytest.approx(50 / 0.8)
+    assert "and 1 more like it: 50 s" in found["prepare, levels, part by part"].how
+    assert found["prepare, in all"].value == pytest.approx(507 + 150 / 0.8)
     assert found["disk of the model"].value == pytest.approx(1e11)
-    how = found["prepare, place"].how
+    how = found["prepare, place, part by part"].how
     assert "prepare.stage.place.time @ 100,000,000" in how and "cluster.prepare.throughput @ 10,000,000" in how
     rows.put([asked(Row("prepare.peak", hundred, 2.0 * 2**30, "bytes", "memory"), MOST, 2.5 * 2**30)])
     text = markdown(rows).splitlines()

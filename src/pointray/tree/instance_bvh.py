@@ -78,9 +78,11 @@ def _split(boxes: Array, rows: Array, depth: int) -> int:
         before, after = np.zeros(BINS), np.zeros(BINS)
         _costs((counts, held), before)
         _costs((counts[::-1].copy(), held[::-1].copy()), after)
+        number = 0  # of the boxes in bins 0 to k; `sum` would have Numba import SciPy when the kernel is loaded
         for k in range(BINS - 1):
+            number += counts[k]
             cost = before[k] + after[BINS - 2 - k]
-            if cost < best and 0 < counts[: k + 1].sum() < len(rows):
+            if cost < best and 0 < number < len(rows):
                 best, where, along, base, size = cost, k, axis, low, high - low
     if where < 0:  # all centres are equal, or the node is too deep: split into halves of equal number
         middles = 0.5 * (boxes[rows, along] + boxes[rows, 3 + along])
