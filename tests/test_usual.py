@@ -11,10 +11,9 @@ from pointray.points.usual import BITS, Usual, steady
 @pytest.mark.parametrize("value", [1e-30, 0.0071279, 0.6, 1.0, 3.0, 12345.6])
 def test_numbers_that_hardly_differ_are_told_as_one(value: float) -> None:
     told = steady(value)
-    assert value * (1 - 2.0 ** (1 - BITS)) < told <= value
-    assert steady(told) == told
-    near = [steady(value * (1 + share)) for share in np.linspace(-1e-6, 1e-6, 9)]
-    assert len(set(near)) == 1
+    assert told == pytest.approx(value, rel=2.0**-BITS) and steady(told) == told
+    assert {steady(value * (1 + share)) for share in np.linspace(-1e-6, 1e-6, 9)} == {told}
+    assert value * (1 - 2.0 ** (1 - BITS)) < steady(value, is_limit=True) <= value
 
 
 @pytest.mark.parametrize("value", [0.0, math.inf])

@@ -135,7 +135,7 @@ def _shaped(
         layer.sources.pop(SHEETS, None)
     steps = columns.get(f"{stage}-steps")
     if steps is None:
-        steps = {"reference": steady(nth_least(lambda: layer.chunks(RADII), layer.total // 50))}
+        steps = {"reference": steady(nth_least(lambda: layer.chunks(RADII), layer.total // 50), is_limit=True)}
         columns.put(f"{stage}-steps", steps)
     boxes = np.array([fact["supports"] for fact in supports if "supports" in fact], np.float32)
     box = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])

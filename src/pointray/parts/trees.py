@@ -108,7 +108,7 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
     reference = nth_least(lambda: (radii[start : start + size] for start in starts), len(radii) // 50)
-    return Plan(size, groups, _around([bounds for _, bounds in parts]), steady(reference))
+    return Plan(size, groups, _around([bounds for _, bounds in parts]), steady(reference, is_limit=True))
 
 
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:

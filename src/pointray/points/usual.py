@@ -113,10 +113,13 @@ class Usual:
         return values if rows is None else values[rows]
 
 
-def steady(value: float) -> float:
-    """The number without all but its first BITS bits, so that it is the same for values that hardly differ."""
+def steady(value: float, is_limit: bool = False) -> float:
+    """The number to BITS bits, so that it is the same for values that hardly differ. is_limit : rounded down"""
+    if not math.isfinite(value):
+        return value
     fraction, exponent = math.frexp(value)
-    return math.ldexp(math.floor(fraction * (1 << BITS)), exponent - BITS) if math.isfinite(value) else value
+    scaled = fraction * (1 << BITS)
+    return math.ldexp(math.floor(scaled) if is_limit else round(scaled), exponent - BITS)
 
 
 def quantile(values: NDArray[np.float32], share: float) -> float:

@@ -170,7 +170,7 @@ def bounds_of(splats: Splats) -> NDArray[np.float32]:
 
 def reference_of(radii: NDArray[np.float32]) -> float:
     """The radius that the steps in the leaves are powers of two of: fifty times as many are larger, see `steady`."""
-    return steady(float(np.partition(radii, len(radii) // 50)[len(radii) // 50]))
+    return steady(float(np.partition(radii, len(radii) // 50)[len(radii) // 50]), is_limit=True)
 
 
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
