@@ -27,7 +27,7 @@ from scale_watch import UNFINISHED, watched
 
 THROUGHPUT = 0.85  # asked, of one process
 FRAMES, CHUNK = 24, 100_000  # of the film; rays of a chunk
-PATHS = {"integrator": "path", "spp": 16, "max_depth": 4}
+PATHS = {"integrator": "path", "spp": 64, "max_depth": 4}
 AFTER = "place-0000.json"  # the mark after which a worker that prepares is killed
 PART = 1 << 18  # points of a part, if nothing else is asked for: two workers have room for it in 2 GiB
 _SENT = [0]  # bytes, of this process
