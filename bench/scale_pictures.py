@@ -40,14 +40,8 @@ def show(folder: str, memory: int, begun: float, cameras: Sequence[pr.Camera], p
         at = time.perf_counter()
         pr.render(scene, camera)
         spent.append(time.perf_counter() - at)
-    resident = model.resident_bytes
-    return {
-        "opened": opened,
-        "first": first,
-        "frames": spent,
-        "resident": resident,
-        "moving": moving(scene, cameras[1:]),
-    }
+    found = {"opened": opened, "first": first, "frames": spent, "resident": model.resident_bytes}
+    return {**found, "moving": moving(scene, cameras[1:])}
 
 
 def moving(scene: pr.Scene, cameras: Sequence[pr.Camera]) -> list[tuple[float, float]]:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 Rows = NDArray[np.int64]
 
 STRETCH, STRETCHES = 1 << 16, 16  # points, and how many of the stretches stand for a larger cloud
-# Bits of a number that is told. The rest depends on points at which a part's margin ends: 1 in 6,000 radii of a city in
-# parts, and through these numbers the last bits of 6 in 10 hits.
+# Bits of a number that is told. The rest depends on how far a part's margin reaches, and through these numbers the last
+# bits of 6 in 10 hits (docs/decisions/parts.md).
 BITS = 8
 SAMPLE = 20_000  # numbers that tell where a quantile of many lies
 MARGIN = 0.02  # share of the numbers to either side among which it is looked for: 5 times what the sample may be off
