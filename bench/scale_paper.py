@@ -107,7 +107,7 @@ def _of_prepare(sheet: Sheet) -> Iterator[Line]:
 
 def _line_of(sheet: Sheet, group: Group, rows: list[Row]) -> Line:
     """What stages take. Of several rows the first and how many there are is named, and their sum."""
-    sheet.used, seconds, points = [], sum(row.value for row in rows), rows[0].points
+    seconds, points = sum(row.value for row in rows), rows[0].points
     names = f"{rows[0].key}: " if len(rows) == 1 else f"{rows[0].key} and {len(rows) - 1} more like it: "
     how, value = f"[{names}{shown(seconds, 's')}]", seconds
     if group.kind != SAMPLE:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointray.parts.members import among, distinct
+from pointray.parts.members import among, distinct_numbers
 
 
 @pytest.mark.parametrize("size", [1, 2, 1000])
@@ -11,11 +11,11 @@ from pointray.parts.members import among, distinct
 def test_they_are_those_of_numpy(size: int, spread: int) -> None:
     dice = np.random.default_rng(size)
     some, others = (dice.integers(-spread, spread, size) for _ in range(2))
-    known = distinct(some)
+    known = distinct_numbers(some)
     np.testing.assert_array_equal(known, np.unique(some))
     for numbers in (some, others, others[:0]):
         np.testing.assert_array_equal(among(known, numbers), np.isin(numbers, some))
 
 
 def test_no_numbers() -> None:
-    assert distinct(np.zeros(0, np.int64)).size == 0
+    assert distinct_numbers(np.zeros(0, np.int64)).size == 0

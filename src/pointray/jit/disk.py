@@ -174,7 +174,7 @@ class KernelCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """A kernel from the disk; None if it has to be compiled.
 
-        Numba would first import all that compiling needs, which takes 0.5 s of a first picture's 2.4. Compiling imports
+        Numba would first import all that compiling needs, which takes 0.4 s of a first picture's 2.4. Compiling imports
         it itself.
         """
         rtsys.initialize(target_context)

@@ -31,7 +31,7 @@ from ..tree.settings import TreeSettings
 from ..tree.stored import reach_of
 from .arrange import boxes_of
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
-from .members import among, distinct
+from .members import among, distinct_numbers
 from .trees import tree_within, with_margins
 from .work import Facts
 
@@ -106,7 +106,7 @@ def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], 
     own, (cell, low) = fine.own(part), (grid.cell, np.array(grid.low, np.float32))
     if own.start == own.stop:
         return {"size": 0}
-    mine = distinct(cell_numbers(fine.read(POSITIONS, own), fine.read(NORMALS, own), cell, low))
+    mine = distinct_numbers(cell_numbers(fine.read(POSITIONS, own), fine.read(NORMALS, own), cell, low))
 
     def shared(rows: slice) -> NDArray[np.bool_]:
         return among(mine, cell_numbers(fine.read(POSITIONS, rows), fine.read(NORMALS, rows), cell, low))
@@ -271,9 +271,9 @@ def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], 
         inside = ((at >= 0) & (at < count)).all(axis=1)
         return (at[:, 0] * count[1] + at[:, 1]) * count[2] + at[:, 2], inside
 
-    cells = distinct(numbers(positions)[0])
+    cells = distinct_numbers(numbers(positions)[0])
     for stride in (1, int(count[2]), int(count[1] * count[2])):
-        cells = distinct(np.concatenate([cells - stride, cells, cells + stride]))
+        cells = distinct_numbers(np.concatenate([cells - stride, cells, cells + stride]))
 
     def keep(rows: slice) -> NDArray[np.bool_]:
         found, inside = numbers(layer.read(POSITIONS, rows))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Numbers = NDArray[np.int64]
 
 
-def distinct(numbers: Numbers) -> Numbers:
+def distinct_numbers(numbers: Numbers) -> Numbers:
     """Numbers, ascending, each once."""
     ordered = np.sort(numbers)
     return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(ordered) else ordered
