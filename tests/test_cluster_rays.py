@@ -46,7 +46,7 @@ def assert_equal(found: Any, wanted: Any) -> None:
     """What is found is what was promised, and has the same bits."""
     assert isinstance(found, da.Array)
     assert (found.shape, found.dtype) == (wanted.shape, wanted.dtype)
-    values = found.compute()
+    values = found.compute(scheduler="threads")  # workers in this process leave clients
     assert (values.shape, values.dtype) == (wanted.shape, wanted.dtype)
     np.testing.assert_array_equal(values, wanted)
 
@@ -183,7 +183,7 @@ def test_workers_compute_the_same_and_get_the_model_once(client: Any, monkeypatc
         np.testing.assert_array_equal(lazy.t.compute(scheduler="threads"), wanted.t)
         assert [name for name in client.who_has() if str(name).startswith("model of 1100")]
     # Whoever is no longer at hand has what is needed.
-    np.testing.assert_array_equal(lazy.t.compute(), wanted.t)
+    np.testing.assert_array_equal(lazy.t.compute(scheduler="sync"), wanted.t)
 
 
 def test_models_in_scenes_that_are_else_alike_are_not_confused(client: Any) -> None:

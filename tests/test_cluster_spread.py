@@ -84,10 +84,10 @@ def test_passes_and_films_are_the_same(client: Any, folder: Path) -> None:
     scene, camera = scene_with(folder), camera_of(64, 48)
     for settings in (pr.Settings("path", noise=0.3, spp=64), pr.Settings(spp=70)):
         image = pr.render(scene, camera, settings, client=client, spread=True)
-        assert_alike(image, pr.render(scene, camera, settings), 1e-4)
+        assert_alike(image, pr.render(scene, camera, settings))
     cameras = [camera_of(64, 48, turn) for turn in (0.0, 0.5)]
     for camera, image in zip(cameras, pr.animate(scene, cameras, client=client, spread=True), strict=True):
-        assert_alike(image, pr.render(scene, camera), 1e-4)
+        assert_alike(image, pr.render(scene, camera))
 
 
 def test_rays_in_arrays_meet_the_same(client: Any, folder: Path) -> None:
@@ -140,7 +140,7 @@ def test_what_no_worker_could_hold_is_spread(client: Any, folder: Path, monkeypa
     monkeypatch.setattr("pointray.cluster.client.available_memory", lambda: 1000)
     image = pr.render(scene, camera, client=client)
     assert traffic().since(before).waves > 0
-    assert_alike(image, pr.render(scene, camera), 1e-4)
+    assert_alike(image, pr.render(scene, camera))
 
 
 def test_an_error_in_progress_ends_the_work(client: Any, folder: Path) -> None:

@@ -80,6 +80,19 @@ def plates():
     return pr.Points(np.concatenate(found).astype(np.float32))
 
 
+def bands():
+    """Ground, and bands of a second layer on it, so narrow that few of the places that are looked at first show one."""
+    n = 100_000
+    h = 2 / np.sqrt(n)
+    ground = RNG.uniform(-1, 1, (n, 2))
+    x = RNG.uniform(-1, 1, (9, 600))
+    y = np.linspace(-0.8, 0.8, 9)[:, None] + 0.02 * np.sin(9 * x) + RNG.uniform(-4, 4, x.shape) * h
+    x, y = np.concatenate([ground, np.column_stack([x.ravel(), y.ravel()])]).T
+    z = 0.1 * np.sin(3 * x) + 0.1 * h * RNG.normal(size=len(x))
+    z[n:] += 2.5 * h
+    return pr.Points(np.column_stack([x, y, z]).astype(np.float32))
+
+
 STATUE = pr.procedural("statue", 100_000)
 CLOUDS = {
     "with normals": STATUE,
@@ -88,6 +101,7 @@ CLOUDS = {
     "noisy, without": noisy(sheets(), 0.2),
     "thin plates": noisy(plates(), 0.01),
     "noisy edges": noisy(box(), 0.1),
+    "second layers": bands(),
     "signs by chance": some_signs(STATUE),
     "lost normals": STATUE.with_normals(np.where(RNG.random((len(STATUE), 1)) < 0.01, 0, 2 * STATUE.normals)),
     "with radii": STATUE.changed(attributes={"radius": np.full(len(STATUE), 0.012, np.float32)}),

@@ -183,7 +183,7 @@ def test_refine_and_samples_are_honoured():
 
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_rays_in_a_tile_hit_what_they_hit_alone(surface):
-    """Neighbouring rays are traced together; in random order each is traced singly."""
+    """Neighbouring rays are traced together; in random order few are: all bits are the same."""
     scene, model = scene_of("statue", surface=surface)
     scene.add(model, transform=np.diag([-0.5, 0.5, 0.5, 1]) + np.eye(4, k=3))
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
@@ -191,14 +191,9 @@ def test_rays_in_a_tile_hit_what_they_hit_alone(surface):
     together = scene.intersect(origins, directions)
     order = RNG.permutation(len(origins))
     alone = scene.intersect(origins[order], directions[order])
-    assert (together.instance[order] != alone.instance).mean() < 1e-4
-    same = (together.instance[order] == alone.instance) & np.isfinite(alone.t)
     assert set(alone.instance) == {-1, 0, 1, 2}
-    assert np.abs(together.t[order][same] - alone.t[same]).max() < 1e-3 * np.median(model.radii)
-    assert (together.point[order] == alone.point)[same].mean() > 0.999
-    # To the bit, but beside faces of voxels with other steps: 0.1 to 0.16%, and 1.5% if each voxel counted positions.
-    model = same & (alone.instance < 2)
-    assert (together.normal[order] != alone.normal)[model].any(axis=1).mean() < 4e-3
+    for name in ("t", "position", "normal", "color", "point", "instance"):
+        np.testing.assert_array_equal(getattr(together, name)[order], getattr(alone, name), name)
 
 
 @pytest.mark.parametrize("name", ["sphere", "statue"])

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
 from .choices import SURFACES
 from .data import Points, spread_rows
-from .kernels.tree import Tree
+from .kernels.tree import LONGEST, Tree
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
 from .points.ready import check_model_memory, finite_rows, placed_for_model
@@ -378,6 +378,16 @@ class Model(OnDisk):
         if reach is None:  # no surface: a box without size
             return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)
         return reach
+
+    @cached_property
+    def step(self) -> float:
+        """The longest step of a ray's samples, in the points' unit: hits may lie this far outside of `reach`.
+
+        Of a part on disk also that of its levels of detail, about: each has steps twice as long.
+        """
+        if self.source is None:
+            return float(self.tree.head[LONGEST])
+        return self.source.residence.step * COARSER ** len(self.levels)
 
     @cached_property
     def spacing(self) -> float:

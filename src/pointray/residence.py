@@ -73,6 +73,11 @@ class Residence(Generic[T]):
         self._lock = threading.Lock()  # guards all of these
         self._reading: dict[Key, threading.Lock] = {}
 
+    @property
+    def step(self) -> float:
+        """The longest step of a ray's samples in any part, in the points' unit."""
+        return self._index.longest
+
     def file(self, key: Key) -> PartFile | LevelFile:
         """What the index says of a file."""
         part = self._index.parts[key.part]

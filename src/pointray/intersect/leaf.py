@@ -11,11 +11,11 @@ from ..kernels.scratch import (
     AT_FIRST,
     AT_HALF,
     AT_LAST,
-    AT_LENGTH,
     AT_OX,
     AT_OY,
     AT_OZ,
     AT_SIDE,
+    AT_T,
     AT_X,
     AT_Y,
     AT_Z,
@@ -27,6 +27,7 @@ from ..kernels.scratch import (
     ENTER,
     FIRST,
     FOUND,
+    HIT_T,
     IX,
     LANES,
     LAST,
@@ -182,10 +183,10 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
         store_packed(part, AT_OY + n, active, load16(rows, OY + v))
         store_packed(part, AT_OZ + n, active, load16(rows, OZ + v))
         store_packed(part, AT_HALF + n, active, half)
+        store_packed(part, AT_T + n, active, broadcast16(INF))
         store_packed(part, AT_FIRST + n, active, sampled.first)
         store_packed(part, AT_LAST + n, active, sampled.last)
         store_packed(part, AT_BEGIN + n, active, sampled.begin)
-        store_packed(part, AT_LENGTH + n, active, load16(rows, LENGTH + v))
         store_packed(part, AT_SIDE + n, active, load16(rows, SIDE + v))
         n += count_bits(word)
         taken |= word << v
@@ -238,13 +239,14 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
         always takes four steps, so that lanes are known when it is compiled: 1 to 2% of the time
     """
     rows, part, lifted = scratch.model, scratch.part, i64(0)
-    hits, lifts = bits(found.t < repeat4(part, AT_LENGTH + first)) & asked, bits(found.lift > ZERO) & asked
+    hits, lifts = bits(found.t < repeat4(part, AT_T + first)) & asked, bits(found.lift > ZERO) & asked
     for i in range(4):
         k = count_trailing_zeros(rays | BEYOND)
         rays &= rays - 1
         lifted |= ((lifts >> i) & 1) << k
         if (hits >> i) & 1 != 0:
-            rows[LENGTH + k] = part[AT_LENGTH + first + i] = lane(found.t, i)
+            rows[HIT_T + k] = part[AT_T + first + i] = lane(found.t, i)
+            rows[LENGTH + k] = rows[ENTER + k]
             rows[NX + k], rows[NY + k], rows[NZ + k] = lane(found.nx, i), lane(found.ny, i), lane(found.nz, i)
             scratch.numbers[FOUND + k] = leaf
     return lifted

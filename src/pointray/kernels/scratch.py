@@ -83,10 +83,11 @@ NUMBERS_SIZE = _rows.size
 # model, float32: the rays in the current model, see `kernels.tree.Ray`, and what is computed of them at a leaf.
 _rows = Rows(TILE)
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (_rows() for _ in range(9))
-# Where its nearest hit in this model is, at first a step behind where it ends: see `intersect/march.py`; below 0 where
-# it misses the bounds.
+# How far it is followed: at first to a step behind where it ends, see `intersect/march.py`, then to where it enters the
+# voxel of its hit; below 0 where it misses the bounds. Both sides of a face can find the same root, in other last bits:
+# the first voxel along the ray decides, not the least t, whatever the order in which a tile comes to them.
 LENGTH = _rows()
-NX, NY, NZ = _rows(), _rows(), _rows()  # unit normal of that hit
+HIT_T, NX, NY, NZ = _rows(), _rows(), _rows(), _rows()  # t and unit normal of its hit in this model
 ENTER, LEAVE, FIRST, LAST = _rows(), _rows(), _rows(), _rows()  # of the leaf: its voxel, and the part that is searched
 END = _rows()  # LENGTH as it was at first, whatever the ray hits
 SIDE = _rows()  # see SIDE_OF
@@ -105,7 +106,7 @@ _rows = Rows(PART)
 AT_X, AT_Y, AT_Z, AT_DX, AT_DY, AT_DZ = (_rows() for _ in range(6))  # the middle of what is searched; the direction
 AT_OX, AT_OY, AT_OZ = (_rows() for _ in range(3))  # the origin
 AT_HALF, AT_FIRST, AT_LAST = _rows(), _rows(), _rows()  # half the length; numbers of the first and the last sample
-AT_BEGIN, AT_LENGTH, AT_SIDE = _rows(), _rows(), _rows()  # see `lattice.SampleRange`; the nearest hit; the side
+AT_BEGIN, AT_T, AT_SIDE = _rows(), _rows(), _rows()  # see `lattice.SampleRange`; the leaf's nearest hit; the side
 PART_SIZE = _rows.size
 
 # shading_points, float64: where the tile's rays have hit a surface.

@@ -27,6 +27,7 @@ from .arrange import CHUNK, TILE, Arrangement
 from .columns import Columns
 from .facing import turn_fits, turn_given
 from .finish import Described, finish
+from .second_layers import find_layers
 from .spooled import Spooled
 from .stages import (
     GIVEN,
@@ -61,8 +62,8 @@ from .work import Work
 SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
 RADIUS = "radius"  # the attribute that holds given radii
 # Shares of the time after which stages are done.
-ARRANGED, SORTED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
-    *(0.12, 0.16, 0.3, 0.35, 0.4, 0.5, 0.56, 0.6, 0.8),
+ARRANGED, SORTED, SEARCHED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
+    *(0.12, 0.16, 0.22, 0.3, 0.35, 0.4, 0.5, 0.56, 0.6, 0.8),
 )
 
 
@@ -159,8 +160,9 @@ class Large:
             return
         cloud, work = self._cloud, self._work
         usual = work.surveyed("layers", partial(merge, cloud))
+        find_layers(work, cloud, (SORTED, SEARCHED))
         work.room(MERGED, np.float32, 3)
-        work.each("merge", partial(move_layers, work, cloud, usual), (SORTED, MERGED_AT))
+        work.each("merge", partial(move_layers, work, cloud, usual), (SEARCHED, MERGED_AT))
         self._columns.put(MERGED, {})
 
     def _place(self) -> None:

@@ -37,6 +37,7 @@ Floats = NDArray[np.float32]
 # Columns: of the cloud as it was given, and of what is found, stage by stage.
 POSITIONS, GIVEN = "points.positions", "points.normals"
 MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
+LAYERS = "layers"  # of blocks, see `second_layers.py`
 PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"
 PLANES = "planes.moved", "planes.normals"
 THICK, PARTED = "thick", "parted"  # whether a point may be of two sheets; normals where these were looked for
@@ -111,10 +112,11 @@ def path_of(positions: Floats) -> Path:
 
 
 def merge(cloud: Cloud, local: Local, usual: Usual) -> Floats:
-    """Positions with those of second layers moved onto one surface."""
+    """Positions with those of second layers moved onto one surface, in the blocks that show them if these are known."""
     points = cloud.points(local)
     along = path_of(points.positions)
-    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids))
+    known = None if cloud.columns.get(LAYERS) is None else np.flatnonzero(cloud.columns[LAYERS][:])
+    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids), known)
     return merge_for_model(points, along=along, part=part).positions
 
 

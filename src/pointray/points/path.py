@@ -31,6 +31,15 @@ class Path(NamedTuple):
         """The finite rows, counted among themselves, in the order of their positions."""
         return self.rows if len(self.rows) == len(self.ids) else np.argsort(self.ids, kind="stable")
 
+    def moved(self, points: Points) -> Path:
+        """The path through the same points elsewhere: their order stays."""
+        finite, order = np.flatnonzero(points.finite), self.order()
+        positions = take(points.positions, finite[order])
+        rows, ids = distinct(positions)
+        ids_of = np.empty_like(ids)
+        ids_of[order] = ids
+        return Path(take(positions, rows), ids_of, finite[order[rows]].astype(np.int32))
+
     def spread(self, values: NDArray[Any], points: Points) -> NDArray[Any]:
         """What is known of each position, (m, ...), for each row of the points; 0 for rows that are not finite."""
         found = take(values, self.ids)

@@ -43,7 +43,7 @@ def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: 
     if merge:
         along = along_path(points)
         merged = merge_for_model(points, part_of(progress, 0.0, MERGED), along)
-        points, along = merged, along if merged is points else None
+        points, along = merged, along if merged is points else along.moved(merged)
     placed, message = place(points, sigma, part_of(progress, MERGED if merge else 0.0, 1.0), along)
     if message:
         warnings.warn(message, stacklevel=3)

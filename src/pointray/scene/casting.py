@@ -126,8 +126,10 @@ def _nearest(found: list[dict[str, Any]]) -> dict[str, Any]:
     """The nearest hits of those that several workers have found."""
     best = dict(found[0])
     for other in found[1:]:
-        t, t_best = other["t"], best["t"]
-        nearer = (t < t_best) | ((t == t_best) & (other[ALONG] < best[ALONG]))
+        nearer, same = np.zeros(best["t"].shape, np.bool_), np.ones(best["t"].shape, np.bool_)
+        for name in ("t", ALONG, "instance", "point"):  # of hits at the same place the first instance's, and part's
+            nearer |= same & (other[name] < best[name])
+            same &= other[name] == best[name]
         for name, values in other.items():
             columns = values.ndim - nearer.ndim
             best[name] = np.where(nearer.reshape(nearer.shape + (1,) * columns), values, best[name])

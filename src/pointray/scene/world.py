@@ -233,7 +233,11 @@ def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64]
 
 
 def reach_boxes(records: NDArray[np.float64], models: Sequence[Model], rows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """World boxes around all that rays can hit of some instances, (n, 6). rows : theirs"""
+    """World boxes around all that rays can hit of some instances, (n, 6). rows : theirs
+
+    A ray enters the box before any of its hits. So the nearest hit does not depend on which instance comes first.
+    """
     records = records.reshape(-1, INSTANCE)[rows]
-    bounds = np.array([model.reach for model in models]).reshape(-1, 2, 3)[records[:, SHAPE_ROW].astype(int)]
+    reaches = [model.reach + [[-model.step], [model.step]] for model in models]
+    bounds = np.array(reaches).reshape(-1, 2, 3)[records[:, SHAPE_ROW].astype(int)]
     return boxes_around(records[:, TO_MODEL:].reshape(-1, 3, 4), bounds)

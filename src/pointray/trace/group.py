@@ -16,6 +16,7 @@ from ..kernels.scratch import (
     END,
     FOUND,
     FOUND_ASIDE,
+    HIT_T,
     IX,
     LANES,
     LENGTH,
@@ -51,7 +52,7 @@ WIDEST = f32(0.2)  # components of the directions may differ by at most this muc
 SCATTERED = f32(4.0)
 FEWEST = 4  # rays in the smallest group
 BROUGHT = (*range(OX, LENGTH, TILE), END, SIDE, BEGIN)  # rows: what a ray brings with it, besides LENGTH
-FOUND_ROWS = (LENGTH, NX, NY, NZ)
+FOUND_ROWS = (HIT_T, NX, NY, NZ)
 FAILURES = 4  # after this many rays with too few similar neighbours the others are traced singly too: directions differ
 
 

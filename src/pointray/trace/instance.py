@@ -17,6 +17,7 @@ from ..kernels.scratch import (
     END,
     FOUND,
     HEADING,
+    HIT_T,
     INSTANCE_OF,
     IX,
     LANES,
@@ -179,14 +180,14 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
         alone &= alone - 1
         hit = closest(world.table, model, tile_ray(rows, i), scratch)
         numbers[FOUND + i] = hit.leaf
-        rows[LENGTH + i] = hit.t
+        rows[HIT_T + i] = hit.t
         store3(rows, NX + i, (hit.nx, hit.ny, hit.nz))
     if few:
         while entered != 0:
             i = count_trailing_zeros(entered)
             entered &= entered - 1
             if numbers[FOUND + i] >= 0:
-                _keep_t(i, scratch)
+                _keep_t(offset // INSTANCE, i, scratch)
                 _keep_normal_and_position(of_size_one(matrix), i, scratch)
                 _keep_leaf(offset, i, scratch)
     else:
@@ -194,11 +195,20 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
 
 
 @inline
-def _keep_t(i: int, scratch: Scratch) -> None:
-    """Keep t of ray i's hit where it is nearer than an earlier hit; else FOUND is -1."""
+def _keep_t(row: int, i: int, scratch: Scratch) -> None:
+    """Keep t of ray i's hit where it is nearer than an earlier hit; else FOUND is -1.
+
+    Of hits at the same t that of the first instance counts, whichever comes first, and then that of a plane.
+    row : of the instance
+    """
     wide, numbers = scratch.world, scratch.numbers
-    t = (wide[LOW + i] + f64(scratch.model[LENGTH + i])) / wide[SPEED + i]
-    better = (numbers[FOUND + i] >= 0) & (t <= wide[NEAREST + i])
+    t, t_before, row_before = (
+        (wide[LOW + i] + f64(scratch.model[HIT_T + i])) / wide[SPEED + i],
+        wide[NEAREST + i],
+        numbers[INSTANCE_OF + i],
+    )
+    first = (row_before < 0) | (row < row_before) | (numbers[LEAF_OF + i] < 0)
+    better = (numbers[FOUND + i] >= 0) & ((t < t_before) | ((t == t_before) & first))
     wide[NEAREST + i] = t if better else wide[NEAREST + i]
     numbers[FOUND + i] = numbers[FOUND + i] if better else -1
 
@@ -210,7 +220,7 @@ def _keep_normal_and_position(matrix: ToModel, i: int, scratch: Scratch) -> None
     n = load3(rows, NX + i)
     n = transform_transposed(matrix, (f64(n[0]), f64(n[1]), f64(n[2])))
     n = scale(n, 1.0 / math.sqrt(dot(n, n)))
-    x = add(load3(wide, START + i), scale(load3(wide, HEADING + i), f64(rows[LENGTH + i])))
+    x = add(load3(wide, START + i), scale(load3(wide, HEADING + i), f64(rows[HIT_T + i])))
     better = scratch.numbers[FOUND + i] >= 0
     old_n, old_x = load3(wide, NORMAL + i), load3(wide, LOCAL + i)
     store3(wide, NORMAL + i, either(better, n, old_n))
@@ -234,7 +244,7 @@ def _keep_nearest(matrix: ToModel, offset: int, scratch: Scratch) -> None:
     if not found:
         return
     for i in range(TILE):
-        _keep_t(i, scratch)
+        _keep_t(offset // INSTANCE, i, scratch)
     matrix = of_size_one(matrix)
     for i in range(TILE):
         _keep_normal_and_position(matrix, i, scratch)

@@ -21,6 +21,7 @@ from ..kernels.scratch import (
     ENTER,
     FIRST,
     FOUND,
+    HIT_T,
     IX,
     IY,
     IZ,
@@ -165,8 +166,9 @@ def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
         hit, lift = search_alone(tree, leaf, tile_ray(rows, i), interval, ZERO, scratch)
         if lift != ZERO:
             lifted |= i64(1) << i
-        if hit.leaf >= 0 and hit.t < rows[LENGTH + i]:
-            rows[LENGTH + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
+        if hit.leaf >= 0:
+            rows[HIT_T + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
+            rows[LENGTH + i] = rows[ENTER + i]
             scratch.numbers[FOUND + i] = leaf
     return lifted
 
@@ -188,7 +190,7 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
     """End the rays that have met something, where rounding leaves no doubt that the hit lies before their end."""
     rows, step = scratch.model, tree.head[LONGEST]
     for k in range(span[0], span[1]):
-        sure = (scratch.numbers[FOUND + k] >= 0) & (rows[LENGTH + k] < (ONE - ROUNDING) * rows[END + k] - step)
+        sure = (scratch.numbers[FOUND + k] >= 0) & (rows[HIT_T + k] < (ONE - ROUNDING) * rows[END + k] - step)
         rows[LENGTH + k] = -ONE if sure else rows[LENGTH + k]
 
 
@@ -201,7 +203,7 @@ def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
 
 @inline
 def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
-    """First hits of a span of the tile's rays, (first, end), with a model: LENGTH, NX.. and FOUND of those that hit.
+    """First hits of a span of the tile's rays, (first, end), with a model: HIT_T, NX.. and FOUND of those that hit.
 
     Returns the rays (as bits) that the start rule lifted: the effect of the rule depends on the order of the leaves, so
     the caller traces these singly.

@@ -57,12 +57,19 @@ class Ground:
         # What the examination says: a word; offset to the floor, its spacing, points on this side.
         self._said, self._about = np.zeros(n, np.float32), np.zeros((n, 5), np.float32)
 
-    def look(self, groups: Rows, progress: Progress | None = None) -> Rows:
-        """Look at some groups; returns the rows that surely lie in a layer off their floor."""
+    def look(self, groups: Rows, progress: Progress | None = None, is_exact: bool = False) -> Rows:
+        """Look at some groups; returns the rows that surely lie in a layer off their floor.
+
+        is_exact : whether groups around them are surveyed too: what is said depends on no earlier look then
+        """
         survey = self.survey
         survey.look(groups, part_of(progress, 0.0, SURVEYED))
         rows = (GROUP * groups[:, None] + np.arange(GROUP)).ravel()
         rows = rows[rows < len(self._said)]
+        if is_exact:
+            around = np.zeros_like(survey.known)
+            around[survey.near[rows].ravel() // GROUP] = True
+            survey.look(np.flatnonzero(around & ~survey.known))
         shared = survey.shared(rows)
         spacing = survey.spacing[rows]
         is_suspect = survey.height[rows] > np.maximum(SUSPECT * shared, 0.5 * SPACINGS * spacing)
@@ -72,6 +79,10 @@ class Ground:
         self._said[suspects], self._about[suspects] = said[:, 0], said[:, 1:]
         off = suspects[said[:, 0] == OFF]
         return off[_in_layer(self._about[off])]
+
+    def forget(self) -> None:
+        """Forget who lies off the floor; the survey stays."""
+        self._said[:], self._about[:] = 0.0, 0.0
 
     def floors(self) -> Floors:
         """All that is known: of rows that were not looked at nothing is."""

@@ -15,14 +15,11 @@ from ..path import Path, along_path
 from ..usual import Usual
 from .floors import LAYER, LEAST, Floors, Ground
 from .passes import merge_passes
-from .survey import GROUP
+from .search import Search
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-STRETCH = 16  # groups that follow each other in kd order: a place about 8 spacings wide
-SAMPLE, SHARE = 20_000, 32  # points that are looked at in any case, or every so manieth
-SHOWS = 2  # points off their floor, from which a stretch may show a layer
 SPARSE_MERGED = 0.6  # share of the time
 OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it is another sheet
 
@@ -38,11 +35,13 @@ class Part(NamedTuple):
     total : how many positions that has
     numbers : (m,) int64, for each position of the part, in order, its place in the kd order of all
     usual : numbers that hold for all
+    blocks : those that show layers, see `Search`; None: they are searched for among the part's positions
     """
 
     total: int
     numbers: Rows
     usual: Usual
+    blocks: Rows | None = None
 
 
 def merge_for_model(
@@ -61,7 +60,11 @@ def merge_for_model(
         return points
     ground = Ground(path)
     part = part or Part(len(path), np.arange(len(path)), Usual.of(len(path)))
-    _look_for_layers(ground, part, part_of(progress, 0.1, SPARSE_MERGED))
+    search = Search(ground, part.total, part.numbers)
+    if part.blocks is None:
+        search.everywhere(part_of(progress, 0.1, SPARSE_MERGED))
+    else:
+        search.open(part.blocks)
     floors = ground.floors()
     off = np.flatnonzero(floors.off)
     off = off[np.linalg.norm(floors.offset[off], axis=1) <= LAYER * floors.spacing[off]]
@@ -75,30 +78,6 @@ def merge_for_model(
         positions[points.finite] += shift[ids]
         points, along = points.changed(positions=positions), None
     return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0), along=along, usual=part.usual)
-
-
-def _look_for_layers(ground: Ground, part: Part, progress: Progress | None) -> None:
-    """Look at some stretches, then at those around them wherever layers show and go on."""
-    groups = len(ground.survey.known)
-    stretches = -(-groups // STRETCH)
-    every = max(part.total // max(SAMPLE, part.total // SHARE), 1)
-    numbers = part.numbers[:: STRETCH * GROUP] // (STRETCH * GROUP)
-    todo: Rows = np.flatnonzero(numbers % every == every // 2)
-    known = np.zeros(stretches, np.bool_)
-    wide = every  # the first round's stretches stand for those around them
-    while len(todo):
-        known[todo] = True
-        looked = (STRETCH * todo[:, None] + np.arange(STRETCH)).ravel()
-        off = ground.look(looked[looked < groups])
-        tell(progress, float(known.mean()))
-        counts = np.bincount(off // (STRETCH * GROUP), minlength=stretches)
-        off = off[counts[off // (STRETCH * GROUP)] >= SHOWS]
-        beside = ground.survey.near[off].ravel().astype(np.int64) // (STRETCH * GROUP)
-        if wide > 1:
-            beside = np.concatenate([beside, (np.unique(beside)[:, None] + np.arange(1 - wide, wide)).ravel()])
-            wide = 1
-        beside = np.unique(beside[(beside >= 0) & (beside < stretches)])
-        todo = beside[~known[beside]]
 
 
 def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:

@@ -147,11 +147,12 @@ class Survey:
             rows = GROUP * groups[start : start + ROWS, None] + np.arange(GROUP)
             rows = np.minimum(rows, len(self._positions) - 1)
             told = self._fit(_middle_first(self._positions, rows))
-            for size in (2, 1):  # those far from the middle of their group have neighbours among themselves
-                left = np.unique(rows[~told[rows]])
-                if len(left):
-                    pairs = np.concatenate([left, left[-1:]])[: size * (-(-len(left) // size))]
-                    told |= self._fit(pairs.reshape(-1, size))
+            left = _pairs(rows, ~told[rows])  # those far from the middle of their group have neighbours of their own
+            if len(left):
+                told |= self._fit(left)
+                left = np.unique(left[~told[left]])
+            if len(left):
+                self._fit(left.reshape(-1, 1))
             tell(progress, min((start + ROWS) / len(groups), 1.0))
 
     def shared(self, rows: Rows) -> Floats:
@@ -166,6 +167,14 @@ class Survey:
         reach, near = self.tree.query(CANDIDATES, self._positions[members[:, 0]])
         run(_survey, -(-len(members) // CHUNK), self._positions, members, near, reach, self._about, self.near, told)
         return told
+
+
+def _pairs(groups: Rows, chosen: NDArray[np.bool_]) -> Rows:
+    """The chosen rows of each group in pairs, (m, 2); an odd one is paired with itself."""
+    order = np.argsort(~chosen, axis=1, kind="stable")
+    rows, chosen = np.take_along_axis(groups, order, axis=1), np.take_along_axis(chosen, order, axis=1)
+    pairs, both = rows.reshape(-1, 2), chosen.reshape(-1, 2)
+    return np.where(both[:, 1:], pairs, pairs[:, :1])[both[:, 0]]
 
 
 def _middle_first(positions: Floats, rows: Rows) -> Rows:

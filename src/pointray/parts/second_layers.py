@@ -1,0 +1,66 @@
+"""Where a cloud in parts has second layers: blocks are opened from part to part, as `points/strays/search.py` does."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..points.strays.floors import LEAST, Ground
+from ..points.strays.search import Search, block_size
+from .local import Local
+from .stages import LAYERS, Cloud, path_of
+from .work import Facts, Work
+
+Rows = NDArray[np.int64]
+
+OPEN, NEW = 1, 2  # what the column says of a block
+
+
+def find_layers(work: Work, cloud: Cloud, span: tuple[float, float]) -> None:
+    """Write which blocks of the kd order are to be looked at."""
+    columns, count = work.columns, -(-cloud.total // block_size(cloud.total))
+    if columns.get(LAYERS) is not None:
+        return
+    said = np.zeros(count, np.int8)
+    facts = work.each("layers", partial(_show, work, cloud), span)
+    while True:
+        found = np.concatenate([np.array(fact["blocks"], np.int64) for fact in facts])
+        new = found[said[found] == 0]
+        said[said == NEW], said[new] = OPEN, NEW
+        columns.fill(LAYERS, said)
+        if not len(new):
+            break
+        facts = work.all(partial(_follow, work, cloud), (span[1], span[1]), "layers")
+    columns.put(LAYERS, {})
+
+
+def _show(work: Work, cloud: Cloud, part: int) -> Facts:
+    """The blocks of a part whose middle shows a layer."""
+    search = _search(cloud, work.local(part))
+    own = _blocks_of(work, cloud, part)
+    found = np.zeros(0, np.int64) if search is None else search.seeds()
+    return {"blocks": found[(found >= own.start) & (found < own.stop)].tolist()}
+
+
+def _follow(work: Work, cloud: Cloud, part: int) -> Facts:
+    """The blocks into which layers go on from those of a part that were opened last."""
+    own = _blocks_of(work, cloud, part)
+    new = own.start + np.flatnonzero(work.columns[LAYERS][own] == NEW)
+    search = _search(cloud, work.local(part)) if len(new) else None
+    return {"blocks": [] if search is None else search.open(new).tolist()}
+
+
+def _blocks_of(work: Work, cloud: Cloud, part: int) -> slice:
+    """A part's own blocks."""
+    size, rows = block_size(cloud.total), work.stretch(part)
+    return slice(rows.start // size, -(-rows.stop // size))
+
+
+def _search(cloud: Cloud, local: Local) -> Search | None:
+    """The search among some points; None: they are too few."""
+    along = path_of(cloud.points(local).positions)
+    if len(along.positions) < LEAST:
+        return None
+    return Search(Ground(along.positions), cloud.total, local.rows[along.rows])
