@@ -25,12 +25,14 @@ from ..points.sampled import of_places
 from ..points.smoothing.noise import Stretches, examined, points_per_stretch
 from ..points.smoothing.smooth import Fitting, Noise, noise_by, smooth_known
 from ..points.strays.layers import Part, merge_for_model
+from ..points.strays.search import block_size
 from ..points.usual import Usual
 from ..splats.support import Support, find_support
 from ..survey import Survey
 from ..tree.settings import TreeSettings
 from .columns import Columns
 from .local import Local
+from .members import distinct_numbers
 
 Floats = NDArray[np.float32]
 
@@ -115,8 +117,11 @@ def merge(cloud: Cloud, local: Local, usual: Usual) -> Floats:
     """Positions with those of second layers moved onto one surface, in the blocks that show them if these are known."""
     points = cloud.points(local)
     along = path_of(points.positions)
-    known = None if cloud.columns.get(LAYERS) is None else np.flatnonzero(cloud.columns[LAYERS][:])
-    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids), known)
+    blocks = None
+    if cloud.columns.get(LAYERS) is not None:
+        here = distinct_numbers(local.rows // block_size(cloud.total))
+        blocks = here[cloud.columns[LAYERS][here] != 0]
+    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids), blocks)
     return merge_for_model(points, along=along, part=part).positions
 
 

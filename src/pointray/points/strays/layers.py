@@ -35,7 +35,7 @@ class Part(NamedTuple):
     total : how many positions that has
     numbers : (m,) int64, for each position of the part, in order, its place in the kd order of all
     usual : numbers that hold for all
-    blocks : those that show layers, see `Search`; None: they are searched for among the part's positions
+    blocks : those of its positions that show layers, see `Search`; None: they are searched for
     """
 
     total: int
@@ -54,30 +54,40 @@ def merge_for_model(
     the path through the points; `part` tells of which cloud they are a part, None: they are the whole.
     """
     along = along or along_path(points)
-    path, ids, rows = along
+    path, ids, _ = along
     tell(progress, 0.1)
     if len(path) < LEAST:
         return points
-    ground = Ground(path)
     part = part or Part(len(path), np.arange(len(path)), Usual.of(len(path)))
+    if part.blocks is None or len(part.blocks):
+        shift = _shifts(points, along, part, part_of(progress, 0.1, SPARSE_MERGED))
+        if shift is not None:
+            positions = points.positions.copy()
+            positions[points.finite] += shift[ids]
+            points = points.changed(positions=positions)
+            along = along.moved(points)
+    tell(progress, SPARSE_MERGED)
+    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0), along=along, usual=part.usual)
+
+
+def _shifts(points: Points, along: Path, part: Part, progress: Progress | None) -> Floats | None:
+    """By how much positions of second layers are moved, (n, 3); None: there are none."""
+    ground = Ground(along.positions)
     search = Search(ground, part.total, part.numbers)
     if part.blocks is None:
-        search.everywhere(part_of(progress, 0.1, SPARSE_MERGED))
+        search.everywhere(progress)
     else:
         search.open(part.blocks)
     floors = ground.floors()
     off = np.flatnonzero(floors.off)
     off = off[np.linalg.norm(floors.offset[off], axis=1) <= LAYER * floors.spacing[off]]
-    off = off[~faces_back(points, rows, floors, off)]
-    off = off[_in_company(path, floors, off)]
-    tell(progress, SPARSE_MERGED)
-    if len(off):
-        shift = np.zeros_like(path)
-        shift[off] = floors.offset[off]
-        positions = points.positions.copy()
-        positions[points.finite] += shift[ids]
-        points, along = points.changed(positions=positions), None
-    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0), along=along, usual=part.usual)
+    off = off[~faces_back(points, along.rows, floors, off)]
+    off = off[_in_company(along.positions, floors, off)]
+    if not len(off):
+        return None
+    shift = np.zeros_like(along.positions)
+    shift[off] = floors.offset[off]
+    return shift
 
 
 def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:

@@ -85,7 +85,7 @@ def answer(world: World, rays: Array, slots: Array, any_hit: bool, pace: Pace = 
         Origin, unit direction, end, side.
     slots : (n,) uint8
         Which ray of a tile each is, with `BEGINS` where a tile begins. Rays are traced in the tiles in which they were
-        asked for: beside voxels with other steps last bits of a hit depend on the rays beside it.
+        asked for, whose rays are alike.
     any_hit : bool
         Whether it only matters that they meet something.
 
