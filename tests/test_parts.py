@@ -97,6 +97,17 @@ def test_rays_meet_in_parts_what_they_meet_in_the_whole(both: tuple[pr.Model, pr
     assert (points != points2).mean() < 1e-4
 
 
+def test_what_a_ray_meets_in_parts_does_not_depend_on_other_rays(both: tuple[pr.Model, pr.Model]) -> None:
+    scene = pr.Scene()
+    scene.add(both[1])
+    for side in SIDES:
+        origins, directions = (a.reshape(-1, 3) for a in pr.Camera.frame(scene.bounds, side, size=(400, 400)).rays())
+        order = RNG.permutation(len(origins))
+        wanted, found = scene.intersect(origins, directions), scene.intersect(origins[order], directions[order])
+        for name in ("t", "position", "normal", "color", "point"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name)[order], name)
+
+
 def test_pictures_of_parts_are_those_of_the_whole(both: tuple[pr.Model, pr.Model]) -> None:
     pictures = []
     for model in both:
