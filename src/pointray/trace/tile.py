@@ -187,10 +187,13 @@ def _prefetch_search(tree: Tree, child: int) -> None:
 
 @inline
 def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
-    """End the rays that have met something, where rounding leaves no doubt that the hit lies before their end."""
-    rows, step = scratch.model, tree.head[LONGEST]
+    """End the rays that have met something, where there is no doubt that they hit before their end.
+
+    The voxel before may find the same root up to a step farther, see `scratch.LENGTH`; a step more is in END.
+    """
+    rows, steps = scratch.model, tree.head[LONGEST] + tree.head[LONGEST]
     for k in range(span[0], span[1]):
-        sure = (scratch.numbers[FOUND + k] >= 0) & (rows[HIT_T + k] < (ONE - ROUNDING) * rows[END + k] - step)
+        sure = (scratch.numbers[FOUND + k] >= 0) & (rows[HIT_T + k] < (ONE - ROUNDING) * rows[END + k] - steps)
         rows[LENGTH + k] = -ONE if sure else rows[LENGTH + k]
 
 
