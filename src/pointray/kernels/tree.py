@@ -156,7 +156,7 @@ def tree_at(table: Array, model: int) -> Tree:
 class Ray(NamedTuple):
     """A ray in model space: origin, unit direction, the inverse of each component, the interval, the side it starts on.
 
-    t_min : see `scratch.BEGIN`; t_max : see `scratch.LENGTH`
+    t_min : see `scratch.BEGIN`; t_max : see `scratch.END`
     side : +1 where a ray that starts on the surface is outside (where normals point), -1 where it is inside
     """
 
