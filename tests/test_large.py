@@ -246,7 +246,7 @@ Columns.put = counted
 prepared({str(tmp_path / "a.ply")!r}, Path({str(tmp_path / "a.pointray")!r}))
 """
     kills = 0
-    while subprocess.run([sys.executable, "-c", code, "40"], capture_output=True, check=False).returncode == -9:
+    while subprocess.run([sys.executable, "-c", code, "25"], capture_output=True, check=False).returncode == -9:
         kills += 1
     assert kills > 2
     again = pr.Model.load(tmp_path / "a.pointray")
