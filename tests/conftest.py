@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import signal
+import zlib
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +20,16 @@ from pointray import jit
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--seed", type=int, default=0, help="Seed that every test's own seed is combined with (0)")
+
+
+@pytest.fixture
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """Random generator of one test, seeded by its name: the data do not depend on other tests or their order."""
+    return np.random.default_rng([request.config.getoption("seed"), zlib.crc32(request.node.name.encode())])
 
 
 @pytest.fixture(scope="session", autouse=True)
