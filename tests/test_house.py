@@ -2,20 +2,30 @@
 
 import ast
 import graphlib
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pointray
-from pointray.jit.disk import SHARED
 
 PACKAGE = Path(pointray.__file__).parent
 
 # From the ground up: a room imports only from rooms before it and from itself. A room is a folder, or a file at the
 # top.
 TOWER = [
-    *("jit", "simd", "arguments", "choices", "extras", "progress", "memory", "kernels", "survey", "data"),
+    *(
+        "dependencies",
+        "jit",
+        "simd",
+        "arguments",
+        "choices",
+        "extras",
+        "progress",
+        "memory",
+        "kernels",
+        "survey",
+        "data",
+    ),
     *(
         "neighbors",
         "points",
@@ -102,21 +112,3 @@ def test_every_public_name_is_there():
     for name in pointray.__all__:
         assert getattr(pointray, name) is not None
     assert callable(pointray.render)
-
-
-def test_the_cache_is_keyed_by_what_kernels_are_made_of():
-    """The key covers all that files with kernels import, directly or not, and whole rooms, but nothing else."""
-    marks = re.compile(r"^@(kernel|inline|routine|intrinsic|njit|lower_builtin|register_model)", re.MULTILINE)
-    waiting = [name for name, path in FILES.items() if marks.search(path.read_text())]
-    seen, needed = set(waiting), set()
-    while waiting:
-        imported = ARROWS[waiting.pop()] & FILES.keys()
-        needed |= imported
-        waiting += imported - seen
-        seen |= imported
-    files = {name: FILES[name].relative_to(PACKAGE).as_posix() for name in FILES}
-    assert len(needed) > 70
-    assert sorted(name for name in needed if not files[name].startswith(SHARED)) == []
-    assert all(any(files[name].startswith(shared) for name in needed) for shared in SHARED)
-    for room in ("viewer/", "cli/", "scenefile/", "points/formats/", "staging/", "scene/"):
-        assert not room.startswith(SHARED)

@@ -22,6 +22,7 @@ from typing import Any
 
 import platformdirs
 
+from .dependencies import ROOT, key_of
 from .model import Model
 from .model_file import SAVED
 from .points.replacing import replacing, sweep
@@ -31,7 +32,6 @@ MOST_BYTES = 16 << 30  # of all models together, but never more than MOST_SHARE 
 MOST_SHARE = 0.5
 WORTH = 50_000  # points from which a model is kept: smaller ones are built in less than half a second
 SETTLED = 2.0  # seconds since a file's last change: one that changes again within its clock's tick looks unchanged
-SOURCES = ("points", "splats", "tree", "neighbors.py", "data.py", "survey.py", "model.py", "model_file.py")
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
         How they are read and built, in values of JSON.
     """
     about = {"files": _facts_of(files), "made": dict(made)}
-    text = json.dumps([about, _source_key()], sort_keys=True)
+    text = json.dumps([about, source_key()], sort_keys=True)
     return Entry(folder() / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}{SAVED}", about)
 
 
@@ -141,13 +141,12 @@ def clear() -> tuple[int, int]:
 
 
 @cache
-def _source_key() -> str:
-    """A hash of the sources that decide what a model is."""
-    root, digest = Path(__file__).parent, hashlib.sha256()
-    for path in sorted(path for name in SOURCES for path in [root / name, *(root / name).rglob("*.py")]):
-        if path.is_file():
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+def source_key() -> str:
+    """Return a hash of the sources that decide what a model is.
+
+    These are `model.py`, all of `points/`, whose formats are loaded by name, and what these import.
+    """
+    return key_of([ROOT / "model.py", *(ROOT / "points").rglob("*.py")], deferred=True)
 
 
 def _facts_of(files: Sequence[Path]) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar, cast
 
 import numba
@@ -31,8 +32,23 @@ def kernel(function: Function) -> Function:
     dispatcher = njit(**_OPTIONS)(function)
     if cache_folder() is not None:
         dispatcher._cache = KernelCache(function)
+        dispatcher.compile = partial(_compile_alone, dispatcher)
     KERNELS[f"{function.__module__}.{function.__qualname__}"] = dispatcher
     return cast(Function, dispatcher)
+
+
+def _compile_alone(dispatcher: Any, signature: Any) -> Any:
+    """Load or compile a kernel; of several processes that need it one compiles and the others wait, then load it."""
+    compile_or_load = type(dispatcher).compile
+    if is_compiled(dispatcher):
+        return compile_or_load(dispatcher, signature)
+    name = name_of(dispatcher)
+    BACKLOG.begin(name)
+    try:
+        with dispatcher._cache.exclusive():
+            return compile_or_load(dispatcher, signature)
+    finally:
+        BACKLOG.drop([name])  # where another process has compiled it
 
 
 def inline(function: Function) -> Function:

@@ -7,8 +7,8 @@ import os
 import shutil
 import sys
 import threading
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,35 +20,14 @@ import platformdirs
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.runtime.nrt import rtsys
 
+from ..dependencies import ROOT, key_of
+
 # Check every array access and every SIMD load (slow). The test suite runs once with it; it is part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 
-ROOT = Path(__file__).parent.parent  # of the package
-
-# Files that files with kernels import: an edit to one of them recompiles all kernels. An edit to any other file
-# recompiles the kernels in it.
-SHARED = (
-    *("arguments.py", "choices.py", "data.py", "neighbors/", "progress.py", "survey.py"),
-    *("jit/", "simd/", "kernels/", "intersect/", "trace/", "points/procedural/"),
-    *("points/normals/agreement.py", "points/normals/axes.py", "points/normals/jet.py", "points/normals/jets.py"),
-    *("points/normals/moments.py", "points/normals/pieces.py", "points/normals/planes.py"),
-    *("points/normals/quadrics.py", "points/normals/votes.py"),
-    *("points/normals/sixteen.py", "points/normals/winding.py"),
-    *("points/smoothing/candidates.py", "points/smoothing/creases.py"),
-    *("points/smoothing/solids.py", "points/usual.py"),
-    *("points/strays/fits.py", "points/strays/survey.py"),
-    *("tree/blocks.py", "tree/cells.py", "tree/columns.py", "tree/near.py"),
-    *("splats/borders.py", "splats/cells.py", "splats/closed.py", "splats/grow.py", "splats/heap.py"),
-    *("splats/sheets.py", "splats/voronoi.py"),
-    *("shade/ambient.py", "shade/attributes.py", "shade/bsdf.py", "shade/catcher.py", "shade/choice.py"),
-    *("shade/colormaps.py", "shade/direct.py", "shade/emitters.py", "shade/materials/", "shade/path.py"),
-    *("shade/shading_points.py", "shade/sky.py", "shade/specular_rays.py"),
-    *("shade/baked.py", "shade/baked_code.py", "shade/baked_light.py", "shade/grid.py", "shade/harmonics.py"),
-    *("shade/baked_sums.py", "shade/lobe_tables.py", "shade/lobes.py", "shade/rgbe.py"),
-    *("baking/directions.py", "baking/gather.py", "baking/patches.py", "rendering/integrate.py"),
-    *("image/tone.py", "rendering/film.py", "rendering/lens.py", "rendering/settings.py"),
-)
-KEEP_CACHES = 4  # folders of other versions that are kept; older ones are removed
+KEEP_CACHES = 4  # folders of other environments that are kept; older ones are removed
+KEEP_VERSIONS = 8  # versions of a module's kernels that are kept
+PATIENCE = 900.0  # seconds to wait for a kernel that another process compiles
 MARK, MARKED = ".made-by-pointray", b"compiled kernels of pointray: this folder may be removed at any time\n"
 
 
@@ -66,32 +45,18 @@ def cpu_features() -> str:
 
 
 @cache
-def source_key() -> str:
-    """Name of the cache folder: a hash of everything that compiled code depends on.
-
-    Numba checks only the function's own file, so an edit to `kernels/vec.py` would leave stale kernels behind.
-    """
-    shared = [path for path in sorted(ROOT.rglob("*.py")) if path.relative_to(ROOT).as_posix().startswith(SHARED)]
-    digest = hashlib.sha256(_hash_of(shared).encode())
-    facts = (numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2], CHECK)
-    digest.update(repr((facts, cpu_name(), cpu_features())).encode())
-    return digest.hexdigest()[:16]
-
-
-def _hash_of(files: Iterable[Path]) -> str:
-    """A hash of the names and contents of files."""
-    digest = hashlib.sha256()
-    for path in files:
-        digest.update(path.name.encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+def environment_key() -> str:
+    """Return a hash of what all compiled code depends on besides its sources."""
+    versions = numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2]
+    facts = versions, CHECK, cpu_name(), cpu_features()
+    return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
 
 
 @cache
 def cache_folder() -> Path | None:
     """Folder of the compiled kernels (in `POINTRAY_CACHE`, else the user's cache); None if it cannot be written."""
     base = Path(os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False))
-    folder = base / f"kernels-{source_key()}"
+    folder = base / f"kernels-{environment_key()}"
     try:
         fresh = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
@@ -108,8 +73,16 @@ def cache_folder() -> Path | None:
 
 def _prune(base: Path) -> None:
     """Remove the oldest folders of kernels that carry our mark; other folders with such names stay."""
-    ours = [path for path in base.glob("kernels-*") if _is_ours(path)]
-    for old in sorted(ours, key=lambda path: path.stat().st_mtime)[: -KEEP_CACHES - 1]:
+    _remove_oldest((path for path in base.glob("kernels-*") if _is_ours(path)), KEEP_CACHES + 1)
+
+
+def _remove_oldest(folders: Iterable[Path], keep: int) -> None:
+    """Remove all folders but the newest ones."""
+    ages = []
+    for folder in folders:
+        with suppress(OSError):
+            ages.append((folder.stat().st_mtime, folder))
+    for _, old in sorted(ages)[:-keep]:
         shutil.rmtree(old, ignore_errors=True)
 
 
@@ -122,28 +95,40 @@ def _is_ours(folder: Path) -> bool:
 
 
 class _Locator:
-    """Tells Numba where a kernel's compiled code is stored: `cache_folder()` for all kernels."""
+    """Tells Numba where to store a kernel: in a folder named after its module and a hash of what that imports.
+
+    Numba itself checks only the function's own file, so that an edit to `kernels/vec.py` would leave stale kernels.
+    """
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         self._line = py_func.__code__.co_firstlineno
-        own = Path(py_file)
-        # A kernel from elsewhere may call anything in the package.
-        inner = own.is_relative_to(ROOT)
-        key = source_key() if inner else _hash_of(sorted(ROOT.rglob("*.py")))
-        self._stamp = key + (_hash_of([own]) if own.exists() else "")
+        file = Path(py_file)
+        self._module = (
+            ".".join(file.relative_to(ROOT).with_suffix("").parts) if file.is_relative_to(ROOT) else file.stem
+        )
+        self._key = key_of([file]) if file.exists() else ""
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator:
         return cls(py_func, py_file)
 
     def get_cache_path(self) -> str:
-        return str(cache_folder())
+        return str(self._folder)
+
+    @property
+    def _folder(self) -> Path:
+        folder = cache_folder()
+        assert folder is not None
+        return folder / f"{self._module}-{self._key}"
 
     def ensure_cache_path(self) -> None:
-        pass
+        if not self._folder.exists():
+            self._folder.mkdir(exist_ok=True)
+            versions = self._folder.parent.glob(f"{self._module}-{'?' * 16}")
+            _remove_oldest(versions, KEEP_VERSIONS)
 
     def get_source_stamp(self) -> str:
-        return self._stamp
+        return self._key
 
     def get_disambiguator(self) -> str:
         return str(self._line)
@@ -170,6 +155,17 @@ class KernelCache(FunctionCache):
             raise
         except Exception:  # a damaged index
             return False
+
+    @contextmanager
+    def exclusive(self) -> Iterator[None]:
+        """Keep other processes from compiling this kernel, where the file system has locks."""
+        from filelock import FileLock  # takes 50 ms: not before something is compiled
+
+        with ExitStack() as stack:
+            with suppress(OSError, NotImplementedError):
+                self._impl.locator.ensure_cache_path()
+                stack.enter_context(FileLock(f"{self._cache_file._index_path}.lock", timeout=PATIENCE))
+            yield
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """A kernel from the disk; None if it has to be compiled.
