@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import shutil
 import signal
 import zlib
 from collections.abc import Iterator
@@ -99,6 +100,20 @@ def shared_model(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"the scan {name} is not here")
     return path
+
+
+def linked_cache(folder: Path) -> Path:
+    """Make a cache folder that has the kernels compiled so far, as hard links; what is added to it stays there.
+
+    For a process that needs a cache of its own, as POINTRAY_CACHE.
+    """
+    shared = jit.cache_folder()
+    if shared is not None:
+        try:
+            shutil.copytree(shared, folder / shared.name, copy_function=os.link)
+        except OSError:  # another file system
+            shutil.copytree(shared, folder / shared.name, dirs_exist_ok=True)
+    return folder
 
 
 def sphere_points(n: int, seed: int = 0) -> np.ndarray:
