@@ -14,24 +14,23 @@ from pointray.survey import SCAN, Survey
 from pointray.viewer.pick import _said, pick
 
 N = 2000
-RNG = np.random.default_rng(8)
 SURVEY = Survey("EPSG:25832", "metre", (0.001,) * 3, (500_000.0, 5_400_000.0, 0.0), ((512_340.0, 5_400_000.5, 3.25),))
 OTHERS = {"i1": np.int8, "u2": np.uint16, "i2": np.int16, "u4": np.uint32, "i4": np.int32, "u8": np.uint64}
 
 
 def all_kinds():
     """One attribute of each dtype, with values that the next smaller one does not hold."""
-    made = {}
+    rng, made = np.random.default_rng(8), {}
     for name, dtype in OTHERS.items():
         limits = np.iinfo(dtype)
-        made[name] = RNG.integers(limits.min, limits.max, N, dtype, endpoint=True)
+        made[name] = rng.integers(limits.min, limits.max, N, dtype, endpoint=True)
         made[name][:2] = limits.min, limits.max
     made["gps_time"] = 3e8 + 1e-7 * np.arange(N)
     made["classification"] = np.resize(np.uint8([2, 6, 9, 64, 255]), N)
     made["id"] = 2**53 + 1 + 2 * np.arange(N, dtype=np.int64)
     made["withheld"] = np.arange(N) % 3 == 0
-    made["echo"] = RNG.integers(0, 256, (N, 3), np.uint8)
-    made["reflectance"] = RNG.normal(size=N).astype(np.float32)
+    made["echo"] = rng.integers(0, 256, (N, 3), np.uint8)
+    made["reflectance"] = rng.normal(size=N).astype(np.float32)
     made["reflectance"][3] = np.nan
     made[SCAN] = np.arange(N, dtype=np.int32) % 3 - 1
     return made
@@ -64,12 +63,12 @@ def test_points_keep_what_they_are_given(points):
     assert len(np.unique(points.attributes["gps_time"])) == len(np.unique(points.attributes["id"])) == N
 
 
-def test_pickles_copies_and_selections(points):
+def test_pickles_copies_and_selections(rng, points):
     same(pickle.loads(pickle.dumps(points)), points)
     same(copy.deepcopy(points), points)
     same(points.with_normals(None), points)
     same(points.select(np.arange(N)), points)
-    rows = RNG.permutation(N)[:700]
+    rows = rng.permutation(N)[:700]
     some = points.select(rows)
     for name, values in points.attributes.items():
         assert some.attributes[name].dtype == values.dtype

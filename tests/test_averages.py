@@ -10,7 +10,6 @@ import pointray as pr
 from pointray.data import categories_of, is_label
 from pointray.splats.averages import attribute_averages, commonest, has_categories, have_categories
 
-RNG = np.random.default_rng(11)
 N, GROUPS = 1500, 200
 DTYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"]
 
@@ -40,24 +39,19 @@ def slow_averages(attributes, order, starts, least):
     }
 
 
-def grouped():
-    """Rows in random order, some twice and some never, in groups of 1 to about 20."""
-    order = RNG.integers(0, N, N)
-    return order, np.sort(RNG.choice(np.arange(1, N), GROUPS - 1, replace=False)).tolist()
-
-
-@pytest.fixture(scope="module")
-def groups():
-    order, inner = grouped()
-    return order, np.array([0, *inner])
+@pytest.fixture
+def groups(rng):
+    """Rows in random order, some twice and some never, and the starts of groups of 1 to some 50 rows."""
+    starts = np.sort(rng.choice(np.arange(1, N), GROUPS - 1, replace=False))
+    return rng.integers(0, N, N), np.array([0, *starts])
 
 
 @pytest.mark.parametrize("least", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("dtype", ["f4", "f8"])
-def test_means_of_floats(groups, dtype, least):
-    values = RNG.normal(3e8 if dtype == "f8" else 0, 10, (N, 3)).astype(dtype)
-    values[RNG.random((N, 3)) < 0.4] = np.nan
-    values[RNG.random((N, 3)) < 0.05] = np.inf
+def test_means_of_floats(rng, groups, dtype, least):
+    values = rng.normal(3e8 if dtype == "f8" else 0, 10, (N, 3)).astype(dtype)
+    values[rng.random((N, 3)) < 0.4] = np.nan
+    values[rng.random((N, 3)) < 0.05] = np.inf
     attributes = {"one": values[:, 0].copy(), "three": values}
     found, want = attribute_averages(attributes, *groups, least), slow_averages(attributes, *groups, least)
     for name, array in found.items():
@@ -66,9 +60,9 @@ def test_means_of_floats(groups, dtype, least):
 
 
 @pytest.mark.parametrize("dtype", [name for name in DTYPES if name[0] != "f"])
-def test_means_of_whole_numbers(groups, dtype):
+def test_means_of_whole_numbers(rng, groups, dtype):
     limits = np.iinfo(dtype)
-    attributes = {"all": RNG.integers(limits.min, limits.max, (N, 2), dtype, endpoint=True)}
+    attributes = {"all": rng.integers(limits.min, limits.max, (N, 2), dtype, endpoint=True)}
     attributes["near"] = attributes["all"][:, 0] // 4
     found, want = attribute_averages(attributes, *groups), slow_averages(attributes, *groups, 0.5)
     for name, array in found.items():
@@ -90,8 +84,8 @@ def test_equal_values_stay_exact(dtype, value):
 
 
 @pytest.mark.parametrize("dtype", ["?", "u1", "i8", "f4"])
-def test_categories_take_the_commonest(groups, dtype):
-    values = RNG.choice([0, 1] if dtype == "?" else [2, 6, 9], N).astype(dtype)
+def test_categories_take_the_commonest(rng, groups, dtype):
+    values = rng.choice([0, 1] if dtype == "?" else [2, 6, 9], N).astype(dtype)
     attributes = {"kind": values}
     found = attribute_averages(attributes, *groups)["kind"]
     assert found.dtype == dtype
@@ -99,8 +93,8 @@ def test_categories_take_the_commonest(groups, dtype):
 
 
 @pytest.mark.parametrize("name", ["classification", "point_source_id", "scan", "scalar_Classification"])
-def test_labels_are_never_averaged_however_many(groups, name):
-    attributes = {name: RNG.integers(0, 5000, N).astype(np.uint16)}
+def test_labels_are_never_averaged_however_many(rng, groups, name):
+    attributes = {name: rng.integers(0, 5000, N).astype(np.uint16)}
     found = attribute_averages(attributes, *groups)[name]
     np.testing.assert_array_equal(found, slow_averages(attributes, *groups, 0.5)[name])
     assert np.isin(found, attributes[name]).all()
@@ -117,11 +111,11 @@ def test_of_equally_common_ones_the_least():
     assert commonest(rows, starts).tolist() == [2, 9, 7]
 
 
-def test_a_subsample_and_levels_keep_classes_and_dtypes():
+def test_a_subsample_and_levels_keep_classes_and_dtypes(rng):
     points = pr.procedural("torus", 6000)
     kinds = {
         "classification": np.where(points.positions[:, 2] > 0, 6, 2).astype(np.uint8),
-        "intensity": RNG.integers(0, 60_000, 6000).astype(np.uint16),
+        "intensity": rng.integers(0, 60_000, 6000).astype(np.uint16),
         "gps_time": 3e8 + 1e-7 * np.arange(6000),
         "withheld": points.positions[:, 0] > 0.3,
         "scan": (np.arange(6000) % 300).astype(np.int32),
@@ -138,20 +132,20 @@ def test_a_subsample_and_levels_keep_classes_and_dtypes():
         assert (fewer.attributes["gps_time"] >= low).all() and (fewer.attributes["gps_time"] <= high).all()
 
 
-def column(name):
+def column(rng, name):
     return {
-        "classes": RNG.integers(0, 9, 5000),
-        "many": RNG.integers(0, 900, 5000),
+        "classes": rng.integers(0, 9, 5000),
+        "many": rng.integers(0, 900, 5000),
         "33": np.arange(5000) % 33,
         "32": np.arange(5000) % 32,
-        "halves": RNG.integers(0, 9, 5000) / 2,
-        "whole floats": RNG.integers(0, 9, 5000) * 1.0,
+        "halves": rng.integers(0, 9, 5000) / 2,
+        "whole floats": rng.integers(0, 9, 5000) * 1.0,
         "not finite": np.where(np.arange(5000) == 4000, np.nan, 3.0),
         "few rows": np.arange(200) % 30,
-        "bools": RNG.random(5000) < 0.5,
-        "classification": RNG.integers(0, 5000, 5000),
-        "scalar_Classification": RNG.integers(0, 99, 5000) * 1.0,
-        "pairs": RNG.integers(0, 3, (5000, 2)),
+        "bools": rng.random(5000) < 0.5,
+        "classification": rng.integers(0, 5000, 5000),
+        "scalar_Classification": rng.integers(0, 99, 5000) * 1.0,
+        "pairs": rng.integers(0, 3, (5000, 2)),
     }[name]
 
 
@@ -162,9 +156,9 @@ def column(name):
         *("classification", "scalar_Classification", "pairs"),
     ],
 )
-def test_categories_are_found_chunk_by_chunk(name):
-    values = column(name)
+def test_categories_are_found_chunk_by_chunk(rng, name):
+    values = column(rng, name)
     chunks = [values[start : start + 700] for start in range(0, len(values), 700)]
     assert have_categories(name, iter(chunks)) == has_categories(name, values)
     assert not have_categories(name, iter([]))
-    assert have_categories("classes", [column("classes")])
+    assert have_categories("classes", [column(rng, "classes")])

@@ -1,5 +1,7 @@
 """Cells, gaps and medians of 16 points at a time, compared with those of one point and with NumPy."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.spatial import Voronoi
@@ -16,8 +18,6 @@ from pointray.splats.radii import _in_cells
 from pointray.splats.sheets import BESIDE, OPPOSED, find_sheets
 from pointray.splats.voronoi import OTHER_SHEET, Hood, measure_cells
 
-RNG = np.random.default_rng(11)
-
 
 def square(n, seed=0):
     return np.random.default_rng(seed).uniform(size=(n, 3)).astype(np.float32) * np.float32([1, 1, 0])
@@ -29,7 +29,8 @@ def up(n, sign=1):
 
 def cube(n):
     """Random points on a cube, with the normals of its faces."""
-    axis, side, x = RNG.integers(0, 3, n), RNG.integers(0, 2, n), RNG.uniform(size=(n, 3))
+    rng = np.random.default_rng(11)
+    axis, side, x = rng.integers(0, 3, n), rng.integers(0, 2, n), rng.uniform(size=(n, 3))
     normals = np.zeros((n, 3))
     x[np.arange(n), axis], normals[np.arange(n), axis] = side, 2 * side - 1
     return x.astype(np.float32), normals.astype(np.float32)
@@ -44,10 +45,10 @@ def clusters(n):
 
 
 def noisy_sphere(n, noise):
-    x = sphere_points(n, seed=1)
-    normals = x + noise * RNG.normal(size=x.shape)
+    rng, x = np.random.default_rng(12), sphere_points(n, seed=1)
+    normals = x + noise * rng.normal(size=x.shape)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return (x + 0.07 * RNG.normal(size=x.shape)).astype(np.float32), normals.astype(np.float32)
+    return (x + 0.07 * rng.normal(size=x.shape)).astype(np.float32), normals.astype(np.float32)
 
 
 def some_flipped(n):
@@ -60,25 +61,34 @@ def grid(m):
 
 
 CLOUDS = {
-    "random": (square(3001), up(3001)),
-    "sphere": (sphere_points(3000), sphere_points(3000)),
-    "noise": noisy_sphere(3000, 0.2),
-    "rough": noisy_sphere(3000, 0.5),
-    "cube": cube(3000),
-    "wall": (np.vstack([square(1500), square(1500, 2) - np.float32([0, 0, 0.01])]), np.vstack([up(1500), -up(1500)])),
-    "grid": (grid(40), up(1600)),
-    "clusters": (clusters(3000), up(5000)),
-    "flipped": some_flipped(3000),
-    "tiny": (square(3001) * np.float32(1e-12), up(3001)),
-    "huge": (square(3001) * np.float32(1e12), up(3001)),
-    "far": (square(3001) + np.float32([1000, -2000, 500]), up(3001)),
-    "line": (square(2000) * np.float32([1, 0, 0]), up(2000)),
-    "few": (square(22), up(22)),
+    "random": lambda: (square(3001), up(3001)),
+    "sphere": lambda: (sphere_points(3000), sphere_points(3000)),
+    "noise": lambda: noisy_sphere(3000, 0.2),
+    "rough": lambda: noisy_sphere(3000, 0.5),
+    "cube": lambda: cube(3000),
+    "wall": lambda: (
+        np.vstack([square(1500), square(1500, 2) - np.float32([0, 0, 0.01])]),
+        np.vstack([up(1500), -up(1500)]),
+    ),
+    "grid": lambda: (grid(40), up(1600)),
+    "clusters": lambda: (clusters(3000), up(5000)),
+    "flipped": lambda: some_flipped(3000),
+    "tiny": lambda: (square(3001) * np.float32(1e-12), up(3001)),
+    "huge": lambda: (square(3001) * np.float32(1e12), up(3001)),
+    "far": lambda: (square(3001) + np.float32([1000, -2000, 500]), up(3001)),
+    "line": lambda: (square(2000) * np.float32([1, 0, 0]), up(2000)),
+    "few": lambda: (square(22), up(22)),
 }
 
 
+@cache
+def cloud(name):
+    """Points and normals, writeable: a read-only array is another type to a kernel."""
+    return CLOUDS[name]()
+
+
 def table_and_hood(name, count=NEIGHBORS + 1):
-    x, n = CLOUDS[name]
+    x, n = cloud(name)
     hood = Hood(np.arange(len(x), dtype=np.int32), neighbors(x, count).indices)
     return x, n, hood, measure_closed(pack_table(x, n), hood)
 
@@ -89,7 +99,7 @@ def table_and_hood(name, count=NEIGHBORS + 1):
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.parametrize("count", [9, 21, 41])
 def test_closed_cells_are_those_measured_one_by_one(name, count):
-    x, n, hood, found = table_and_hood(name, min(count, len(CLOUDS[name][0])))
+    x, n, hood, found = table_and_hood(name, min(count, len(cloud(name)[0])))
     reach, sure = measure_cells(x, n, hood)
     closed = found.state == CLOSED
     tie = np.abs(2 * reach / distances(x, hood, -1) - 1) < 1e-5  # a vertex half as far as the last neighbour
@@ -170,7 +180,7 @@ def naive_gap(x, n, i, near):
 
 @pytest.mark.parametrize("name", ["random", "noise", "cube", "clusters", "few"])
 def test_gaps_are_those_of_sorted_angles(name):
-    x, n = CLOUDS[name]
+    x, n = cloud(name)
     near = neighbors(x, NEIGHBORS + 1)[1]
     rows = np.arange(0, len(x), 1 + len(x) // 300)
     found = find_gaps(x, n, rows, near[rows])
@@ -190,9 +200,9 @@ def test_one_direction_and_none_are_gaps():
 
 @pytest.mark.parametrize("name", ["random", "wall", "flipped", "few"])
 @pytest.mark.parametrize("own", [False, True])
-def test_medians_are_those_of_numpy(name, own):
+def test_medians_are_those_of_numpy(rng, name, own):
     x, n, hood, found = table_and_hood(name)
-    values = RNG.lognormal(size=len(x)).astype(np.float32)
+    values = rng.lognormal(size=len(x)).astype(np.float32)
     odd = np.flatnonzero(~found.one_sheet)
     got = medians_around(values, n, hood.near[:, :9], Hood(odd, hood.near[odd]), own)
     for i in range(0, len(x), 1 + len(x) // 500):
@@ -204,8 +214,8 @@ def test_medians_are_those_of_numpy(name, own):
 
 @pytest.mark.parametrize("n", [1, 2, 1000, 100_000])
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.95, 1.0])
-def test_quantiles_are_exact(n, share):
-    values = RNG.lognormal(size=n).astype(np.float32)
+def test_quantiles_are_exact(rng, n, share):
+    values = rng.lognormal(size=n).astype(np.float32)
     for some in (values, np.sort(values), np.round(values), np.zeros(n, np.float32), np.repeat(values[:1], n)):
         before = some.copy()
         assert quantile(some, share) == pytest.approx(float(np.quantile(some, share)), rel=1e-6)
@@ -239,10 +249,10 @@ def test_sheets_are_those_of_a_slow_search(name, known):
 # ----------------------------------------------------------------------------------------------------- everything
 
 
-def test_the_order_of_the_points_does_not_matter():
-    x, n = CLOUDS["cube"]
+def test_the_order_of_the_points_does_not_matter(rng):
+    x, n = cloud("cube")
     there = choose_radii(x, n)
-    order = RNG.permutation(len(x))
+    order = rng.permutation(len(x))
     mixed = choose_radii(x[order], n[order])
     np.testing.assert_allclose(mixed.radii, there.radii[order], rtol=1e-5)
     np.testing.assert_allclose(mixed.borders, there.borders[order], atol=1e-5)
@@ -251,7 +261,7 @@ def test_the_order_of_the_points_does_not_matter():
 
 @pytest.mark.parametrize("name", ["random", "cube", "wall", "clusters"])
 def test_parts_change_nothing(name, monkeypatch):
-    x, n = CLOUDS[name]
+    x, n = cloud(name)
     whole = choose_radii(x, n)
     np.testing.assert_array_equal(whole.near, neighbors(x, 9).indices)
     monkeypatch.setattr(cells, "PART", 320)  # the last part is not of whole lanes
@@ -268,8 +278,8 @@ def test_points_in_cells_are_those_of_the_whole_grid():
 
 
 @pytest.mark.parametrize("clump", [3, 40, 800])
-def test_clumps_of_any_size_count_once(clump):
-    x = np.concatenate([sphere_points(3000), sphere_points(3000)[:1] + 1e-7 * RNG.normal(size=(clump, 3))])
+def test_clumps_of_any_size_count_once(rng, clump):
+    x = np.concatenate([sphere_points(3000), sphere_points(3000)[:1] + 1e-7 * rng.normal(size=(clump, 3))])
     x = np.unique(x.astype(np.float32), axis=0)
     n = x / np.linalg.norm(x, axis=1, keepdims=True)
     radii, _, _, facing, _ = choose_radii(x, n)

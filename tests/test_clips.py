@@ -5,7 +5,6 @@ import pytest
 
 import pointray as pr
 
-RNG = np.random.default_rng(5)
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -50,14 +49,14 @@ def interval(clips, origins, directions, t_min, t_max):
     return low, high
 
 
-def camera_rays(scene):
+def camera_rays(rng, scene):
     return [a.reshape(120, 160, 3) for a in pr.Camera.frame(scene.bounds, (0.3, -1, 0.4), size=(160, 120)).rays()]
 
 
-def all_ways(scene, count=10_000):
+def all_ways(rng, scene, count=10_000):
     low, high = scene.bounds
-    origins, targets = RNG.uniform(low - 1, high + 1, (count, 3)), RNG.uniform(low, high, (count, 3))
-    return origins, (targets - origins) * RNG.uniform(0.3, 3, (count, 1))
+    origins, targets = rng.uniform(low - 1, high + 1, (count, 3)), rng.uniform(low, high, (count, 3))
+    return origins, (targets - origins) * rng.uniform(0.3, 3, (count, 1))
 
 
 CLIPS = {
@@ -72,8 +71,8 @@ CLIPS = {
 @pytest.mark.parametrize("limits", [(0, np.inf), (1.5, 9.5)])
 @pytest.mark.parametrize("rays", [camera_rays, all_ways])
 @pytest.mark.parametrize("name", CLIPS)
-def test_the_same_as_rays_with_intervals(scene, name, rays, limits):
-    origins, directions = rays(scene)
+def test_the_same_as_rays_with_intervals(rng, scene, name, rays, limits):
+    origins, directions = rays(rng, scene)
     clips = [(np.array(p, float), np.array(n, float)) for p, n in CLIPS[name]]
     low, high = interval(clips, origins, directions, *limits)
     cut = scene.copy()
@@ -82,8 +81,9 @@ def test_the_same_as_rays_with_intervals(scene, name, rays, limits):
     # A ray may be traced in a group or singly: t may differ by a step of float32.
     same = (found.instance == expected.instance) & np.isclose(found.t, expected.t, rtol=2.4e-7, atol=0)
     assert np.array_equal(cut.occluded(origins, directions, *limits), found.instance >= 0)
-    # An interval may begin on a surface, a cut may not: these few rays begin in splats close to it.
-    assert (~same).sum() <= 5
+    # An interval may begin on a surface, a cut may not: these few rays begin in splats close to it, on average 0.9 of
+    # 10,000 random rays (Poisson). A plane that is ignored changes hundreds to thousands.
+    assert (~same).sum() <= (10 if rays is all_ways else 5)
     around = scene.intersect(origins[~same], directions[~same], low[~same] - 0.05, low[~same] + 0.05)
     assert (around.instance >= 0).all()
     assert (name == "all") == (found.instance < 0).all()
@@ -91,9 +91,9 @@ def test_the_same_as_rays_with_intervals(scene, name, rays, limits):
         assert ((found.position[found.instance >= 0] - point) @ normal < 1e-6).all()
 
 
-def rim_rays(shape, inwards, off):
+def rim_rays(rng, shape, inwards, off):
     """Rays through the plane z = 0.3 at points `off` inside the unit sphere, across its surface; and these points."""
-    turn = RNG.uniform(0, 2 * np.pi, 600) if len(shape) == 1 else np.linspace(0, 0.1, 600)
+    turn = rng.uniform(0, 2 * np.pi, 600) if len(shape) == 1 else np.linspace(0, 0.1, 600)
     out = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
     through = out * (np.sqrt(1 - 0.3**2) - off) + 0.3 * UP
     directions = (-1.0 if inwards else 1.0) * out - 0.6 * UP
@@ -102,12 +102,12 @@ def rim_rays(shape, inwards, off):
 
 @pytest.mark.parametrize("shape", [(600,), (20, 30)])
 @pytest.mark.parametrize("off", [-1e-4, -3e-5, 3e-5, 1e-4])
-def test_a_ray_that_is_cut_beside_the_surface_does_not_start_on_it(sphere, shape, off):
+def test_a_ray_that_is_cut_beside_the_surface_does_not_start_on_it(rng, sphere, shape, off):
     """Radii are 0.05 here, so all rays are within the hundredth of a radius in which they start on a surface."""
     scene = pr.Scene()
     scene.add(sphere)
     scene.clips = [(0.3 * UP, UP)]
-    origins, directions, through = rim_rays(shape, False, off)
+    origins, directions, through = rim_rays(rng, shape, False, off)
     hits = scene.intersect(origins, directions)
     met = hits.instance >= 0
     if off > 0:  # from just inside outwards
@@ -115,7 +115,7 @@ def test_a_ray_that_is_cut_beside_the_surface_does_not_start_on_it(sphere, shape
         assert scene.occluded(origins, directions).all()
     else:
         assert not met.any() and not scene.occluded(origins, directions).any()
-    origins, directions, through = rim_rays(shape, True, off)
+    origins, directions, through = rim_rays(rng, shape, True, off)
     hits = scene.intersect(origins, directions)
     distance = np.linalg.norm(hits.position - through, axis=-1)
     assert (distance > 0.5).all() if off > 0 else (distance < 1e-3).all()
@@ -136,11 +136,11 @@ def test_rays_along_a_plane(sphere):
     assert (wrong.instance < 0).all()
 
 
-def test_a_plane_in_a_clip_plane_stays_for_rays_from_the_side_that_is_cut_away():
+def test_a_plane_in_a_clip_plane_stays_for_rays_from_the_side_that_is_cut_away(rng):
     scene, normal = pr.Scene(), np.array([0.3, -0.2, 1.0])
     scene.add(pr.Plane((0.1, 0.2, 0.3), normal))
     scene.clips = [((0.1, 0.2, 0.3), normal)]
-    origins = RNG.uniform(-3, 3, (2000, 3)) + 9 * UP
+    origins = rng.uniform(-3, 3, (2000, 3)) + 9 * UP
     assert (scene.intersect(origins, [0.1, 0.2, -1]).instance == 0).all()
 
 
@@ -210,7 +210,7 @@ def test_a_picture_under_way_keeps_its_planes(scene):
     assert np.array_equal(scene.snapshot().world.clips, after.clips)
 
 
-# ------------------------------------------------------------------------------------------------------ what is told
+# ---------------------------------------------------------------------------------------------- arguments and errors
 
 
 def test_planes_as_they_are_given(statue):

@@ -9,9 +9,8 @@ from PIL import Image
 from pointray.points import read
 from pointray.points.formats import depth
 
-RNG = np.random.default_rng(3)
 CAMERA = (50.0, 55.0, 40.25, 30.5)
-STEPS = RNG.integers(0, 5000, (60, 80)).astype(np.uint16)
+STEPS = np.random.default_rng(3).integers(0, 5000, (60, 80)).astype(np.uint16)
 STEPS[:3] = 0
 
 
@@ -83,11 +82,11 @@ def header(array):
     return file.getvalue()[:4096]
 
 
-def test_colors_are_no_depths(tmp_path):
-    path = save(tmp_path / "a.png", RNG.integers(0, 256, (20, 20, 3)).astype(np.uint8))
+def test_colors_are_no_depths(rng, tmp_path):
+    path = save(tmp_path / "a.png", rng.integers(0, 256, (20, 20, 3)).astype(np.uint8))
     with pytest.raises(ValueError, match="is a picture of colours, not of depths"):
         read(path, intrinsics=CAMERA)
-    path = save(tmp_path / "b.png", RNG.integers(0, 256, (20, 20)).astype(np.uint8))
+    path = save(tmp_path / "b.png", rng.integers(0, 256, (20, 20)).astype(np.uint8))
     with pytest.raises(ValueError, match="is a grey picture of 8 bits, not of depths"):
         read(path, intrinsics=CAMERA)
 

@@ -18,11 +18,10 @@ from pointray.survey import numbers_of
 pye57 = pytest.importorskip("pye57")
 libe57 = pytest.importorskip("pye57.libe57")
 
-RNG = np.random.default_rng(7)
 N = 500
-XYZ = RNG.normal(size=(N, 3))
+XYZ = np.random.default_rng(7).normal(size=(N, 3))
 NORMALS = XYZ / np.linalg.norm(XYZ, axis=1, keepdims=True)
-RGB = RNG.integers(0, 256, (N, 3))
+RGB = np.random.default_rng(8).integers(0, 256, (N, 3))
 HALF = np.sqrt(0.5)
 TURN = (HALF, 0.0, 0.0, HALF)  # 90 degrees about z: (x, y, z) -> (-y, x, z)
 AT = (5400000.125, 300.0, 20.0)
@@ -139,9 +138,9 @@ def test_a_pose_turns_positions_and_normals(tmp_path):
         np.testing.assert_allclose(file.to_global(XYZ, np.array(TURN), np.array(AT)), points.world, atol=1e-6)
 
 
-def test_columns_keep_values_and_types(tmp_path):
+def test_columns_keep_values_and_types(rng, tmp_path):
     values = {
-        "intensity": Column(RNG.integers(0, 4096, N), "int"),
+        "intensity": Column(rng.integers(0, 4096, N), "int"),
         "rowIndex": Column(np.arange(N) * 1000, "int"),
         "columnIndex": Column(np.arange(N) - 7, "int"),
         "timeStamp": Column(np.arange(N) * 0.1 + 1e9),
@@ -168,8 +167,8 @@ def test_rows_that_are_invalid_are_left_out_and_counted(tmp_path):
         assert source.listing.facts["left_out"] == np.sum(state != 0)
 
 
-def test_spherical_coordinates(tmp_path):
-    azimuth, elevation, distance = RNG.random((3, N)) * [[6], [1.5], [9]]
+def test_spherical_coordinates(rng, tmp_path):
+    azimuth, elevation, distance = rng.random((3, N)) * [[6], [1.5], [9]]
     columns = {"sphericalRange": Column(distance), "sphericalAzimuth": Column(azimuth)}
     path = save(tmp_path / "a.e57", (columns | {"sphericalElevation": Column(elevation)}, pose(at=(1, 2, 3))))
     flat = distance * np.cos(elevation)
@@ -218,8 +217,8 @@ def test_scans_with_different_columns_are_one_cloud(tmp_path):
     )
 
 
-def test_whole_numbers_with_a_scale_are_kept(tmp_path):
-    whole = RNG.integers(-(10**8), 10**8, (N, 3))
+def test_whole_numbers_with_a_scale_are_kept(rng, tmp_path):
+    whole = rng.integers(-(10**8), 10**8, (N, 3))
     grids = [(0.001, 500000.0), (0.001, 5400000.0), (0.01, 0.0)]
     columns = {
         f"cartesian{axis}": Column(column, "scaled", grid=grid)
@@ -340,12 +339,11 @@ def test_xml_is_never_followed():
 def test_mutated_files_are_read_or_refused(tmp_path):
     """With valid checksums, so that the library sees the changes."""
     path = save(tmp_path / "a.e57", (xyz_columns() | color_columns(RGB), pose()), (xyz_columns(), {}))
-    data, random = path.read_bytes(), np.random.default_rng(1)
-    read_whole = 0
+    data, rng, read_whole = path.read_bytes(), np.random.default_rng(1), 0
     for _ in range(60):
         changed = bytearray(data)
-        for at in random.integers(0, len(data), random.integers(1, 5)):
-            changed[at] = random.integers(256)
+        for at in rng.integers(0, len(data), rng.integers(1, 5)):
+            changed[at] = rng.integers(256)
         rows = [bytes(changed[at : at + 1020]) for at in range(0, len(changed), 1024)]
         path.write_bytes(b"".join(row + struct.pack(">I", crc32c(row)) for row in rows))
         try:

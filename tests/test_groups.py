@@ -5,8 +5,6 @@ import pytest
 
 import pointray as pr
 
-RNG = np.random.default_rng(5)
-
 
 @pytest.fixture(scope="module")
 def scene():
@@ -31,19 +29,19 @@ def mixed(groups, order):
 
 
 ORDERS = {
-    "in turn": lambda n, g: np.arange(n * g).reshape(g, n).T.reshape(-1),
-    "two in three": lambda n, g: np.argsort(np.concatenate([np.arange(n) * 1.5, *[np.arange(n) * 3.0] * (g - 1)])),
-    "at random": lambda n, g: RNG.permutation(n * g),
+    "in turn": lambda rng, n, g: np.arange(n * g).reshape(g, n).T.reshape(-1),
+    "two in three": lambda rng, n, g: np.argsort(np.concatenate([np.arange(n) * 1.5, *[np.arange(n) * 3.0] * (g - 1)])),
+    "at random": lambda rng, n, g: rng.permutation(n * g),
 }
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_groups_that_share_tiles(scene, order):
+def test_groups_that_share_tiles(rng, scene, order):
     """Tiles mix rays of several views: each hits what it hits among rays of its own view."""
     eyes = (5.0, -6.0, 3.0), (-5.0, -4.0, 2.0), (1.0, 7.0, 0.5), (1.25, -7.0, 0.0)
     groups = [view(scene, eye) for eye in eyes]
     n = len(groups[0][0])
-    order = ORDERS[order](n, len(groups))
+    order = ORDERS[order](rng, n, len(groups))
     origins, directions = mixed(groups, order)
     together = scene.intersect(origins, directions)
     alone = [scene.intersect(*rays) for rays in groups]
@@ -60,7 +58,7 @@ def test_groups_that_share_tiles(scene, order):
     assert not scene.occluded(origins, directions, t_max=0.5).any()
 
 
-def test_shadow_rays_of_pixels_beside_a_silhouette(scene):
+def test_shadow_rays_of_pixels_beside_a_silhouette(rng, scene):
     """Neighbouring pixels see different parts of the shape; their shadow rays are traced in tiles and singly."""
     origins, directions = view(scene, (5.0, -6.0, 3.0))
     hits = scene.intersect(origins, directions)
@@ -69,7 +67,7 @@ def test_shadow_rays_of_pixels_beside_a_silhouette(scene):
     towards = np.array([-8.0, -9.0, 6.0]) - starts
     blocked = scene.occluded(starts, towards, t_max=1.0)
     assert 0.05 < blocked.mean() < 0.95, blocked.mean()
-    order = RNG.permutation(len(starts))
+    order = rng.permutation(len(starts))
     assert np.array_equal(scene.occluded(starts[order], towards[order], t_max=1.0), blocked[order])
 
 
@@ -78,7 +76,7 @@ def sphere():
     return pr.Model(pr.procedural("sphere", 20_000))
 
 
-def test_rays_that_a_clip_plane_cuts_beside_others(sphere):
+def test_rays_that_a_clip_plane_cuts_beside_others(rng, sphere):
     """Cut rays begin at the plane, close to a surface but not on it; the tile's other rays are not cut."""
     scene = pr.Scene()
     scene.add(sphere)
@@ -88,7 +86,7 @@ def test_rays_that_a_clip_plane_cuts_beside_others(sphere):
     through, directions = out * (np.sqrt(1 - 0.3**2) - 3e-5) + (0, 0, 0.3), out - (0, 0, 0.6)
     cut = through - 2 * directions, directions  # from inside, 0.0006 radii below the surface
     whole = 3 * out - (0, 0, 0.4), -out
-    origins, directions = mixed((cut, whole), ORDERS["in turn"](600, 2))
+    origins, directions = mixed((cut, whole), ORDERS["in turn"](rng, 600, 2))
     hits = scene.intersect(origins, directions)
     assert (hits.instance == 0).all() and scene.occluded(origins, directions).all()
     assert np.abs(hits.position[::2] - through).max() < 1e-3
