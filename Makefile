@@ -1,11 +1,14 @@
 # Two commands do all the set-up: make demo, make test. They need Python 3.11+ and make, nothing else.
+# make test SHUFFLE=3 runs the tests in a random order with that seed; JOBS=1 in one process.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PYTEST := $(BIN)/python -m pytest --numprocesses logical --maxprocesses 4 --dist worksteal
+JOBS ?= logical
+PYTEST = $(BIN)/python -m pytest --numprocesses $(JOBS) --maxprocesses 4 --dist worksteal \
+	$(if $(SHUFFLE),-p randomly --randomly-seed=$(SHUFFLE)) $(if $(REPORTS),--junitxml=$(REPORTS)/$@.xml)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
-.PHONY: demo test long check bench attack wheel format clean
+.PHONY: demo test long test-all kernels-checked check bench attack wheel format clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -24,7 +27,14 @@ test: $(VENV)/tools
 	$(PYTEST)
 
 long: $(VENV)/tools
-	$(PYTEST) -m 'long or slow'
+	$(PYTEST) -m long
+
+test-all: test
+	$(MAKE) long
+
+# Every array access and SIMD load of kernels checked.
+kernels-checked: $(VENV)/tools
+	POINTRAY_CHECK=1 $(BIN)/python -m pytest tests/test_cells.py tests/test_near.py tests/test_trace.py tests/test_tree.py
 
 check: $(VENV)/tools
 	$(BIN)/ruff check .

@@ -1,19 +1,24 @@
 """Kernels that are compiled in another process before they are needed, and the messages about it."""
 
+import json
 import os
+import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
-import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import linked_cache
 from pointray import jit
 from pointray.jit import backlog, beside
 from pointray.jit.backlog import Backlog
 from pointray.rendering import warmup
 from pointray.viewer.time_left import TimeLeft
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 class Clock:
@@ -77,50 +82,61 @@ def test_time_left_is_that_of_a_stage(clock):
     assert left("tree", None) is None and left("tree", 0.1) is None  # started again
 
 
+@pytest.mark.parametrize("start", ["first_start", "other_start"])
+def test_the_record_has_what_a_first_start_uses(start):
+    """If this fails, run `python bench/record_kernels.py`: building, pictures or baking use other kernels than before."""
+    command = [sys.executable, ROOT / "bench" / "record_kernels.py", start]
+    rows = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    record = {stage: {f"pointray.{name}" for name in kernels} for stage, kernels in stages().items()}
+    if start == "first_start":
+        assert set(rows.pop("normals")) == record.pop("build") | record.pop("normals")
+        assert {stage: set(kernels) for stage, kernels in rows.items()} == record
+    else:  # points have normals
+        assert set(rows) > record["build"] and not set(rows) & record["normals"]
+
+
+def stages():
+    """Kernels of each stage, with the seconds that they take."""
+    return {stage: kernels for stage, kernels in warmup.RECORD.items() if stage != "shared"}
+
+
+def test_the_record_names_kernels():
+    for kernels in stages().values():
+        assert kernels
+        for name, seconds in kernels.items():
+            assert f"pointray.{name}" in jit.KERNELS and seconds > 0
+
+
 COLD = """
-import sys, threading, time
-import numpy as np
+import threading, time
 import pointray as pr
 from pointray.rendering import warmup
-from pointray.jit import BACKLOG, KERNELS, compilations, is_compiled
+from pointray.jit import BACKLOG, compilations
 
 def watch():
     while True:
         seen.append(BACKLOG.state)
-        time.sleep(0.01)
+        time.sleep(0.005)
 
 if __name__ == "__main__":
     seen = []
-    settings = pr.Settings(%r)
-    cold = not warmup.is_warm(settings)
-    warmup.warm_up(settings, clicks=True, bakes=settings.integrator == "baked")
-    warmup.expect(warmup.NORMALS)
+    warmup.warm_up(pr.Settings("phong"), clicks=True)
     threading.Thread(target=watch, daemon=True).start()
-    u, v = np.random.default_rng(0).random((2, 2000)) * 2 * np.pi
-    ring = 1 + 0.4 * np.cos(v)
-    model = pr.Model(np.stack([ring * np.cos(u), ring * np.sin(u), 0.4 * np.sin(v)], axis=1))
     scene = pr.Scene()
-    scene.add(model)
-    if settings.integrator == "baked":
-        scene.add_light(pr.EnvironmentLight())
-        scene.baked = pr.bake(scene, pr.BakeSettings(links=1, patches=64))
-    image = pr.render(scene, pr.frame(scene, size=(32, 24)), settings)
-    scene.intersect([0, 0, 5], [0, 0, -1])
-    known = {*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES, *warmup.RAYS, *warmup.BAKE, *warmup.BLEND}
-    known.add("rendering.baked.baked_frame")
-    done = {name.removeprefix("pointray.") for name, kernel in KERNELS.items() if is_compiled(kernel)}
+    scene.add(pr.Model(pr.procedural("torus", 2000)))
+    scene.add(pr.Plane((0, 0, -1), (0, 0, 1)))
+    hit = scene.intersect([1, 0, 5], [0, 0, -1])
     states = [state for state in seen if state]
-    print(cold, compilations(), int(image[..., 3].sum()))
-    print(sorted(done - known), sorted(set(warmup.BUILD) - done))
-    print(len(states) > 0 and (states[0].number, max(state.total for state in states)), BACKLOG.state)
+    print(compilations(), max([state.total for state in states], default=0), BACKLOG.state, hit.t > 0)
     print(all(a.number <= b.number for a, b in zip(states, states[1:])))
 """
+CHEAP = ["neighbors.rows", "tree.wide"]  # modules with the kernels of a model that compile fastest
 
 
-def run(program, cache, *words):
+def run(program, cache):
     done = subprocess.run(
-        [sys.executable, "-c", program, *words],
-        env={**os.environ, "POINTRAY_CACHE": str(cache), "POINTRAY_CHECK": ""},
+        [sys.executable, "-c", program],
+        env={**os.environ, "POINTRAY_CACHE": str(cache)},
         capture_output=True,
         text=True,
         check=True,
@@ -130,20 +146,17 @@ def run(program, cache, *words):
 
 @pytest.mark.long
 def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path):
-    """On the next start nothing is compiled, and nothing is told. Other pictures then need one kernel more."""
-    first = run(COLD % "baked", tmp_path)
-    count = len(warmup.BUILD) + len(warmup.NORMALS) + 1
-    count += len(warmup.RAYS) + len(warmup.BAKE) + len(warmup.BLEND)  # clicks and bakes share a kernel
-    cold, compiled, covered = first[0].split()
-    assert cold == "True" and int(covered) > 100
-    assert first[1] == "[] []"
-    assert count - 4 <= int(compiled) <= count  # the number that orienting needs depends on the points
-    assert first[2] == f"(1, {count}) None" and first[3] == "True"
-    again = run(COLD % "baked", tmp_path)
-    assert again[0] == f"False 0 {covered}" and again[2] == "False None"
-    for integrator in ("phong", "path"):
-        other = run(COLD % integrator, tmp_path)
-        assert other[0] == f"True 1 {covered}" and other[1] == "[] []" and other[2] == "(1, 1) None"
+    """Some kernels are missing in the cache, one of which a second process compiles; on the next start none is."""
+    pr.Scene().add(pr.Model(pr.procedural("torus", 2000)))
+    cache = linked_cache(tmp_path / "cache")
+    missing = [*CHEAP, "trace.cast"]
+    folders = [folder for name in missing for folder in cache.glob(f"*/{name}-*")]
+    assert {folder.name.rsplit("-", 1)[0] for folder in folders} >= set(CHEAP)
+    for folder in folders:
+        shutil.rmtree(folder)
+    count = sum(name.rsplit(".", 1)[0] in missing for name in [*warmup.BUILD, warmup.CLICK])
+    assert run(COLD, cache) == [f"{count} {count} None True", "True"]
+    assert run(COLD, cache) == ["0 0 None True", "True"]
 
 
 @pytest.fixture
@@ -207,11 +220,3 @@ def is_alive(pid):
             return file.read().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
-
-
-def test_names_of_kernels_are_right():
-    """The expected kernels' names, and those that the other process can compile, are right."""
-    for name in (*warmup.BUILD, *warmup.NORMALS, *warmup.PICTURES, *warmup.BAKE, *warmup.BLEND):
-        assert f"pointray.{name}" in jit.KERNELS
-    costs = *warmup.BUILD.values(), *warmup.NORMALS.values(), *warmup.BAKE.values()
-    assert np.all([cost > 0 for cost in costs])

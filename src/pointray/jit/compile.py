@@ -121,6 +121,11 @@ def compile_seconds() -> float:
     return _Listener.seconds
 
 
+def compile_times() -> dict[str, float]:
+    """Return the processor time that compiling each kernel took in this process, in seconds."""
+    return dict(_Listener.times)
+
+
 def count_beside(kernels: int, waited: float) -> None:
     """Count kernels that a second process compiled, and seconds of waiting for them."""
     _Listener.beside += kernels
@@ -137,7 +142,8 @@ class _Listener(event.Listener):
 
     count, beside = 0, 0
     seconds = 0.0
-    since: dict[Any, float] = {}  # noqa: RUF012
+    since: dict[Any, tuple[float, float]] = {}  # noqa: RUF012
+    times: dict[str, float] = {}  # noqa: RUF012
 
     def on_start(self, event: Any) -> None:
         kernel = event.data["dispatcher"]
@@ -145,14 +151,15 @@ class _Listener(event.Listener):
         if not name:
             return
         _Listener.count += 1
-        _Listener.since[kernel] = time.perf_counter()
+        _Listener.since[kernel] = time.perf_counter(), time.thread_time()
         BACKLOG.begin(name)
 
     def on_end(self, event: Any) -> None:
         kernel = event.data["dispatcher"]
         start, name = _Listener.since.pop(kernel, None), name_of(kernel)
         if start is not None and name:
-            _Listener.seconds += time.perf_counter() - start
+            _Listener.seconds += time.perf_counter() - start[0]
+            _Listener.times[name] = time.thread_time() - start[1]
             BACKLOG.end(name)
 
 

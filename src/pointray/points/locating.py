@@ -33,7 +33,7 @@ def locate(
     origins = np.tile(origin, (min(BLOCK, len(world)), 1))  # rows of three would take three times as long
     for start in range(0, len(world), BLOCK):
         part, rows = world[start : start + BLOCK], slice(start, min(start + BLOCK, len(world)))
-        with np.errstate(over="ignore"):  # too large a number becomes infinite: the row is not finite
+        with np.errstate(over="ignore", invalid="ignore"):  # signalling NaNs; a number that overflows becomes infinite
             local[rows].reshape(-1)[:] = part.reshape(-1) - origins[: len(part)].reshape(-1)
         lost = _lost(part, local[rows], origin, survey)
         if lost is not None:

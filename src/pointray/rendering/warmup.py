@@ -7,10 +7,12 @@ come before that of pictures that show its light, and after that of pictures tha
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,66 +33,14 @@ from .picture import kernel_for, render
 from .settings import Settings
 
 PACKAGE = (__package__ or "").split(".")[0]
-# Seconds that kernels take on one core of 2024; a faster or slower machine is noticed, see `jit.Backlog`.
-BUILD = {
-    "neighbors.distinct._number": 0.3,
-    "neighbors.order._cut": 0.7,
-    "neighbors.rows._take": 0.2,
-    "neighbors.sites._fill_blocks": 0.2,
-    "neighbors.sites._fill_leaves": 0.2,
-    "neighbors.sites._fill_levels": 0.1,
-    "neighbors.search.find_nearest": 2.8,
-    "points.strays.survey._survey": 2.6,
-    "points.strays.survey._share": 0.4,
-    "splats.closed._pack": 0.1,
-    "splats.closed._measure_closed": 0.8,
-    "splats.voronoi._measure": 1.4,
-    "splats.borders._find_gaps": 0.5,
-    "splats.medians._medians": 0.2,
-    "splats.medians._medians_of": 0.3,
-    "splats.sheets._find": 0.3,
-    "tree.blocks._fill_blocks": 0.3,
-    "tree.top._bound_groups": 0.4,
-    "tree.cells.cut_roots": 3.2,
-    "tree.leaves.fill_leaves": 3.7,
-    "tree.leaves.fill_groups": 0.2,
-    "tree.wide.enclose": 0.2,
-    "tree.wide.collapse": 0.4,
-}
-NORMALS = {
-    "points.normals.jets._fit": 1.4,
-    "points.normals.pieces._join_tiles": 0.7,
-    "points.normals.votes._count_votes": 0.1,
-    "points.normals.votes._cast_votes": 0.3,
-    "points.normals.joins._choose": 0.3,
-    "points.normals.joins._join": 0.2,
-    "points.normals.joins._number": 0.1,
-    "points.normals.outward._choose": 0.1,
-    "points.normals.winding._spacings": 0.2,
-    "points.normals.winding._grow": 0.5,
-    "points.normals.winding._join_roots": 0.2,
-    "points.normals.winding._wind": 0.5,
-}
-CLICK = "trace.cast._closest"
-SHARED = 20.0  # what all kernels that trace rays share: the first one in a process compiles it for all
-PICTURES = {  # besides what is shared, as those that follow
-    "rendering.integrate.quick_frame": 11.0,
-    "rendering.integrate.sampled_frame": 8.0,
-    CLICK: 5.0,
-}
-USUAL = 10.0  # of another integrator
-RAYS = {CLICK: 5.0, "baking.gather.send_rays": 11.0}  # of a bake
-BAKE = {
-    "baking.reflectance.find_reflectances": 2.6,
-    "baking.sky._average": 1.3,
-    "baking.bounces.reflect": 0.2,
-    "baking.bounces.add_irradiance": 0.4,
-    "baking.bounces.add_facts": 0.6,
-    "baking.bounces.hide_links": 0.7,
-    "baking.smooth.smooth": 0.5,
-    "baking.pack.pack": 0.6,
-}
-BLEND = {"baking.patches._blend": 0.7}  # of a bake too, where there are models
+# What a first start compiled, and for how long; written by `bench/record_kernels.py`. A faster or slower machine is
+# noticed, see `jit.Backlog`.
+RECORD: dict[str, Any] = json.loads(Path(__file__).with_name("first_start.json").read_text())
+BUILD, NORMALS = RECORD["build"], RECORD["normals"]  # of a model; also if it has no normals
+BAKE, BLEND = RECORD["bake"], RECORD["blend"]  # of a bake; also if there are models
+PICTURES = RECORD["pictures"]  # besides what is shared by all kernels that trace rays, as are those of rays
+CLICK, RAYS = "trace.cast._closest", "baking.gather.send_rays"
+SHARED: float = RECORD["shared"]  # seconds that the first kernel that traces rays takes longer, for all of a process
 
 
 def warm_up(
@@ -103,10 +53,10 @@ def warm_up(
     before : of pictures that are shown until light is baked
     """
     wanted = _of_pictures(before)
-    wanted |= {_full(name): cost for name, cost in (RAYS | BAKE).items()} if bakes else {}
+    wanted |= {_full(name): cost for name, cost in (RECORD["rays"] | BAKE).items()} if bakes else {}
     wanted |= _of_pictures(settings)
     if clicks:
-        wanted.setdefault(_full(CLICK), PICTURES[CLICK])
+        wanted.setdefault(_full(CLICK), RECORD["rays"][CLICK])
     missing = [name for name in wanted if not is_compiled(KERNELS[name])]
     wanted.update({name: wanted[name] + SHARED for name in missing[:1]})
     compile_beside(__name__, wanted)
@@ -118,7 +68,7 @@ def _of_pictures(settings: Settings | None) -> dict[str, float]:
     if settings is None:
         return {}
     name = name_of(kernel_for(settings))
-    return {name: PICTURES.get(name.removeprefix(f"{PACKAGE}."), USUAL)}
+    return {name: PICTURES.get(name.removeprefix(f"{PACKAGE}."), max(PICTURES.values()))}
 
 
 def expect(kernels: dict[str, float]) -> None:
@@ -162,7 +112,7 @@ def _compile(names: Sequence[str]) -> None:
     for name in names:
         if name == _full(CLICK):
             scene.intersect((0, 0, 1), (0, 0, -1))
-        elif name in map(_full, RAYS | BAKE):
+        elif name in map(_full, [RAYS, *BAKE]):
             bake(scene, BakeSettings(links=1, patches=64, threads=1))
         else:
             render(scene, camera, Settings(integrators[name], threads=1))
