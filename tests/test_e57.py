@@ -336,10 +336,10 @@ def test_xml_is_never_followed():
             _e57_header._parse(text)
 
 
-def test_mutated_files_are_read_or_refused(tmp_path):
-    """With valid checksums, so that the library sees the changes."""
+def test_mutated_files_are_read_or_refused(tmp_path, rng):
+    """With valid checksums, so that the library sees the changes; a text that swallows the rest leaves one scan."""
     path = save(tmp_path / "a.e57", (xyz_columns() | color_columns(RGB), pose()), (xyz_columns(), {}))
-    data, rng, read_whole = path.read_bytes(), np.random.default_rng(1), 0
+    data, read_whole = path.read_bytes(), 0
     for _ in range(60):
         changed = bytearray(data)
         for at in rng.integers(0, len(data), rng.integers(1, 5)):
@@ -347,8 +347,9 @@ def test_mutated_files_are_read_or_refused(tmp_path):
         rows = [bytes(changed[at : at + 1020]) for at in range(0, len(changed), 1024)]
         path.write_bytes(b"".join(row + struct.pack(">I", crc32c(row)) for row in rows))
         try:
-            assert len(read(path)) == 2 * N
-            read_whole += 1
+            count = len(read(path))
+            assert count in (N, 2 * N)
+            read_whole += count == 2 * N
         except ValueError as error:
             assert "\n" not in str(error)
     assert 10 < read_whole < 60
