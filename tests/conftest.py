@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 
@@ -19,6 +20,10 @@ from pointray import jit
 
 # A background job of a shell ignores Ctrl-C, and so does all that it starts, but tests send it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Each run tries the same examples.
+hypothesis.settings.register_profile("repeatable", derandomize=True, database=None)
+hypothesis.settings.load_profile("repeatable")
 
 MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
 

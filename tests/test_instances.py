@@ -8,18 +8,16 @@ from pointray.kernels.records import MATERIAL_SIZE, TOP_BOUNDS, TOP_CENTER, TOP_
 from pointray.kernels.tree import ROW
 from pointray.tree.instance_bvh import DEEP, FEW, build_top
 
-RNG = np.random.default_rng(11)
-
 
 @pytest.fixture(scope="module")
 def models():
     return pr.Model(pr.procedural("sphere", 3000)), pr.Model(pr.procedural("torus", 5000))
 
 
-def random_transform(spread):
+def random_transform(rng, spread):
     out = np.eye(4)
-    out[:3, :3] = np.linalg.qr(RNG.normal(size=(3, 3)))[0] @ np.diag(RNG.uniform(0.3, 1.5, 3))
-    out[:3, 3] = RNG.uniform(-spread, spread, 3)
+    out[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag(rng.uniform(0.3, 1.5, 3))
+    out[:3, 3] = rng.uniform(-spread, spread, 3)
     return out
 
 
@@ -30,20 +28,20 @@ def scene_of(models, transforms):
     return scene
 
 
-def random_rays(count, spread):
-    origins, towards = RNG.uniform(-2 * spread, 2 * spread, (count, 3)), RNG.uniform(-spread, spread, (count, 3))
-    return origins, (towards - origins) * RNG.uniform(0.3, 3, (count, 1))
+def random_rays(rng, count, spread):
+    origins, towards = rng.uniform(-2 * spread, 2 * spread, (count, 3)), rng.uniform(-spread, spread, (count, 3))
+    return origins, (towards - origins) * rng.uniform(0.3, 3, (count, 1))
 
 
 @pytest.mark.parametrize("shift", [0, 4e6])
-def test_many_are_as_the_nearest_of_each(models, shift):
+def test_many_are_as_the_nearest_of_each(rng, models, shift):
     """Rays of a picture and random rays, in tiles and a few at a time, also far from the origin."""
-    transforms = [random_transform(5) for _ in range(60)]
+    transforms = [random_transform(rng, 5) for _ in range(60)]
     for transform in transforms:
         transform[:3, 3] += shift
     scene = scene_of(models, transforms)
     camera = pr.Camera.frame(scene.bounds, size=(80, 60))
-    origins, directions = random_rays(3000, 6)
+    origins, directions = random_rays(rng, 3000, 6)
     rays = [camera.rays(), (origins + shift, directions)]
     for origins, directions in rays:
         hits = scene.intersect(origins, directions)
@@ -61,17 +59,17 @@ def test_many_are_as_the_nearest_of_each(models, shift):
         assert np.array_equal(scene.occluded(origins, directions), hit)
 
 
-def ruffled(count):
+def ruffled(rng, count):
     """A sheet of few points with open borders, whose surface extends beyond the points' bounds."""
-    x, y = RNG.uniform(-1, 1, (2, count))
+    x, y = rng.uniform(-1, 1, (2, count))
     normals = np.stack([-1.2 * np.cos(4 * x), 0 * x, 0 * x + 1], axis=1)
     points = np.stack([x, y, 0.3 * np.sin(4 * x)], axis=1)
     return pr.Model(pr.Points(points, normals / np.linalg.norm(normals, axis=1, keepdims=True)))
 
 
 @pytest.mark.parametrize("scale", [(1, 1, 1), (2, 0.5, -1)])
-def test_the_surface_goes_on_beyond_the_points(scale):
-    model, transform = ruffled(400), np.diag([*scale, 1.0])
+def test_the_surface_goes_on_beyond_the_points(rng, scale):
+    model, transform = ruffled(rng, 400), np.diag([*scale, 1.0])
     camera = pr.Camera.look_at((0, -0.1, 9), (0, 0, 0), fov=30, size=(200, 200))
     alone, among = pr.Scene(), pr.Scene()
     for k in range(6):
@@ -80,7 +78,7 @@ def test_the_surface_goes_on_beyond_the_points(scale):
     hits = alone.intersect(*camera.rays())
     assert np.allclose(among.intersect(*camera.rays()).t, hits.t, rtol=1e-6)
     beyond = np.abs(hits.position[..., :2]) > np.abs(alone.bounds[:, :2]).max(axis=0) + 0.01
-    assert beyond.any(axis=-1).sum() > 50
+    assert beyond.any(axis=-1).sum() > 15  # 97 to 1115 of 60 seeds; a surface that ends at its points has none
 
 
 def moved_off(transform):
@@ -90,9 +88,9 @@ def moved_off(transform):
     return out
 
 
-def test_the_interval_of_a_ray_counts(models):
-    scene = scene_of(models, [random_transform(9) for _ in range(40)])
-    origins, directions = random_rays(2000, 12)
+def test_the_interval_of_a_ray_counts(rng, models):
+    scene = scene_of(models, [random_transform(rng, 9) for _ in range(40)])
+    origins, directions = random_rays(rng, 2000, 12)
     first = scene.intersect(origins, directions)
     hit = np.flatnonzero(first.instance >= 0)
     before, behind = first.t[hit] * 0.999, first.t[hit] * 1.001
@@ -125,14 +123,14 @@ def test_moving_one_of_many(models):
     assert scene.intersect(origins, [0, 1, 0]).instance.tolist() == [10, 0, 1, 2, 3, -1, 5, 6, 7, 8, 9]
 
 
-def test_a_picture_under_way_keeps_its_scene(models):
+def test_a_picture_under_way_keeps_its_scene(rng, models):
     """Changes while kernels read a scene go to a copy."""
     scene = scene_of(models, [np.eye(4)] * 5)
     world = scene.snapshot().world
     before = world.instances.copy()
-    scene.update(2, random_transform(3))
+    scene.update(2, random_transform(rng, 3))
     scene.remove(0)
-    scene.add(models[0], random_transform(3))
+    scene.add(models[0], random_transform(rng, 3))
     scene.snapshot()
     assert np.array_equal(world.instances, before)
 
@@ -153,7 +151,7 @@ def leaves_of(boxes, children, node, low, high, seen, depth=0):
 
 
 CLOUDS = {
-    "random": RNG.uniform(-1, 1, (500, 3)),
+    "random": np.random.default_rng(11).uniform(-1, 1, (500, 3)),
     "one place": np.zeros((200, 3)),
     "a line": np.linspace(0, 1, 300)[:, None] * [1, 0, 0],
     "ever farther": 1.5 ** np.arange(120)[:, None] * [1.0, 1, 0],
@@ -161,10 +159,10 @@ CLOUDS = {
 
 
 @pytest.mark.parametrize("name", CLOUDS)
-def test_the_tree_over_instances(name):
+def test_the_tree_over_instances(rng, name):
     middles = CLOUDS[name]
     n = len(middles)
-    half = RNG.uniform(0, 0.2, (n, 3))
+    half = rng.uniform(0, 0.2, (n, 3))
     given = np.concatenate([middles - half, middles + half], axis=1)
     top, boxes, children = build_top(given, np.arange(7, 7 + n))
     seen = {}

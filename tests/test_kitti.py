@@ -4,10 +4,9 @@ import pytest
 from pointray.points import read
 from pointray.points.formats import kitti
 
-RNG = np.random.default_rng(9)
 N = 80  # a file of so many rows of 16 bytes, or of 64 of 20, has the same size
-XYZ = RNG.normal(size=(N, 3)).astype(np.float32) * 20
-REFLECTANCE = RNG.random((N, 1)).astype(np.float32)
+XYZ = np.random.default_rng(9).normal(size=(N, 3)).astype(np.float32) * 20
+REFLECTANCE = np.random.default_rng(10).random((N, 1)).astype(np.float32)
 RINGS = (np.arange(N)[:, None] % 32).astype(np.float32)
 
 
@@ -59,7 +58,7 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path, name):
         np.full(400, 1e6, "<f4").tobytes(),
         np.full(400, np.nan, "<f4").tobytes(),
         b"some text that is no sweep of a laser scanner " * 32,
-        RNG.integers(0, 256, 1600).astype(np.uint8).tobytes(),
+        np.random.default_rng(11).bytes(1600),
         b"\x7fELF" + bytes(range(12)) * 100,
     ],
 )
@@ -74,13 +73,13 @@ def test_the_extension_is_needed(tmp_path):
         read(save(tmp_path / "a.data", XYZ, REFLECTANCE))
 
 
-def test_mutated_files_are_read_or_refused(tmp_path):
+def test_mutated_files_are_read_or_refused(rng, tmp_path):
     data = save(tmp_path / "a.bin", XYZ, REFLECTANCE).read_bytes()
     for _ in range(60):
         changed = bytearray(data)
-        at = int(RNG.integers(0, len(data)))
-        changed[at] = int(RNG.integers(0, 256))
-        if RNG.random() < 0.5:
+        at = int(rng.integers(0, len(data)))
+        changed[at] = int(rng.integers(0, 256))
+        if rng.random() < 0.5:
             del changed[at:]
         (tmp_path / "a.bin").write_bytes(changed)
         try:

@@ -13,7 +13,6 @@ from pointray.points.formats.mesh import mesh
 
 trimesh = pytest.importorskip("trimesh")
 
-RNG = np.random.default_rng(5)
 KINDS = ["obj", "stl", "ascii.stl", "glb", "gltf", "off"]
 
 
@@ -89,10 +88,10 @@ def test_many_points_come_in_blocks(tmp_path, monkeypatch):
     assert abs(points.world.mean(axis=0) - whole.world.mean(axis=0)).max() < 0.1
 
 
-def test_points_without_triangles_keep_their_order(tmp_path):
-    rows = np.repeat(RNG.random((40, 3)).round(3), 2, axis=0)  # each twice: none is merged
-    colors = RNG.integers(0, 256, (80, 3))
-    normals = RNG.normal(size=(80, 3)).round(3)
+def test_points_without_triangles_keep_their_order(rng, tmp_path):
+    rows = np.repeat(rng.random((40, 3)).round(3), 2, axis=0)  # each twice: none is merged
+    colors = rng.integers(0, 256, (80, 3))
+    normals = rng.normal(size=(80, 3)).round(3)
     lines = ["# caf\xe9"]
     for xyz, rgb, n in zip(rows, colors / 255, normals, strict=True):
         lines += [f"v {' '.join(map(str, [*xyz, *rgb]))}", f"vn {' '.join(map(str, n))}"]

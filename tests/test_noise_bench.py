@@ -16,8 +16,6 @@ from noise_scenes import Plate, Room, Wall, drift, layers, strays, veil
 from noise_surfaces import OURS, POISSON, Surface, peers
 from noise_tables import Figure, Limit, grouped, number, table_of, verdict
 
-RNG = np.random.default_rng(3)
-
 
 def exact_rays(exact, error=0.0):
     """A surface whose rays end `error` outside the exact one, found by small steps."""
@@ -34,8 +32,8 @@ def exact_rays(exact, error=0.0):
 
 
 @pytest.mark.parametrize("exact", [Torus(), Cube(), Wall(0.02, 0.5), Plate(0.1)], ids=lambda exact: exact.name)
-def test_points_lie_on_the_surface_and_distances_are_to_the_nearest(exact):
-    x, normals = exact.points(40_000, np.random.default_rng(1))
+def test_points_lie_on_the_surface_and_distances_are_to_the_nearest(rng, exact):
+    x, normals = exact.points(40_000, rng)
     distance, same = exact.compare(x)
     assert x.shape == normals.shape == (40_000, 3) and np.abs(distance).max() < 1e-9
     assert (normals * same).sum(axis=1).min() > 0.99 or exact.name == "cube"  # a cube's edge has two
@@ -48,11 +46,11 @@ def test_points_lie_on_the_surface_and_distances_are_to_the_nearest(exact):
         assert (np.sign(exact.compare(off)[0]) == np.sign(side)).mean() > 0.99
 
 
-def test_random_points_are_uniform_in_area():
-    x = Torus().points(100_000, np.random.default_rng(1))[0]
+def test_random_points_are_uniform_in_area(rng):
+    x = Torus().points(100_000, rng)[0]
     outer = (np.hypot(x[:, 0], x[:, 1]) > 1).mean()  # the outer half has (pi + 0.8) / (2 pi) of the area
-    assert abs(outer - (np.pi + 0.8) / (2 * np.pi)) < 0.005
-    x = Cube().points(100_000, np.random.default_rng(1))[0]
+    assert abs(outer - (np.pi + 0.8) / (2 * np.pi)) < 0.01  # the noise is 0.0015; with even angles their share would be 0.5
+    x = Cube().points(100_000, rng)[0]
     assert np.abs((np.abs(x) == 1).mean(axis=0) - 1 / 3).max() < 0.01
 
 
@@ -88,8 +86,8 @@ def test_rays_through_a_hole_are_lost():
     assert 8 < found.lost < 12
 
 
-def test_rays_come_from_the_front():
-    targets, normals = Wall().points(500, RNG)
+def test_rays_come_from_the_front(rng):
+    targets, normals = Wall().points(500, rng)
     origins, d = aimed(targets, normals, 1.0)
     assert ((-d * normals).sum(axis=1) > 0.49).all() and np.allclose(origins + d, targets)
 

@@ -12,7 +12,6 @@ from pointray.points.normals.orientation import agree
 from pointray.points.normals.outward import looks_inward
 from pointray.points.normals.sheets import part_sheets
 
-RNG = np.random.default_rng(3)
 SPHERE = sphere_points(3000)
 
 
@@ -29,8 +28,8 @@ def test_normals_of_a_sphere_point_outward():
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
 
 
-def test_normals_of_a_wavy_ground_point_up_and_follow_it():
-    x, y = RNG.uniform(-5, 5, (2, 5000))
+def test_normals_of_a_wavy_ground_point_up_and_follow_it(rng):
+    x, y = rng.uniform(-5, 5, (2, 5000))
     truth = np.stack([-0.5 * np.cos(x), np.zeros(5000), np.ones(5000)], axis=1)
     truth /= np.linalg.norm(truth, axis=1, keepdims=True)
     points = Points(np.stack([x, y, 0.5 * np.sin(x)], axis=1) + [5e5, 5e6, 100])
@@ -44,16 +43,16 @@ def test_each_part_is_turned_by_itself():
     assert degrees(normals, np.vstack([SPHERE] * 3)).max() < 15
 
 
-def test_signs_are_set_right_wherever_they_start():
+def test_signs_are_set_right_wherever_they_start(rng):
     path = SPHERE[kd_order(SPHERE)]
     near = neighbors(path, 11)[1]
-    for start in (np.ones(3000), -np.ones(3000), RNG.choice([-1, 1], 3000)):
+    for start in (np.ones(3000), -np.ones(3000), rng.choice([-1, 1], 3000)):
         signs, groups = agree(path, path * start[:, None].astype(np.float32), near)
         assert (groups == 0).all()
         assert abs((signs * start).sum()) == 3000
 
 
-def torus(n, rng):
+def torus(rng, n):
     """Random points of the torus of `procedural`, and their normals."""
     u, v = rng.uniform(0, 2 * np.pi, (2, 3 * n))
     kept = rng.uniform(0, 1.4, 3 * n) < 1 + 0.4 * np.cos(v)
@@ -63,10 +62,9 @@ def torus(n, rng):
 
 
 @pytest.mark.parametrize(("noise", "rms"), [(0, 0.05), (0.1, 1.6), (0.5, 9.0)])
-def test_quadrics_follow_a_random_torus(noise, rms):
+def test_quadrics_follow_a_random_torus(rng, noise, rms):
     """Measured: 0.02, 1.2 and 6.7 degrees with 50,000 points. Planes through 16 points gave 0.7, 2.3 and 13."""
-    rng = np.random.default_rng(8)
-    positions, normals = torus(20_000, rng)
+    positions, normals = torus(rng, 20_000)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
     noisy = Points(positions + noise * spacing * rng.normal(size=positions.shape))
     angle = degrees(estimate_normals(noisy).normals, normals)
@@ -81,25 +79,24 @@ def test_normals_of_exact_models(name):
     assert angle.max() < 60
 
 
-def cube(n, rng):
+def cube(rng, n):
     faces = rng.integers(0, 6, n)
     normals = np.zeros((n, 3))
     normals[np.arange(n), faces // 2] = faces % 2 * 2 - 1
     return np.where(normals != 0, normals, rng.uniform(-1, 1, (n, 3))), normals
 
 
-def test_sharp_edges_stay_sharp():
+def test_sharp_edges_stay_sharp(rng):
     """Measured: 2.7% of a cube's points are off by over 20 degrees. Planes through 16 points gave 3.8%."""
-    positions, normals = cube(20_000, np.random.default_rng(2))
+    positions, normals = cube(rng, 20_000)
     angle = degrees(estimate_normals(Points(positions)).normals, normals)
     assert np.median(angle) < 0.01
     assert (angle > 20).mean() < 0.06  # 20,000 points have 1.6 times the share of points at edges that 50,000 have
     assert (angle > 90).mean() < 0.002
 
 
-def test_noise_is_measured_in_spacings():
-    rng = np.random.default_rng(1)
-    positions, _ = torus(20_000, rng)
+def test_noise_is_measured_in_spacings(rng):
+    positions, _ = torus(rng, 20_000)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
     levels = [survey(np.float32(positions + s * spacing * rng.normal(size=positions.shape)))[0] for s in (0, 0.1)]
     assert levels[0] < 0.005
@@ -114,14 +111,14 @@ def test_a_given_number_of_neighbors_is_used():
         assert np.median(degrees(normals * np.sign((normals * path).sum(1))[:, None], path)) < (5 if k == 3 else 0.2)
 
 
-def test_a_thin_closed_shell_has_two_sides():
+def test_a_thin_closed_shell_has_two_sides(rng):
     """Two sheets three spacings apart, joined by a rim."""
     x, y = np.meshgrid(np.arange(100.0), np.arange(100.0))
     z = np.full(x.size, 1.5)
     top, bottom = np.stack([x.ravel(), y.ravel(), z], 1), np.stack([x.ravel(), y.ravel(), -z], 1)
     rim = [np.stack([a, b, np.full(100, c)], 1) for c in (-0.5, 0.5) for a, b in _square(100)]
     positions = np.vstack([top, bottom, *rim])
-    jitter = np.random.default_rng(0).uniform(-0.2, 0.2, (len(positions), 3)) * [1, 1, 0.02]
+    jitter = rng.uniform(-0.2, 0.2, (len(positions), 3)) * [1, 1, 0.02]
     normals = estimate_normals(Points(positions + jitter)).normals
     assert (normals[:10_000, 2] > 0).mean() > 0.999
     assert (normals[10_000:20_000, 2] < 0).mean() > 0.999
@@ -129,9 +126,8 @@ def test_a_thin_closed_shell_has_two_sides():
 
 @pytest.mark.parametrize("residual", [1, np.nan])
 @pytest.mark.parametrize("gap", [0.2, 0.4])
-def test_a_cavity_and_a_plate_thinner_than_the_spacing(gap, residual):
+def test_a_cavity_and_a_plate_thinner_than_the_spacing(rng, gap, residual):
     """Half of one sheet is flipped at first. Winding numbers turn it back, even if fits are to lines."""
-    rng = np.random.default_rng(5)
     wall = 56 * sphere_points(40_000)  # the spacing is about one
     x = rng.uniform(-8, 8, (2 * 256, 2))
     z = np.repeat([gap / 2, -gap / 2], 256)
@@ -157,8 +153,8 @@ def _square(n):
 
 
 @pytest.mark.parametrize("n", [500, 20_000])
-def test_open_ground_looks_up(n):
-    x, y = np.random.default_rng(n).uniform(-5, 5, (2, n))
+def test_open_ground_looks_up(rng, n):
+    x, y = rng.uniform(-5, 5, (2, n))
     ground = np.stack([x, y, 0.8 * np.sin(x) * np.cos(1.3 * y) - 0.05 * (x * x + y * y)], axis=1)
     for sign in (1, -1):
         assert (estimate_normals(Points(ground * [1, 1, sign])).normals[:, 2] > 0).all()
@@ -171,8 +167,8 @@ def test_far_clusters_are_oriented_each():
     assert (degrees(normals[3000:], SPHERE) < 90).mean() > 0.95  # float32 keeps a sixteenth of a unit there
 
 
-def test_a_plane_has_its_normal():
-    positions = np.column_stack([RNG.uniform(0, 1, (5000, 2)), np.zeros(5000)])
+def test_a_plane_has_its_normal(rng):
+    positions = np.column_stack([rng.uniform(0, 1, (5000, 2)), np.zeros(5000)])
     np.testing.assert_allclose(estimate_normals(Points(positions)).normals, [[0, 0, 1]] * 5000, atol=1e-5)
 
 
@@ -237,7 +233,7 @@ def two_sided(points):
     return np.isin(groups, groups[opposite])
 
 
-def scan_pipes(step, noise):
+def scan_pipes(rng, step, noise):
     """Positions and exact normals of two pipes, scanned from the origin in steps of azimuth and elevation."""
     turn, rise = (a.ravel() for a in np.meshgrid(np.arange(-0.3, 0.3, step[0]), np.arange(-0.4, 0.4, step[1])))
     ray = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1)
@@ -252,13 +248,13 @@ def scan_pipes(step, noise):
         nearest[hit] = t[hit]
         normals[hit] = (across[hit] * t[hit, None] - to) / radius
     hit = np.isfinite(nearest)
-    jitter = noise * np.random.default_rng(4).normal(size=hit.sum())
+    jitter = noise * rng.normal(size=hit.sum())
     return ray[hit] * (nearest[hit] + jitter)[:, None], normals[hit]
 
 
 @pytest.mark.parametrize(("step", "noise", "rms"), [((0.004, 0.004), 0.002, 5), ((0.001, 0.007), 0.001, 8)])
-def test_scan_lines(step, noise, rms):
-    positions, normals = scan_pipes(step, noise)
+def test_scan_lines(rng, step, noise, rms):
+    positions, normals = scan_pipes(rng, step, noise)
     angle = degrees(estimate_normals(Points(positions), viewpoint=(0, 0, 0)).normals, normals)
     print(len(angle), np.sqrt((angle**2).mean()), (angle > 90).mean())
     assert np.sqrt((angle**2).mean()) < rms
@@ -274,8 +270,8 @@ def test_real_ground_looks_up(name):
 # ---------------------------------------------------------------------------------------------------------- mend
 
 
-def test_good_normals_are_only_normalised():
-    points, message = mend_normals(Points(SPHERE, SPHERE * 10.0 ** RNG.uniform(-30, 30, (3000, 1))))
+def test_good_normals_are_only_normalised(rng):
+    points, message = mend_normals(Points(SPHERE, SPHERE * 10.0 ** rng.uniform(-30, 30, (3000, 1))))
     assert "unit length" in message
     np.testing.assert_allclose(points.normals, SPHERE, atol=1e-6)
 
@@ -321,8 +317,8 @@ def test_flipped_normals_are_noticed_and_used():
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
-def test_normals_without_signs_are_oriented(share):
-    normals = np.where(RNG.random((3000, 1)) < share, -SPHERE, SPHERE)
+def test_normals_without_signs_are_oriented(rng, share):
+    normals = np.where(rng.random((3000, 1)) < share, -SPHERE, SPHERE)
     points, message = mend_normals(Points(np.vstack([SPHERE, SPHERE[:9]]), np.vstack([normals, -normals[:9]])))
     assert "opposite sides" in message
     np.testing.assert_allclose(points.normals, np.vstack([SPHERE, SPHERE[:9]]), atol=1e-6)

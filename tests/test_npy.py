@@ -12,12 +12,10 @@ from pointray.points.formats.arrays import _array as _arrays
 from pointray.points.formats.arrays import npy
 from pointray.survey import RESIDUAL, SCAN, Survey, numbers_of
 
-RNG = np.random.default_rng(7)
 N = 70
-XYZ = RNG.normal(size=(N, 3)).astype(np.float32)
-NORMALS = RNG.normal(size=(N, 3)).astype(np.float32)
+XYZ, NORMALS = np.random.default_rng(7).normal(size=(2, N, 3)).astype(np.float32)
 NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
-RGB = RNG.integers(0, 256, (N, 3)).astype(np.uint8)
+RGB = np.random.default_rng(8).integers(0, 256, (N, 3)).astype(np.uint8)
 RGB[0] = 255
 
 
@@ -60,7 +58,7 @@ def test_an_organised_cloud_is_read_row_by_row(tmp_path, order):
     np.testing.assert_array_equal(read(saved(tmp_path / "a.npy", array)).positions, XYZ)
 
 
-GREY = RNG.random((N, 3)) * 0.99
+GREY = np.random.default_rng(9).random((N, 3)) * 0.99
 WITH_GAPS = NORMALS.copy()
 WITH_GAPS[3], WITH_GAPS[5] = 0, np.nan
 
@@ -294,7 +292,7 @@ def cloud(**more):
         "class": np.arange(N, dtype=np.uint8) % 4,
         "big": 2**63 + np.arange(N, dtype=np.uint64),
         "hit": np.arange(N) % 2 == 0,
-        "feature": RNG.random((N, 5)).astype(np.float32),
+        "feature": np.random.default_rng(10).random((N, 5)).astype(np.float32),
         "Größe": np.arange(N, dtype=np.int16),
     }
     return Points(**{"positions": XYZ, "normals": NORMALS, "colors": RGB, "attributes": attributes, **more})
@@ -381,8 +379,7 @@ def test_npy_tells_what_it_loses_and_refuses_names_that_are_taken(tmp_path):
         write(tmp_path / "a.npz", cloud(attributes={"a\0b": XYZ[:, 0]}))
 
 
-def test_mutated_files_are_read_whole_or_refused(tmp_path):
-    rng = np.random.default_rng(3)
+def test_mutated_files_are_read_whole_or_refused(rng, tmp_path):
     np.savez_compressed(tmp_path / "a.npz", positions=XYZ, colors=RGB, crs="EPSG:1")
     write(tmp_path / "b.npz", cloud())
     write(tmp_path / "c.npy", cloud())

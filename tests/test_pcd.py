@@ -9,11 +9,9 @@ from pointray.points import read
 from pointray.points.formats.pcd import pcd
 from pointray.points.formats.pcd._lzf import unpack
 
-RNG = np.random.default_rng(5)
 N = 60
-XYZ = RNG.normal(size=(N, 3)).astype(np.float32)
-NORMALS = RNG.normal(size=(N, 3)).astype(np.float32)
-RGB = RNG.integers(0, 256, (N, 3)).astype(np.uint8)
+XYZ, NORMALS = np.random.default_rng(5).normal(size=(2, N, 3)).astype(np.float32)
+RGB = np.random.default_rng(6).integers(0, 256, (N, 3)).astype(np.uint8)
 PACKED = (RGB.astype(np.uint32) * np.array([1 << 16, 1 << 8, 1], np.uint32)).sum(axis=1, dtype=np.uint32)
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 COLUMNS = {
@@ -26,7 +24,7 @@ COLUMNS = {
     "label": np.arange(N, dtype=np.int16) - 30,
     "timestamp": 1.7e9 + np.arange(N) / 7,
     "stamp": 2**63 + np.arange(N, dtype=np.uint64),
-    "fpfh": RNG.random((N, 5)).astype(np.float32),
+    "fpfh": np.random.default_rng(7).random((N, 5)).astype(np.float32),
 }
 
 
@@ -266,8 +264,8 @@ def test_wrong_text_is_found_by_its_line(tmp_path, monkeypatch, rows, line, mess
 
 @pytest.mark.parametrize("size", [0, 1, 2, 31, 32, 33, 300, 9000])
 @pytest.mark.parametrize("letters", [1, 3, 256])
-def test_lzf_gives_back_what_was_packed(size, letters):
-    data = RNG.integers(0, letters, size).astype(np.uint8)
+def test_lzf_gives_back_what_was_packed(rng, size, letters):
+    data = rng.integers(0, letters, size).astype(np.uint8)
     packed = np.frombuffer(packed_by_lzf(data.tobytes()), np.uint8).copy()
     np.testing.assert_array_equal(unpack(packed, size, 0), data)
 
@@ -290,8 +288,7 @@ def test_damaged_lzf_is_refused(packed, size, message):
         unpack(np.array(packed, np.uint8), size, 1000)
 
 
-def test_mutated_files_are_read_whole_or_refused(tmp_path):
-    rng = np.random.default_rng(11)
+def test_mutated_files_are_read_whole_or_refused(rng, tmp_path):
     path = tmp_path / "a.pcd"
     texts = [save(path, encoding=encoding).read_bytes() for encoding in ENCODINGS]
     refused = 0

@@ -17,9 +17,8 @@ from pointray.points.formats._source import CHUNK
 from pointray.points.formats.ply import _ascii
 from pointray.points.replacing import check_writable, replacing
 
-RNG = np.random.default_rng(2)
-XYZ = RNG.random((50, 3)).astype(np.float32)
-RGB = RNG.integers(0, 256, (50, 3)).astype(np.uint8)
+XYZ = np.random.default_rng(2).random((50, 3)).astype(np.float32)
+RGB = np.random.default_rng(3).integers(0, 256, (50, 3)).astype(np.uint8)
 
 
 def save(path, columns, text=False, order="<", before=()):
@@ -210,11 +209,12 @@ def calls_in(work):
         nonlocal count
         count += event in ("call", "c_call")
 
+    before = sys.getprofile()
     sys.setprofile(see)
     try:
         work()
     finally:
-        sys.setprofile(None)
+        sys.setprofile(before)
     return count
 
 
@@ -432,13 +432,12 @@ def test_more_vertices_than_can_be_held_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("mixed", [False, True])
-def test_rows_of_several_chunks_are_those_of_the_file(tmp_path, mixed):
+def test_rows_of_several_chunks_are_those_of_the_file(rng, tmp_path, mixed):
     """mixed : whether x, y and z, and the colours, lie side by side in a row, or each beside the others"""
     count, names = CHUNK + 5000, ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "label"]
     if mixed:
         names = ["blue", "x", "nx", "red", "z", "label", "ny", "y", "nz", "green"]
     types = {"red": "u1", "green": "u1", "blue": "u1", "label": "<i4"}
-    rng = np.random.default_rng(4)
     rows = np.zeros(count, [(name, types.get(name, "<f4")) for name in names])
     for name in names:
         rows[name] = rng.integers(0, 200, count)
