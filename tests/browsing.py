@@ -5,13 +5,14 @@ import io
 import json
 import shutil
 import struct
+import time
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from PIL import Image
 
-SECONDS = 60.0  # seconds for anything to happen: other programs may occupy the processors
+SECONDS = 120.0  # for anything to happen: it only bounds a hang
 FLAGS = (
     "--no-sandbox",
     "--use-angle=swiftshader",
@@ -88,6 +89,13 @@ class Page:
     def until(self, condition, argument=None):
         """Wait for a condition of the page."""
         return self.tab.wait_for_function(condition, arg=argument)
+
+    def wait(self, condition):
+        """Wait for a condition of what was noted here, while messages are taken."""
+        end = time.monotonic() + SECONDS
+        while not condition():
+            assert time.monotonic() < end, "it never happened"
+            self.tab.wait_for_timeout(10)
 
     @property
     def camera(self):

@@ -21,7 +21,7 @@ def scan(tmp_path, monkeypatch):
     monkeypatch.setattr(model_cache, "folder", lambda: tmp_path / "models")
     monkeypatch.setattr(model_cache, "WORTH", 1000)
     path = tmp_path / "scan.ply"
-    pr.write(path, pr.procedural("statue", 5000))
+    pr.write(path, pr.procedural("torus", 5000))
     os.utime(path, (time.time() - 60,) * 2)
     return path
 

@@ -12,13 +12,18 @@ def turned(degrees, size, position):
 
 @pytest.fixture(scope="module")
 def sphere() -> pr.Model:
-    return pr.Model(pr.procedural("sphere", 5000))
+    return pr.Model(pr.procedural("sphere", 1000))
+
+
+@pytest.fixture(scope="module")
+def statue() -> pr.Model:
+    return pr.Model(pr.procedural("statue", 5000))
 
 
 @pytest.fixture
-def scene(sphere) -> pr.Scene:
+def scene(sphere, statue) -> pr.Scene:
     out = pr.Scene()
-    out.add(pr.Model(pr.procedural("statue", 5000)))
+    out.add(statue)
     out.add(sphere, turned(50, (1, -0.7, 1.3), (2.5, 0.5, 1)))
     out.add(sphere, turned(20, 0.8, (-2, 0, 1)))
     out.add(pr.Plane((0, 0, -0.1), (0, 0.1, 1)))

@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from conftest import long
 from pointray.cli import execute
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples"
 EXAMPLES = sorted(path.name for path in FOLDER.iterdir() if path.suffix in (".toml", ".py"))
+SLOWER = ("04", "07")  # they take seconds
 SMALL = [
-    (r"^points = [\d_]+", "points = 2500"),
-    (r"^POINTS = [\d_]+", "POINTS = 2500"),
+    (r"^points = [\d_]+", "points = 5000"),
+    (r"^POINTS = [\d_]+", "POINTS = 5000"),
     (r"^size = .*", "size = [48, 40]"),
     (r"^SIZE = .*", "SIZE = (48, 40)"),
     (r"^spp = \d+", "spp = 2"),
@@ -54,7 +56,7 @@ def test_they_are_numbered() -> None:
     assert all(re.match(r"\d\d_[a-z_]+\.(toml|py)$", name) for name in EXAMPLES)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", [long(name) if name[:2] in SLOWER else name for name in EXAMPLES])
 def test_example(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image = picture_of(name, tmp_path, monkeypatch)
     assert image.shape == (40, 48, 3)
@@ -67,7 +69,7 @@ def test_the_same_in_toml_and_in_python(tmp_path: Path, monkeypatch: pytest.Monk
     assert (one == other).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_notebook(tmp_path: Path) -> None:
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     book = nbformat.read(FOLDER / "notebook.ipynb", as_version=4)

@@ -28,7 +28,7 @@ UP = (0.0, 0.0, 1.0)
 @pytest.fixture
 def scan(tmp_path):
     path = tmp_path / "scan.ply"
-    points = pr.procedural("statue", 2_000)
+    points = pr.procedural("torus", 1_000)
     pr.write(path, pr.Points(points.positions, points.normals, points.colors, {"quality": points.positions[:, 2]}))
     return path
 
@@ -214,6 +214,7 @@ def wait_for(condition):
     return found
 
 
+@pytest.mark.long
 def test_light_is_rough_while_models_are_built_and_levels_get_it_later():
     baker = Baker(lambda: None, lambda *said: None)
     first = ball()

@@ -36,7 +36,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def model():
-    model = pr.Model(pr.procedural("statue", 20_000))
+    model = pr.Model(pr.procedural("statue", 5_000))
     compile_kernels(scene_of(model))
     return model
 
@@ -145,6 +145,7 @@ def test_a_drag_turns_the_model(page, scene):
     assert apart(page, scene, first) > 3.0
 
 
+@pytest.mark.long
 def test_wheel_right_drag_and_flight(page, scene):
     for act, check in (
         (lambda: page.tab.mouse.wheel(0, -120), lambda a, b: np.allclose(away(b), 0.9 * away(a))),
@@ -158,14 +159,16 @@ def test_wheel_right_drag_and_flight(page, scene):
         assert shows(page, scene)
 
 
+@pytest.mark.long
 def test_the_picture_is_refined_while_nothing_moves(page, scene):
     page.choose("samples", "64")
     page.finished(64)
     count = len(page.headers)
     with page.another(64):
         page.drag(MODEL, (-50, 10))
+    page.wait(lambda: page.headers[-1]["samples"] == 64)
     stages = [(header["stage"], header["samples"]) for header in page.headers[count:]]
-    assert stages[0] == ("moving", 1) and stages[-1] == ("refined", 64)
+    assert stages[0][1] == 1 and stages[-1] == ("refined", 64)
     # On a slow machine the mouse may seem to rest during the drag: only the last refinement counts.
     last = stages[max(k for k, stage in enumerate(stages) if stage == ("still", 1)) + 1 :]
     assert {stage for stage, _ in last} == {"refined"}
@@ -173,6 +176,7 @@ def test_the_picture_is_refined_while_nothing_moves(page, scene):
     assert np.abs(page.picture() - expected(scene, page.camera, 64, SIZE)).mean() < CLOSE
 
 
+@pytest.mark.long
 def test_a_stray_mouse_changes_nothing(page):
     count, before = len(page.said), page.frames
     page.tab.mouse.move(MODEL[0] - 40, MODEL[1] - 20)
@@ -183,6 +187,7 @@ def test_a_stray_mouse_changes_nothing(page):
     assert page.frames == before and page.last["samples"] == SAMPLES
 
 
+@pytest.mark.long
 def test_the_panel_acts(page, scene):
     with page.another(SAMPLES):
         page.choose("integrator", "Normals")
@@ -214,6 +219,7 @@ def test_a_material_for_the_model(page, scene, model):
     assert shows(page, painted)
 
 
+@pytest.mark.long
 def test_each_page_has_a_camera_of_its_own(browser, viewer, page, scene):
     with shown(browser, viewer) as other:
         first = page.camera
@@ -228,6 +234,7 @@ def test_each_page_has_a_camera_of_its_own(browser, viewer, page, scene):
         assert apart(other, scene, page.camera) > 3.0
 
 
+@pytest.mark.long
 def test_a_double_click_looks_there(page, scene):
     before = page.camera
     point, pixel = surface_at(scene, before, *MODEL)
@@ -263,6 +270,7 @@ def test_clicks_show_coordinates_and_measure(page, scene):
     line.wait_for(state="hidden")
 
 
+@pytest.mark.long
 def test_quick_clicks_at_two_places_are_two(page):
     page.tab.mouse.click(*MODEL)
     with page.holding("Shift"):
@@ -282,6 +290,7 @@ def test_a_saved_picture_is_that_of_render(page, scene, tmp_path):
     assert np.abs(image - expected(scene, page.camera, SAMPLES, (90, 70))).max() <= 1
 
 
+@pytest.mark.long
 def test_the_camera_is_copied_as_a_command(browser, viewer, model, tmp_path, monkeypatch):
     with shown(browser, viewer, permissions=["clipboard-read", "clipboard-write"]) as page:
         with page.another(SAMPLES):
@@ -302,6 +311,7 @@ def test_the_camera_is_copied_as_a_command(browser, viewer, model, tmp_path, mon
     assert (tmp_path / "picture.png").exists()
 
 
+@pytest.mark.long
 def test_keys_of_the_standard_views(page, scene):
     middle = scene.bounds.mean(axis=0)
     for key, axis, sign in (("1", 1, -1), ("2", 1, 1), ("3", 0, -1), ("4", 0, 1), ("5", 2, 1), ("6", 2, -1)):
@@ -327,11 +337,8 @@ def free_area(page):
 
 def waits_for_free(page, wanted):
     """Wait until the page has sent an area that meets a condition."""
-    for _ in range(200):
-        if (free := free_area(page)) is not None and wanted(free):
-            return free
-        page.tab.wait_for_timeout(50)
-    raise AssertionError(free)
+    page.wait(lambda: (free := free_area(page)) is not None and wanted(free))
+    return free_area(page)
 
 
 def test_the_page_tells_what_the_panel_leaves_free(page):
@@ -346,6 +353,7 @@ def test_the_page_tells_what_the_panel_leaves_free(page):
     assert waits_for_free(page, lambda free: free[1] == 0) == [0, 0, *SIZE]
 
 
+@pytest.mark.long
 def test_the_panel_folds_away_on_a_narrow_window(page):
     title, button = page.tab.locator(".lil-title").first, page.row("samples")
     assert button.is_visible()
@@ -361,6 +369,7 @@ def test_the_panel_folds_away_on_a_narrow_window(page):
     button.wait_for(state="visible")
 
 
+@pytest.mark.long
 def test_orthographic_views_have_a_scale_bar(page, scene):
     bar = page.tab.locator("#scale")
     assert bar.is_hidden()
@@ -398,6 +407,7 @@ def north_of(page):
     return float(re.fullmatch(r"rotate\((\S+)\)", page.tab.locator("#needle").get_attribute("transform"))[1])
 
 
+@pytest.mark.long
 def test_a_georeferenced_scan_has_a_north_arrow(browser, page, model):
     assert north_of(page) is None  # coordinates around zero have no known north
     points = model.points
@@ -420,6 +430,7 @@ def test_a_georeferenced_scan_has_a_north_arrow(browser, page, model):
         assert 1 < abs(north_of(other)) < 179
 
 
+@pytest.mark.long
 def test_control_drag_moves_the_sun(page, scene):
     camera, before = page.camera, page.number("lamps.0.azimuth")
     with page.holding("Control"), page.another(SAMPLES):
@@ -435,9 +446,10 @@ def test_control_drag_moves_the_sun(page, scene):
     assert apart(page, scene, camera) > CLOSE
 
 
+@pytest.mark.long
 def test_a_file_that_does_not_open(browser, tmp_path):
     path = tmp_path / "cut.ply"
-    pr.write(path, pr.procedural("statue", 100))
+    pr.write(path, pr.procedural("sphere", 100))
     path.write_bytes(path.read_bytes()[:-50])
     shared = SharedScene(path.name)
     viewer = Viewer(shared)
@@ -452,7 +464,7 @@ def test_a_file_that_does_not_open(browser, tmp_path):
     assert page.problems == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_end_of_the_server_and_another_one(page, viewer, scene):
     with page.another(SAMPLES):
         page.drag(MODEL, (50, 10))
@@ -463,11 +475,16 @@ def test_the_end_of_the_server_and_another_one(page, viewer, scene):
     assert np.array_equal(page.picture(), picture)
     token = viewer.url.rstrip("/").rpartition("/")[2]
     stranger = Viewer(SharedScene("statue.ply", scene), port=viewer.port)
-    page.tab.wait_for_timeout(1500)  # the page tries to connect each second
-    assert stranger.port == viewer.port and page.tab.locator("#banner").is_visible()
+    if stranger.port != viewer.port:
+        stranger.close()
+        pytest.skip("another program has taken the port")
+    page.wait(lambda: sum("403" in text for text in page.problems) > 1)  # the page tries to connect each second
+    assert page.tab.locator("#banner").is_visible()
     stranger.close()
     again = Viewer(SharedScene("statue.ply", scene), port=viewer.port, token=token)
-    assert again.url == viewer.url
+    if again.url != viewer.url:
+        again.close()
+        pytest.skip("another program has taken the port")
     page.tab.locator("#banner").wait_for(state="hidden")
     page.finished(64)
     assert page.camera == camera
@@ -475,9 +492,10 @@ def test_the_end_of_the_server_and_another_one(page, viewer, scene):
     with page.another(64):
         page.tab.mouse.wheel(0, -120)
     again.close()
-    page.problems = [text for text in page.problems if "CONNECTION_REFUSED" not in text and "403" not in text]
+    page.problems = [text for text in page.problems if "/socket" not in text]  # but for those of its connection
 
 
+@pytest.mark.long
 def test_a_page_of_another_origin_cannot_connect(browser, viewer, page, tmp_path):
     (tmp_path / "index.html").write_text("<!doctype html><link rel=icon href='data:,'><title>elsewhere</title>")
     opens = """url => new Promise((resolve) => {

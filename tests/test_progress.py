@@ -32,7 +32,7 @@ def moves(shares, steps, longest):
     return (gaps >= 0).all() and np.count_nonzero(gaps) >= steps and gaps.max() <= longest
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_model_tells_normals_radii_and_tree():
     points = pr.procedural("statue", 300_000)
     told = Told()
@@ -42,7 +42,7 @@ def test_a_model_tells_normals_radii_and_tree():
     assert moves(told.of("radii"), 8, 0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_normals_tell_how_many_are_done():
     points = pr.procedural("torus", 300_000)
     for viewpoint in (None, (0, 0, 9)):

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,13 +10,13 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import slow
+from conftest import long
 from pointray.cli import execute
-from viewing import Browser, serve
+from viewing import Browser, view
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
-SMALL = {"points": "points = 3000", "spp": "spp = 1"}  # of the examples
+SMALL = {"points": "points = 5000", "spp": "spp = 1"}  # of the examples
 
 
 def blocks(language: str) -> list[str]:
@@ -45,18 +44,12 @@ def load_film(path: Path) -> None:
 
 
 def see(arguments: list[str]) -> None:
-    """Load the page of `pointray view`, and end the program."""
-    process, url, _ = serve(*arguments)
-    try:
-        browser = Browser(url)
+    """Load the page of `pointray view`."""
+    with view(*arguments) as url:
+        browser = Browser(url, (40, 30))
         browser.arrive()
         browser.refined(64)
         browser.close()
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=10)
-    finally:
-        process.kill()
-    assert process.returncode == 130
 
 
 def test_there_is_something_to_test() -> None:
@@ -64,7 +57,7 @@ def test_there_is_something_to_test() -> None:
     assert set(re.findall(r"^```(\w+)", README, re.MULTILINE)) <= {"sh", "python"}
 
 
-@pytest.mark.parametrize("block", [slow(block) if "animate" in block else block for block in blocks("sh")])
+@pytest.mark.parametrize("block", [long(block) if "animate" in block else block for block in blocks("sh")])
 def test_commands(block: str, folder: Path) -> None:
     lines = block.replace("\\\n", " ").splitlines()
     for line in lines:

@@ -16,8 +16,7 @@ def plain(image, backdrop, exposure, curve):
 
 @pytest.mark.parametrize("curve", ["srgb", "filmic"])
 @pytest.mark.parametrize("exposure", [0.0, 1.5, -3.0])
-def test_levels_are_those_of_the_curves(curve, exposure):
-    rng = np.random.default_rng(7)
+def test_levels_are_those_of_the_curves(curve, exposure, rng):
     image = np.exp(rng.normal(-2, 3, (70, 90, 4))).astype(np.float32)
     image[..., 3] = rng.uniform(0, 1, (70, 90))
     backdrop = (0.1, 0.5, 0.9)

@@ -9,10 +9,11 @@ import pointray as pr
 from pointray.staging.framing import Lens, frame_points
 from pointray.staging.sample import sample_of
 from pointray.viewer import loading
+from pointray.viewer import sketch as sketch_of
 from pointray.viewer.shared_scene import SharedScene
-from pointray.viewer.sketch import MOST, Sketch
+from pointray.viewer.sketch import Sketch
 from pointray.viewer.viewer import Viewer
-from viewing import SIZE, Browser
+from viewing import SECONDS, SIZE, Browser
 
 VIEW = (0.5, -1.0, 0.4)
 
@@ -41,9 +42,8 @@ def test_a_ball_is_a_disc_without_gaps_lit_from_above_left(with_normals, project
     assert bright[inner & (x < 0) & (y < 0)].mean() > 2 * bright[inner & (x > 0) & (y > 0)].mean()
 
 
-def test_what_is_near_hides_what_is_behind():
+def test_what_is_near_hides_what_is_behind(rng):
     """A red wall hides a green one, and colours are linear."""
-    rng = np.random.default_rng(2)
     positions = rng.random((20_000, 3)) * (1, 0, 1)
     red, green = np.tile([188, 0, 0], (20_000, 1)), np.tile([0, 188, 0], (20_000, 1))
     colors = np.concatenate([green, red]).astype(np.uint8)
@@ -69,13 +69,15 @@ def test_few_points_and_none_before_the_camera(count):
     assert not sketch.draw(away).any()
 
 
-def test_some_of_many_points_and_of_several_clouds():
-    far = pr.procedural("sphere", 2 * MOST)
+def test_some_of_many_points_and_of_several_clouds(monkeypatch):
+    most = 4_000
+    monkeypatch.setattr(sketch_of, "MOST", most)
+    far = pr.procedural("sphere", 2 * most)
     hole = far.positions.copy()
     hole[::3] = np.nan
     parts = [pr.Points(hole, far.normals), pr.Points(far.positions + (3, 0, 0))]
     sketch = Sketch(parts)
-    assert sketch.count == 4 * MOST and 0.8 * MOST < len(sketch.points) < MOST
+    assert sketch.count == 4 * most and 0.8 * most < len(sketch.points) < most
     assert np.isfinite(sketch.points.positions).all()
     assert sketch.points.bounds[1][0] == pytest.approx(4, abs=0.01)
 
@@ -87,7 +89,7 @@ def cold(monkeypatch):
 
     def wait(settings):
         ready["waits"].append(True)
-        ready["release"].wait(30)
+        ready["release"].wait(SECONDS)
         ready["warm"] = True
 
     ready["release"] = threading.Event()
@@ -127,7 +129,7 @@ def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
     browser.listen(lambda: browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0])
     assert shared.scene is None
     cold["release"].set()
-    thread.join(60)
+    thread.join(SECONDS)
     browser.refined(64)
     assert shared.scene is not None and shared.sketch is None
     assert browser.frames[-1][0]["camera"]["eye"] == [0, -6, 0]  # the user had moved it
@@ -150,5 +152,5 @@ def test_where_all_is_compiled_there_is_no_sketch(tmp_path, monkeypatch):
     seen, shared = [], SharedScene("ball.ply")
     monkeypatch.setattr(loading, "is_warm", lambda settings: True)
     shared.subscribe(lambda: seen.append(shared.sketch))
-    shared.load(loading.Files([path], {}, lambda scene: (0.0, 0.0, 1.0))).join(60)
+    shared.load(loading.Files([path], {}, lambda scene: (0.0, 0.0, 1.0))).join(SECONDS)
     assert seen and not any(seen) and shared.scene is not None

@@ -39,8 +39,14 @@ def statue(count):
     return pr.procedural("statue", count)
 
 
+@cache
 def scan(name):
     return pr.read(shared_model(f"points/{name}.ply"))
+
+
+@pytest.fixture(scope="module")
+def small_statue():
+    return pr.Model(statue(5_000))
 
 
 def seen(camera, points):
@@ -65,7 +71,7 @@ def filled(camera, points, stray=STRAY):
 @pytest.mark.parametrize("size", [(400, 300), (100, 400)])
 @pytest.mark.parametrize("direction", [(0.4, -1, 0.3), (1, 0, 0), (0, 0.001, -1)])
 def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projection):
-    points = statue(20_000)
+    points = statue(5_000)
     camera = frame_points(sample_of(points), direction, (0, 0, 1), Lens(35, size, projection))
     middle, half = filled(camera, points.positions)
     assert np.abs(middle).max() < 0.01
@@ -77,7 +83,7 @@ def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projecti
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("free", [(0, 0, 0.7, 1), (0.5, 0.25, 1, 0.75), (0, 0, 1, 0.6)])
 def test_points_fill_what_is_free_of_the_picture(free, projection):
-    points = statue(20_000)
+    points = statue(5_000)
     camera = frame_points(sample_of(points), (0.4, -1, 0.3), (0, 0, 1), Lens(35, (400, 300), projection), free)
     middle, half = filled(camera, points.positions)
     left, top, right, bottom = free
@@ -85,16 +91,16 @@ def test_points_fill_what_is_free_of_the_picture(free, projection):
     np.testing.assert_allclose((half / (right - left, bottom - top)).max(), 1 - 2 * MARGIN, atol=0.01)
 
 
-def test_strays_do_not_count():
+def test_strays_do_not_count(rng):
     clean = pr.procedural("torus", 20_000)
-    strays = np.random.default_rng(0).normal(size=(8, 3)) * 50
+    strays = rng.normal(size=(8, 3)) * 50
     dirty = pr.Points(np.concatenate([clean.positions, strays]))
     cameras = [frame_points(sample_of(points), (0.4, -1, 0.3)) for points in (clean, dirty)]
     np.testing.assert_allclose(cameras[0].eye, cameras[1].eye, atol=0.02)
 
 
-def test_islands_of_strays_do_not_count_and_a_pair_of_bodies_does():
-    torus, rng = pr.procedural("torus", 20_000), np.random.default_rng(0)
+def test_islands_of_strays_do_not_count_and_a_pair_of_bodies_does(rng):
+    torus = pr.procedural("torus", 20_000)
     island = rng.normal(size=(45, 3)) * 0.1 + (9, 3, 2)
     clean, dirty, pair = (
         sample_of(pr.Points(np.concatenate([torus.positions, *more])))
@@ -128,7 +134,7 @@ def test_what_stands_in_a_scene_is_framed_where_it_stands():
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 2, 3)])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_what_turns_stays_in_the_picture(up, projection):
-    points = statue(20_000)
+    points = statue(5_000)
     first = frame_turning(sample_of(points), direction_of(25, 18, up), up, Lens(35, (400, 300), projection))
     sides = np.array([np.abs(seen(camera, points.positions)[0]) for camera in pr.turntable(first, 24)])
     assert np.quantile(sides, 1 - 2 * STRAY) < 0.92
@@ -138,9 +144,8 @@ def test_what_turns_stays_in_the_picture(up, projection):
 
 @pytest.mark.parametrize("fov", [35, 100])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-def test_what_turns_turns_about_its_own_axis(projection, fov):
+def test_what_turns_turns_about_its_own_axis(projection, fov, rng):
     """A cone seen from above has its middle away from its axis; the eye may also be among its points."""
-    rng = np.random.default_rng(4)
     height, angle = 3 * np.sqrt(rng.random(20_000)), 2 * np.pi * rng.random(20_000)
     cone = np.stack([height * np.cos(angle) + 5, height * np.sin(angle), 3 - height], axis=1)
     first = frame_turning(
@@ -153,7 +158,7 @@ def test_what_turns_turns_about_its_own_axis(projection, fov):
 
 
 def test_a_zoomed_parallel_view_leaves_nothing_behind_the_eye():
-    points = statue(20_000)
+    points = statue(5_000)
     wide, near = (pr.frame(points, projection="orthographic", zoom=zoom) for zoom in (1, 20))
     np.testing.assert_allclose(filled(near, points.positions)[1], 20 * filled(wide, points.positions)[1])
     assert seen(near, points.positions)[1].min() > 0
@@ -188,8 +193,7 @@ def test_a_body_stands_whichever_of_the_usual_axes_is_up(name, axis):
     assert find_up(sample_of(turned)).axis == axis
 
 
-def test_maps_and_flat_scans_have_z_upwards():
-    rng = np.random.default_rng(1)
+def test_maps_and_flat_scans_have_z_upwards(rng):
     wall = rng.random((3000, 3)) * (10, 0.1, 10)
     assert find_up(sample_of(pr.Points(wall + (6e5, 5e6, 0)))).axis == "z"
     assert find_up(sample_of(pr.Points(rng.random((3000, 3)) * (10, 10, 1.9)))).why == "the scan is flat"
@@ -208,8 +212,7 @@ def test_splats_stand_with_y_downwards_unless_they_would_stand_better_otherwise(
     assert find_up(sample_of(man)).axis == "-y"  # z, if it was no cloud of splats
 
 
-def test_terrain_is_seen_from_above_and_a_side_from_before_it():
-    rng = np.random.default_rng(2)
+def test_terrain_is_seen_from_above_and_a_side_from_before_it(rng):
     flat = pr.Points(rng.random((3000, 3)) * (10, 10, 1))
     assert 35 <= find_outlook(sample_of(flat), (0, 0, 1)).elevation <= 45
     for facing in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-0.6, -0.8, 0.0)):
@@ -220,9 +223,9 @@ def test_terrain_is_seen_from_above_and_a_side_from_before_it():
         assert direction_of(outlook.azimuth, 0, (0, 0, 1)) @ facing > 0.9
 
 
-def room(ceiling):
+def room(ceiling, rng):
     """Points on the inside of a box, with normals that point inwards."""
-    rng, sides = np.random.default_rng(3), []
+    sides = []
     for axis in range(3):
         for side in (0, 1):
             if axis == 2 and side == 1 and not ceiling:
@@ -233,10 +236,10 @@ def room(ceiling):
     return pr.Points(*(np.concatenate(arrays) for arrays in zip(*sides, strict=True)))
 
 
-def test_a_room_is_seen_from_within_and_a_yard_from_above():
-    inside = pr.frame(room(True), up="z")
+def test_a_room_is_seen_from_within_and_a_yard_from_above(rng):
+    inside = pr.frame(room(True, rng), up="z")
     assert (np.array(inside.eye) > 0).all() and (np.array(inside.eye) < (8, 6, 3)).all()
-    yard = Scan(room(False), ViewChoice((0, 0, 1)))
+    yard = Scan(room(False, rng), ViewChoice((0, 0, 1)))
     assert not yard.outlook.within and yard.outlook.elevation > 30
 
 
@@ -280,7 +283,7 @@ def test_what_is_found_is_told_in_words():
 @pytest.mark.parametrize("integrator", ["phong", "path"])
 def test_a_light_that_goes_with_the_camera_lights_every_side_alike(kind, integrator):
     scene = pr.Scene()
-    scene.add(pr.Model(pr.procedural("sphere", 20_000)), material=pr.Diffuse(1.0))
+    scene.add(pr.Model(pr.procedural("sphere", 5_000)), material=pr.Diffuse(1.0))
     scene.background = (0, 0, 0)
     along = {
         "sun": pr.SunLight((0.5, -0.6, -0.6), 3.0, camera=True),
@@ -336,19 +339,19 @@ def test_sky_rays_find_what_a_corner_sees():
 
 def test_the_studio_leaves_nothing_black_and_burns_nothing():
     scene = pr.Scene()
-    scene.add(pr.Model(statue(20_000)), material=pr.Diffuse(0.65))
+    scene.add(pr.Model(statue(5_000)), material=pr.Diffuse(0.65))
     scene.lights = pr.studio()
-    image = pr.render(scene, pr.frame(scene, size=(160, 120)), pr.Settings(spp=4, sky_rays=4))
+    image = pr.render(scene, pr.frame(scene, size=(80, 60)), pr.Settings(spp=4, sky_rays=4))
     shown = image[image[..., 3] > 0.99, :3] * 2 ** auto_exposure(image)
     assert np.quantile(shown, 0.02) > 0.01 and np.quantile(shown, 0.99) < 0.96
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, -1, 0), (1, 1, 0)])
 @pytest.mark.parametrize("azimuth", [0.0, 25.0, -170.0])
-def test_the_studio_that_stands_still_is_that_of_a_viewer_there(up, azimuth):
+def test_the_studio_that_stands_still_is_that_of_a_viewer_there(small_statue, up, azimuth):
     """Its light is the one that follows a camera, as a level camera on that side of the scan carries it."""
     scene = pr.Scene()
-    scene.add(pr.Model(statue(3000)), material=pr.Diffuse(0.65))
+    scene.add(small_statue, material=pr.Diffuse(0.65))
     camera = pr.frame(scene, up=up, azimuth=azimuth, elevation=0, size=(48, 36))
     pictures = []
     for lights in (pr.studio(up), pr.studio(up, azimuth)):
@@ -365,8 +368,8 @@ def test_the_studio_that_stands_still_is_that_of_a_viewer_there(up, azimuth):
 # ---------------------------------------------------------------------------------------------------- exposure
 
 
-def test_exposure_brings_any_light_to_the_same_brightness():
-    image = np.random.default_rng(0).random((40, 50, 4)).astype(np.float32) * 0.2 + 0.2
+def test_exposure_brings_any_light_to_the_same_brightness(rng):
+    image = rng.random((40, 50, 4)).astype(np.float32) * 0.2 + 0.2
     image[..., 3] = 1.0
     image[:10] = 0.0  # nothing is there
     stops = auto_exposure(image)

@@ -2,7 +2,9 @@
 
 import logging
 import signal
+import socket
 import sys
+from contextlib import ExitStack, closing
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -12,7 +14,7 @@ import pointray as pr
 from pointray.cli import execute
 from pointray.viewer import loading
 from pointray.viewer.shared_scene import SharedScene
-from viewing import Browser, expected, levels_in, serve
+from viewing import SECONDS, Browser, expected, levels_in, serve, view
 
 SIZE = (160, 120)
 
@@ -20,58 +22,57 @@ SIZE = (160, 120)
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "statue.ply"
-    pr.write(path, pr.procedural("statue", 20_000))
+    pr.write(path, pr.procedural("statue", 5_000))
     return path
 
 
 @pytest.fixture
-def start():
-    started = []
+def browse():
+    """A function that runs `pointray view` in this process, and opens its page."""
+    with ExitStack() as left:
 
-    def begin(*arguments):
-        """Start the program; returns it, the address that it prints, and all that it has printed."""
-        started.append(serve(*arguments))
-        return started[-1]
+        def begin(*arguments, size=SIZE):
+            return left.enter_context(closing(Browser(left.enter_context(view(*arguments)), size)))
 
-    yield begin
-    for process, _, _ in started:
+        yield begin
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
+def test_it_shows_a_scan_until_it_is_interrupted(scan):
+    process, url, _ = serve(scan, "--light", "sun:1,1,-2", "--ground")
+    try:
+        with closing(Browser(url, (40, 30))) as browser:
+            browser.arrive()
+            browser.refined(64)
+            assert browser.told[0]["title"] == "statue.ply"
+            assert "lamps.0.azimuth" in browser.controls() and "copy.command" in browser.controls()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(SECONDS) == 130
+        told = process.stderr.read()
+        assert told.startswith("pointray: up is z (") and told.count("\n") == 1
+    finally:
         process.kill()
         process.communicate()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
-def test_it_shows_a_scan_until_it_is_interrupted(scan, start):
-    process, url, _ = start(scan, "--light", "sun:1,1,-2", "--ground")
-    browser = Browser(url, SIZE)
-    browser.arrive()
-    browser.refined(64)
-    assert browser.told[0]["title"] == "statue.ply"
-    assert "lamps.0.azimuth" in browser.controls() and "copy.command" in browser.controls()
-    process.send_signal(signal.SIGINT)
-    assert process.wait(10) == 130
-    told = process.stderr.read()
-    assert told.startswith("pointray: up is z (") and told.count("\n") == 1
+def test_a_taken_port_is_said(scan, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with view(scan, "--port", port) as url:
+            assert urlsplit(url).port != port
+            assert f"pointray: port {port} is taken\n" in capsys.readouterr().err
 
 
-def test_a_taken_port_is_said(scan, start):
-    _, url, _ = start(scan)
-    port = urlsplit(url).port
-    _, other, said = start(scan, "--port", port)
-    assert urlsplit(other).port != port
-    assert f"pointray: port {port} is taken\n" in said
+def test_listening_beyond_this_machine_is_said(scan, capsys):
+    with view(scan, "--host", "0.0.0.0") as url:
+        assert "note: --host 0.0.0.0: whoever reaches this machine" in capsys.readouterr().err
+        Browser(url, SIZE).close()
 
 
-def test_listening_beyond_this_machine_is_said(scan, start):
-    _, url, said = start(scan, "--host", "0.0.0.0")
-    assert any("note: --host 0.0.0.0: whoever reaches this machine" in line for line in said)
-    Browser(url, SIZE).close()
-
-
-def test_several_files_and_saved_models_together(scan, start, tmp_path):
+def test_several_files_and_saved_models_together(scan, browse, tmp_path):
     points = pr.procedural("sphere", 5_000)
     pr.Model(pr.Points(points.positions + np.float32(3), points.normals)).save(tmp_path / "ball.pointray")
-    _, url, _ = start(scan, tmp_path / "ball.pointray")
-    browser = Browser(url, SIZE)
+    browser = browse(scan, tmp_path / "ball.pointray", size=(40, 30))
     browser.arrive()
     browser.refined(64)
     assert browser.last("hello")["title"] == "2 files"
@@ -79,7 +80,7 @@ def test_several_files_and_saved_models_together(scan, start, tmp_path):
     assert "copy.command" not in browser.controls()
 
 
-def test_a_scene_file(start, tmp_path):
+def test_a_scene_file(browse, tmp_path):
     text = """
         exposure = 1.0
         background = [0.2, 0.3, 0.4]
@@ -101,8 +102,7 @@ def test_a_scene_file(start, tmp_path):
         spp = 128
     """
     (tmp_path / "ball.toml").write_text(text)
-    _, url, _ = start(tmp_path / "ball.toml")
-    browser = Browser(url, SIZE)
+    browser = browse(tmp_path / "ball.toml", size=(40, 30))
     camera = browser.arrive()
     assert camera["eye"] == [0, -5, 1]
     browser.refined(128)
@@ -113,13 +113,13 @@ def test_a_scene_file(start, tmp_path):
 
 def test_large_scans_are_shown_in_part_first(tmp_path, monkeypatch):
     path = tmp_path / "statue.ply"
-    pr.write(path, pr.procedural("statue", 8_000))
+    pr.write(path, pr.procedural("statue", 5_000))
     monkeypatch.setattr(loading, "COARSE", 1_000)
     monkeypatch.setattr(loading, "WORTH", 4_000)
     shown, stages = [], []
     shared = SharedScene("statue.ply")
     shared.subscribe(lambda: (shown.append(shared.scene), stages.append(shared.progress.stage)))
-    shared.load(loading.Files([path], {}, lambda scene: None)).join(60)
+    shared.load(loading.Files([path], {}, lambda scene: None)).join(SECONDS)
     models = list(dict.fromkeys(scene.models[0] for scene in shown if scene is not None))
     assert [len(model.points) > 4_000 for model in models] == [False, True]
     assert stages[0] == "reading statue.ply" and stages[-1] == "" and "building: tree" in stages
@@ -135,7 +135,7 @@ def is_rather(frame, wanted, other):
     return nearer > 0.5 * np.abs(wanted - other).mean()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("leveled", [True, False])
 def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
     path = tmp_path / "statue.ply"
@@ -144,7 +144,7 @@ def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
     monkeypatch.setattr(loading, "WORTH", 4_000)
     shown, shared = [], SharedScene("statue.ply")
     shared.subscribe(lambda: shown.append((shared.scene, len(shared.scene.models[0].levels) if shared.scene else 0)))
-    shared.load(loading.Files([path], {}, lambda scene: None, leveled)).join(60)
+    shared.load(loading.Files([path], {}, lambda scene: None, leveled)).join(SECONDS)
     counts = [count for _, count in shown]
     assert counts == sorted(counts) and (counts[-1] >= 2) == leveled
     if leveled:  # a scene of its own, because colouring counts the levels
@@ -152,14 +152,13 @@ def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
         assert len(scenes) == 3 and scenes[1].models == scenes[2].models
 
 
-@pytest.mark.slow
-def test_levels_in_the_panel(tmp_path, start, monkeypatch):
+@pytest.mark.long
+def test_levels_in_the_panel(tmp_path, browse):
     """The picture is that of `render` with levels, or with all points when levels are switched off."""
     model = pr.Model(pr.procedural("statue", 40_000))
     model.make_levels()
     model.save(tmp_path / "a.pointray")
-    _, url, _ = start(tmp_path / "a.pointray")
-    browser = Browser(url, SIZE)
+    browser = browse(tmp_path / "a.pointray")
     camera = browser.arrive()
     browser.set("samples", 1)
     browser.set("integrator", "normal")
@@ -204,11 +203,10 @@ def test_bad_input(arguments, message, scan, tmp_path, monkeypatch, capsys):
     assert logging.getLogger("pointray.view").handlers == []  # a caller's process is left as it was
 
 
-def test_a_damaged_file_is_said_on_the_page(start, tmp_path, scan):
+def test_a_damaged_file_is_said_on_the_page(browse, tmp_path):
     path = tmp_path / "cut.ply"
     rows = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {x}" for x in "xyz"), "end_header"]
     path.write_text("\n".join([*rows, "0 0 0", "1 0 zero", "0 1 0", ""]))
-    _, url, _ = start(path)
-    browser = Browser(url, SIZE)
+    browser = browse(path)
     toast = browser.listen(lambda: browser.last("toast"))
     assert toast["level"] == "error" and toast["stay"] and "cut.ply" in toast["text"]

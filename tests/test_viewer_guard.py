@@ -15,7 +15,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import pointray as pr
-from pointray.viewer import lookups, outbox, session
+from conftest import long
+from pointray.viewer import lookups, outbox, painter, session
 from pointray.viewer.light_control import MOST_LAMPS
 from pointray.viewer.link import MOST_WAITING, is_loopback
 from pointray.viewer.messages import packed
@@ -27,7 +28,7 @@ from pointray.viewer.share import CREDIT, SHARE, TRANSPORT, Allowance, Share
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
-from viewing import SIZE, Browser, compile_kernels, scene_of, socket_of
+from viewing import SECONDS, SIZE, Browser, compile_kernels, scene_of, socket_of
 
 BOUND = 16 << 20  # bytes that one client may have the server hold
 HELLO = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
@@ -60,8 +61,9 @@ def browser(viewer):
         yield browser
 
 
-def wait(condition, seconds=30.0):
-    end = time.monotonic() + seconds
+def wait(condition):
+    """Wait until a condition holds."""
+    end = time.monotonic() + SECONDS
     while not condition():
         assert time.monotonic() < end, "it never happened"
         time.sleep(0.01)
@@ -72,7 +74,7 @@ def ask(viewer, target, *headers, host=None):
     host = f"Host: {host or f'127.0.0.1:{viewer.port}'}"
     request = "\r\n".join((f"GET {target} HTTP/1.1", host, *headers, "", ""))
     with socket.create_connection(("127.0.0.1", viewer.port)) as stream:
-        stream.settimeout(10.0)
+        stream.settimeout(SECONDS)
         stream.sendall(request.encode("latin-1"))
         answer = b""
         while piece := stream.recv(65536):
@@ -159,7 +161,7 @@ def test_the_page_works_behind_the_proxy_of_a_hub(hub_viewer):
 def first_line(viewer, target, *headers):
     """The words of an answer's first line; its connection may stay open."""
     with socket.create_connection(("127.0.0.1", viewer.port)) as stream:
-        stream.settimeout(10.0)
+        stream.settimeout(SECONDS)
         stream.sendall("\r\n".join((f"GET {target} HTTP/1.1", f"Host: {PUBLIC}", *headers, "", "")).encode())
         return stream.recv(1000).decode().split("\r\n")[0].split()
 
@@ -261,7 +263,7 @@ def linked():
         client.close_socket()
 
 
-@pytest.mark.parametrize("size", [30, 1_000, 1 << 20, LARGEST])
+@pytest.mark.parametrize("size", [long(30), 1_000, 1 << 20, LARGEST])
 @pytest.mark.parametrize("kind", [bytes, str])
 def test_a_client_that_does_not_read_is_let_go(size, kind):
     with linked() as (_, link):
@@ -287,22 +289,22 @@ def test_a_client_that_sends_no_messages_is_let_go(frame):
     hello = f"GET /{server.token}/socket HTTP/1.1\r\nHost: 127.0.0.1\r\n{HELLO}{KEY}\r\n\r\n"
     first = [0x01, 0x80, 0, 0, 0, 0] if frame[0] == 0 else []
     with closing(server), socket.create_connection(("127.0.0.1", server.port)) as deaf:
-        deaf.settimeout(30.0)
+        deaf.settimeout(SECONDS)
         deaf.sendall(hello.encode())
         assert b" 101 " in deaf.recv(4096)
         deaf.sendall(bytes(first))
         tracemalloc.start()
         with pytest.raises(ConnectionError):
-            server._loop.call_soon_threadsafe(time.sleep, 0.5)  # then all that came is read at once
-            for _ in range(20):
+            server._loop.call_soon_threadsafe(time.sleep, 0.2)  # then all that came is read at once
+            for _ in range(1_000):  # more than the system holds before the server reads
                 deaf.sendall(bytes(frame) * 50_000)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert peak < BOUND // 8, f"{peak:,}"
 
 
-def test_a_file_of_any_size_goes_to_a_client_that_reads(tmp_path):
-    contents = np.random.default_rng(0).bytes(3 * BOUND)
+def test_a_file_of_any_size_goes_to_a_client_that_reads(tmp_path, rng):
+    contents = rng.bytes(3 * BOUND)
     (tmp_path / "big.exr").write_bytes(contents)
     with linked() as (client, link):
         sending = threading.Thread(target=link.send_file, args=(packed({"type": "file"}), tmp_path / "big.exr"))
@@ -311,7 +313,7 @@ def test_a_file_of_any_size_goes_to_a_client_that_reads(tmp_path):
         link.send("after it")
         received, after = client.recv(), client.recv()
         assert received[4 + received[0] :] == contents and after == "after it"
-        sending.join(30)
+        sending.join(SECONDS)
         assert not sending.is_alive() and link.open
 
 
@@ -324,21 +326,25 @@ def test_a_file_for_a_client_that_goes_is_left(tmp_path, sent):
         tracemalloc.start()
         sending = threading.Thread(target=link.send_file, args=(b"", tmp_path / "big.exr"))
         sending.start()
-        sending.join(0.5)
+        wait(lambda: link._sending)
+        sending.join(0.1)
         assert sending.is_alive()  # the thread waits for the client, with the file on the disk
         assert tracemalloc.get_traced_memory()[1] < BOUND // 4
         tracemalloc.stop()
         client.close_socket()
-        sending.join(30)
+        sending.join(SECONDS)
         assert not sending.is_alive() and not link.open
         link.send_file(b"", tmp_path / "big.exr")  # nobody is there, so it ends at once
         with pytest.raises(OSError):
             link.send_file(b"", tmp_path / "none.exr")
 
 
-def test_pictures_in_flight_fit_into_what_may_wait():
-    noise = np.random.default_rng(0).integers(0, 256, (3840, 3840, 3), dtype=np.uint8)
-    assert len(encode(noise, REFINED)) <= LARGEST and IN_FLIGHT * LARGEST < MOST_WAITING - (2 << 20)
+@pytest.mark.parametrize("side", [480, long(3840)])
+def test_pictures_in_flight_fit_into_what_may_wait(side, rng, monkeypatch):
+    """The worst picture of 3840x3840 pixels, or a part of it that may have as many bytes a pixel."""
+    noise, most = rng.integers(0, 256, (side, side, 3), dtype=np.uint8), LARGEST * side**2 // 3840**2
+    monkeypatch.setattr(painter, "LARGEST", most)
+    assert len(encode(noise, REFINED)) <= most and IN_FLIGHT * LARGEST < MOST_WAITING - (2 << 20)
     calm = np.zeros((480, 640, 3), np.uint8)
     assert encode(calm, REFINED) != encode(calm, REFINED._replace(quality=75))
 
@@ -394,7 +400,8 @@ def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
     other = Browser(viewer.url, SIZE)
     camera = other.arrive()
     browser.arrive()
-    for _ in range(2_000):
+    begun = time.monotonic()
+    for _ in range(1_000):
         browser.say(type="press", name="lamps.add.sun")
     # Meanwhile another page is served.
     for k in range(5):
@@ -407,9 +414,10 @@ def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
     assert len(lamps) == MOST_LAMPS
     said = [m["text"] for m in browser.told if m["type"] == "toast"]
     assert f"there are {MOST_LAMPS} lights: remove one to add another" in said
-    assert "too much was asked for at once: some of it was left out" in said and len(said) < 20
+    assert "too much was asked for at once: some of it was left out" in said
+    assert len(said) <= 2 * (1 + (time.monotonic() - begun) / outbox.REPEAT)  # each is repeated now and then
     assert sum(m["type"] == "panel" for m in browser.told) <= MOST_LAMPS + 2
-    browser.rest(0.2)  # now it may ask for something again
+    browser.rest(1.5 / MOST_COSTLY)  # from then on it may ask for something again
     browser.set("lamps.0.on", False)
     browser.say(type="press", name="lamps.1.remove")
     browser.listen(lambda: f"lamps.{MOST_LAMPS - 1}.on" not in browser.controls())
@@ -438,13 +446,13 @@ def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkey
 
     def slow(self, *arguments):
         busy.set()
-        assert go.wait(200)
+        assert go.wait(2 * SECONDS)
         return whole(self, *arguments)
 
     monkeypatch.setattr(ViewSettings, "with_lamp", slow)
     browser.arrive()
     browser.say(type="press", name="lamps.add.sun")
-    assert busy.wait(60)
+    assert busy.wait(SECONDS)
     try:
         with closing(Browser(viewer.url, SIZE)) as other:  # a request that comes meanwhile
             camera = other.arrive()
@@ -466,13 +474,13 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
     def slow(attribute):
         drawn.append(attribute.colormap)
         busy.set()
-        assert go.wait(60)
+        assert go.wait(SECONDS)
         return whole(attribute)
 
     browser.arrive()
     monkeypatch.setattr(lookups, "legend_of", slow)
     browser.set("color_by", "height")
-    assert busy.wait(60)
+    assert busy.wait(SECONDS)
     for name in ("plasma", "magma") * 10:
         browser.set("colormap", name)
     before = browser.last("camera")
@@ -481,7 +489,6 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
     go.set()
     browser.listen(lambda: (m := browser.last("legend")) and m["image"])
     assert drawn[:2] == ["viridis", "magma"] and len(drawn) <= 3  # and once more for the range that was found
-    browser.rest(0.5)
 
 
 def test_many_choices_of_a_surface_need_two_threads(scene):

@@ -36,7 +36,7 @@ def test_pictures_are_the_same(model, integrator, background, monkeypatch):
     scene = scene_of(model)
     scene.background = background
     for projection, change in (("perspective", {}), ("orthographic", {}), ("perspective", {"eye": (0.2, 0.1, 0.1)})):
-        camera = pr.Camera.look_at(**CAMERA | change, projection=projection, fov=35)
+        camera = pr.Camera.look_at(**CAMERA | {"size": (107, 61)} | change, projection=projection, fov=35)
         one, whole = both(scene, camera, pr.Settings(integrator, spp=2), monkeypatch)
         assert np.array_equal(one, whole)
 

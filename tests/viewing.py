@@ -6,19 +6,25 @@ import re
 import struct
 import subprocess
 import sys
+import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
+from queue import SimpleQueue
 
 import numpy as np
+import pytest
 from PIL import Image
 from websockets.sync.client import connect
 
 import pointray as pr
+from pointray.cli import execute
 from pointray.image.screen import to_8bit
 from pointray.image.tone import GRADIENT, backdrop_rows
 from pointray.viewer.messages import describe
+from pointray.viewer.viewer import Viewer
 
 SIZE = (160, 120)
+SECONDS = 120.0  # for anything to happen: it only bounds a hang
 CLOSE = 1.5  # of 255: the mean change that JPEG may make
 
 
@@ -74,7 +80,7 @@ class Browser:
     def say_text(self, text):
         self._socket.send(text)
 
-    def listen(self, until, seconds=60.0):
+    def listen(self, until, seconds=SECONDS):
         """Take messages until a condition holds; returns its value."""
         end = time.monotonic() + seconds
         while not (found := until()):
@@ -132,6 +138,13 @@ class Browser:
         begun = len(self.frames)
         return self.listen(lambda: next((f for f in self.frames[begun:] if f[0]["samples"] == samples), None))
 
+    def shows(self, samples, wanted):
+        """Wait for a frame with this many samples that is a picture, but for the changes of JPEG; returns True."""
+        while True:
+            levels = levels_in(self.refined(samples)[1])
+            if levels.shape == wanted.shape and np.abs(levels - wanted).mean() < CLOSE:
+                return True
+
     def set(self, name, value):
         self.say(type="set", name=name, value=value)
 
@@ -143,8 +156,30 @@ class Browser:
         self._left.close()
 
 
+@contextmanager
+def view(*arguments):
+    """Run `pointray view` in a thread of this process; yields the address of its page."""
+    opened, whole = SimpleQueue(), Viewer.wait
+
+    def wait(self, *until):
+        opened.put(self)
+        whole(self, *until)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Viewer, "wait", wait)
+        patch.setattr("pointray.viewer.heap.keep_one_heap", lambda: None)  # it would stay so in this process
+        thread = threading.Thread(target=execute, args=(["view", "--no-open", *map(str, arguments)],))
+        thread.start()
+        viewer = opened.get(timeout=SECONDS)
+        try:
+            yield viewer.url
+        finally:
+            viewer.close()
+            thread.join(SECONDS)
+
+
 def serve(*arguments):
-    """`pointray view` as a process; yields it, the address that it prints, and all that it has printed."""
+    """`pointray view` as a process; returns it, the address that it prints, and all that it has printed."""
     command = [sys.executable, "-m", "pointray.cli", "view", "--no-open", *map(str, arguments)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     said = []
