@@ -8,15 +8,17 @@ import os
 import shutil
 import signal
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
 import hypothesis
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from pointray import jit
+from pointray.dependencies import key_of
 
 # A background job of a shell ignores Ctrl-C, and so does all that it starts, but tests send it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -26,6 +28,7 @@ hypothesis.settings.register_profile("repeatable", derandomize=True, database=No
 hypothesis.settings.load_profile("repeatable")
 
 MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
+MOST_KEPT = 200_000  # points of models that are kept on disk
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -66,22 +69,40 @@ def no_models_are_kept() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def models_made_once() -> Iterator[None]:
-    """Procedural models are made once a session and copied: making them took half of the time of all tests.
+def models_made_once(pytestconfig: pytest.Config) -> Iterator[None]:
+    """Make each procedural model once for all test processes, and keep it in pytest's cache: the statue takes 8 s.
 
     A test that makes the same one twice calls `sample` as it was imported, see `tests/test_procedural.py`.
     """
     module = importlib.import_module("pointray.points.procedural")
+    folder = pytestconfig.cache.mkdir(f"procedural-{key_of([Path(module.__file__)])}")
     sample = module.sample
-    made = lru_cache(maxsize=100, typed=True)(sample)
+    made = lru_cache(maxsize=100, typed=True)(kept_in(folder, sample))
 
     def copied(name: object, n: object, seed: object) -> tuple[np.ndarray, ...]:
-        valid = isinstance(name, str) and isinstance(n, int) and isinstance(seed, int)
+        valid = name in module.NAMES and type(n) is int and 0 < n <= MOST_KEPT and type(seed) is int and seed >= 0
         return tuple(array.copy() for array in (made if valid else sample)(name, n, seed))
 
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "mesh", lru_cache(kept_in(folder, module.mesh)))
         patch.setattr(module, "sample", copied)
         yield
+
+
+def kept_in(folder: Path, function: Callable[..., tuple[np.ndarray, ...]]) -> Callable[..., tuple[np.ndarray, ...]]:
+    """Return a function with the same results, which are computed once and read from a folder from then on."""
+
+    def call(*arguments: object) -> tuple[np.ndarray, ...]:
+        file = folder / "-".join(map(str, (function.__name__, *arguments, "arrays.npz")))
+        with FileLock(f"{file}.lock"):
+            if not file.exists():
+                unfinished = file.with_suffix(".unfinished.npz")
+                np.savez(unfinished, *function(*arguments))
+                unfinished.replace(file)
+        with np.load(file) as arrays:
+            return tuple(arrays[name] for name in arrays)
+
+    return call
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -95,7 +116,7 @@ def slow(*values: object) -> object:
 
 
 def long(*values: object) -> object:
-    """A case of a test that takes minutes: `make long` runs it."""
+    """Mark a case of a test that takes more than half a second: `make long` runs it."""
     return pytest.param(*values, marks=pytest.mark.long)
 
 

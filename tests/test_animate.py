@@ -32,7 +32,7 @@ def _threads(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def scan(tmp_path: Path) -> Path:
     """A sphere, red where x > 0, blue elsewhere."""
-    rows = sphere_points(2000)
+    rows = sphere_points(500)
     colors = np.where(rows[:, :1] > 0, np.uint8([[255, 0, 0]]), np.uint8([[0, 0, 255]]))
     pr.write(tmp_path / "scan.ply", pr.Points(rows, rows, colors))
     return tmp_path / "scan.ply"
@@ -45,7 +45,7 @@ curve = "filmic"
 
 [models.ball]
 procedural = "sphere"
-points = 1500
+points = 500
 
 [models.scan]
 file = "scan.ply"

@@ -49,7 +49,7 @@ def test_a_scan_stays_in_a_film_without_perspective(scan):
 
 
 def test_a_film_through_a_lens(scan):
-    lens = ["--eye", "0,-6,0", "--target", "0,0,0", "--spp", "8"]
+    lens = ["--eye", "0,-6,0", "--target", "0,0,0", "--spp", "4"]
     frames = [film(scan, *lens, *more)[0] for more in ([], ["--aperture", "2", "--focus", "2"], ["--aperture", "2"])]
     assert not np.array_equal(frames[0], frames[1]) and not np.array_equal(frames[1], frames[2])
 

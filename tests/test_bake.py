@@ -1,28 +1,40 @@
 """Baked light against exact shapes: what arrives, from where, and how much of the sky is seen."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
+
+FEW = {"patches": 2000, "links": 16}  # where the light need not be exact
 
 
-@pytest.fixture(scope="module")
+@cache
+def sphere(n):
+    return pr.Model(pr.procedural("sphere", n))
+
+
+@pytest.fixture
 def ball():
-    return pr.Model(pr.procedural("sphere", 20_000))
+    return sphere(5_000)
 
 
-def test_inside_a_sphere_all_bounces_add_up(ball):
+@pytest.mark.parametrize("n", [5_000, long(20_000)])
+def test_inside_a_sphere_all_bounces_add_up(n):
     """In a closed sphere every point sees all others alike: with the albedo 0.8 the light is 5 times the direct."""
     scene = pr.Scene()
-    scene.add(ball, material=pr.Diffuse(0.8))
+    scene.add(sphere(n), material=pr.Diffuse(0.8))
     scene.add_light(pr.PointLight((0, 0, 0), 1.0))
     total = pr.bake(scene).irradiance(0, side=-1)
     assert abs(total.mean() / 5.0 - 1.0) < 0.01
     assert total.std() / total.mean() < 0.01
 
 
-def test_the_outside_of_a_closed_body_is_lit_alone(ball):
-    scene = pr.Scene()
+@pytest.mark.parametrize("n", [5_000, long(20_000)])
+def test_the_outside_of_a_closed_body_is_lit_alone(n):
+    scene, ball = pr.Scene(), sphere(n)
     scene.add(ball, material=pr.Diffuse(0.5))
     scene.add_light(pr.EnvironmentLight())
     baked = pr.bake(scene)
@@ -33,18 +45,19 @@ def test_the_outside_of_a_closed_body_is_lit_alone(ball):
     assert baked.nbytes == 16 * len(ball.tree.order)
 
 
-def test_the_shade_below_a_ball(ball):
+@pytest.mark.parametrize(("edge", "n"), [(80, 5_000), long(300, 20_000)])
+def test_the_shade_below_a_ball(edge, n):
     """A unit sphere on a plane hides so much of the sky from a point at the distance d: 1 - (1 + d^2)^-1.5."""
-    ground = pr.Points(*_sheet(300, 4.0))
+    ground = pr.Points(*_sheet(edge, 4.0))
     scene = pr.Scene()
-    scene.add(ball, pr.transform(translate=(0, 0, 1)), material=pr.Diffuse(0.0))
+    scene.add(sphere(n), pr.transform(translate=(0, 0, 1)), material=pr.Diffuse(0.0))
     floor = scene.add(pr.Model(ground), material=pr.Diffuse(0.0))
     scene.add_light(pr.EnvironmentLight())
     seen = pr.bake(scene).ambient_occlusion(floor)
     d = np.linalg.norm(ground.positions[:, :2], axis=1)
     exact = 1.0 - (1.0 + d**2) ** -1.5
     inside = np.abs(ground.positions[:, :2]).max(axis=1) < 3.5
-    far = inside & (d > 2 * 8.0 / 300)
+    far = inside & (d > 2 * 8.0 / edge)
     assert np.sqrt(np.mean((seen - exact)[inside] ** 2)) < 0.015
     assert np.abs(seen - exact)[far].max() < 0.05
 
@@ -57,7 +70,7 @@ def _sheet(edge, half):
     return positions, np.broadcast_to([0.0, 0.0, 1.0], positions.shape)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_pictures_are_those_of_path_tracing():
     model = pr.Model(pr.procedural("statue", 30_000))
     scene = pr.Scene()
@@ -79,7 +92,7 @@ def test_light_follows_lights_without_new_links(ball):
     scene.add(ball, material=pr.Diffuse(0.5))
     floor = scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=0.5))
     scene.add_light(pr.SunLight((0, 0, -1), 1.0))
-    baked = pr.bake(scene)
+    baked = pr.bake(scene, pr.BakeSettings(**FEW))
     assert baked.stale is None
     before = baked.indirect(0)
     scene.lights = [pr.SunLight((0, 0, -1), 2.0)]
@@ -98,13 +111,13 @@ def test_light_follows_materials_without_new_links(ball):
     body = scene.add(ball, material=pr.Diffuse(0.5))
     floor = scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=0.5))
     scene.add_light(pr.SunLight((0, 0, -1), 1.0))
-    baked = pr.bake(scene, pr.BakeSettings(noise=1.0))
+    baked = pr.bake(scene, pr.BakeSettings(noise=1.0, **FEW))
     scene.update(floor, material=pr.Diffuse((0.9, 0.1, 0.0)))
     scene.update(body, material=pr.Diffuse(0.2))
     assert "update" in baked.stale
     baked.update()
     assert baked.stale is None
-    fresh = pr.bake(scene, pr.BakeSettings(noise=1.0))
+    fresh = pr.bake(scene, pr.BakeSettings(noise=1.0, **FEW))
     assert baked.indirect(body) == pytest.approx(fresh.indirect(body), rel=1e-4, abs=1e-6)
     assert baked.indirect(body)[:, 2].max() < 1e-3 * baked.indirect(body)[:, 0].max()
 
@@ -113,7 +126,7 @@ def test_stale_light_is_never_shown_silently(ball):
     scene = pr.Scene()
     scene.add(ball)
     scene.add_light(pr.EnvironmentLight())
-    scene.baked = pr.bake(scene)
+    scene.baked = pr.bake(scene, pr.BakeSettings(**FEW))
     camera = pr.frame(scene, size=(8, 8))
     pr.render(scene, camera, pr.Settings("baked"))
     scene.add(ball, pr.transform(translate=(3, 0, 0)))
@@ -127,7 +140,7 @@ def test_the_light_does_not_depend_on_threads(ball):
     scene.add(ball, material=pr.Diffuse(0.5))
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=0.5))
     scene.add_light(pr.EnvironmentLight(1.0, ground=0.2))
-    one, three = (pr.bake(scene, pr.BakeSettings(threads=threads)) for threads in (1, 3))
+    one, three = (pr.bake(scene, pr.BakeSettings(threads=threads, **FEW)) for threads in (1, 3))
     assert (one.irradiance(0) == three.irradiance(0)).all()
 
 
@@ -162,7 +175,7 @@ def test_light_is_never_that_of_another_tree(ball):
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1)))
     scene.add_light(pr.EnvironmentLight())
     scene.baked = pr.bake(scene, pr.BakeSettings(links=4, patches=600))
-    other = scene.exchange({ball: pr.Model(pr.procedural("sphere", 30_000))})
+    other = scene.exchange({ball: pr.Model(pr.procedural("sphere", 10_000))})
     rows, _ = scene.baked.tables(other.snapshot(), np.zeros(2, np.int64))
     rows = rows.reshape(2, -1)
     assert (rows[0, :3] == 0).all() and rows[1, 0] != 0

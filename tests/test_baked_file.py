@@ -5,6 +5,7 @@ import mmap
 import os
 import subprocess
 import sys
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -29,11 +30,14 @@ def ball(**changes):
     return pr.Model(pr.Points(positions, changes.pop("normals", points.normals), colors), **changes)
 
 
-BALL = ball()
+@cache
+def usual_ball():
+    return ball()
 
 
-def room(model=BALL, lights=(SKY, SUN), **changes):
+def room(model=None, lights=(SKY, SUN), **changes):
     """A scene of two balls between two planes, of which something may differ."""
+    model = usual_ball() if model is None else model
     scene = pr.Scene()
     scene.add(model, material=pr.Diffuse(changes.get("albedo")))
     scene.add(pr.Plane(changes.get("floor", (0, 0, -1)), (0, 0, 1), shadow_catcher=changes.get("catcher", False)))
@@ -117,7 +121,7 @@ def test_levels_of_detail_come_back(tmp_path, leveled):
 
 
 def test_models_may_be_saved_and_loaded_too(tmp_path, saved):
-    BALL.save(tmp_path / "m")
+    usual_ball().save(tmp_path / "m")
     scene = room(pr.Model.load(tmp_path / "m"))
     again = pr.Baked.load(saved[1], scene)
     assert again.stale is None
@@ -126,7 +130,7 @@ def test_models_may_be_saved_and_loaded_too(tmp_path, saved):
 
 def test_instances_count_in_their_order_whatever_their_numbers(saved):
     scene, places = pr.Scene(), (None, None, pr.transform(translate=(2.5, 0, 0), scale=0.8), None)
-    scene.remove(scene.add(BALL))
+    scene.remove(scene.add(usual_ball()))
     for shape, place in zip(room().shapes.values(), places, strict=True):
         scene.add(shape, place)
     scene.clips, scene.lights = room().clips, room().lights
@@ -187,7 +191,7 @@ def without_last(scene):
 def swapped():
     scene = room()
     scene.remove(0)
-    scene.add(BALL)
+    scene.add(usual_ball())
     return scene
 
 
@@ -328,7 +332,7 @@ def test_other_files_are_refused(tmp_path):
         with pytest.raises(OSError):
             pr.Baked.load(path, room())
     np.save(tmp_path / "a.npy", np.arange(10))
-    BALL.save(tmp_path / "m")
+    usual_ball().save(tmp_path / "m")
     for content in (b"ply\nformat ascii 1.0\n" * 100, *((tmp_path / name).read_bytes() for name in ("a.npy", "m"))):
         (tmp_path / "a").write_bytes(content)
         assert "not a file of baked light" in refused(tmp_path / "a")
@@ -464,7 +468,7 @@ def test_wrong_arguments_are_refused(tmp_path, saved):
         with pytest.raises(ValueError, match="path"):
             pr.Baked.load(path, room())
     with pytest.raises(ValueError, match="scene"):
-        pr.Baked.load(saved[1], BALL)
+        pr.Baked.load(saved[1], usual_ball())
     with pytest.raises(ValueError, match="progress"):
         saved[0].save(tmp_path / "a", 3)
     assert os.listdir(tmp_path) == []
@@ -549,7 +553,7 @@ print(json.dumps([unfinished, wrong]))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="processes and signals of POSIX")
 def test_killed_at_any_moment_the_old_file_is_whole_or_the_new_one(tmp_path):
     here = str(Path(__file__).parent)

@@ -1,6 +1,7 @@
 """Camera rays from kernels: projections, the lens, and the pixel filters that samples follow."""
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -186,6 +187,7 @@ def filter_of(shape):
     return 0.35875 - 0.48829 * np.cos(turn) + 0.14128 * np.cos(2 * turn) - 0.01168 * np.cos(3 * turn)
 
 
+@cache
 def shares(shape):
     """The share of the filter to the left of each value of X."""
     f = filter_of(shape)

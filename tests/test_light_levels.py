@@ -1,18 +1,29 @@
 """Coarser light where that of all splats of all instances would not fit into the memory that it may take."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 import pointray as pr
 from attack.model_files import copied, join, split
+from conftest import long
 from pointray.baking.levels import Shape, Wanted, choose_levels, deepest, in_fours, knots_at
 
 SKY, SUN = pr.EnvironmentLight((1, 0.9, 0.8)), pr.SunLight((1, -0.5, -2))
-STATUE = pr.Model(pr.procedural("statue", 6000))
-FIELDS = {"patches": 16_000, "links": 16, "noise": 1.0, "max_depth": 2}
-QUICK = pr.BakeSettings(**FIELDS)
+SIZES = {"torus": (2000, 8000), "statue": (6000, 16_000)}  # points, and patches of a scene with them
 
 
+def settings(name="torus", **changes):
+    return pr.BakeSettings(patches=SIZES[name][1], links=16, noise=1.0, max_depth=2, **changes)
+
+
+@cache
+def body(name="torus"):
+    return pr.Model(pr.procedural(name, SIZES[name][0]))
+
+
+@cache
 def sheet():
     """An open sheet that is curved: both of its sides are lit, each otherwise."""
     x, y = np.meshgrid(np.linspace(-1, 1, 50), np.linspace(-1, 1, 50))
@@ -22,33 +33,32 @@ def sheet():
     return pr.Model(pr.Points(positions, normals / np.linalg.norm(normals, axis=1, keepdims=True)))
 
 
-SHEET = sheet()
-
-
-def room(models=(STATUE, STATUE, SHEET, STATUE, SHEET), sun=SUN):
-    """Instances of two models beside each other on a plane."""
+def room(name="torus", models=()):
+    """Instances of two models, or of the given ones, beside each other on a plane."""
+    one, other = body(name), sheet()
     scene = pr.Scene()
-    for k, model in enumerate(models):
+    for k, model in enumerate(models or (one, one, other, one, other)):
         scene.add(model, pr.transform(translate=(2.2 * k, 0, 0.3 * (k % 2))), material=pr.Diffuse(0.6))
     scene.add(pr.Plane((0, 0, -1.2), (0, 0, 1)))
-    scene.lights = (SKY, sun)
+    scene.lights = (SKY, SUN)
     return scene
 
 
 def picture(scene, baked):
     scene.baked = baked
-    camera = pr.Camera.frame(scene.bounds, size=(240, 120))
+    camera = pr.Camera.frame(scene.bounds, size=(160, 80))
     return pr.render(scene, camera, pr.Settings("baked", spp=4))
 
 
-def baked_at(scene, budget, **changes):
-    return pr.bake(scene, pr.BakeSettings(**FIELDS, memory=budget, **changes))
+def baked_at(scene, budget, name="torus", **changes):
+    return pr.bake(scene, settings(name, memory=budget, **changes))
 
 
-@pytest.fixture(scope="module")
-def full():
-    scene = room()
-    baked = pr.bake(scene, QUICK)
+@cache
+def full(name="torus"):
+    """Light of all splats of all instances, and its picture."""
+    scene = room(name)
+    baked = pr.bake(scene, settings(name))
     assert set(baked.levels.values()) == {0} and baked.coarser == ""
     assert (4, -1) in baked._exchange.sides  # the sheet's back is lit
     return baked, picture(scene, baked)
@@ -70,44 +80,51 @@ def error(got, want):
 
 
 @pytest.mark.parametrize(
-    ("level", "in_picture", "on_statue", "on_sheet"),
-    [(1, 0.001, 0.04, 0.007), (2, 0.005, 0.17, 0.025), (3, 0.007, 0.2, 0.036)],
+    ("name", "level", "in_picture", "on_body", "on_sheet"),
+    [
+        ("torus", 2, 0.004, 0.12, 0.08),
+        long("torus", 1, 0.001, 0.04, 0.02),
+        long("torus", 3, 0.008, 0.2, 0.12),
+        long("statue", 1, 0.001, 0.04, 0.007),
+        long("statue", 2, 0.005, 0.17, 0.025),
+        long("statue", 3, 0.007, 0.2, 0.036),
+    ],
 )
-def test_coarser_light_is_nearly_the_same(tmp_path, full, level, in_picture, on_statue, on_sheet):
+def test_coarser_light_is_nearly_the_same(tmp_path, name, level, in_picture, on_body, on_sheet):
     """It fits the budget, is nearly that of all splats, and comes back from a file.
 
     The statue has few splats for its folds. A spread with shares or records in another order is beyond the bounds.
     """
-    scene = room()
-    budget = budget_of(full[0], level)
-    baked = baked_at(scene, budget)
+    scene, (finest, shown) = room(name), full(name)
+    budget = budget_of(finest, level, name)
+    baked = baked_at(scene, budget, name)
     assert baked.nbytes <= budget and max(baked.levels.values()) == level
     assert f"levels 0 to {level}" in repr(baked) or f"level {level}" in repr(baked)
     got = picture(scene, baked)
-    assert error(got, full[1]) < in_picture
+    assert error(got, shown) < in_picture
     baked.save(tmp_path / "a.bake")
     again = pr.Baked.load(tmp_path / "a.bake", scene)
     np.testing.assert_array_equal(picture(scene, again), got)
     assert again.levels == baked.levels and again.nbytes == baked.nbytes
     for id in range(5):
         for side in (1, -1):
-            want = full[0].irradiance(id, side)
+            want = finest.irradiance(id, side)
             np.testing.assert_array_equal(baked.irradiance(id, side), want)
             if want.any():
-                assert error(again.irradiance(id, side), want) < (on_sheet if id in (2, 4) else on_statue)
+                assert error(again.irradiance(id, side), want) < (on_sheet if id in (2, 4) else on_body)
 
 
-def budget_of(full, level):
+def budget_of(full, level, name="torus"):
     """Bytes that are just enough for this level of all instances."""
     total = planes_of(full)
     for id in range(5):
         for sign in (1, -1):
             if (id, sign) in full._exchange.sides:
                 total += 16 * in_fours(len(knots_at(level, full._exchange.sides[id, sign].size)))
-    return total + 32 * sum(len(model.tree.order) // 4 for model in (STATUE, SHEET))
+    return total + 32 * sum(len(model.tree.order) // 4 for model in (body(name), sheet()))
 
 
-def test_the_least_budget_is_told_and_is_enough(full):
+def test_the_least_budget_is_told_and_is_enough():
     scene = room()
     least = least_of(scene)
     baked = baked_at(scene, least)
@@ -116,31 +133,31 @@ def test_the_least_budget_is_told_and_is_enough(full):
         baked_at(scene, least - 1)
 
 
-def test_light_follows_lights_at_any_level(full):
+def test_light_follows_lights_at_any_level():
     scene = room()
-    baked = baked_at(scene, budget_of(full[0], 2))
+    baked = baked_at(scene, budget_of(full()[0], 2))
     before = dict(baked.levels)
     scene.lights = (SKY, pr.SunLight((-1, 0.3, -1), 5.0))
     baked.update()
     assert baked.levels == before
-    fresh = baked_at(scene, budget_of(full[0], 2))
+    fresh = baked_at(scene, budget_of(full()[0], 2))
     np.testing.assert_array_equal(picture(scene, baked), picture(scene, fresh))
-    assert error(picture(scene, baked), full[1]) > 0.2
+    assert error(picture(scene, baked), full()[1]) > 0.2
 
 
-def test_coarser_light_does_not_depend_on_threads(full):
-    one, two = (baked_at(room(), full[0].nbytes - 20_000, threads=threads) for threads in (1, 2))
+def test_coarser_light_does_not_depend_on_threads():
+    one, two = (baked_at(room(), full()[0].nbytes - 20_000, threads=threads) for threads in (1, 2))
     assert one.levels == two.levels and len(set(one.levels.values())) > 1
     for key, records in one._kept.records.items():
         np.testing.assert_array_equal(records, two._kept.records[key])
 
 
 def test_levels_of_detail_share_the_records_of_coarser_light(tmp_path):
-    model = pr.Model(pr.procedural("statue", 20_000))
+    model = pr.Model(pr.procedural("torus", 6000))
     model.make_levels()
     assert model.levels
-    scene = room([model] * 3)
-    wide = pr.bake(scene, QUICK)
+    scene = room(models=[model] * 3)
+    wide = pr.bake(scene, settings())
     budget = least_of(scene)
     baked = baked_at(scene, budget)
     assert baked.nbytes <= budget < wide.nbytes and min(baked.levels.values()) > 0
@@ -183,7 +200,7 @@ def bytes_of(shapes, wanted, levels):
 def test_the_number_of_patches_has_a_bound():
     """Also where the instances are many."""
     scene = pr.Scene()
-    ball = pr.Model(pr.procedural("sphere", 1000))
+    ball = pr.Model(pr.procedural("sphere", 300))
     for k in range(100):
         scene.add(ball, pr.transform(translate=(3 * (k % 10), 3 * (k // 10), 0)))
     scene.add_light(SKY)
@@ -221,7 +238,7 @@ def test_a_damaged_file_of_coarser_light_is_refused(tmp_path, coarse_file, name,
 
 
 @pytest.fixture(scope="module")
-def coarse_file(tmp_path_factory, full):
+def coarse_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("coarse") / "a.bake"
-    baked_at(room(), budget_of(full[0], 2)).save(path)
+    baked_at(room(), budget_of(full()[0], 2)).save(path)
     return path.read_bytes()

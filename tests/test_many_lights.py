@@ -166,7 +166,7 @@ def means(ball, lights, seeds, **settings):
     return np.array(out)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_mean_is_the_sum_over_all_lights():
     """Unlike lights, some hidden by the ball, the floor and each other, are also met by reflected rays.
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import pointray as pr
-from surfaces import NODES, RINGS, SECTORS, Surface, bins_of, integrals, quadrature, upper, wo_at
-
-RNG = np.random.default_rng(11)
+from conftest import long
+from surfaces import RINGS, SECTORS, Surface, bins_of, integrals, quadrature, upper, wo_at
 
 OPAQUE = {
     "diffuse": pr.Diffuse(),
@@ -26,23 +26,23 @@ OPAQUE = {
     "black metal": pr.Principled(0, roughness=0.3, metallic=1),
 }
 CLEAR = {"mirror": pr.Mirror(), "glass": pr.Dielectric(), "bubble": pr.Dielectric(0.75), "nothing": pr.Dielectric(1)}
-ANGLES = [0, 35, 60, 80, 88]
 
 
 @pytest.mark.parametrize("name", OPAQUE)
-@pytest.mark.parametrize("degrees", ANGLES)
-def test_energy_and_pdf(name, degrees):
+@pytest.mark.parametrize("degrees", [60, 88, *map(long, (0, 35, 80))])
+def test_energy_and_pdf(rng, name, degrees):
     """No more than all light is reflected, and weights and pdfs agree with the samples."""
     surface, wo, count = Surface(OPAQUE[name]), wo_at(degrees), 200_000
     albedo, probability = integrals(surface, wo)
     assert 0 < albedo.max() <= 1 + 1e-3
-    direction, weight, pdf, side = surface.sample(wo, RNG.random((count, 3)))
+    direction, weight, pdf, side = surface.sample(wo, rng.random((count, 3)))
     assert (side == 1).all() and np.abs(np.linalg.norm(direction, axis=1) - 1).max() < 1e-12
     produced = pdf > 0
-    assert probability == pytest.approx(produced.mean(), abs=1e-2) and probability <= 1 + 1e-2
+    # The quadrature is up to 0.7% off, where the horizon cuts its rings; the samples' noise is 0.1%.
+    assert probability == pytest.approx(produced.mean(), abs=1.3e-2) and probability <= 1 + 1e-2
     assert not weight[~produced].any() and (direction[produced, 2] > 0).all()
     noise = weight.std(axis=0) / np.sqrt(count)
-    assert (np.abs(weight.mean(axis=0) - albedo) < 5 * noise + 1e-3).all()
+    assert (np.abs(weight.mean(axis=0) - albedo) < 6 * noise + 1e-3).all()
     assert weight.max() < 12
     rgb, again = surface.eval_bsdf(wo, direction[produced])
     np.testing.assert_allclose(again, pdf[produced], rtol=1e-12)
@@ -50,28 +50,29 @@ def test_energy_and_pdf(name, degrees):
 
 
 @pytest.mark.parametrize("name", OPAQUE)
-@pytest.mark.parametrize("degrees", [0, 60, 85])
-def test_samples_lie_where_their_pdf_says(name, degrees):
+@pytest.mark.parametrize("degrees", [60, *map(long, (0, 85))])
+def test_samples_lie_where_their_pdf_says(rng, monkeypatch, name, degrees):
     """Chi-square test over rings and sectors around the mirrored direction."""
     surface, wo, count = Surface(OPAQUE[name]), wo_at(degrees), 200_000
+    nodes = 32  # with 8, sums over bins that the horizon cuts are 5% off, more than the noise
+    monkeypatch.setattr("surfaces.NODES", nodes)
     directions, solid = quadrature(wo)
-    mass = (surface.eval_bsdf(wo, directions)[1] * solid).reshape(len(RINGS) - 1, NODES, SECTORS, -1).sum(axis=(1, 3))
-    direction, _, pdf, _ = surface.sample(wo, RNG.random((count, 3)))
+    mass = (surface.eval_bsdf(wo, directions)[1] * solid).reshape(len(RINGS) - 1, nodes, SECTORS, -1).sum(axis=(1, 3))
+    direction, _, pdf, _ = surface.sample(wo, rng.random((count, 3)))
     found = np.bincount(bins_of(wo, direction[pdf > 0]), minlength=mass.size)
     expected = mass.ravel() * count
     some = expected > 20
     assert expected[some].sum() > 0.99 * expected.sum() and some.sum() >= 4
-    chi2 = ((found - expected)[some] ** 2 / expected[some]).sum()
-    assert chi2 < some.sum() + 6 * np.sqrt(2 * some.sum())
+    assert ((found - expected)[some] ** 2 / expected[some]).sum() < chi2.isf(1e-9, some.sum())
     assert found[~some].sum() < 20 * (~some).sum()
 
 
 @pytest.mark.parametrize("name", OPAQUE)
-def test_reciprocity(name):
+def test_reciprocity(rng, name):
     """Eye and light are exchanged. Half of the pairs lie close to the mirrored direction, where lobes are."""
     surface = Surface(OPAQUE[name], color=(0.9, 0.5, 0.1))
-    a = upper(RNG.normal(size=(400, 3)))
-    b = upper(RNG.normal(size=(400, 3)))
+    a = upper(rng.normal(size=(400, 3)))
+    b = upper(rng.normal(size=(400, 3)))
     b[:200] = upper(a[:200] * (-1, -1, 1) + 0.01 * b[:200])
     there = np.array([surface.eval_bsdf(np.append(x, 1.0), y[None])[0][0] / y[2] for x, y in zip(a, b, strict=True)])
     back = np.array([surface.eval_bsdf(np.append(y, 1.0), x[None])[0][0] / x[2] for x, y in zip(a, b, strict=True)])
@@ -79,7 +80,7 @@ def test_reciprocity(name):
     assert there.max() > 0
 
 
-@pytest.mark.parametrize("exponent", [0, 0.5, 1, 5, 20, 100, 1000, 10_000])
+@pytest.mark.parametrize("exponent", [0, 1, 100, 10_000, *map(long, (0.5, 5, 20, 1000))])
 def test_phongs_highlight_is_normalised(exponent):
     surface = Surface(pr.Phong(0, specular=1, exponent=exponent))
     albedo = [integrals(surface, wo_at(degrees))[0][0] for degrees in (0, 20, 40, 60, 75, 85, 89)]
@@ -101,10 +102,10 @@ def facets(wo, wi, alpha, color, metallic):
 
 @pytest.mark.parametrize("roughness", [0.1, 0.5, 1])
 @pytest.mark.parametrize("metallic", [0, 0.3, 1])
-def test_principled_is_what_the_papers_say(roughness, metallic):
+def test_principled_is_what_the_papers_say(rng, roughness, metallic):
     color = (0.9, 0.5, 0.1)
     surface, wo = Surface(pr.Principled(None, roughness, metallic), color), wo_at(50)
-    wi = upper(RNG.normal(size=(2000, 3)))
+    wi = upper(rng.normal(size=(2000, 3)))
     wi[:1000] = upper((-wo[0], 0, wo[2]) + 0.1 * wi[:1000])
     glossy = facets(np.broadcast_to(wo[:3], wi.shape), wi, roughness**2, color, metallic)
     base = surface.eval_bsdf(wo, wi)[0] / wi[:, 2:] - glossy
@@ -116,12 +117,13 @@ def test_principled_is_what_the_papers_say(roughness, metallic):
         assert (tint > -1e-9 * glossy.max()).all() and tint.max() < 1.1 * (1 - metallic) / np.pi
 
 
-def test_what_white_furnaces_lose():
+@pytest.mark.parametrize("steps", [4, long(20)])
+def test_what_white_furnaces_lose(steps):
     """Light is lost between facets, by the figures in Principled's docstring."""
     for roughness, reflected in ((0.1, 0.999), (0.5, 0.92), (1, 0.31)):
         albedo = integrals(Surface(pr.Principled(1, roughness, 1)), wo_at(0))[0]
         assert albedo == pytest.approx(np.full(3, reflected), abs=0.01)
-    for roughness in np.linspace(0, 1, 21):
+    for roughness in np.linspace(0, 1, steps + 1):
         surface = Surface(pr.Principled(1, roughness))
         albedo = [integrals(surface, wo_at(degrees))[0][0] for degrees in (0, 20, 40, 50, 60, 70, 78, 84)]
         assert max(albedo) < 1 + 1e-5 and min(albedo[:-1]) > 0.98 and albedo[-1] > 0.95
@@ -187,14 +189,14 @@ def test_fresnels_landmarks():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_glass_keeps_all_light(side):
+def test_glass_keeps_all_light(rng, side):
     """A path always goes on with weight 1, is reflected as often as the share says, and knows its side."""
     glass, wo, count = Surface(pr.Dielectric(1.5)), wo_at(40, side), 100_000
     reflected, refracted, share = glass.glass(wo[None])
-    direction, weight, pdf, left = glass.sample(wo, RNG.random((count, 3)))
+    direction, weight, pdf, left = glass.sample(wo, rng.random((count, 3)))
     assert (weight == 1).all() and (pdf == 0).all()
     back = left == side
-    assert back.mean() == pytest.approx(share[0], abs=5 * np.sqrt(share[0] / count))
+    assert back.mean() == pytest.approx(share[0], abs=6 * np.sqrt(share[0] / count))
     assert (direction[back] == reflected).all() and (direction[~back] == refracted).all()
     assert (left[~back] == -side).all() and not glass.eval_bsdf(wo, refracted)[0].any()
     # The reverse path, for which the normal is turned to the eye, reflects the same share.

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from conftest import long
 from pointray.intersect.columns import axes_of, narrow, narrow_one
 from pointray.jit import kernel
 from pointray.kernels.tree import CELL, LEAF, NO_SURFACE, SLAB
@@ -100,24 +101,25 @@ def through(leaf, rng):
     return o, d, np.maximum(np.minimum(a, b).max(axis=1), 0), np.maximum(a, b).min(axis=1)
 
 
-@pytest.mark.parametrize("function", [_narrow, _narrow_one_by_one])
-@pytest.mark.parametrize("seed", range(12))
-def test_rays_are_narrowed_to_the_slabs_of_their_columns(seed, function):
+@pytest.mark.parametrize("seed", [0, 1, 2, *map(long, range(3, 12))])
+def test_rays_are_narrowed_to_the_slabs_of_their_columns(seed):
+    """By either function: of 16 rays at a time, and of one."""
     rng = np.random.default_rng(seed)
     leaf, met = Leaf(rng, limited=seed > 0), 0
     for _ in range(10):
         o, d, enter, leave = through(leaf, rng)
         rows = np.concatenate([o.T.ravel(), d.T.ravel(), (1 / d).T.ravel(), enter, leave]).astype(np.float32)
-        low, high = narrowed(leaf, rows, function)
+        found = [narrowed(leaf, rows, function) for function in (_narrow, _narrow_one_by_one)]
         for k in range(16):
             t = np.linspace(enter[k], leave[k], STEPS)
             inside = t[leaf.holds(o[k] + t[:, None] * d[k])]
             width = 2 * (t[1] - t[0]) + 1e-4
-            if len(inside) == 0:
-                assert not low[k] + width < high[k]
-                continue
-            met += 1
-            assert low[k] == pytest.approx(inside[0], abs=width) and high[k] == pytest.approx(inside[-1], abs=width)
+            met += len(inside) > 0
+            for low, high in found:
+                if len(inside) == 0:
+                    assert not low[k] + width < high[k]
+                    continue
+                assert low[k] == pytest.approx(inside[0], abs=width) and high[k] == pytest.approx(inside[-1], abs=width)
     assert met > 20
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +57,9 @@ def naive_line_of(text: str, key: tuple[str | int, ...]) -> int:
     """The first line after which the text, cut there or at the next line where it may be cut, has the key."""
     while key and not holds(tomllib.loads(text), key):
         key = key[:-1]
-    lines = text.split("\n")
-    for number in range(len(lines)) if key else ():
-        data = next(data for end in range(number, len(lines) + 1) if (data := parsed(lines[:end])) is not None)
+    count = text.count("\n") + 1
+    for number in range(count) if key else ():
+        data = next(data for end in range(number, count + 1) if (data := parsed(text, end)) is not None)
         if holds(data, key):
             return number
     return 0
@@ -73,8 +74,10 @@ def holds(data: Any, key: tuple[str | int, ...]) -> bool:
     return True
 
 
-def parsed(lines: list[str]) -> Any:
-    text = "\n".join(lines)
+@cache
+def parsed(text: str, end: int) -> Any:
+    """The data in the first lines of a text; None if it may not be cut there."""
+    text = "\n".join(text.split("\n")[:end])
     for closing in ("", "]", "]]", "]]]"):
         with suppress(ValueError):
             return tomllib.loads(f"{text}\n{closing}")
