@@ -174,7 +174,7 @@ def test_the_command_bakes_the_same_on_a_cluster(tmp_path: Path, capsys: pytest.
     assert not (tmp_path / "x.ply").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_other_processes_bake_the_same_and_may_be_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     import os
     import signal

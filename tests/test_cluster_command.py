@@ -149,7 +149,7 @@ def test_without_dask_it_is_said_how_to_install_it(
     assert line == "pointray: --workers needs distributed: pip install 'pointray[cluster]'"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_workers_of_this_machine_make_the_same(scan: Path, tmp_path: Path) -> None:
     for name, where in (("here.png", []), ("there.png", ["--workers", "2"])):
         command = [sys.executable, "-m", "pointray", "render", str(scan), "-o", str(tmp_path / name), *SMALL, *where]
@@ -158,7 +158,7 @@ def test_workers_of_this_machine_make_the_same(scan: Path, tmp_path: Path) -> No
     assert (tmp_path / "here.png").read_bytes() == (tmp_path / "there.png").read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ctrl_c_ends_all_workers_and_writes_nothing(scan: Path, tmp_path: Path) -> None:
     import psutil
 
@@ -180,7 +180,7 @@ def test_ctrl_c_ends_all_workers_and_writes_nothing(scan: Path, tmp_path: Path) 
     assert alive == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_workers_of_a_command_share_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     from pointray.cluster.client import local_workers
 

@@ -22,7 +22,7 @@ from pointray.cluster.crew import Crew
 from pointray.cluster.dispatch import Job
 from pointray.rendering.sequence import render_each
 
-pytestmark = pytest.mark.slow  # each starts processes
+pytestmark = pytest.mark.long  # each starts processes
 UNHEARD = 300.0  # seconds after which Dask gives up a worker that it does not hear
 HARD = pr.Settings("path", spp=24, max_depth=2)
 

@@ -310,7 +310,7 @@ def test_dask_is_not_imported_without_an_array_of_it() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_other_processes_compute_the_same(tmp_path: Path) -> None:
     sent, saved, given = ball(5000), ball(3000), rays()
     saved.save(tmp_path / "ball.pointray")

@@ -151,7 +151,7 @@ def test_an_error_in_progress_ends_the_work(client: Any, folder: Path) -> None:
         pr.render(scene_with(folder), camera_of(), PATHS, stop, client=client, spread=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_picture_is_the_same_when_a_worker_is_killed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its parts go to the others."""
     monkeypatch.setattr("pointray.rendering.waves.wave.RAYS", 1 << 13)
@@ -168,7 +168,7 @@ def test_a_picture_is_the_same_when_a_worker_is_killed(folder: Path, monkeypatch
     assert_alike(image, pr.render(scene, camera, PATHS))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_line_spreads(folder: Path, tmp_path: Path) -> None:
     picture, other = tmp_path / "a.png", tmp_path / "b.png"
     options = ["--size", "80x60", "--integrator", "ao", "--spp", "2"]

@@ -177,7 +177,7 @@ def test_the_tree_over_instances(rng, name):
 def test_memory_of_an_instance(models):
     """The target is at most 300 bytes an instance of one model, including what kernels read."""
     scene, transform = pr.Scene(), np.eye(4)
-    count = 2048
+    count = 512
     for k in range(count):
         transform[:3, 3] = k % 40 * 3, k // 40 * 3, 0
         scene.add(models[0], transform)

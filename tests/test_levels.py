@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import slow
+from conftest import long
 from pointray.cli import execute
 from pointray.kernels.records import INSTANCE, SHAPE_ROW
 from pointray.kernels.tree import ROW
@@ -180,7 +180,7 @@ def test_off_by_a_setting_and_only_in_pictures(statue):
     assert away.max() < statue.radii.max()
 
 
-@pytest.mark.parametrize("name, allowed", [slow("z", 0.01), slow("x", 0.01), ("wave", 0.02)])
+@pytest.mark.parametrize("name, allowed", [long("z", 0.01), long("x", 0.01), ("wave", 0.02)])
 def test_colours_by_an_attribute(statue, name, allowed):
     """Colours by coordinates and by values are those of many samples of all points, except at silhouettes."""
     scene = pr.Scene()
@@ -199,7 +199,7 @@ def test_colours_by_an_attribute(statue, name, allowed):
     assert np.abs(picture - pr.render(scene, far, pr.Settings("color", levels=False))).max() > 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_instance_has_the_paint_of_its_level(statue):
     """Several levels, colourings and models at once each look as if they were alone."""
     cameras = [pr.Camera.look_at((0, -d, 1), (0, 0, 1), size=(48, 48), fov=240 / d) for d in (5, 20, 60)]
@@ -221,7 +221,7 @@ def test_each_instance_has_the_paint_of_its_level(statue):
             np.testing.assert_array_equal(*(pr.render(s, view, pr.Settings("color")) for s in (alone, together)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_classes_stay_whole(statue):
     """Levels are shown neither for classes, which have no mean, nor if they are newer than the colouring."""
     kinds = {"kind": (statue.points.world[:, 2] > 1).astype(float), "smooth": statue.points.world[:, 2]}
@@ -269,7 +269,7 @@ def frames(scan, name, *more):
     return [path.read_bytes() for path in sorted(folder.iterdir())]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_films_of_a_scan_show_levels(scan, monkeypatch):
     made = []
     real = pr.Model.make_levels

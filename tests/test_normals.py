@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from conftest import long, shared_model, slow, sphere_points
+from conftest import long, shared_model, sphere_points
 from pointray.data import Points
 from pointray.neighbors import distinct, kd_order, neighbors
 from pointray.points import estimate_normals, procedural, read
@@ -71,9 +71,12 @@ def test_quadrics_follow_a_random_torus(rng, noise, rms):
     assert np.sqrt((angle**2).mean()) < rms
 
 
-@pytest.mark.parametrize("name", ["sphere", "torus", "lattice"])
-def test_normals_of_exact_models(name):
-    points = procedural(name, 30_000)
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [("sphere", 10_000), ("torus", 20_000), long("sphere", 30_000), long("torus", 30_000), long("lattice", 30_000)],
+)
+def test_normals_of_exact_models(name, n):
+    points = procedural(name, n)
     angle = degrees(estimate_normals(points).normals, points.normals)
     assert np.sqrt((angle**2).mean()) < (4 if name == "lattice" else 0.05)
     assert angle.max() < 60
@@ -213,7 +216,7 @@ def test_what_cannot_be_estimated(positions, others, words):
     ("name", "viewpoint", "flipped"),
     [
         ("stanford_bunny", None, 0.001),
-        slow("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
+        long("stanford_dragon", None, 0.0011),  # measured: 433 of 434,995 rows, and 1,233 without winding numbers
         ("stanford_lucy_50k", None, 0.01),
         ("nefertiti_50k", None, 0.001),
         ("tls_pumpA_rgb", (0, 0, 0), 0.02),  # the file's are planes through 16 points; 10 or 24 differ by 2.9 or 1.1%
@@ -346,8 +349,11 @@ def test_good_normals_of_scans_cause_no_words_and_flipped_ones_do(name):
     assert looks_inward(points.positions, -points.normals) == (name in CLOSED)
 
 
-@pytest.mark.parametrize("name", [slow("statue"), "sphere", "torus", "lattice"])
-def test_exact_normals_cause_no_words(name):
-    points = procedural(name, 20_000)
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [("sphere", 10_000), ("torus", 20_000), long("sphere", 20_000), long("lattice", 20_000), long("statue", 20_000)],
+)
+def test_exact_normals_cause_no_words(name, n):
+    points = procedural(name, n)
     assert mend_normals(points)[1] is None
     assert "look inwards" in mend_normals(points.with_normals(-points.normals))[1]

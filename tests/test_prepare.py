@@ -175,7 +175,7 @@ def test_the_points_of_a_model_come_back(saved, capsys):
     assert status == 0 and f"of {len(points):,}" in text and len(pr.read(out)) == 900
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_model_stays_what_it_is(saved, capsys):
     """Its surface stays even if points are dropped. If nothing is to be done, the file is the same."""
     points, file = saved

@@ -234,7 +234,7 @@ def test_paper_names_the_row_of_each_number(tmp_path):
     assert {line.count("|") for line in text[:3]} == {6} and {line.count("|") for line in text[4:]} == {4}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
 def test_stages_run_at_a_small_size(tmp_path):
     options, console = options_of(tmp_path), Console(quiet=True)

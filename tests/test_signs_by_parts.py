@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model, slow, sphere_points
+from conftest import long, shared_model, sphere_points
 from pointray.neighbors import NeighborTree, distinct, kd_order
 from pointray.parts import ballots
 from pointray.parts.ballots import Ballots, drop_all, keep, name_of
@@ -116,7 +116,7 @@ def signs_of(cloud, folder, order=lambda parts: parts):
     return out[:]
 
 
-@pytest.mark.parametrize("name", ["bubbles", "crossing", "terrain", "lucy", slow("statue")])
+@pytest.mark.parametrize("name", ["bubbles", "crossing", "terrain", "lucy", long("statue")])
 def test_parts_have_the_signs_of_the_whole(name, tmp_path, monkeypatch):
     monkeypatch.setattr("pointray.parts.ballots.PIECES", 1000)
     cloud = made(name)
