@@ -13,12 +13,17 @@ from distributed import Client, LocalCluster
 import pointray as pr
 from conftest import sphere_points
 
+# Dask's profiler calls `sys._current_frames`, which can deadlock where other threads start or end:
+# https://github.com/python/cpython/issues/106883, not fixed in Python 3.11.
+UNPROFILED = {"distributed.worker.profile.enabled": False}
+
 
 @contextmanager
 def cluster_of(workers: int, processes: bool, threads: int = 1) -> Iterator[Any]:
     """A client of workers on this machine."""
     with (
-        dask.config.set(scheduler=None),  # tasks of workers in this process make clients, which stay the default
+        # Tasks of workers in this process make clients, which stay the default.
+        dask.config.set({"scheduler": None, **UNPROFILED}),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=threads,

@@ -15,6 +15,7 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 import pytest
+import typer.main
 from filelock import FileLock
 
 from pointray import jit
@@ -65,6 +66,14 @@ def no_models_are_kept() -> Iterator[None]:
     """Commands that tests run keep no models in the user's cache, unless a test is about that."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pointray.model_cache.WORTH", 10**12)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def commands_made_once() -> Iterator[None]:
+    """Build the command line once: typer does so at each call, which takes most of the time of a short command."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", lru_cache(typer.main.get_command))
         yield
 
 

@@ -111,6 +111,7 @@ def test_of_equally_common_ones_the_least():
     assert commonest(rows, starts).tolist() == [2, 9, 7]
 
 
+@pytest.mark.long
 def test_a_subsample_and_levels_keep_classes_and_dtypes(rng):
     points = pr.procedural("torus", 6000)
     kinds = {

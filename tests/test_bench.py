@@ -19,7 +19,7 @@ def rows():
     return measure([3000, 12000], 2, 2, lambda stage, share: None)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_views_are_what_they_say():
     """The far view's silhouette spans 90% of the height; in the near view 95% of the pixels hit."""
     scene, points = pr.Scene(), pr.procedural("statue", 20_000)
@@ -33,7 +33,7 @@ def test_the_views_are_what_they_say():
     assert np.isfinite(scene.intersect(*near.rays()).t).mean() >= 0.94
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_cloud_is_measured_from_far_and_near(rows):
     assert [(r.points, r.view) for r in rows] == [(n, v) for n in (3000, 12000) for v in ("far", "near")]
     for r in rows:
@@ -43,7 +43,7 @@ def test_each_cloud_is_measured_from_far_and_near(rows):
     assert far[0] == pytest.approx(far[1], abs=0.03), "the subsampled statue is not the statue"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_paper_has_figures_for_its_own_cases(monkeypatch):
     """The stress test is a case of its own with a light and shadows, run here at a small size."""
     monkeypatch.setattr(frames, "STRESS", 4000)
@@ -53,7 +53,7 @@ def test_the_paper_has_figures_for_its_own_cases(monkeypatch):
     assert 0.02 < row.covered < 0.6
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_table_as_text_and_as_json(rows, capsys):
     show_rows([replace(rows[0], paper_frames_per_second=8.7), rows[1]], 2, False)
     text = capsys.readouterr().out
@@ -63,7 +63,9 @@ def test_the_table_as_text_and_as_json(rows, capsys):
     assert told["threads"] == 2 and [c["view"] for c in told["cases"]] == ["far", "near"] * 2
 
 
-def test_the_command_draws_a_plot(tmp_path, capsys):
+def test_the_command_draws_a_plot(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(frames, "SIZE", (64, 64))
+    monkeypatch.setattr(frames, "procedural", lambda name, count: pr.procedural("sphere", count))
     picture = tmp_path / "bench.png"
     assert execute(["bench", "--points", "2000", "--runs", "1", "--plot", str(picture), "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["cases"]) == 2

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import MODELS, shared_model, slow, sphere_points
+from conftest import MODELS, long, shared_model, sphere_points
 
 SCANS = [
-    "tls_pumpA_rgb",
-    slow("rgbd_kinect_chair_rgb"),
-    slow("autzen_stadium_crop_rgb"),
-    slow("potree_lion_takanawa_rgb"),
+    long("tls_pumpA_rgb"),
+    long("rgbd_kinect_chair_rgb"),
+    long("autzen_stadium_crop_rgb"),
+    long("potree_lion_takanawa_rgb"),
 ]
 BALL = sphere_points(5000)
 

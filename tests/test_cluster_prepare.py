@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import cluster_of
+from clusters import UNPROFILED, cluster_of
 from conftest import slow, sphere_points
 from pointray.cli import execute
 from pointray.cluster import client as client_module
@@ -35,7 +35,6 @@ from pointray.points.selection import Selection
 from pointray.tree.settings import check_settings
 
 SIZE = 1 << 14  # the least there is for so few points
-RNG = np.random.default_rng(0)
 
 
 @pytest.fixture(scope="module")
@@ -55,31 +54,31 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-def statue(file: Path) -> None:
+def statue(file: Path, rng: Any = None) -> None:
     """Points with normals and colours, of which no two are alike."""
     points = pr.procedural("statue", 50_000)
     pr.write(file, points.changed(attributes={"number": np.arange(len(points), dtype=np.int32)}))
 
 
-def rough(file: Path) -> None:
+def rough(file: Path, rng: np.random.Generator) -> None:
     """A noisy sphere over a ground that ends, without normals."""
-    ground = RNG.random((25_000, 2)) * 4 - 2
+    ground = rng.random((25_000, 2)) * 4 - 2
     rows = np.concatenate([sphere_points(25_000), np.column_stack([ground, np.full(25_000, -1.2)])])
-    pr.write(file, pr.Points((rows + RNG.normal(size=rows.shape) * 0.004).astype(np.float32)))
+    pr.write(file, pr.Points((rows + rng.normal(size=rows.shape) * 0.004).astype(np.float32)))
 
 
-def some_signs(file: Path) -> None:
+def some_signs(file: Path, rng: np.random.Generator) -> None:
     """Normals that face either side, by chance."""
     rows = sphere_points(40_000)
-    pr.write(file, pr.Points(rows, rows * RNG.choice([-1, 1], (len(rows), 1)).astype(np.float32)))
+    pr.write(file, pr.Points(rows, rows * rng.choice([-1, 1], (len(rows), 1)).astype(np.float32)))
 
 
-def given_radii(file: Path) -> None:
+def given_radii(file: Path, rng: Any = None) -> None:
     rows = sphere_points(40_000)
     pr.write(file, pr.Points(rows, rows, attributes={"radius": np.full(len(rows), 0.03, np.float32)}))
 
 
-def seen(file: Path) -> None:
+def seen(file: Path, rng: Any = None) -> None:
     """Two scans of a sphere, each from a station of its own."""
     rows = sphere_points(40_000)
     with file.open("w") as out:
@@ -91,20 +90,22 @@ def seen(file: Path) -> None:
 
 @pytest.mark.parametrize("make", [statue, rough, slow(some_signs), slow(given_radii), seen])
 @pytest.mark.filterwarnings("ignore:.*normals")
-def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path) -> None:
+def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path, rng: np.random.Generator) -> None:
     file = tmp_path / ("scan.ptx" if make is seen else "scan.ply")
-    make(file)
+    make(file, rng)
     told: list[float] = []
     found, wanted = prepared(file, tmp_path / "there", client, told.append), prepared(file, tmp_path / "here")
     assert found == wanted and len(wanted) >= 5
     assert told == sorted(told) and told[-1] == 1.0
 
 
-def test_every_part_of_a_stage_is_a_job(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_part_of_a_stage_is_a_job(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
     names: list[str] = []
     submit = Crew.submit
     monkeypatch.setattr(Crew, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
-    rough(tmp_path / "a.ply")
+    rough(tmp_path / "a.ply", rng)
     prepared(tmp_path / "a.ply", tmp_path / "a", client)
     for stage in ("sort", "merge", "noise", "place", "signs", "support", "boxes", "tree", "level-1-points"):
         assert {f"{stage} {k}/4" for k in range(1, 5)} <= set(names)
@@ -354,11 +355,13 @@ def refused(capsys: pytest.CaptureFixture[str], *words: Any) -> str:
 
 
 def test_the_command_prepares_on_a_cluster(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import dask
     from distributed import LocalCluster
 
     options: dict[str, Any] = {"processes": False, "protocol": "tcp", "dashboard_address": "127.0.0.1:0"}
     out = tmp_path / "a.pointray"
-    with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=0, **options) as cluster:
+    options |= {"n_workers": 2, "threads_per_worker": 1, "memory_limit": 0}
+    with dask.config.set(UNPROFILED), LocalCluster(**options) as cluster:
         words = ["prepare", str(scan), "-o", f"{out}/", "--part-points", str(SIZE)]
         assert execute([*words, "--cluster", cluster.scheduler_address]) == 0
     assert capsys.readouterr().out == f"{out}: a model of 50,000 points in 4 parts\n"
@@ -394,8 +397,8 @@ def test_what_workers_cannot_do_is_told(scan: Path, tmp_path: Path, capsys: pyte
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.4, 0.8])
-def test_the_files_are_the_same_when_a_worker_is_killed(share: float, tmp_path: Path) -> None:
-    rough(tmp_path / "a.ply")
+def test_the_files_are_the_same_when_a_worker_is_killed(share: float, tmp_path: Path, rng: np.random.Generator) -> None:
+    rough(tmp_path / "a.ply", rng)
     killed: list[float] = []
     with cluster_of(2, processes=True) as client:
 

@@ -10,7 +10,7 @@ from pointray.points.normals.layers import Layers
 from pointray.points.smoothing.creases import fit_creases
 from pointray.points.smoothing.fit import fit_surface
 
-COUNT = 900
+COUNT = 360
 PLACES = {"here": (1.0, 0.0), "tiny": (1e-12, 0.0), "huge": (1e12, 0.0), "far off": (1.0, 300.0)}
 
 
@@ -105,7 +105,7 @@ def test_creases_are_those_of_the_twin(k):
     points = rng.uniform(0, 1, (n, 3))
     points[np.arange(n), face] = 0
     points = (points + rng.normal(size=(n, 3)) * 0.3 * np.sqrt(3 / n)).astype(np.float32)
-    rows = np.flatnonzero(np.sort(points, axis=1)[:, 1] < 0.08)[:150]
+    rows = np.flatnonzero(np.sort(points, axis=1)[:, 1] < 0.08)[:80]
     near = np.ascontiguousarray(cKDTree(points).query(points[rows], k)[1].astype(np.int32))
     errors = np.tile(np.array([0.3, 0.6], np.float32) * np.float32(np.sqrt(3 / n)), (len(rows), 1))
     models = fit_creases(points, rows, near, errors)
@@ -117,16 +117,17 @@ def test_creases_are_those_of_the_twin(k):
             off.append(abs(models[i, 1:-1].reshape(3, 4)[: len(planes)] - planes).max())
     assert (counts != models[:, 0]).mean() <= 0.02
     if k > 16:
-        assert (counts == 2).sum() > 50 and (counts == 3).sum() > 2
+        assert (counts == 2).sum() > 25 and (counts == 3).sum() > 1
         assert np.quantile(off, 0.95) < 1e-3
 
 
 def test_a_point_s_fit_is_its_own():
     """The other points of its sixteen do not change it by a bit."""
-    points = saddle(0.3).astype(np.float32)
-    near, rows = table(points, 64), np.arange(COUNT)
-    noise = np.full(COUNT, 0.02, np.float32)
-    some = np.random.default_rng(2).permutation(COUNT)[:101]
+    count = 900
+    points = saddle(0.3, count).astype(np.float32)
+    near, rows = table(points, 64), np.arange(count)
+    noise = np.full(count, 0.02, np.float32)
+    some = np.random.default_rng(2).permutation(count)[:101]
     for whole, part in (
         (_fit_rows(points, rows, near, [10, 16, 64], 0.3), _fit_rows(points, some, near[some], [10, 16, 64], 0.3)),
         (

@@ -110,14 +110,14 @@ def test_a_plot_that_is_cut_off_does_not_replace_the_old_one(tmp_path):
 
 
 @pytest.fixture
-def pictures(tmp_path):
+def pictures(tmp_path, rng):
     """The pattern of three numbered pictures; skips the test if no film can be made."""
     pytest.importorskip("imageio_ffmpeg")
     folder = tmp_path / "pictures"
     frames = Frames(folder / "%04d.png", {}, 3, (36, 40))
     frames.begin()
     for k in range(3):
-        frames.keep(k, np.random.default_rng(k).random((40, 36, 4), dtype=np.float32), 0.0)
+        frames.keep(k, rng.random((40, 36, 4), dtype=np.float32), 0.0)
     return frames.pattern
 
 
@@ -131,11 +131,11 @@ def test_a_film_that_is_cut_off_does_not_replace_the_old_one(tmp_path, pictures)
     sweep(tmp_path / "film", "film.mp4", pictures, IMAGEIO_FFMPEG_EXE=str(ffmpeg))
 
 
-def test_what_an_exr_lacks_is_seen(tmp_path):
+def test_what_an_exr_lacks_is_seen(tmp_path, rng):
     """A file is refused wherever it is cut off, and if its table of chunks was not written at the end."""
     pytest.importorskip("OpenEXR")
     file = tmp_path / "a.exr"
-    write_layers(file, {"depth": np.random.default_rng(0).random((70, 9))})
+    write_layers(file, {"depth": rng.random((70, 9))})
     whole = file.read_bytes()
     check_exr_whole(file)
     for length in range(0, len(whole), 7):
@@ -159,14 +159,14 @@ def test_what_a_film_lacks_is_seen(tmp_path, pictures):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="mounts a small file system")
-def test_a_really_full_disk(tmp_path, pictures):
+def test_a_really_full_disk(tmp_path, pictures, rng):
     """Pictures and a film on a file system of 64 KiB are written whole, or an error is told and the old file stays."""
     disk = tmp_path / "disk"
     disk.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)]
     if subprocess.run(mount, capture_output=True, check=False).returncode != 0:
         pytest.skip("only root can mount")
-    image = np.random.default_rng(0).random((64, 64, 4), dtype=np.float32)
+    image = rng.random((64, 64, 4), dtype=np.float32)
     writers = {"a.jpg": lambda p: pr.write_image(p, image), "a.mp4": lambda p: write_mp4(p, pictures, 3, 24, (36, 40))}
     writers["a.exr"] = lambda p: pr.write_image(p, image[:20, :20])
     try:
@@ -235,11 +235,13 @@ def test_an_error_that_a_library_swallows_is_raised_all_the_same(tmp_path, monke
         beside.write(b"one")
         limit = resource.getrlimit(resource.RLIMIT_FSIZE)
         before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (3, limit[1]))
-        with suppress(OSError):
-            beside.write(b"two")
-        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-        signal.signal(signal.SIGXFSZ, before)
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (3, limit[1]))
+            with suppress(OSError):
+                beside.write(b"two")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+            signal.signal(signal.SIGXFSZ, before)
         beside.write(b"three")
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.bin", b"old")]
 
@@ -300,13 +302,13 @@ def test_what_a_killed_process_leaves_goes_with_the_next_write(tmp_path):
     assert names(tmp_path) == sorted([*(p.name for p in foreign), ".pointray-0123456789abcdef", "b.png", "c.txt"])
 
 
-def test_a_process_that_lives_on_takes_away_too(tmp_path):
+def test_a_process_that_lives_on_takes_away_too(tmp_path, monkeypatch):
     """This works beside a thread that writes there, too: each file has a lock of its own."""
     killed = begin_writing(tmp_path / "a.png")
     kill(killed)
     with replacing(tmp_path / "b.txt") as first:
         assert not names(tmp_path)[1:]
-        files._swept.clear()
+        monkeypatch.setattr(files, "_swept", set())
         with replacing(tmp_path / "c.txt") as second:
             second.write(b"c")
         first.write(b"b")

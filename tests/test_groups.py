@@ -9,10 +9,10 @@ import pointray as pr
 @pytest.fixture(scope="module")
 def scene():
     scene = pr.Scene()
-    model = pr.Model(pr.procedural("statue", 20_000))
+    model = pr.Model(pr.procedural("torus", 8_000))
     scene.add(model)
     away = np.diag([1.0, -1.0, 1.0, 1.0])  # mirrored, beside the other one
-    away[:3, 3] = 2.5, 0.3, 0.1
+    away[:3, 3] = 3.2, 0.3, 0.1
     scene.add(model, away)
     return scene
 
@@ -95,7 +95,7 @@ def test_rays_that_a_clip_plane_cuts_beside_others(rng, sphere):
 
 @pytest.fixture(scope="module")
 def bowl():
-    return pr.Model(pr.procedural("sphere", 200_000))
+    return pr.Model(pr.procedural("sphere", 50_000))
 
 
 @pytest.mark.parametrize("integrator", ["phong", "path"])

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -27,7 +28,7 @@ from pointray.tree.settings import check_settings
 from pointray.tree.stored import stored_splats
 
 SIZE = 1 << 14
-RNG = np.random.default_rng(0)
+SHARE = re.compile(r"^\d+(?=% of neighbouring normals)")
 
 
 def prepared(file, folder, size=SIZE, smooth="auto"):
@@ -37,81 +38,95 @@ def prepared(file, folder, size=SIZE, smooth="auto"):
     return pr.Model.load(folder)
 
 
-def noisy(points, share):
+def noisy(rng, points, share):
     """Points with noise, in shares of their spacing, about."""
     h = float(np.linalg.norm(np.ptp(points.positions, axis=0))) / len(points) ** 0.5
-    moved = points.positions + RNG.normal(size=points.positions.shape) * share * h
+    moved = points.positions + rng.normal(size=points.positions.shape) * share * h
     return points.changed(positions=moved.astype(np.float32))
 
 
-def some_signs(points):
+def some_signs(rng, points):
     """Points whose normals face either side, by chance."""
-    return points.with_normals(points.normals * RNG.choice([-1, 1], (len(points), 1)).astype(np.float32))
+    return points.with_normals(points.normals * rng.choice([-1, 1], (len(points), 1)).astype(np.float32))
 
 
-def sheets():
+def sheets(rng):
     """Two separate spheres, and a wavy ground that ends."""
-    rows = RNG.normal(size=(40_000, 3))
+    rows = rng.normal(size=(40_000, 3))
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     rows[:20_000, 0] += 3
-    ground = RNG.random((40_000, 2)) * [8, 6] - [3, 3]
+    ground = rng.random((40_000, 2)) * [8, 6] - [3, 3]
     ground = np.column_stack([ground, -1.2 + 0.1 * np.sin(3 * ground[:, 0])])
     return pr.Points(np.concatenate([rows, ground]).astype(np.float32))
 
 
-def box():
+def box(rng):
     """A cube, whose noisy edges become round."""
-    rows = RNG.random((60_000, 3)) * 2 - 1
+    rows = rng.random((60_000, 3)) * 2 - 1
     rows[np.arange(len(rows)), np.arange(len(rows)) % 3] = np.sign(rows[:, 0])
     return pr.Points(rows.astype(np.float32))
 
 
-def plates():
+def plates(rng):
     """A closed body, and small ones around it that are thinner than their points are apart."""
     body = pr.procedural("statue", 80_000).positions
     low, high = body.min(axis=0), body.max(axis=0)
     h = 0.1 / np.sqrt(75)  # spacing of a plate
     found = [body]
     for side in (-1, 1, -1, 1, -1, 1):
-        rows = RNG.random((150, 3)) * 2 - 1
+        rows = rng.random((150, 3)) * 2 - 1
         rows[:, 2] = np.where(np.arange(150) % 2, 1, -1)
-        place = low + RNG.random(3) * (high - low) + [1.3 * side, 0, 0]
+        place = low + rng.random(3) * (high - low) + [1.3 * side, 0, 0]
         found.append(place + rows * [0.05, 0.05, 0.25 * h])
     return pr.Points(np.concatenate(found).astype(np.float32))
 
 
-def bands():
+def bands(rng):
     """Ground, and bands of a second layer on it, so narrow that few of the places that are looked at first show one."""
     n = 100_000
     h = 2 / np.sqrt(n)
-    ground = RNG.uniform(-1, 1, (n, 2))
-    x = RNG.uniform(-1, 1, (9, 600))
-    y = np.linspace(-0.8, 0.8, 9)[:, None] + 0.02 * np.sin(9 * x) + RNG.uniform(-4, 4, x.shape) * h
+    ground = rng.uniform(-1, 1, (n, 2))
+    x = rng.uniform(-1, 1, (9, 600))
+    y = np.linspace(-0.8, 0.8, 9)[:, None] + 0.02 * np.sin(9 * x) + rng.uniform(-4, 4, x.shape) * h
     x, y = np.concatenate([ground, np.column_stack([x.ravel(), y.ravel()])]).T
-    z = 0.1 * np.sin(3 * x) + 0.1 * h * RNG.normal(size=len(x))
+    z = 0.1 * np.sin(3 * x) + 0.1 * h * rng.normal(size=len(x))
     z[n:] += 2.5 * h
     return pr.Points(np.column_stack([x, y, z]).astype(np.float32))
 
 
-STATUE = pr.procedural("statue", 100_000)
+def statue():
+    return pr.procedural("statue", 100_000)
+
+
+def lost_normals(rng):
+    """Normals of length 2, of which one in a hundred is zero."""
+    points = statue()
+    return points.with_normals(np.where(rng.random((len(points), 1)) < 0.01, 0, 2 * points.normals))
+
+
+def with_radii():
+    points = statue()
+    return points.changed(attributes={"radius": np.full(len(points), 0.012, np.float32)})
+
+
 CLOUDS = {
-    "with normals": STATUE,
-    "without": sheets(),
-    "noisy, with normals": noisy(STATUE, 0.2),
-    "noisy, without": noisy(sheets(), 0.2),
-    "thin plates": noisy(plates(), 0.01),
-    "noisy edges": noisy(box(), 0.1),
-    "second layers": bands(),
-    "signs by chance": some_signs(STATUE),
-    "lost normals": STATUE.with_normals(np.where(RNG.random((len(STATUE), 1)) < 0.01, 0, 2 * STATUE.normals)),
-    "with radii": STATUE.changed(attributes={"radius": np.full(len(STATUE), 0.012, np.float32)}),
+    "with normals": lambda rng: statue(),
+    "without": sheets,
+    "noisy, with normals": lambda rng: noisy(rng, statue(), 0.2),
+    "noisy, without": lambda rng: noisy(rng, sheets(rng), 0.2),
+    "thin plates": lambda rng: noisy(rng, plates(rng), 0.01),
+    "noisy edges": lambda rng: noisy(rng, box(rng), 0.1),
+    "second layers": bands,
+    "signs by chance": lambda rng: some_signs(rng, statue()),
+    "lost normals": lost_normals,
+    "with radii": lambda rng: with_radii(),
 }
 
 
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.filterwarnings("ignore:.*normals")
-def test_parts_are_the_whole(name, tmp_path):
-    check_parts(CLOUDS[name], tmp_path)
+def test_parts_are_the_whole(name, tmp_path, rng):
+    check_parts(CLOUDS[name](rng), tmp_path)
 
 
 def check_parts(points, tmp_path):
@@ -135,35 +150,43 @@ def check_parts(points, tmp_path):
     np.testing.assert_array_equal(parts.bounds, whole.bounds)
 
 
-def test_parts_that_are_made_again_later_do_no_harm(tmp_path, monkeypatch):
+def test_parts_that_are_made_again_later_do_no_harm(tmp_path, monkeypatch, rng):
     """As by a slow worker, whose twin was faster: passes that follow have begun, or ended."""
-    work_all, earlier, dice = Work.all, [], np.random.default_rng(7)
+    work_all, earlier = Work.all, []
 
     def again(self, do, *rest):
         results = work_all(self, do, *rest)
         for late in (do, *earlier[-3:]):
-            late(int(dice.integers(self.parts)))
+            late(int(rng.integers(self.parts)))
         earlier.append(do)
         return results
 
     monkeypatch.setattr(Work, "all", again)
-    check_parts(CLOUDS["thin plates"], tmp_path)
+    check_parts(CLOUDS["thin plates"](rng), tmp_path)
     assert len(earlier) > 15
 
 
 @pytest.mark.parametrize("scramble", [False, True])
-def test_what_is_mended_is_told_as_of_the_whole(scramble, tmp_path):
-    points = CLOUDS["lost normals"]
-    points = some_signs(points) if scramble else points
+def test_what_is_mended_is_told_as_of_the_whole(scramble, tmp_path, rng):
+    points = lost_normals(rng)
+    points = some_signs(rng, points) if scramble else points
     pr.write(tmp_path / "a.ply", points)
     with pytest.warns(UserWarning, match="normals") as found:
         prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     with pytest.warns(UserWarning, match="normals") as expected:
         pr.Model(points)
-    of_parts, of_whole = (
-        {text.split(" (pass")[0] for one in them for text in str(one.message).split("; ")} for them in (found, expected)
-    )
+    (of_parts, share), (of_whole, wanted) = map(mended, (found, expected))
     assert of_parts == of_whole and any("are zero or not finite" in text for text in of_whole)
+    # Where normals are lost, parts count other neighbours than the whole: for 50 clouds shares differed by 0.27 (rms).
+    assert len(wanted) == scramble
+    np.testing.assert_allclose(share, wanted, rtol=0, atol=2)
+
+
+def mended(warned):
+    """What warnings say without the share of opposite normals, and that share in percent, if there is one."""
+    texts = {text.split(" (pass")[0] for one in warned for text in str(one.message).split("; ")}
+    shares = [int(share) for text in texts for share in SHARE.findall(text)]
+    return {SHARE.sub("", text) for text in texts}, shares
 
 
 def row_of_each(positions, of):
@@ -184,13 +207,14 @@ def own(part, k, parts):
 
 
 def test_what_a_file_says_is_kept(tmp_path):
-    points = STATUE.changed(
-        attributes={"number": np.arange(len(STATUE), dtype=np.int64), "height": STATUE.positions[:, 2]}
+    points = statue()
+    points = points.changed(
+        attributes={"number": np.arange(len(points), dtype=np.int64), "height": points.positions[:, 2]}
     )
     pr.write(tmp_path / "a.ply", points)
     parts = prepared(tmp_path / "a.ply", tmp_path / "a.pointray").points
     rows = parts.attributes["number"]
-    assert np.array_equal(np.sort(rows), np.arange(len(STATUE)))
+    assert np.array_equal(np.sort(rows), np.arange(len(points)))
     for name in ("positions", "normals", "colors"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(points, name)[rows])
     np.testing.assert_array_equal(parts.attributes["height"], points.attributes["height"][rows])
@@ -200,8 +224,8 @@ def test_what_a_file_says_is_kept(tmp_path):
 @pytest.fixture(scope="module")
 def at_once(tmp_path_factory):
     """A scan, and what a run makes of it that nobody interrupts."""
-    folder = tmp_path_factory.mktemp("at-once")
-    pr.write(folder / "a.ply", noisy(sheets(), 0.1))
+    folder, rng = tmp_path_factory.mktemp("at-once"), np.random.default_rng(0)
+    pr.write(folder / "a.ply", noisy(rng, sheets(rng), 0.1))
     return folder / "a.ply", prepared(folder / "a.ply", folder / "whole.pointray")
 
 
@@ -227,8 +251,8 @@ def test_a_run_that_is_interrupted_at_every_stage_goes_on(at_once, tmp_path, mon
 
 
 @pytest.mark.long
-def test_a_run_that_is_killed_goes_on(tmp_path):
-    pr.write(tmp_path / "a.ply", sheets())
+def test_a_run_that_is_killed_goes_on(tmp_path, rng):
+    pr.write(tmp_path / "a.ply", sheets(rng))
     whole = prepared(tmp_path / "a.ply", tmp_path / "whole.pointray")
     code = f"""
 import os, sys
@@ -257,7 +281,7 @@ prepared({str(tmp_path / "a.ply")!r}, Path({str(tmp_path / "a.pointray")!r}))
 
 def begun(tmp_path, monkeypatch):
     """A folder with unfinished work."""
-    pr.write(tmp_path / "a.ply", STATUE)
+    pr.write(tmp_path / "a.ply", statue())
     with monkeypatch.context() as patch:
         patch.setattr(Large, "build", lambda self: 1 / 0)
         with pytest.raises(ZeroDivisionError):
@@ -271,7 +295,7 @@ def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
         prepared(tmp_path / "a.ply", folder, 2 * SIZE)
     with pytest.raises(ValueError, match="other settings"):
         prepared(tmp_path / "a.ply", folder, smooth=0.0)
-    pr.write(tmp_path / "b.ply", STATUE)
+    pr.write(tmp_path / "b.ply", statue())
     with pytest.raises(ValueError, match="other files"):
         prepared(tmp_path / "b.ply", folder)
     with pytest.raises(ValueError, match="is unfinished"):
@@ -294,7 +318,7 @@ def test_a_file_that_is_no_scan_leaves_no_folder(tmp_path):
 
 
 def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monkeypatch):
-    pr.write(tmp_path / "a.ply", STATUE)
+    pr.write(tmp_path / "a.ply", statue())
     monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
     out = tmp_path / "a.pointray"
     assert (
@@ -315,7 +339,7 @@ def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monke
     ],
 )
 def test_wrong_words_are_told(words, text, tmp_path, capsys, monkeypatch):
-    pr.write(tmp_path / "a.ply", STATUE)
+    pr.write(tmp_path / "a.ply", statue())
     monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
     assert execute(["prepare", str(tmp_path / "a.ply"), "-o", f"{tmp_path / 'a.pointray'}/", *words]) == 2
     assert text in capsys.readouterr().err
@@ -343,7 +367,7 @@ def test_a_margin_holds_the_neighbours(tmp_path):
     assert len(local.rows) < len(positions) * 0.8
 
 
-def test_real_scans_by_parts(tmp_path):
+def test_real_scans_by_parts(tmp_path, rng):
     """LAS without normals, with a coordinate system and whole numbers that float32 cannot hold."""
     file = shared_model("raw/autzen_trim_rgb.laz")
     whole, parts = pr.Model(pr.read(file)), prepared(file, tmp_path / "a.pointray", 1 << 16)
@@ -352,12 +376,13 @@ def test_real_scans_by_parts(tmp_path):
     for scene, model in zip(scenes, (whole, parts), strict=True):
         scene.add(model)
     low, high = whole.bounds
-    start = low + RNG.random((100_000, 3)) * (high - low)
+    start = low + rng.random((100_000, 3)) * (high - low)
     start[:, 2] = high[2] + 100
-    ways = np.array([0.2, 0.1, -1]) + RNG.normal(size=(100_000, 3)) * 0.2
+    ways = np.array([0.2, 0.1, -1]) + rng.normal(size=(100_000, 3)) * 0.2
     one, other = (scene.intersect(start, ways) for scene in scenes)
     differ = (one.t != other.t) & ~(np.isinf(one.t) & np.isinf(other.t))
-    assert np.isfinite(one.t).mean() > 0.5 and differ.mean() < 5e-5
+    # 0 to 3 of 100,000 differ, 0.5 on average (60 seeds), by the last bit: hits on faces between parts (known gaps).
+    assert np.isfinite(one.t).mean() > 0.5 and differ.mean() < 1e-4
 
 
 def test_facts_of_parts_are_json(tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model, slow
+from conftest import long, shared_model
 from pointray import Points
 from pointray.neighbors import kd_order
 from pointray.points.normals.jets import fit_normals
@@ -50,7 +50,7 @@ def test_only_noisy_points_are_laid_into_planes():
         assert layers.noisy == noisy
 
 
-@pytest.mark.parametrize(("noise", "flipped"), [(0.3, 0.001), (0.7, 0.09)])
+@pytest.mark.parametrize(("noise", "flipped"), [long(0.3, 0.001), (0.7, 0.09)])
 def test_a_noisy_torus_faces_outward(noise, flipped):
     torus = pr.procedural("torus", 12_000)
     shift = noise * np.sqrt(4 * np.pi**2 * 0.4 / 12_000) * np.random.default_rng(0).normal(size=(12_000, 3))
@@ -58,6 +58,7 @@ def test_a_noisy_torus_faces_outward(noise, flipped):
     assert (np.sum(found * torus.normals, axis=1) < 0).mean() < flipped
 
 
+@pytest.mark.long
 def test_the_wall_of_a_tower():
     """A sparse second layer in front of it; some of its ledges truly face away. Measured: 0.28%, 4.1% and 1.2%."""
     points = read_wall()
@@ -75,7 +76,7 @@ def read_wall():
     return pr.read(shared_model("points/tls_tower_wall_ghost_nonormals.ply"))
 
 
-@pytest.mark.parametrize("name", [slow("stanford_dragon_stand_rangescans"), slow("stanford_bunny_rangescans")])
+@pytest.mark.parametrize("name", [long("stanford_dragon_stand_rangescans"), long("stanford_bunny_rangescans")])
 def test_range_scans_agree(name):
     points = pr.read(shared_model(f"points/{name}.ply"))
     found = pr.estimate_normals(points).normals

@@ -28,7 +28,6 @@ from pointray.tree.settings import check_settings
 from pointray.tree.stored import reach_of, stored_splats
 
 SIZE = 1 << 14
-RNG = np.random.default_rng(3)
 
 
 def statue(count: int = 6 * SIZE) -> pr.Points:
@@ -45,23 +44,27 @@ def statue(count: int = 6 * SIZE) -> pr.Points:
     return points.changed(attributes=kinds)
 
 
-def noisy() -> pr.Points:
+def noisy(rng: np.random.Generator) -> pr.Points:
     """Open, of several densities, with noise that is smoothed away."""
-    x, z = RNG.uniform(0, 1, (2, 5 * SIZE)) ** [[1.5], [1.0]]
-    positions = np.column_stack([x, 0.05 * np.sin(9 * x) + RNG.normal(0, 0.002, len(x)), z])
+    x, z = rng.uniform(0, 1, (2, 5 * SIZE)) ** [[1.5], [1.0]]
+    positions = np.column_stack([x, 0.05 * np.sin(9 * x) + rng.normal(0, 0.002, len(x)), z])
     return pr.Points(positions.astype(np.float32), attributes={"height": z})
 
 
-def plate() -> pr.Points:
+def plate(rng: np.random.Generator) -> pr.Points:
     """Thin, so that all splats are of close sheets; a few points lie far away."""
-    x, z = RNG.uniform(0, 1, (2, 5 * SIZE))
-    side = RNG.choice([-1.0, 1.0], len(x))
+    x, z = rng.uniform(0, 1, (2, 5 * SIZE))
+    side = rng.choice([-1.0, 1.0], len(x))
     positions = np.column_stack([x, 5e-3 * side, z])
     positions[:7] += [[3, 3, 9]]
     return pr.Points(positions.astype(np.float32), np.outer(side, [0, 1, 0]))
 
 
-CLOUDS: dict[str, Callable[[], pr.Points]] = {"statue": statue, "noisy": noisy, "plate": plate}
+CLOUDS: dict[str, Callable[[np.random.Generator], pr.Points]] = {
+    "statue": lambda rng: statue(),
+    "noisy": noisy,
+    "plate": plate,
+}
 
 
 def large(points: pr.Points, folder: Path) -> None:
@@ -78,7 +81,7 @@ def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """A model with levels, and a folder with the same in parts."""
     name, way = request.param
     folder = tmp_path_factory.mktemp("levels") / "a.pointray"
-    points = CLOUDS[name]()
+    points = CLOUDS[name](np.random.default_rng(3))
     if way == "large":
         large(points, folder)
         points = pr.read(folder.with_suffix(".ply"))
@@ -285,15 +288,18 @@ def test_memory_is_bounded_by_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert SIZE <= most[0] < 2 * SIZE
 
 
-def test_parts_of_other_densities_have_the_levels_that_make_them_smaller(tmp_path: Path) -> None:
+def test_parts_of_other_densities_have_the_levels_that_make_them_smaller(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     """Where points are sparse, fine cells hold one each: such a part begins with a coarser level."""
-    x, z = RNG.uniform(0, 1, (2, 90_000))
+    x, z = rng.uniform(0, 1, (2, 90_000))
     scale = np.where(np.arange(len(x)) < 60_000, 0.05, 1.0)
     positions = np.column_stack([scale * x, scale * z, 0.0 * x])
     split(pr.Model(pr.Points(positions, np.tile([0.0, 0, 1], (len(x), 1)))), tmp_path / "a.pointray", SIZE)
     finest = [part["levels"][0]["points"] / part["points"] for part in parts_of(tmp_path / "a.pointray")[:-1]]
     spacing = [part["levels"][0]["spacing"] for part in parts_of(tmp_path / "a.pointray")[:-1]]
-    assert max(finest) < 0.7
+    # 2 / 3 and the margin: 0.69 to 0.71 for 50 clouds. A level that gains nothing has 1.05, with its margin.
+    assert max(finest) < 0.8
     assert max(spacing) > 4 * min(spacing)
 
 
@@ -312,13 +318,13 @@ def test_a_smaller_part_than_a_level_needs_has_none(tmp_path: Path) -> None:
     assert first["levels"] and not last["levels"] and last["points"] == 100 < LEAST_POINTS
 
 
-def test_the_spaces_of_parts_share_all_space_and_hold_their_points() -> None:
+def test_the_spaces_of_parts_share_all_space_and_hold_their_points(rng: np.random.Generator) -> None:
     points = statue()
     model = pr.Model(points)
     splats = splats_of(model.tree, model.radii)
     plan = plan_of([shown(splats, SIZE, part) for part in range(6)], splats.radii, SIZE)
     cells = cells_of(plan)
-    places = RNG.uniform(-9, 9, (5000, 3))
+    places = rng.uniform(-9, 9, (5000, 3))
     inside = (places[:, None] >= cells[None, :, :3]) & (places[:, None] < cells[None, :, 3:])
     assert (inside.all(axis=2).sum(axis=1) == 1).all()
     for part, cell in enumerate(cells):

@@ -32,7 +32,7 @@ for room in rooms:
             file = os.open(f"{folder}/said", os.O_CREAT | os.O_TRUNC | os.O_WRONLY)
             os.dup2(file, 1), os.dup2(file, 2)
             resource.setrlimit(resource.RLIMIT_AS, (size + (room << 20),) * 2)
-            signal.alarm(30)
+            signal.alarm(60)
             sys.argv[1:] = arguments
             main()
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
@@ -61,7 +61,7 @@ def test_a_lack_of_memory_is_one_line_and_status_1(tmp_path: Path, command: str)
     told = [sys.executable, "-c", PROGRAM, str(tmp_path), json.dumps(rooms), *arguments]
     # One arena: with several, threads without an arena ask the system for every allocation, which is slow.
     environment = {**os.environ, "POINTRAY_THREADS": "4", "MALLOC_ARENA_MAX": "1"}
-    done = subprocess.run(told, env=environment, capture_output=True, text=True, check=True, timeout=600)
+    done = subprocess.run(told, env=environment, capture_output=True, text=True, check=True, timeout=3600)
     ends = json.loads(done.stdout.split("ENDS")[1])
     wrong = [(room, status, said[:300]) for room, status, said in ends if not ended_well(status, said)]
     assert not wrong

@@ -1,9 +1,13 @@
 """Rays leave a smoothed surface by a margin: its bumps do not shade each other, edges do."""
 
+from copy import copy
+from functools import cache
+
 import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from pointray.baking.surfaces import find_sheets
 from pointray.tree.indices import check_indices
 
@@ -26,6 +30,19 @@ def ground(noise, box=0.0, seed=1):
     return rows + rng.normal(size=rows.shape) * noise
 
 
+@cache
+def smooth_ground(noise, box=0.0):
+    """A model that tests share: they change nothing in it."""
+    return pr.Model(ground(noise, box), smooth="auto")
+
+
+def without_margin(model):
+    """A copy of the model whose tree has no noise."""
+    other = copy(model)
+    other.tree = model.tree._replace(noise=np.zeros_like(model.tree.noise))
+    return other
+
+
 def seen_from_above(model, elevation, shadows=True, integrator="phong", **options):
     """Brightness of the ground's middle part under a sun so many degrees above it."""
     scene, angle = pr.Scene(), np.radians(elevation)
@@ -43,24 +60,21 @@ def shaded_share(model, elevation, **options):
     return np.mean(shaded < 0.5 * lit)
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("noise", [long(0.1), 0.3, long(0.5)])
 @pytest.mark.parametrize("integrator", ["phong", "path"])
 def test_a_noisy_wall_under_a_grazing_sun_is_evenly_lit(noise, integrator):
-    model = pr.Model(ground(noise), smooth="auto")
+    model = smooth_ground(noise)
     assert shaded_share(model, 3.0, integrator=integrator) <= 0.001
 
 
 def test_without_the_margin_bumps_would_shade_it():
-    model = pr.Model(ground(0.3))
-    model.tree.noise[:] = 0.0
-    assert shaded_share(model, 3.0) > 0.05
+    assert shaded_share(without_margin(smooth_ground(0.3)), 3.0) > 0.05
 
 
 def test_ambient_occlusion_does_not_see_the_noise():
-    model = pr.Model(ground(0.5))
+    model = smooth_ground(0.5)
     assert seen_from_above(model, 0, integrator="ao").mean() > 0.9999
-    model.tree.noise[:] = 0.0
-    assert seen_from_above(model, 0, integrator="ao").mean() < 0.9995
+    assert seen_from_above(without_margin(model), 0, integrator="ao").mean() < 0.9995
 
 
 def shadow_of_box(model):
@@ -77,12 +91,11 @@ def shadow_of_box(model):
 
 
 def test_the_shadow_of_a_box_begins_where_it_stands():
-    model = pr.Model(ground(0.3, box=20.0))
+    model = smooth_ground(0.3, box=20.0)
     tips, feet = shadow_of_box(model)
     assert np.abs(feet - LOW).max() < 1.5  # no light between the box and its shadow
     assert np.abs(tips - (LOW - 20)).max() < 2.2  # a spacing and more is the noise's, at the box's upper edge
-    model.tree.noise[:] = 0.0
-    others, _ = shadow_of_box(model)
+    others, _ = shadow_of_box(without_margin(model))
     assert np.abs(tips - others).max() < 0.6
 
 
@@ -114,7 +127,7 @@ def test_clean_points_have_no_margin():
 
 
 def test_baked_light_begins_as_far_off():
-    model, scene = pr.Model(ground(0.3)), pr.Scene()
+    model, scene = smooth_ground(0.3), pr.Scene()
     scene.add(model, np.diag([2.0, 2.0, 2.0, 1.0]))
     sheet = find_sheets(scene.snapshot(), 500, 1.0)[0]
     assert np.median(sheet.margins) == pytest.approx(2 * np.median(model.tree.noise), rel=0.05)

@@ -161,8 +161,8 @@ def test_a_large_picture_takes_little_beside_itself(tmp_path, work, most):
 
 @pytest.mark.parametrize("alpha", [1.0, 0.5])
 @pytest.mark.parametrize("name", ["a.png", "a.jpg"])
-def test_a_picture_of_several_bands_is_one(tmp_path, monkeypatch, name, alpha):
-    image = np.random.default_rng(0).random((70, 50, 4), dtype=np.float32)
+def test_a_picture_of_several_bands_is_one(tmp_path, monkeypatch, name, alpha, rng):
+    image = rng.random((70, 50, 4), dtype=np.float32)
     image[..., 3] = 1
     image[-1, -1] *= alpha  # this is in the last band only
     write_image(tmp_path / name, image)

@@ -21,7 +21,6 @@ from pointray.parts.trees import nth_least
 from pointray.tree.build import build_tree
 from pointray.tree.parts import splats_of
 
-RNG = np.random.default_rng(5)
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.1, 0.2, 1.0))
 
 
@@ -29,17 +28,17 @@ def leaves(model: pr.Model) -> set[bytes]:
     return {leaf.tobytes() for leaf in model.tree.leaves.reshape(-1, 16)}
 
 
-def noisy_wall() -> pr.Points:
+def noisy_wall(rng: np.random.Generator) -> pr.Points:
     """Thin, open, coloured, with noise and another density on one side."""
-    x, z = RNG.uniform(0, 1, (2, 60_000)) ** [[1.5], [1.0]]
-    positions = np.column_stack([x, 0.05 * np.sin(9 * x) + RNG.normal(0, 0.002, len(x)), z])
-    colors = RNG.integers(0, 256, positions.shape).astype(np.uint8)
+    x, z = rng.uniform(0, 1, (2, 60_000)) ** [[1.5], [1.0]]
+    positions = np.column_stack([x, 0.05 * np.sin(9 * x) + rng.normal(0, 0.002, len(x)), z])
+    colors = rng.integers(0, 256, positions.shape).astype(np.uint8)
     return pr.Points(positions, colors=colors, attributes={"height": z, "class": (4 * x).astype(np.uint8)})
 
 
 def clouds(name: str) -> pr.Points:
     if name == "wall":
-        return noisy_wall()
+        return noisy_wall(np.random.default_rng(5))
     if name == "lion":
         return pr.read(shared_model("points/potree_lion_takanawa_rgb.ply"))
     return pr.procedural(name, 100_000)
@@ -97,12 +96,14 @@ def test_rays_meet_in_parts_what_they_meet_in_the_whole(both: tuple[pr.Model, pr
     assert (points != points2).mean() < 1e-4
 
 
-def test_what_a_ray_meets_in_parts_does_not_depend_on_other_rays(both: tuple[pr.Model, pr.Model]) -> None:
+def test_what_a_ray_meets_in_parts_does_not_depend_on_other_rays(
+    both: tuple[pr.Model, pr.Model], rng: np.random.Generator
+) -> None:
     scene = pr.Scene()
     scene.add(both[1])
     for side in SIDES:
         origins, directions = (a.reshape(-1, 3) for a in pr.Camera.frame(scene.bounds, side, size=(400, 400)).rays())
-        order = RNG.permutation(len(origins))
+        order = rng.permutation(len(origins))
         wanted, found = scene.intersect(origins, directions), scene.intersect(origins[order], directions[order])
         for name in ("t", "position", "normal", "color", "point"):
             np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name)[order], name)
@@ -144,15 +145,15 @@ def test_what_needs_the_whole_is_refused(both: tuple[pr.Model, pr.Model], tmp_pa
             work()
 
 
-def test_the_tree_is_built_again_of_what_it_keeps() -> None:
-    model = pr.Model(noisy_wall())
+def test_the_tree_is_built_again_of_what_it_keeps(rng: np.random.Generator) -> None:
+    model = pr.Model(noisy_wall(rng))
     again = build_tree(splats_of(model.tree, model.radii), model.settings, in_order=True)
     for name, one, other in zip(model.tree._fields, model.tree, again, strict=True):
         assert np.array_equal(one, other, equal_nan=True), name
 
 
-def test_numbers_are_found_by_their_rank() -> None:
-    values = RNG.lognormal(0, 2, 10_001).astype(np.float32)
+def test_numbers_are_found_by_their_rank(rng: np.random.Generator) -> None:
+    values = rng.lognormal(0, 2, 10_001).astype(np.float32)
     chunks = [values[:17], values[17:9000], values[9000:]]
     for n in (0, 1, 200, 5000, 10_000):
         assert nth_least(lambda: chunks, n) == np.partition(values, n)[n]

@@ -116,6 +116,7 @@ def test_an_index_of_another_version_is_told(folder: Path) -> None:
         pr.Model.load(folder)
 
 
+@pytest.mark.long
 def test_parts_of_the_same_have_the_same_id_and_others_another_one(scan: Path, whole: Path, tmp_path: Path) -> None:
     """So a part of other points, settings or sizes is seen."""
     shutil.copy(scan, tmp_path / "b.ply")
@@ -209,6 +210,7 @@ def disk_of(folder: Path, size: int) -> Iterator[Callable[[int], None]]:
         subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_at_any_stage_is_told_and_the_work_goes_on(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,8 +6,7 @@ import pytest
 from pointray.data import Points
 from pointray.survey import Survey
 
-RNG = np.random.default_rng(1)
-CLOUD = RNG.random((1000, 3))
+CLOUD = np.random.default_rng(1).random((1000, 3))
 UTM = np.array([637369.0, 5851979.0, 406.0])
 
 
@@ -180,10 +179,10 @@ def test_what_is_wrong_is_said(positions, others, words):
         Points(positions, **others)
 
 
-def test_colors_of_16_bits_span_the_whole_range():
+def test_colors_of_16_bits_span_the_whole_range(rng):
     levels = np.arange(65536, dtype=np.uint16)
     rows = np.stack([levels, levels[::-1], np.full_like(levels, 65535)], axis=1)
-    colors = Points(RNG.random((65536, 3)), colors=rows).colors
+    colors = Points(rng.random((65536, 3)), colors=rows).colors
     assert colors.dtype == np.uint8
     np.testing.assert_array_equal(colors, np.rint(rows / 65535 * 255))
     with pytest.raises(ValueError, match=r"colors must be uint8 .*uint16 .*not int32"):

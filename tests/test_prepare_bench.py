@@ -23,7 +23,7 @@ def test_a_stage_inside_another_counts_for_both_and_is_the_inner_ones_own():
     assert inner.peak == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("words", [(), ("--without-normals", "--noise", 0.005)])
 def test_every_stage_is_found_in_the_package(tmp_path, words):
     pr.write(tmp_path / "a.ply", pr.procedural("torus", 3000))

@@ -19,9 +19,8 @@ from pointray.points.opening import Opener
 from pointray.points.selection import Selection
 from pointray.survey import RESIDUAL, SCAN, Survey, numbers_of
 
-RNG = np.random.default_rng(4)
-XYZ = RNG.random((1000, 3))
-CLASSES = RNG.integers(0, 9, 1000).astype(np.uint8)
+XYZ = np.random.default_rng(4).random((1000, 3))
+CLASSES = np.random.default_rng(5).integers(0, 9, 1000).astype(np.uint8)
 
 
 class Rows(Source):
@@ -191,9 +190,9 @@ def test_stations_of_several_files_are_told_apart():
 
 
 @pytest.mark.parametrize("width", [10.0, 1e6])
-def test_whole_numbers_of_a_file_come_back_to_the_last(width):
+def test_whole_numbers_of_a_file_come_back_to_the_last(width, rng):
     survey = Survey(scale=(1e-3, 1e-3, 1e-4), offset=(500_000.0, 5_400_000.0, 0.0))
-    numbers = RNG.integers(0, int(width * 1e3), (1000, 3))
+    numbers = rng.integers(0, int(width * 1e3), (1000, 3))
     world = numbers * survey.scale + np.array(survey.offset)
     points = gathered(Chunk(world), survey=survey)
     kept = numbers_of(points.survey, points.world) + points.attributes.get(RESIDUAL, 0)

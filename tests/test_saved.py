@@ -13,20 +13,18 @@ from pointray.array_file import ALIGN
 from pointray.cli import execute
 from pointray.kernels.tree import BORDERED, LEAF, LONGEST, REFINE, SHEETED, STEP, SURFACE, Tree
 
-RNG = np.random.default_rng(5)
 
-
-def cloud(n=3000):
+def cloud(rng, n):
     points = pr.procedural("torus", n)
-    colors = RNG.integers(0, 255, (n, 3), np.uint8)
-    attributes = {"heat": RNG.random(n), "flow": RNG.random((n, 2))}
+    colors = rng.integers(0, 255, (n, 3), np.uint8)
+    attributes = {"heat": rng.random(n), "flow": rng.random((n, 2))}
     world = points.positions + np.array([5e6, 0, 0])
     return pr.Points(world, points.normals, colors, attributes)
 
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    model = pr.Model(cloud(), refine=2)
+    model = pr.Model(cloud(np.random.default_rng(5), 3000), refine=2)
     path = tmp_path_factory.mktemp("saved") / "torus.pointray"
     model.save(path)
     return model, path
@@ -163,7 +161,7 @@ def damages():
 
 @pytest.fixture(scope="module")
 def leveled(tmp_path_factory):
-    model = pr.Model(cloud(30_000))
+    model = pr.Model(cloud(np.random.default_rng(6), 30_000))
     model.make_levels()
     path = tmp_path_factory.mktemp("leveled") / "torus.pointray"
     model.save(path)
@@ -225,13 +223,13 @@ def test_a_damaged_tree_is_an_error(tmp_path, saved, name, change):
         pr.Model.load(tmp_path / "m")
 
 
-def test_random_damage_is_an_error_or_leads_no_ray_astray(tmp_path, saved):
+def test_random_damage_is_an_error_or_leads_no_ray_astray(tmp_path, saved, rng):
     data = np.frombuffer(saved[1].read_bytes(), np.uint8)
     loaded = 0
     for _ in range(60):
         broken = data.copy()
-        at = RNG.integers(0, len(data), 20)
-        broken[at] = RNG.integers(0, 256, len(at))
+        at = rng.integers(0, len(data), 20)
+        broken[at] = rng.integers(0, 256, len(at))
         (tmp_path / "m").write_bytes(broken.tobytes())
         try:
             model = pr.Model.load(tmp_path / "m")

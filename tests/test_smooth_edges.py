@@ -6,7 +6,7 @@ import pytest
 import pointray as pr
 from pointray.points.smoothing.edges import ROUNDING, Edges
 
-N, RNG = 20_000, np.random.default_rng(6)
+N = 20_000
 H = np.sqrt(24 / N)
 
 
@@ -73,9 +73,10 @@ def test_smooth_surfaces_have_no_creases(share, monkeypatch):
         return found
 
     monkeypatch.setattr(Edges, "settle", settle)
-    rows = np.random.default_rng(3).normal(size=(N, 3))
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(N, 3))
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     h = np.sqrt(4 * np.pi / N)
-    pr.smooth(pr.Points(rows + RNG.normal(size=rows.shape) * share * h))
+    pr.smooth(pr.Points(rows + rng.normal(size=rows.shape) * share * h))
     assert len(settled) == 1
     assert settled[0] < 0.001 * N

@@ -30,9 +30,8 @@ from scans import full_points, small_scans
 from test_las import write_random
 from test_reading import Rows
 
-RNG = np.random.default_rng(12)
-XYZ = RNG.random((1000, 3))
-RGB = RNG.integers(0, 256, (1000, 3))
+XYZ = np.random.default_rng(12).random((1000, 3))
+RGB = np.random.default_rng(13).integers(0, 256, (1000, 3))
 OPTIONS = {"opacity": 0.0, "intrinsics": (50.0, 55.0, 40.0, 30.0)}
 LEFT_OUT = "left out"
 Usage = namedtuple("Usage", "free")
@@ -174,9 +173,9 @@ def test_files_of_every_format(tmp_path, columns):
         {"keep": {"class": 77}},
     ],
 )
-def test_chosen_rows(tmp_path, columns, choices):
+def test_chosen_rows(tmp_path, columns, choices, rng):
     for k, path in enumerate((tmp_path / "a.ply", tmp_path / "b.ply")):
-        attributes = {"row": np.arange(1000), "classification": RNG.integers(0, 9, 1000).astype(np.uint8)}
+        attributes = {"row": np.arange(1000), "classification": rng.integers(0, 9, 1000).astype(np.uint8)}
         pr.write(path, pr.Points(XYZ[k:], attributes={name: values[k:] for name, values in attributes.items()}))
     done = check([tmp_path / "a.ply", tmp_path / "b.ply"], columns, **choices)
     assert (done is None) == (77 in [*choices.get("keep", {}).values()])
@@ -274,9 +273,9 @@ def test_colours_of_several_widths(columns, known):
         assert str(found.value) == str(expected.value)
 
 
-def test_rows_that_are_not_finite(columns):
+def test_rows_that_are_not_finite(columns, rng):
     xyz = XYZ.copy()
-    xyz[RNG.integers(0, 1000, 90)] = np.nan
+    xyz[rng.integers(0, 1000, 90)] = np.nan
     xyz[300:500, 1] = np.inf
     xyz[999] = 1e13
     chunk = Chunk(xyz, xyz, RGB, {"a": np.arange(1000), "b": XYZ[:, :2]})
@@ -290,10 +289,10 @@ def test_rows_that_are_not_finite(columns):
 
 
 @pytest.mark.parametrize("far", [0.0, 1e13])
-def test_whole_numbers_of_a_file(columns, far):
+def test_whole_numbers_of_a_file(columns, far, rng):
     """What float32 loses of them is kept, beside rows that are left out; a file may have such an attribute."""
     survey = Survey(scale=(1e-3, 1e-3, 1e-4), offset=(500_000.0, 5_500_000.0, 0.0))
-    numbers = RNG.integers(0, 10**9, (1000, 3))
+    numbers = rng.integers(0, 10**9, (1000, 3))
     numbers[:200] = [-500_000_000, -5_500_000_000, 0] + np.arange(200)[:, None]  # beside the origin nothing is lost
     world = numbers * survey.scale + np.array(survey.offset)
     world[500:600] += far

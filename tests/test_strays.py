@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model
+from conftest import long, shared_model
 from pointray.cli import execute
 from pointray.points.strays import without_strays
 
@@ -86,9 +86,10 @@ def test_veils_are_found_from_the_scanner():
     assert (pr.find_strays(surveyed).veil == strays.veil).all()
 
 
+@pytest.mark.parametrize(("model", "count"), [("torus", 8_000), long("statue", 30_000)])
 @pytest.mark.parametrize("place", ["outside", "middle", "at a point"])
-def test_a_body_seen_from_one_place_has_no_veils(place):
-    points = pr.procedural("statue", 30_000)
+def test_a_body_seen_from_one_place_has_no_veils(place, model, count):
+    points = pr.procedural(model, count)
     low, high = points.bounds
     eye = {"outside": low - 3 * (high - low), "middle": (low + high) / 2, "at a point": points.world[7]}[place]
     assert pr.find_strays(points, eye).veil.mean() < 0.001
@@ -118,9 +119,9 @@ def test_thin_bodies_keep_both_sides():
     assert strays[side > 0].mean() < 0.05 and pr.find_strays(pr.Points(rows)).any[side > 0].mean() > 0.5
 
 
-@pytest.mark.parametrize("model", ["statue", "lattice"])
-def test_models_keep_their_points(model):
-    assert pr.find_strays(pr.procedural(model, 30_000)).any.mean() < 0.002
+@pytest.mark.parametrize(("model", "count"), [("torus", 8_000), long("statue", 30_000), long("lattice", 30_000)])
+def test_models_keep_their_points(model, count):
+    assert pr.find_strays(pr.procedural(model, count)).any.mean() < 0.002
 
 
 def test_a_mesh_keeps_its_points():

@@ -1,12 +1,13 @@
 """Subsampling: the traced subset compared with the cloud, and hostile clouds."""
 
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, slow, sphere_points
+from conftest import long, shared_model, sphere_points
 from pointray.neighbors import distinct, kd_order
 from pointray.splats.cover import choose, relax
 from pointray.splats.deviation import deviations
@@ -62,7 +63,7 @@ def cloud_of(points):
 # ------------------------------------------------------------------------------------------------- the demands
 
 
-TOLERANCES = [slow("statue", 50_000, 1e-3), ("torus", 30_000, 2e-4), ("sphere", 20_000, 1e-3)]
+TOLERANCES = [long("statue", 50_000, 1e-3), long("torus", 30_000, 2e-4), ("sphere", 5_000, 1e-3)]
 
 
 @pytest.mark.parametrize(("name", "n", "share"), TOLERANCES)
@@ -77,19 +78,20 @@ def test_the_traced_subset_is_within_the_tolerance(name, n, share):
 
 HALF = [  # the last: how many points may err more, see docs/known-gaps.md
     long("lattice", 50_000, 8000, 1),
-    slow("torus", 30_000, 3000, 0),
-    ("sphere", 20_000, 1500, 0),
+    long("torus", 30_000, 3000, 0),
+    ("torus", 5_000, 500, 0),  # not a sphere, which both show exactly but for rounding
 ]
 
 
-def both_errors(points, count):
-    """Errors, in diagonals, of a subset and of a grid's at equal count; inf if over 1%."""
+def both_errors(points, count, every=1):
+    """Errors, in diagonals, of a subset and of a grid's at equal count, at some of the points; inf if over 1%."""
     grid = grid_picked(points, count)
     subset, radii = pr.subsample(points, count=len(grid))
     assert len(subset) == len(radii) == len(grid)
     size = diagonal(points)
     distances = np.array([0, 2e-4, 1e-3, 1e-2]) * size
-    return [np.sort(traced(points, *one, distances)) / size for one in ((subset, radii), (grid, None))]
+    some = points.select(np.arange(0, len(points), every))
+    return [np.sort(traced(some, *one, distances)) / size for one in ((subset, radii), (grid, None))]
 
 
 @pytest.mark.parametrize(("name", "n", "count", "more"), HALF)
@@ -111,7 +113,7 @@ def test_half_the_error_of_a_grid_where_it_is_sharp(statue):
 
 
 @pytest.mark.parametrize(
-    ("name", "n", "share"), [("torus", 30_000, 0.1), ("sphere", 20_000, 0.1), ("statue", 50_000, 0.05)]
+    ("name", "n", "share"), [("sphere", 10_000, 0.1), long("torus", 30_000, 0.1), long("statue", 50_000, 0.05)]
 )
 def test_relaxation_saves_a_tenth_and_uncovers_nothing(name, n, share):
     """It saves a tenth of a million points, but less of the 50,000 here, many of which represent only themselves."""
@@ -168,16 +170,18 @@ def test_sizes_differ_slowly_and_thin_plates_stay_apart():
     assert set(np.sign(subset.normals[:, 2])) == {-1, 1}
 
 
-def test_distances_are_those_of_the_traced_surface(statue):
-    model = pr.Model(statue)
+@pytest.mark.parametrize(("name", "count", "reach"), [("torus", 5_000, 0.08), long("statue", 50_000, 0.01)])
+def test_distances_are_those_of_the_traced_surface(name, count, reach):
+    points = pr.procedural(name, count)
+    model = pr.Model(points)
     rng = np.random.default_rng(2)
-    rows = rng.permutation(len(statue))[:3000]
-    n = statue.normals[rows]
+    rows = rng.permutation(count)[:3000]
+    n = points.normals[rows]
     shift = 0.2 * model.radii[rows] * rng.uniform(-1, 1, 3000)
-    positions = (statue.positions[rows] + shift[:, None] * n).astype(np.float32)
-    splats = statue.positions, statue.normals, model.radii
+    positions = (points.positions[rows] + shift[:, None] * n).astype(np.float32)
+    splats = points.positions, points.normals, model.radii
     found, bare = deviations(positions, n, splats, 1e-6)
-    away = traced(pr.Points(positions, n), statue, model.radii, (np.float64(0.01),))
+    away = traced(pr.Points(positions, n), points, model.radii, (np.float64(reach),))
     good = ~bare & np.isfinite(away)
     assert good.mean() > 0.95
     assert np.quantile(np.abs(np.abs(found) - away)[good], 0.98) < 1e-3 * np.median(model.radii)
@@ -201,7 +205,7 @@ def test_colours_and_attributes_are_means_and_nan_is_left_out():
     assert subset.attributes["two"].shape == (500, 2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_same_whatever_the_order_of_threads(statue, monkeypatch):
     results = []
     for threads in ("1", "2"):
@@ -211,6 +215,7 @@ def test_the_same_whatever_the_order_of_threads(statue, monkeypatch):
     assert np.array_equal(results[0][1], results[1][1])
 
 
+@pytest.mark.long
 def test_large_coordinates_and_other_units():
     points = pr.procedural("torus", 5000)
     small, radii = pr.subsample(points, count=400)
@@ -250,27 +255,31 @@ def test_one_place_only():
         pr.subsample(pr.Points(np.ones((9, 3)), np.ones((9, 3))), 0.1)
 
 
+@cache
 def clouds():
     rng = np.random.default_rng(5)
-    flat = np.column_stack([rng.random((3000, 2)), np.zeros(3000)])
-    up = np.tile([0, 0, 1.0], (3000, 1))
+    flat = np.column_stack([rng.random((1500, 2)), np.zeros(1500)])
+    up = np.tile([0, 0, 1.0], (1500, 1))
     line = np.column_stack([np.linspace(0, 1, 500), np.zeros((500, 2))])
-    ball = sphere_points(1500)
-    nan = np.where(np.arange(3000)[:, None] % 100 == 0, np.nan, flat)
+    ball = sphere_points(600)
+    nan = np.where(np.arange(1500)[:, None] % 100 == 0, np.nan, flat)
     return {
         "plane": pr.Points(flat, up),
         "line": pr.Points(line, up[:500]),
         "two clusters": pr.Points(np.concatenate([ball, ball + 1e5]), np.concatenate([ball, ball])),
-        "duplicates": pr.Points(np.repeat(flat[:600], 5, axis=0), up),
+        "duplicates": pr.Points(np.repeat(flat[:300], 5, axis=0), up),
         "nan": pr.Points(nan, up),
         "few": pr.Points(flat[:5], up[:5]),
         "two": pr.Points(flat[:2], up[:2]),
-        "noise": pr.Points(rng.random((2000, 3)), rng.normal(size=(2000, 3))),
+        "noise": pr.Points(rng.random((800, 3)), rng.normal(size=(800, 3))),
         "stray": pr.Points(np.concatenate([ball, [[1e6, 0, 0]]]), np.concatenate([ball, [[1, 0, 0]]])),
     }
 
 
-@pytest.mark.parametrize("name", clouds())
+CLOUDS = ["plane", "line", "two clusters", "duplicates", "nan", "few", "two", "noise", "stray"]
+
+
+@pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.parametrize("share", [1e-9, 1e-2, 0.9])
 def test_strange_clouds(name, share):
     points = clouds()[name]
@@ -283,7 +292,7 @@ def test_strange_clouds(name, share):
     assert (radii > 0).all() and np.isfinite(subset.positions).all() and np.isfinite(radii).all()
 
 
-@pytest.mark.parametrize("count", [1, 10, 500, 1990, 2000])
+@pytest.mark.parametrize("count", [1, 10, 500, long(1990), 2000])
 def test_counts(count):
     try:
         subset, radii = pr.subsample(SPHERE, count=count)
@@ -303,31 +312,38 @@ def test_a_plane_has_no_holes_up_to_its_border():
 
 
 @pytest.mark.long
-def test_the_statue_of_the_paper():
+def test_the_statue_of_the_paper(monkeypatch):
     """A subset of a million points is within the tolerance; one of 32,000 is better than a grid's."""
     points = pr.procedural("statue", 1_000_000)
-    tolerance = 5e-4 * diagonal(points)
+    tolerance, counts = 5e-4 * diagonal(points), []
+
+    def counted(pool, cloud, rows, **more):
+        relaxed = relax(pool, cloud, rows, **more)
+        counts.append((len(rows), len(relaxed)))
+        return relaxed
+
+    monkeypatch.setattr("pointray.splats.subset.relax", counted)
     subset, radii = pr.subsample(points, tolerance)
     assert len(subset) < 30_000
-    cloud = cloud_of(points)
-    pool, rows = select_greedily(cloud, measure(cloud, 2 * tolerance), 2 * tolerance)
-    assert len(relax(pool, cloud, rows)) <= 0.9 * len(rows)
-    assert (traced(points, subset, radii, (1.2 * tolerance, 5 * tolerance)) <= tolerance).mean() >= 0.999
-    ours, theirs = both_errors(points, 32_000)
+    assert counts[0][1] <= 0.9 * counts[0][0]
+    some = points.select(np.arange(0, len(points), 4))
+    assert (traced(some, subset, radii, (1.2 * tolerance, 5 * tolerance)) <= tolerance).mean() >= 0.999
+    ours, theirs = both_errors(points, 32_000, every=4)
     assert ours[-1] <= 0.5 * theirs[-1]
 
 
-@pytest.mark.parametrize("name", ["stanford_bunny"])
-def test_a_scan(name):
-    points = pr.read(shared_model(f"points/{name}.ply"))
+@pytest.mark.long
+def test_a_scan():
+    points = pr.read(shared_model("points/stanford_bunny.ply"))
     tolerance = 1e-3 * diagonal(points)
     subset, radii = pr.subsample(points, tolerance)
     assert len(subset) < 0.3 * len(points)
     assert (traced(points, subset, radii, (1.2 * tolerance, 5 * tolerance)) <= tolerance).mean() >= 0.999
 
 
-def test_noise_is_smoothed_away_before():
-    clean = pr.procedural("torus", 8000)
+@pytest.mark.parametrize(("n", "count"), [(2000, 800), long(8000, 3000)])
+def test_noise_is_smoothed_away_before(n, count):
+    clean = pr.procedural("torus", n)
     h, rng = pr.Model(clean).spacing, np.random.default_rng(4)
     noisy = pr.Points(clean.positions + rng.normal(size=clean.positions.shape) * 0.3 * h)
 
@@ -335,5 +351,5 @@ def test_noise_is_smoothed_away_before():
         x, y, z = points.positions.astype(float).T
         return np.sqrt(np.mean((np.hypot(np.hypot(x, y) - 1, z) - 0.4) ** 2)) / h
 
-    smooth, rough = (pr.subsample(noisy, count=3000, smooth=amount)[0] for amount in ("auto", 0))
+    smooth, rough = (pr.subsample(noisy, count=count, smooth=amount)[0] for amount in ("auto", 0))
     assert off(smooth) < 0.12 < 0.2 < off(rough)

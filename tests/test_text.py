@@ -12,11 +12,10 @@ from pointray.points.files import headers
 from pointray.points.formats._source import MAYBE, NO, SURE
 from pointray.points.formats.text import _numbers, text
 
-RNG = np.random.default_rng(3)
-XYZ = RNG.uniform(-100, 100, (50, 3))
+XYZ = np.random.default_rng(3).uniform(-100, 100, (50, 3))
 NORMALS = XYZ / np.linalg.norm(XYZ, axis=1, keepdims=True)
-RGB = RNG.integers(0, 256, (50, 3))
-INTENSITY = RNG.integers(-2000, 2000, (50, 1))
+RGB = np.random.default_rng(4).integers(0, 256, (50, 3))
+INTENSITY = np.random.default_rng(5).integers(-2000, 2000, (50, 1))
 
 
 def save(path, *columns, header="", separator=" ", decimal="."):
@@ -115,10 +114,10 @@ def test_decimal_commas(tmp_path, separator):
     assert columns_of(path) == ["x", "y", "z", "r", "g", "b"]
 
 
-def test_columns_keep_all_their_numbers(tmp_path, monkeypatch):
+def test_columns_keep_all_their_numbers(tmp_path, monkeypatch, rng):
     """Later rows decide the type of a column too, and whole numbers beyond 2^53 stay exact."""
     monkeypatch.setattr(_numbers, "BLOCK", 1000)
-    time = 3e8 + RNG.random((50, 1)) * 1e5
+    time = 3e8 + rng.random((50, 1)) * 1e5
     big = np.full((50, 1), 2**53 + 1)
     late = np.append(np.full(49, 7), 70_000)[:, None]
     half = np.append(np.full(49, 7.0), 0.5)[:, None].astype(object)

@@ -11,7 +11,7 @@ from pointray.points.normals.winding import SOFT, TILE, Frame, Splats, Winding, 
 @pytest.fixture(scope="module")
 def splats():
     """A closed surface of many tiles, the last of which is short."""
-    points = pr.procedural("statue", 10 * TILE + 100)
+    points = pr.procedural("torus", 10 * TILE + 100)
     order = kd_order(points.positions)
     positions = points.positions[order]
     placed = Frame(positions[0], float(np.ptp(positions, axis=0).max())).of(positions)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model, slow, sphere_points
+from conftest import long, shared_model, sphere_points
 from pointray.cli import execute
 from pointray.points import nearby
 from pointray.points.normals.given import WRONG
@@ -16,7 +16,8 @@ from pointray.points.trust import trusted
 from pointray.viewer.loading import Files
 from pointray.viewer.shared_scene import SharedScene
 
-SMALL = ["--size", "32x24", "--spp", "1"]
+SMALL = ["--size", "32x24", "--spp", "1", "--light", "headlight"]
+N = 10_000
 SCANS = [
     *("stanford_bunny", "stanford_dragon", "stanford_bunny_rangescans", "stanford_dragon_stand_rangescans"),
     *("stanford_lucy_50k", "nefertiti_50k", "potree_lion_takanawa_rgb", "outcrop_qcompass_rgb"),
@@ -58,7 +59,7 @@ def bare(tmp_path: Path) -> Path:
 # ------------------------------------------------------------------------------------------------- what is wrong
 
 
-@pytest.mark.parametrize("name", SCANS)
+@pytest.mark.parametrize("name", [SCANS[0], *map(long, SCANS[1:])])
 def test_normals_of_scans_are_right_and_tilted_ones_wrong(name):
     points = pr.read(shared_model(f"points/{name}.ply"))
     found = pr.check_normals(points)
@@ -69,24 +70,30 @@ def test_normals_of_scans_are_right_and_tilted_ones_wrong(name):
 
 @pytest.mark.parametrize("amount", [0, 0.1, 0.3, 0.5, 1.0])
 def test_noise_speaks_against_no_normals(amount):
-    torus = pr.procedural("torus", 20_000)
-    spacing = np.sqrt(4 * np.pi**2 * 0.4 / 20_000)
-    offsets = np.random.default_rng(1).normal(0, amount * spacing, (20_000, 3))
+    torus = pr.procedural("torus", N)
+    spacing = np.sqrt(4 * np.pi**2 * 0.4 / N)
+    offsets = np.random.default_rng(1).normal(0, amount * spacing, (N, 3))
     points = pr.Points(torus.positions + offsets, torus.normals)
     assert pr.check_normals(points).angle < 6
     wrong = pr.check_normals(points.with_normals(tilted(points.normals, 21, np.float64([0, 0, 1]))))
     assert wrong.wrong and wrong.angle == pytest.approx(21, abs=2)
 
 
-@pytest.mark.parametrize("name", ["sphere", "torus", "lattice", "statue"])
-@pytest.mark.parametrize("count", [1, slow(2), slow(11), 12, slow(100), 500, slow(2_000), 20_000])
-def test_detail_finer_than_the_points_speaks_against_no_normals(name, count):
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        ("sphere", (1, 12, 500)),
+        *(long(name, (1, 2, 11, 12, 100, 500, 2_000, 20_000)) for name in ("sphere", "torus", "lattice", "statue")),
+    ],
+)
+def test_detail_finer_than_the_points_speaks_against_no_normals(name, counts):
     """Planes through the statue's 2,000 points are 21 degrees off its normals, and those of the lattice 45."""
-    assert not pr.check_normals(pr.procedural(name, count)).wrong
+    for count in counts:
+        assert not pr.check_normals(pr.procedural(name, count)).wrong, f"{count} points"
 
 
 def test_what_is_wrong_with_a_body():
-    points = pr.procedural("statue", 20_000)
+    points = pr.procedural("torus", N)
     random = np.random.default_rng(2)
     wrong = {
         "exchanged axes": points.normals[:, [0, 2, 1]],
@@ -99,21 +106,21 @@ def test_what_is_wrong_with_a_body():
 
 
 def test_signs_lengths_and_missing_ones_do_not_count():
-    points = pr.procedural("torus", 20_000)
+    points = pr.procedural("torus", N)
     random, usual = np.random.default_rng(2), pr.check_normals(points)
     assert usual.angle < 1
-    for factors in (-1, random.choice([-1, 1], (20_000, 1)), random.uniform(0.1, 9, (20_000, 1)), 1e-30, 1e30):
+    for factors in (-1, random.choice([-1, 1], (N, 1)), random.uniform(0.1, 9, (N, 1)), 1e-30, 1e30):
         found = pr.check_normals(points.with_normals(points.normals * factors))
         assert found.angle == pytest.approx(usual.angle, abs=0.1)
-    lost = points.normals * (np.arange(20_000) % 3 > 0)[:, None]
+    lost = points.normals * (np.arange(N) % 3 > 0)[:, None]
     lost[1] = np.nan
     assert pr.check_normals(points.with_normals(lost)).angle < 1
 
 
 def test_normals_that_scatter_about_the_right_ones_are_right():
     """The surface averages normals, and so does the comparison."""
-    points = pr.procedural("torus", 20_000)
-    scattered = tilted(points.normals, 21, np.random.default_rng(3).normal(size=(20_000, 3)))
+    points = pr.procedural("torus", N)
+    scattered = tilted(points.normals, 21, np.random.default_rng(3).normal(size=(N, 3)))
     assert 1 < pr.check_normals(points.with_normals(scattered)).angle < 6
 
 
@@ -140,6 +147,7 @@ def test_the_median_decides():
     assert found[0].angle < WRONG < found[1].angle
 
 
+@pytest.mark.long
 def test_of_many_points_only_those_around_a_sample_are_looked_through(monkeypatch):
     """The result is nearly the same, because neighbours are searched among all points."""
     points = pr.procedural("torus", 60_000)
@@ -291,7 +299,7 @@ def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
         assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("coarse", [False, True])
+@pytest.mark.parametrize("coarse", [long(False), True])
 def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
     """The coarse version of a large scan has fitted normals, too."""
     if coarse:
