@@ -119,11 +119,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
 
 
-def slow(*values: object) -> object:
-    """A case of a test that takes seconds: `make long` runs it."""
-    return pytest.param(*values, marks=pytest.mark.slow)
-
-
 def long(*values: object) -> object:
     """Mark a case of a test that takes more than half a second: `make long` runs it."""
     return pytest.param(*values, marks=pytest.mark.long)

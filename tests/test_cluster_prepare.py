@@ -15,7 +15,7 @@ import pytest
 
 import pointray as pr
 from clusters import UNPROFILED, cluster_of
-from conftest import slow, sphere_points
+from conftest import long, sphere_points
 from pointray.cli import execute
 from pointray.cluster import client as client_module
 from pointray.cluster import worker
@@ -88,7 +88,7 @@ def seen(file: Path, rng: Any = None) -> None:
             out.writelines(f"{a:.6f} {b:.6f} {c:.6f} 0.5\n" for a, b, c in some)
 
 
-@pytest.mark.parametrize("make", [statue, rough, slow(some_signs), slow(given_radii), seen])
+@pytest.mark.parametrize("make", [statue, rough, long(some_signs), long(given_radii), seen])
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path, rng: np.random.Generator) -> None:
     file = tmp_path / ("scan.ptx" if make is seen else "scan.ply")
@@ -395,7 +395,7 @@ def test_what_workers_cannot_do_is_told(scan: Path, tmp_path: Path, capsys: pyte
 # ------------------------------------------------------------------------------------------------- processes of others
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.4, 0.8])
 def test_the_files_are_the_same_when_a_worker_is_killed(share: float, tmp_path: Path, rng: np.random.Generator) -> None:
     rough(tmp_path / "a.ply", rng)
@@ -412,7 +412,7 @@ def test_the_files_are_the_same_when_a_worker_is_killed(share: float, tmp_path: 
     assert found == prepared(tmp_path / "a.ply", tmp_path / "here")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ctrl_c_ends_all_workers_and_the_work_goes_on(tmp_path: Path) -> None:
     import subprocess
 

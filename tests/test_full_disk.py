@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import slow, sphere_points
+from conftest import long, sphere_points
 from pointray.cli import execute
 from pointray.image import write_layers
 from pointray.image.exr import _check_whole as check_exr_whole
@@ -198,7 +198,7 @@ sys.exit(execute(sys.argv[2:]))
 """
 
 
-@pytest.mark.parametrize("name", [slow("a.jpg"), "a.png", slow("a.npz")])
+@pytest.mark.parametrize("name", [long("a.jpg"), "a.png", long("a.npz")])
 def test_the_command_line_says_that_the_disk_is_full(tmp_path, name):
     pr.write(tmp_path / "scan.ply", pr.Points(sphere_points(2000), sphere_points(2000)))
     folder = tmp_path / "out"

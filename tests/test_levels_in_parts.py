@@ -259,7 +259,7 @@ def test_a_run_that_is_interrupted_again_and_again_goes_on(tmp_path: Path, monke
                 np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_memory_is_bounded_by_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No stage of the levels reads more rows at once than a part has, with its margin."""
     read, most, inside = Column.__getitem__, [0], [False]

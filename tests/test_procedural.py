@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from conftest import long, slow
+from conftest import long
 from pointray.points.procedural import NAMES, area, mesh, procedural, procedural_distance, sample
 
 
@@ -65,7 +65,7 @@ def test_normals_are_the_gradient(name):
     assert np.quantile(np.abs(slope - normals), 0.99) < 1e-5
 
 
-@pytest.mark.parametrize("name", ["sphere", slow("torus"), slow("lattice"), slow("statue")])
+@pytest.mark.parametrize("name", ["sphere", long("torus"), long("lattice"), long("statue")])
 @pytest.mark.parametrize("n", [100_000])
 def test_points_are_spread_evenly(name, n):
     positions = drawn(name, n)[0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, slow
+from conftest import long
 
 
 def unit(v):
@@ -67,7 +67,7 @@ def inside_of(rng, name, inside, count):
 
 
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss"])
-@pytest.mark.parametrize("degrees", [0.5, slow(3), 10, slow(45), 90])
+@pytest.mark.parametrize("degrees", [0.5, long(3), 10, long(45), 90])
 def test_rays_from_a_sphere_leave_outside_and_are_blocked_inside(surface, degrees, rng):
     scene, _ = scene_of("sphere", surface=surface)
     origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), fov=26, size=(100, 100)).rays()
@@ -95,7 +95,7 @@ def sphere_traced(name, x, directions, radius):
 
 
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss"])
-@pytest.mark.parametrize(("name", "n"), [("torus", 60_000), slow("lattice", 300_000), long("statue", 200_000)])
+@pytest.mark.parametrize(("name", "n"), [("torus", 60_000), long("lattice", 300_000), long("statue", 200_000)])
 def test_shadow_rays_agree_with_the_exact_shape(name, n, surface, rng):
     """Rays from hits to anywhere are blocked if they go inside or the exact shape is in the way, and only then."""
     scene, model = scene_of(name, n, surface=surface)
@@ -235,7 +235,7 @@ def test_rays_that_are_none_and_points_that_are_astray():
     scene.intersect(np.array([0.6, 0.7, 0.9]) * 1e6, [-0.6, -0.7, -0.9])  # too far to be resolved, but tracing ends
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_trim_follows_the_radii_and_leaves_no_phantoms():
     even = pr.procedural("statue", 32_000)
     model = pr.Model(even)
@@ -296,7 +296,7 @@ def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap, rng):
             assert (hits.normal[:, 2] * side > 0.9).mean() > 0.998
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("surface", ["paper", "imls"])
 def test_normals_are_the_mean_ones_also_at_the_rims_of_supports(surface, rng):
     """Two close samples are joined by a line, unless one is at the rim of the only splats near it."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, slow, sphere_points, uneven_points
+from conftest import long, shared_model, sphere_points, uneven_points
 from pointray.kernels.tree import LEAF, NO_SURFACE, STEP
 from pointray.neighbors import kd_order
 from pointray.tree.build import Splats, build_tree
@@ -36,16 +36,16 @@ def torus():
     return splats("torus")
 
 
-@pytest.mark.parametrize("name", [slow("sphere"), "torus", slow("lattice"), long("statue"), "stanford_bunny", "uneven"])
+@pytest.mark.parametrize("name", [long("sphere"), "torus", long("lattice"), long("statue"), "stanford_bunny", "uneven"])
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), positions=4000) == []
 
 
-@pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), slow(LEAF_WIDTH / 2), LEAF_WIDTH])
+@pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), long(LEAF_WIDTH / 2), LEAF_WIDTH])
 @pytest.mark.parametrize(
     "name",
-    ["stanford_bunny", slow("nefertiti_50k"), long("stanford_dragon_stand_rangescans")],
+    ["stanford_bunny", long("nefertiti_50k"), long("stanford_dragon_stand_rangescans")],
 )
 def test_trees_over_uneven_splats_are_whole(name, width):
     cloud = splats(name)
@@ -65,7 +65,7 @@ def test_columns_are_thinner_than_their_leaf(torus):
     assert ((high - low)[limited].sum(axis=1) / held[limited].sum(axis=1) / slab[limited]).mean() < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_tree_does_not_depend_on_the_number_of_threads():
     cloud = splats("statue")
     one, three = (build_tree(cloud, TreeSettings("apss"), threads) for threads in (1, 3))
@@ -210,7 +210,7 @@ def seen(cloud, rays, **changes):
 
 
 @pytest.mark.parametrize(
-    "name", ["torus", slow("statue"), "stanford_bunny", slow("stanford_bunny_rangescans"), "uneven"]
+    "name", ["torus", long("statue"), "stanford_bunny", long("stanford_bunny_rangescans"), "uneven"]
 )
 def test_slabs_and_boxes_lose_nothing(name, rng):
     cloud = splats(name)
@@ -222,7 +222,7 @@ def test_slabs_and_boxes_lose_nothing(name, rng):
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize("name", ["torus", slow("statue"), "stanford_bunny", "uneven"])
+@pytest.mark.parametrize("name", ["torus", long("statue"), "stanford_bunny", "uneven"])
 def test_the_size_of_voxels_changes_nothing(name, factor, rng):
     cloud = splats(name)
     rays = random_rays(rng, cloud)
