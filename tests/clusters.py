@@ -12,10 +12,7 @@ from distributed import Client, LocalCluster
 
 import pointray as pr
 from conftest import sphere_points
-
-# Dask's profiler calls `sys._current_frames`, which can deadlock where other threads start or end:
-# https://github.com/python/cpython/issues/106883, not fixed in Python 3.11.
-UNPROFILED = {"distributed.worker.profile.enabled": False}
+from pointray.cluster.client import UNPROFILED
 
 
 @contextmanager

@@ -89,7 +89,8 @@ def models_made_once(pytestconfig: pytest.Config) -> Iterator[None]:
     made = lru_cache(maxsize=100, typed=True)(kept_in(folder, sample))
 
     def copied(name: object, n: object, seed: object) -> tuple[np.ndarray, ...]:
-        valid = name in module.NAMES and type(n) is int and 0 < n <= MOST_KEPT and type(seed) is int and seed >= 0
+        valid = type(name) is str and name in module.NAMES and type(n) is int and 0 < n <= MOST_KEPT
+        valid = valid and type(seed) is int and 0 <= seed < 2**31
         return tuple(array.copy() for array in (made if valid else sample)(name, n, seed))
 
     with pytest.MonkeyPatch.context() as patch:

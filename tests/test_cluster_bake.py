@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import dask
 import numpy as np
 import pytest
 
@@ -14,6 +15,7 @@ from pointray.baking import stretches
 from pointray.baking.gather import ONE_TILE
 from pointray.cli import execute
 from pointray.cluster import worker
+from pointray.cluster.client import UNPROFILED
 from pointray.cluster.crew import Crew
 
 FEW = pr.BakeSettings(links=8, patches=1024, noise=0.05, seed=3)
@@ -161,7 +163,10 @@ def test_the_command_bakes_the_same_on_a_cluster(tmp_path: Path, capsys: pytest.
     model = ball(2000)
     pr.write(tmp_path / "scan.ply", model.points)
     options: dict[str, Any] = {"processes": False, "protocol": "tcp", "dashboard_address": "127.0.0.1:0"}
-    with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=0, **options) as cluster:
+    with (
+        dask.config.set(UNPROFILED),
+        LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=0, **options) as cluster,
+    ):
         for subject in ("scan.ply", "scene.toml"):
             for name, where in (("here", []), ("there", ["--cluster", cluster.scheduler_address])):
                 command = ["bake", str(tmp_path / subject), "-o", str(tmp_path / f"{name}.bake"), "--links", "8"]

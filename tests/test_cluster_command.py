@@ -10,11 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
 
 import pointray as pr
 from conftest import sphere_points
 from pointray.cli import execute
+from pointray.cluster.client import UNPROFILED
 
 SMALL = ["--size", "60x40", "--spp", "2", "--integrator", "phong"]
 SCENE = """
@@ -46,7 +48,10 @@ def address() -> Iterator[str]:
     from distributed import LocalCluster
 
     options: dict[str, Any] = {"processes": False, "protocol": "tcp", "dashboard_address": "127.0.0.1:0"}
-    with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=0, **options) as cluster:
+    with (
+        dask.config.set(UNPROFILED),
+        LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=0, **options) as cluster,
+    ):
         yield cluster.scheduler_address
 
 

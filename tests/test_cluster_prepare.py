@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import UNPROFILED, cluster_of
+from clusters import cluster_of
 from conftest import long, sphere_points
 from pointray.cli import execute
 from pointray.cluster import client as client_module
 from pointray.cluster import worker
 from pointray.cluster.chores import THREADS, _Chore, _on, stoppable
+from pointray.cluster.client import UNPROFILED
 from pointray.cluster.crew import Crew
 from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.worker import DroppedError

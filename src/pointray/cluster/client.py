@@ -23,6 +23,9 @@ Client: TypeAlias = Any  # a distributed.Client, or None
 PATIENCE = 4  # seconds for a scheduler to answer
 _FIT: WeakKeyDictionary[Any, set[str]] = WeakKeyDictionary()  # by client: workers of our version
 _SPREAD: WeakKeyDictionary[Any, bool] = WeakKeyDictionary()  # by client: whether models are spread over its workers
+# Dask's profiler calls sys._current_frames, which can deadlock while other threads start or end in Python 3.11:
+# https://github.com/python/cpython/issues/106883.
+UNPROFILED = {"distributed.worker.profile.enabled": False}
 WANTED = "a dask.distributed.Client, not asynchronous, or None"
 
 
@@ -130,10 +133,13 @@ def connected(address: str) -> Iterator[Any]:
 def local_workers(count: int) -> Iterator[Any]:
     """A client of so many processes of this machine, which share its cores evenly."""
     distributed = dask_for("--workers")
+    import dask
+
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     options = {"n_workers": count, "threads_per_worker": max(thread_count() // count, 1), "memory_limit": 0}
     quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
     with (
+        dask.config.set(UNPROFILED),
         distributed.LocalCluster(**options, **quiet) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
