@@ -89,7 +89,7 @@ def seen(file: Path, rng: Any = None) -> None:
             out.writelines(f"{a:.6f} {b:.6f} {c:.6f} 0.5\n" for a, b, c in some)
 
 
-@pytest.mark.parametrize("make", [statue, rough, long(some_signs), long(given_radii), seen])
+@pytest.mark.parametrize("make", [statue, *map(long, (rough, some_signs, given_radii, seen))])
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path, rng: np.random.Generator) -> None:
     file = tmp_path / ("scan.ptx" if make is seen else "scan.ply")
@@ -112,6 +112,7 @@ def test_every_part_of_a_stage_is_a_job(
         assert {f"{stage} {k}/4" for k in range(1, 5)} <= set(names)
 
 
+@pytest.mark.long
 def test_an_error_in_progress_ends_the_work_which_goes_on_later(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,6 +138,7 @@ def test_an_error_in_progress_ends_the_work_which_goes_on_later(
     assert found == prepared(tmp_path / "a.ply", tmp_path / "b")
 
 
+@pytest.mark.long
 def test_what_workers_have_begun_goes_on_here(client: Any, tmp_path: Path) -> None:
     statue(tmp_path / "a.ply")
 
@@ -220,6 +222,7 @@ def square(k: int) -> int:
     return k * k
 
 
+@pytest.mark.long
 def test_an_error_of_a_worker_is_raised_here(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     statue(tmp_path / "a.ply")
     monkeypatch.setattr("pointray.parts.tasks.check_size", full)

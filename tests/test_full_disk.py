@@ -331,6 +331,7 @@ def test_a_film_whose_first_moment_was_its_last_goes_on(tmp_path):
         film_output(tmp_path / "a.mp4", "sky")
 
 
+@pytest.mark.long
 def test_many_writers_of_one_folder_do_not_take_each_others_files(tmp_path):
     """All processes clean up at every write, while all write."""
     code = """

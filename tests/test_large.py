@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model
+from conftest import long, shared_model
 from pointray.cli import execute
 from pointray.neighbors import NeighborTree, kd_order
 from pointray.parts import prepare as prepare_module
@@ -121,9 +121,10 @@ CLOUDS = {
     "lost normals": lost_normals,
     "with radii": lambda rng: with_radii(),
 }
+FAST = ("with normals", "with radii")
 
 
-@pytest.mark.parametrize("name", CLOUDS)
+@pytest.mark.parametrize("name", [name if name in FAST else long(name) for name in CLOUDS])
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_parts_are_the_whole(name, tmp_path, rng):
     check_parts(CLOUDS[name](rng), tmp_path)
@@ -150,6 +151,7 @@ def check_parts(points, tmp_path):
     np.testing.assert_array_equal(parts.bounds, whole.bounds)
 
 
+@pytest.mark.long
 def test_parts_that_are_made_again_later_do_no_harm(tmp_path, monkeypatch, rng):
     """As by a slow worker, whose twin was faster: passes that follow have begun, or ended."""
     work_all, earlier = Work.all, []
@@ -167,6 +169,7 @@ def test_parts_that_are_made_again_later_do_no_harm(tmp_path, monkeypatch, rng):
 
 
 @pytest.mark.parametrize("scramble", [False, True])
+@pytest.mark.long
 def test_what_is_mended_is_told_as_of_the_whole(scramble, tmp_path, rng):
     points = lost_normals(rng)
     points = some_signs(rng, points) if scramble else points
@@ -229,6 +232,7 @@ def at_once(tmp_path_factory):
     return folder / "a.ply", prepared(folder / "a.ply", folder / "whole.pointray")
 
 
+@pytest.mark.long
 def test_a_run_that_is_interrupted_at_every_stage_goes_on(at_once, tmp_path, monkeypatch):
     """What was done is not done again, and the files are the same but for the folder's id."""
     scan, whole = at_once
@@ -367,6 +371,7 @@ def test_a_margin_holds_the_neighbours(tmp_path):
     assert len(local.rows) < len(positions) * 0.8
 
 
+@pytest.mark.long
 def test_real_scans_by_parts(tmp_path, rng):
     """LAS without normals, with a coordinate system and whole numbers that float32 cannot hold."""
     file = shared_model("raw/autzen_trim_rgb.laz")

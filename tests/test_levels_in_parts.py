@@ -76,7 +76,14 @@ def large(points: pr.Points, folder: Path) -> None:
     prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), SIZE)
 
 
-@pytest.fixture(scope="module", params=[(name, way) for name in CLOUDS for way in ("split", "large")], ids="-".join)
+FORMS = [  # a cloud, and how its model in parts is made
+    pytest.param((name, way), id=f"{name}-{way}", marks=() if name == "plate" else pytest.mark.long)
+    for name in CLOUDS
+    for way in ("split", "large")
+]
+
+
+@pytest.fixture(scope="module", params=FORMS)
 def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[pr.Model, Path]:
     """A model with levels, and a folder with the same in parts."""
     name, way = request.param
@@ -225,6 +232,7 @@ def test_no_shadows_lie_along_cuts_between_two_levels(tmp_path: Path) -> None:
     assert sum(dark) <= 16  # without margins 44
 
 
+@pytest.mark.long
 def test_a_run_that_is_interrupted_again_and_again_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Levels are made once, wherever the work was cut off."""
     points, calls = pr.procedural("torus", 80_000), []
@@ -288,6 +296,7 @@ def test_memory_is_bounded_by_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert SIZE <= most[0] < 2 * SIZE
 
 
+@pytest.mark.long
 def test_parts_of_other_densities_have_the_levels_that_make_them_smaller(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import shared_model
+from conftest import long, shared_model
 from pointray.array_file import read_arrays
 from pointray.cli import execute
 from pointray.model_file import KIND
@@ -44,7 +44,7 @@ def clouds(name: str) -> pr.Points:
     return pr.procedural(name, 100_000)
 
 
-@pytest.fixture(scope="module", params=["statue", "wall", "lion"])
+@pytest.fixture(scope="module", params=["statue", "wall", long("lion")])
 def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[pr.Model, pr.Model]:
     model = pr.Model(clouds(request.param))
     folder = tmp_path_factory.mktemp("parts") / "a.pointray"

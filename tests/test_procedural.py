@@ -101,7 +101,7 @@ def test_lattice_distances_at_a_strut():
     assert procedural_distance("lattice", [0.0, 0.0, 0.0]) > 0.2
 
 
-@pytest.mark.parametrize("name", ["statue", "lattice"])
+@pytest.mark.parametrize("name", [long("statue"), "lattice"])
 def test_distance_is_euclidean_near_the_surface(name, rng):
     positions, normals, _ = drawn(name, 200_000)
     tree = cKDTree(positions)
@@ -118,6 +118,7 @@ def test_distance_is_euclidean_near_the_surface(name, rng):
         assert np.mean(np.abs(found - nearest[keep]) > slack) < 0.05  # 0.003 at the statue
 
 
+@pytest.mark.long
 def test_statue_is_one_closed_solid():
     vertices, faces = mesh("statue")
     links = coo_matrix((np.ones(len(faces)), (faces[:, 0], faces[:, 1])), shape=(len(vertices),) * 2)
