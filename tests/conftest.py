@@ -78,13 +78,15 @@ def commands_made_once() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def models_made_once(pytestconfig: pytest.Config) -> Iterator[None]:
+def models_made_once(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Make each procedural model once for all test processes, and keep it in pytest's cache: the statue takes 8 s.
 
     A test that makes the same one twice calls `sample` as it was imported, see `tests/test_procedural.py`.
     """
     module = importlib.import_module("pointray.points.procedural")
-    folder = pytestconfig.cache.mkdir(f"procedural-{key_of([Path(module.__file__)])}")
+    cache = getattr(pytestconfig, "cache", None)  # absent with -p no:cacheprovider
+    key = f"procedural-{key_of([Path(module.__file__)])}"
+    folder = tmp_path_factory.mktemp(key) if cache is None else cache.mkdir(key)
     sample = module.sample
     made = lru_cache(maxsize=100, typed=True)(kept_in(folder, sample))
 
