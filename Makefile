@@ -7,6 +7,8 @@ JOBS ?= logical
 PYTEST = $(BIN)/python -m pytest --numprocesses $(JOBS) --maxprocesses 4 --dist worksteal \
 	$(if $(SHUFFLE),-p randomly --randomly-seed=$(SHUFFLE)) $(if $(REPORTS),--junitxml=$(REPORTS)/$@.xml)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
+# Tests start many processes: none compiles the sources to bytecode again, whatever the environment says.
+export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo test long test-all kernels-checked check bench attack wheel format clean
 .DELETE_ON_ERROR:

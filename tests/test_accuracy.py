@@ -24,6 +24,7 @@ def errors_of(model, cloud, rays=30_000):
     return trace(scene_of(model), cloud, lines(cloud.points.bounds, rays, 3), lambda done: None)
 
 
+@pytest.mark.long
 def test_smooth_shapes_are_hit_where_they_are(even):
     ours, discs = measure(even, [Setting("apss"), Setting("disc")], 30_000)
     assert ours.rays == 30_000 and ours.hits > 7_000

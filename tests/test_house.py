@@ -4,6 +4,7 @@ import ast
 import graphlib
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pointray
@@ -74,31 +75,34 @@ def _inner(module: str) -> str:
     return name if module.startswith("pointray.") and name in FILES else ""
 
 
-def upwards(tower: list[str], arrows: dict[str, set[str]]) -> list[tuple[str, str]]:
+def upwards(tower: list[str], imported: dict[str, set[str]]) -> list[tuple[str, str]]:
     """Imports that point up in a tower."""
     floor = {room: k for k, room in enumerate(tower)}
-    rooms = {(name, other): (name.split(".")[0], other.split(".")[0]) for name in arrows for other in arrows[name]}
+    rooms = {(name, other): (name.split(".")[0], other.split(".")[0]) for name in imported for other in imported[name]}
     return [pair for pair, (room, other) in rooms.items() if other in floor and floor[other] > floor[room]]
 
 
-ARROWS = {name: imports(path) for name, path in FILES.items() if name}  # the package's own __init__ imports all names
+@cache
+def arrows() -> dict[str, set[str]]:
+    """What each file imports; the package's own `__init__` imports all names."""
+    return {name: imports(path) for name, path in FILES.items() if name}
 
 
 def test_every_room_has_its_floor():
-    assert {name.split(".")[0] for name in ARROWS} <= set(TOWER)
+    assert {name.split(".")[0] for name in arrows()} <= set(TOWER)
 
 
 def test_every_import_points_down():
-    assert upwards(TOWER, ARROWS) == []
+    assert upwards(TOWER, arrows()) == []
     assert upwards(["points", "cli"], {"points.files": {"cli.view", "os"}}) == [("points.files", "cli.view")]
 
 
 def test_no_files_import_each_other_in_a_circle():
-    graphlib.TopologicalSorter({name: others & FILES.keys() for name, others in ARROWS.items()}).prepare()
+    graphlib.TopologicalSorter({name: others & FILES.keys() for name, others in arrows().items()}).prepare()
 
 
 def test_only_the_engine_imports_numba():
-    users = {name for name, others in ARROWS.items() if {o.split(".")[0] for o in others} & {"numba", "llvmlite"}}
+    users = {name for name, others in arrows().items() if {o.split(".")[0] for o in others} & {"numba", "llvmlite"}}
     assert {name.split(".")[0] for name in users} == {"jit", "simd"}
 
 

@@ -107,6 +107,7 @@ def test_scans_that_go_wrong():
     assert len(origins) == 100 and np.allclose(np.linalg.norm(directions, axis=1), 1)
 
 
+@pytest.mark.long
 def test_a_veil_hangs_at_the_edges_of_what_stands_in_front():
     made = veil()
     x = made.cloud.positions[made.strays]

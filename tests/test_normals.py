@@ -264,7 +264,8 @@ def test_scan_lines(rng, step, noise, rms):
     assert (angle > 90).mean() < 0.002
 
 
-@pytest.mark.parametrize("name", [long("autzen_stadium_crop_rgb"), "outcrop_qcompass_rgb"])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["autzen_stadium_crop_rgb", "outcrop_qcompass_rgb"])
 def test_real_ground_looks_up(name):
     points = read(shared_model(f"points/{name}.ply"))
     assert (np.sum(estimate_normals(points).normals * points.normals, axis=1) > 0).mean() > 0.95

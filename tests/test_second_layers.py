@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import pointray as pr
+from conftest import long
 from pointray.points.strays import merge_for_model
 from pointray.points.strays.passes import merge_passes
 from pointray.points.strays.survey import CORE, GROUP, KEPT, Survey
@@ -42,7 +43,7 @@ def rms(values):
     return float(np.sqrt((values**2).mean()))
 
 
-@pytest.mark.parametrize("height", [1, 3])
+@pytest.mark.parametrize("height", [long(1), 3])
 def test_a_model_has_no_second_layer(height):
     rows = layered(height)
     points = pr.Points(rows, attributes={"row": np.arange(len(rows))})
@@ -53,6 +54,7 @@ def test_a_model_has_no_second_layer(height):
     assert model.points is points and (splats.attributes["row"] == of).all()
 
 
+@pytest.mark.long
 def test_layers_stay_without_smoothing_and_with_given_radii():
     rows = layered(2)
     for model in (pr.Model(rows, smooth=0), pr.Model(rows, np.full(len(rows), 2 * H, np.float32))):
@@ -71,7 +73,7 @@ def test_layers_are_merged_where_normals_are_given():
     assert merge_for_model(points) is points
 
 
-@pytest.mark.parametrize("name", ["statue", "lattice", "torus"])
+@pytest.mark.parametrize("name", [long("statue"), long("lattice"), "torus"])
 @pytest.mark.parametrize("noise", [0, 0.3])
 def test_surfaces_without_layers_stay(name, noise):
     points = pr.procedural(name, 20_000)
@@ -83,7 +85,7 @@ def test_surfaces_without_layers_stay(name, noise):
     assert merge_for_model(bare) is bare
 
 
-@pytest.mark.parametrize("thickness", [1, 2, 4])
+@pytest.mark.parametrize("thickness", [1, long(2), long(4)])
 def test_thin_plates_keep_their_sheets(thickness):
     draw = np.random.default_rng(1)
     rows = draw.uniform(-1, 1, (N, 3))
@@ -106,7 +108,7 @@ def test_odd_clouds_stay(rows):
     assert merge_for_model(points) is points
 
 
-@pytest.mark.parametrize(("gap", "tilt"), [(0.5, 0), (2, 0), (2.5, 0), (0, 1)])
+@pytest.mark.parametrize(("gap", "tilt"), [long(0.5, 0), long(2, 0), (2.5, 0), (0, 1)])
 def test_two_scans_of_one_wall_become_one_surface(gap, tilt):
     rows, scan = scans(gap, tilt)
     points = pr.Points(rows, attributes={"scan": scan}, survey=pr.Survey(stations=STATIONS))

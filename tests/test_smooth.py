@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from pointray.points.path import along_path
 from pointray.points.smoothing.noise import noise_along
 
@@ -29,7 +30,7 @@ def noisy(rng, share, n=20_000):
     return rows + rng.normal(size=rows.shape) * share * h, normals, h
 
 
-@pytest.mark.parametrize(("share", "most"), [(0.1, 0.038), (0.3, 0.095), (0.5, 0.15), (1.0, 0.31)])
+@pytest.mark.parametrize(("share", "most"), [long(0.1, 0.038), (0.3, 0.095), long(0.5, 0.15), (1.0, 0.31)])
 @pytest.mark.parametrize("known", [False, True])
 def test_points_come_close_to_the_surface(share, most, known, rng):
     """At 1 spacing 0.22 are left after fits to 128 neighbours, and 0.28 after fits to 64, if less noise is found."""
@@ -48,7 +49,7 @@ def test_normals_are_those_of_the_surface_and_face_as_before(rng):
 
 
 @pytest.mark.parametrize("name", ["torus", "statue", "lattice"])
-@pytest.mark.parametrize("count", [10_000, 50_000])
+@pytest.mark.parametrize("count", [10_000, long(50_000)])
 def test_clean_points_stay_to_the_bit(name, count):
     points = pr.procedural(name, count)
     assert pr.smooth(points) is points

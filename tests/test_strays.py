@@ -44,7 +44,7 @@ def veiled(step=0.0045):
     return (rays * ranges[..., None]).reshape(-1, 3), edge.reshape(-1)
 
 
-@pytest.mark.parametrize("off", [0.75, 1.5, 3, 4])
+@pytest.mark.parametrize("off", [long(0.75), 1.5, long(3), 4])
 def test_a_sparse_second_layer_is_found(off):
     points, sparse = layered(off)
     strays = pr.find_strays(points)
@@ -102,7 +102,7 @@ def test_a_group_that_floats_is_found():
     assert not strays.floating[:N].any()
 
 
-@pytest.mark.parametrize("noise", [0, 0.1, 0.5, 1])
+@pytest.mark.parametrize("noise", [0, long(0.1), 0.5, long(1)])
 def test_noisy_surfaces_keep_their_points(noise):
     assert pr.find_strays(pr.Points(wall(N, noise=noise)[0])).any.mean() < 0.005
 

@@ -94,7 +94,7 @@ def sphere_traced(name, x, directions, radius):
     return least
 
 
-@pytest.mark.parametrize("surface", ["paper", "imls", "apss"])
+@pytest.mark.parametrize("surface", [long("paper"), long("imls"), "apss"])
 @pytest.mark.parametrize(("name", "n"), [("torus", 60_000), long("lattice", 300_000), long("statue", 200_000)])
 def test_shadow_rays_agree_with_the_exact_shape(name, n, surface, rng):
     """Rays from hits to anywhere are blocked if they go inside or the exact shape is in the way, and only then."""
@@ -259,8 +259,11 @@ def test_a_step_of_density_is_no_border(rng):
     assert np.isfinite(scene.intersect(origins, [0, 0, -1.0]).t).all()
 
 
-@pytest.mark.parametrize("sampling", ["even", "random"])
-@pytest.mark.parametrize("gap", [0.5, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize(
+    ("sampling", "gap"),
+    [("even", 0.5), *(long("even", gap) for gap in (1.0, 2.0, 3.0))]
+    + [*(long("random", gap) for gap in (0.5, 1.0, 2.0)), ("random", 3.0)],
+)
 def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap, rng):
     """A wall of half a spacing to three is hit from both sides, down to 10 degrees above it, and from inside."""
     n = 10_000

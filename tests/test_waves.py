@@ -9,7 +9,7 @@ import pytest
 
 import pointray as pr
 from clusters import assert_alike, ball, camera_of, scene_of
-from conftest import sphere_points
+from conftest import long, sphere_points
 from pointray.parts.split import split
 from pointray.rendering.picture import kernel_for
 from pointray.rendering.plan import plan
@@ -62,9 +62,9 @@ def parted(tmp_path_factory: pytest.TempPathFactory) -> pr.Model:
 
 SETTINGS = [
     pr.Settings(levels=False),
-    pr.Settings(spp=3, sky_rays=2, levels=False),
+    long(pr.Settings(spp=3, sky_rays=2, levels=False)),
     pr.Settings("ao", spp=2, levels=False),
-    pr.Settings("path", spp=5, levels=False),
+    long(pr.Settings("path", spp=5, levels=False)),
     pr.Settings("path", max_depth=8, levels=False),
     pr.Settings("color", levels=False),
     pr.Settings("normal", levels=False),
@@ -85,6 +85,7 @@ def test_a_picture_by_waves_is_the_same(parted: pr.Model, settings: pr.Settings)
     assert min(asked) > 1000
 
 
+@pytest.mark.long
 def test_noise_clips_levels_and_lenses_are_the_same(parted: pr.Model) -> None:
     """What comes with a hit, and what decides where rays begin and end."""
     rng = np.random.default_rng(3)
@@ -114,9 +115,9 @@ def test_a_ray_is_sent_where_it_may_meet_something() -> None:
     rng = np.random.default_rng(4)
     boxes = rng.uniform(-1, 1, (40, 3))
     boxes = np.concatenate([boxes, boxes + rng.uniform(0, 0.4, (40, 3))], axis=1)
-    rays = np.zeros((3000, 8))
-    rays[:, :6], rays[:, 6] = rng.uniform(-1.5, 1.5, (3000, 6)), rng.choice([0.3, np.inf], 3000)
-    rays[:500, 3 + rng.integers(3)] = 0.0
+    rays = np.zeros((1000, 8))
+    rays[:, :6], rays[:, 6] = rng.uniform(-1.5, 1.5, (1000, 6)), rng.choice([0.3, np.inf], 1000)
+    rays[:200, 3 + rng.integers(3)] = 0.0
     owners = rng.integers(0, 3, 40)
     steps = np.linspace(0, 1, 400)[:, None, None]
     places = rays[:, :3] + np.minimum(rays[:, 6:7], 20) * steps * rays[:, 3:6]

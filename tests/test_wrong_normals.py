@@ -68,7 +68,7 @@ def test_normals_of_scans_are_right_and_tilted_ones_wrong(name):
     assert turned.wrong and turned.angle == pytest.approx(21, abs=1)
 
 
-@pytest.mark.parametrize("amount", [0, 0.1, 0.3, 0.5, 1.0])
+@pytest.mark.parametrize("amount", [0, long(0.1), long(0.3), 0.5, long(1.0)])
 def test_noise_speaks_against_no_normals(amount):
     torus = pr.procedural("torus", N)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / N)
@@ -129,7 +129,7 @@ def test_where_there_are_no_normals_nothing_is_wrong(normals):
     assert pr.check_normals(pr.Points(sphere_points(5_000), normals)) == (None, False)
 
 
-@pytest.mark.parametrize("step", [0.5, 1, 2, 3, 5])
+@pytest.mark.parametrize("step", [0.5, long(1), long(2), long(3), 5])
 def test_rounded_coordinates_speak_against_no_normals(step):
     """If all neighbours lie on one step of rounding, the plane through them is that step, and does not count."""
     points = ripple(n=40_000)
@@ -299,7 +299,8 @@ def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
         assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("coarse", [long(False), True])
+@pytest.mark.long
+@pytest.mark.parametrize("coarse", [False, True])
 def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
     """The coarse version of a large scan has fitted normals, too."""
     if coarse:
