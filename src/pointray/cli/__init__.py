@@ -46,10 +46,18 @@ def execute(arguments: Sequence[str]) -> int:
 
 
 def _is_interrupted(error: BaseException | None) -> bool:
-    """Whether an error stands for a Ctrl-C: Python turns one that meets a class while it is made into RuntimeError."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__
-    return error is not None
+    """Whether an error stands for a Ctrl-C, or was met while one was handled.
+
+    Python turns one that meets a class while it is made into a RuntimeError, and one that meets a lock of `threading`
+    may release it twice.
+    """
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        seen.add(id(error))
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _report(error: Exception) -> int:

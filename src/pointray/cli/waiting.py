@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -95,21 +96,24 @@ def in_background(work: Callable[[], T]) -> T:
     """
     results: list[T] = []
     errors: list[BaseException] = []
-    ended = threading.Event()  # instead of Thread.join, which takes the thread for dead once interrupted (Python 3.11)
+    # Held until the work is done. A Ctrl-C within the Python code of Thread.start, Thread.join or Event.wait may leave
+    # their locks held for ever, or release them twice (Python 3.11), so nothing of theirs runs in the main thread.
+    working = threading.Lock()
+    working.acquire()
 
     def body() -> None:
         try:
             results.append(work())
         except BaseException as error:
             errors.append(error)
-        ended.set()
+        working.release()
 
-    threading.Thread(target=body, daemon=True).start()
+    _thread.start_new_thread(body, ())
     try:
-        while not ended.wait(0.1):
+        while not working.acquire(timeout=0.1):
             pass
     except KeyboardInterrupt:
-        ended.wait(0.2)  # a picture that is just being written gets finished
+        working.acquire(timeout=0.2)  # a picture that is just being written gets finished
         raise
     if errors:
         raise errors[0]

@@ -13,7 +13,7 @@ from typing import Any
 from .compile import BACKLOG, KERNELS, count_beside, is_compiled
 from .disk import cache_folder
 
-STEP = 0.1  # seconds between two checks whether the caller still wants to wait
+STEP = 0.02  # seconds between two checks whether the caller still wants to wait
 
 _lock = threading.Lock()
 _coming: dict[str, threading.Event] = {}  # kernels that a process compiles now or later; set when compiled
@@ -52,10 +52,11 @@ def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
     if event is None:
         return True
     begun = time.perf_counter()
-    while not (there := event.wait(STEP)) and not unwanted():
-        pass
+    # Not Event.wait: a Ctrl-C within it may leave its lock held, and who sets the event would wait for ever.
+    while not event.is_set() and not unwanted():
+        time.sleep(STEP)
     count_beside(0, time.perf_counter() - begun)
-    return there
+    return event.is_set()
 
 
 def _follow(process: subprocess.Popen[str], names: list[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import os
 import threading
+import time
 import webbrowser
 from collections.abc import Callable
 from typing import Any
@@ -53,8 +54,9 @@ class Viewer:
     def wait(self, until: Callable[[], bool] = lambda: False) -> None:
         """Wait until another thread or Ctrl-C closes it, or a condition holds."""
         try:
-            while not self._ended.wait(0.2) and not until():
-                pass
+            # Not Event.wait: a Ctrl-C within it may leave its lock held, and `close` would wait for ever.
+            while not self._ended.is_set() and not until():
+                time.sleep(0.1)
         finally:
             self.close()
 

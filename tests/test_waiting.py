@@ -1,0 +1,57 @@
+"""A Ctrl-C at any moment of waiting for work is a KeyboardInterrupt, and nothing stands still after it."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from pointray import cli
+
+# Interrupts at random moments while another thread keeps the interpreter busy.
+PROGRAM = """
+import random, signal, sys, threading, time
+from pointray.cli.waiting import in_background
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.setswitchinterval(1e-5)
+rng, main = random.Random(int(sys.argv[1])), threading.main_thread().ident
+
+def work():
+    end = time.perf_counter() + rng.random() * 0.0002
+    while time.perf_counter() < end:
+        pass
+    signal.pthread_kill(main, signal.SIGINT)
+    for _ in range(20):
+        sum(range(100))
+
+for _ in range(int(sys.argv[2])):
+    try:
+        in_background(work)
+        while True:  # one that has not arrived yet
+            pass
+    except KeyboardInterrupt:
+        pass
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
+@pytest.mark.parametrize("count", [200, pytest.param(5_000, marks=pytest.mark.long)])
+def test_an_interrupt_at_any_moment_is_one(count: int) -> None:
+    """While the main thread waited by an Event, one of some thousand was a RuntimeError or waited for ever."""
+    done = subprocess.run([sys.executable, "-c", PROGRAM, "1", str(count)], capture_output=True, timeout=600)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_an_error_that_an_interrupt_causes_is_one(monkeypatch, capsys):
+    """Python 3.11 makes a RuntimeError of one that meets a lock of `threading`."""
+
+    def app(*arguments, **options):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            raise RuntimeError("release unlocked lock")
+
+    monkeypatch.setattr("pointray.cli.commands.app", app)
+    assert cli.execute(["demo"]) == cli.INTERRUPTED
+    assert capsys.readouterr().err == ""
