@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from maps import map_of_matplotlib
 from pointray.choices import COLORMAPS
 from pointray.cli import execute
@@ -82,7 +83,7 @@ def test_other_maps_come_from_matplotlib(monkeypatch):
 # -------------------------------------------------------------------------------------------- what color shows
 
 
-@pytest.mark.parametrize("value", [0.0, 95 / 256, 0.3, 0.5, 171 / 256, 1.0, -7.0, 9.0])
+@pytest.mark.parametrize("value", [0.0, *map(long, (95 / 256, 0.3, 0.5, 1.0, -7.0)), 171 / 256, 9.0])
 def test_a_constant_comes_back_within_one_level(value, tmp_path):
     from PIL import Image
 

@@ -155,14 +155,14 @@ def test_what_is_asked_for_must_exist(ball):
     scene = pr.Scene()
     floor = scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
     with pytest.warns(UserWarning, match="no light"):
-        baked = pr.bake(scene)
+        baked = pr.bake(scene, pr.BakeSettings(**FEW))
     with pytest.raises(ValueError, match="id"):
         baked.irradiance(floor)
     ball_alone = pr.Scene()
     number = ball_alone.add(ball)
     ball_alone.add_light(pr.EnvironmentLight())
     with pytest.raises(ValueError, match="side"):
-        pr.bake(ball_alone).irradiance(number, side=0)
+        pr.bake(ball_alone, pr.BakeSettings(**FEW)).irradiance(number, side=0)
     with pytest.raises(ValueError, match="baked"):
         scene.baked = 3
 

@@ -5,6 +5,7 @@ import pytest
 
 import pointray as pr
 from baked_records import LUMINANCE, harmonics, pack_values, reflected, values_of
+from conftest import long
 from pointray.baking.bounces import GRAY, SEES_SKY
 from pointray.baking.pack import PER_PATCH
 from pointray.baking.surfaces import _shares
@@ -201,7 +202,7 @@ def test_moments_are_those_of_the_sky_and_add_up(ball):
     skies = (0.3, 0.5, 1.0), (0.9, 0.85, 0.8)
     facts = []
     scene.lights = [sky((1.2, 1.35, 1.8), (1.2, 1.35, 1.8))]
-    baked = pr.bake(scene, pr.BakeSettings(patches=6_000))
+    baked = pr.bake(scene, pr.BakeSettings(patches=3_000))
     for lights in (sky(skies[0], 0.0), sky(0.0, skies[1]), sky(skies[0], skies[1])):
         scene.lights = [lights]
         baked.update()
@@ -257,7 +258,7 @@ def shares(material, cosine):
 
 
 @pytest.mark.parametrize(
-    "material", [pr.Phong(0.0, 1.0, 4.0), pr.Principled(1.0, 0.8, 1.0), pr.Principled(1.0, 0.5, 1.0)]
+    "material", [long(pr.Phong(0.0, 1.0, 4.0)), long(pr.Principled(1.0, 0.8, 1.0)), pr.Principled(1.0, 0.5, 1.0)]
 )
 def test_a_glossy_ball_under_an_even_sky(ball, material):
     """Blended over splats whose normals differ, even light is still even. The last lobe is narrow: it sends rays."""

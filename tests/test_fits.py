@@ -105,7 +105,8 @@ def test_creases_are_those_of_the_twin(k):
     points = rng.uniform(0, 1, (n, 3))
     points[np.arange(n), face] = 0
     points = (points + rng.normal(size=(n, 3)) * 0.3 * np.sqrt(3 / n)).astype(np.float32)
-    rows = np.flatnonzero(np.sort(points, axis=1)[:, 1] < 0.08)[:80]
+    second, third = np.sort(points, axis=1)[:, 1:].T
+    rows = np.concatenate([np.flatnonzero(second < 0.08)[:60], np.flatnonzero(third < 0.08)[:20]])
     near = np.ascontiguousarray(cKDTree(points).query(points[rows], k)[1].astype(np.int32))
     errors = np.tile(np.array([0.3, 0.6], np.float32) * np.float32(np.sqrt(3 / n)), (len(rows), 1))
     models = fit_creases(points, rows, near, errors)
@@ -117,7 +118,7 @@ def test_creases_are_those_of_the_twin(k):
             off.append(abs(models[i, 1:-1].reshape(3, 4)[: len(planes)] - planes).max())
     assert (counts != models[:, 0]).mean() <= 0.02
     if k > 16:
-        assert (counts == 2).sum() > 25 and (counts == 3).sum() > 1
+        assert (counts == 2).sum() > 5 and (counts == 3).any()
         assert np.quantile(off, 0.95) < 1e-3
 
 

@@ -133,6 +133,7 @@ def test_the_least_budget_is_told_and_is_enough():
         baked_at(scene, least - 1)
 
 
+@pytest.mark.long
 def test_light_follows_lights_at_any_level():
     scene = room()
     baked = baked_at(scene, budget_of(full()[0], 2))
@@ -145,6 +146,7 @@ def test_light_follows_lights_at_any_level():
     assert error(picture(scene, baked), full()[1]) > 0.2
 
 
+@pytest.mark.long
 def test_coarser_light_does_not_depend_on_threads():
     one, two = (baked_at(room(), full()[0].nbytes - 20_000, threads=threads) for threads in (1, 2))
     assert one.levels == two.levels and len(set(one.levels.values())) > 1
@@ -152,6 +154,7 @@ def test_coarser_light_does_not_depend_on_threads():
         np.testing.assert_array_equal(records, two._kept.records[key])
 
 
+@pytest.mark.long
 def test_levels_of_detail_share_the_records_of_coarser_light(tmp_path):
     model = pr.Model(pr.procedural("torus", 6000))
     model.make_levels()
@@ -179,7 +182,7 @@ def test_the_levels_fit_whatever_the_budget():
     whole = sum(16 * item.sides * shapes[item.shape].records for item in wanted)
     assert isinstance(least, int) and isinstance(choose_levels(shapes, wanted, least - 1), int)
     assert choose_levels(shapes, wanted, whole) == [0] * 40
-    for budget in np.geomspace(least, whole - 1, 50).astype(int).tolist():
+    for budget in np.geomspace(least, whole - 1, 20).astype(int).tolist():
         levels = choose_levels(shapes, wanted, budget)
         assert bytes_of(shapes, wanted, levels) <= budget and max(levels) > 0
         assert all(level <= deepest(shapes[item.shape].patches) for item, level in zip(wanted, levels, strict=True))

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import pointray as pr
-from conftest import sphere_points
+from conftest import long, sphere_points
 from pointray.cli import execute, report
 
 
@@ -56,7 +57,7 @@ def test_render_uses_the_radii(scan, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(
         pr, "Model", lambda points, radii=None, **rest: given.append(radii) or model(points, radii, **rest)
     )
-    picture = ["-o", tmp_path / "a.png", "--size", "32x24", "--spp", 1]
+    picture = ["-o", tmp_path / "a.png", "--size", "32x24", "--spp", 1, "--light", "headlight"]
     assert run(capsys, "render", small, *picture)[0] == 0
     points = pr.read(small)
     assert len(points) == 300 and np.array_equal(given[0], points.attributes["radius"])
@@ -146,18 +147,26 @@ def test_bad_outputs_are_known_before_the_work(scan, capsys, name, words):
     assert status == 2 and words in err
 
 
-@pytest.fixture
-def saved(tmp_path: Path) -> tuple[pr.Points, Path]:
+@pytest.fixture(scope="module")
+def model_of_all(tmp_path_factory: pytest.TempPathFactory) -> tuple[pr.Points, Path]:
     """A model with everything that points can hold, far from the origin and with levels of detail."""
-    torus = pr.procedural("torus", 20_000)
+    torus = pr.procedural("torus", 12_000)
     n = len(torus)
     colors = np.random.default_rng(1).integers(0, 255, (n, 3), np.uint8)
     about = torus.positions + np.array([5e6, 0, 0])
     points = pr.Points(about, torus.normals, colors, {"row": np.arange(n)})
     model = pr.Model(points, surface="imls", samples=3, refine=2)
     model.make_levels()
-    model.save(tmp_path / "torus.pointray")
-    return points, tmp_path / "torus.pointray"
+    file = tmp_path_factory.mktemp("saved") / "torus.pointray"
+    model.save(file)
+    return points, file
+
+
+@pytest.fixture
+def saved(model_of_all: tuple[pr.Points, Path], tmp_path: Path) -> tuple[pr.Points, Path]:
+    """Its points, and a copy of its file."""
+    points, file = model_of_all
+    return points, Path(shutil.copy(file, tmp_path))
 
 
 def test_the_points_of_a_model_come_back(saved, capsys):
@@ -227,7 +236,7 @@ CLOUDS = {
 }
 
 
-@pytest.mark.parametrize("name", CLOUDS)
+@pytest.mark.parametrize("name", [name if name in ("surface", "uneven", "stray") else long(name) for name in CLOUDS])
 def test_info_of_a_large_scan_asks_for_few_neighbours(name, monkeypatch):
     """The spacing is that of a sample, nearly that of all. Few trees of few points are built for it."""
     points = pr.Points(CLOUDS[name](np.random.default_rng(3)))

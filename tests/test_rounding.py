@@ -12,6 +12,7 @@ from conftest import MODELS, shared_model, sphere_points
 from pointray.cli import execute
 from pointray.points.rounding import find_rounding
 
+QUICK = "--spp", "1", "--light", "headlight"
 PLACE = np.float64([432_100, 5_412_300, 240])
 
 
@@ -108,7 +109,13 @@ def test_what_only_looks_rounded(name, rng):
     assert find_rounding(pr.Points(NOT_ROUNDED[name](rng))) == ((0, 0, 0), None)
 
 
-@pytest.mark.parametrize("path", sorted(MODELS.glob("*/*.ply")), ids=lambda path: path.stem)
+SCANS = [
+    pytest.param(path, id=path.stem, marks=pytest.mark.long if path.stat().st_size > 5e6 else ())
+    for path in sorted(MODELS.glob("*/*.ply"))
+]
+
+
+@pytest.mark.parametrize("path", SCANS)
 def test_no_real_scan_is_said_to_be_rounded(path):
     if "3dgs" in path.name:
         pytest.skip("no points of the usual kind")
@@ -127,11 +134,11 @@ def test_info_and_render_name_them(file, tmp_path, capsys, rng):
     assert facts["steps"] == [0, 0.5, 0]
     note = "coordinates were rounded to steps of 0.5 in y (float32 at 5.4e6), 1.3 times the mean distance of points: "
     assert len(facts["notes"]) == 1 and facts["notes"][0].startswith(note)
-    assert execute(["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "32x24", "--spp", "1"]) == 0
+    assert execute(["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "32x24", *QUICK]) == 0
     assert capsys.readouterr().err.count(f"pointray: note: {note}") == 1
     pr.write(file, pr.Points(hills(rng, 0.38)))
     assert execute(["info", str(file), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["steps"] == [0, 0, 0] and facts["notes"] == []
-    assert execute(["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "32x24", "--spp", "1"]) == 0
+    assert execute(["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "32x24", *QUICK]) == 0
     assert "rounded" not in capsys.readouterr().err

@@ -168,6 +168,7 @@ shutil.rmtree(there)
 """
 
 
+@pytest.mark.long
 def test_stages_are_told_by_their_marks(tmp_path):
     seen = watched(["-c", MARKER, tmp_path / "model"], tmp_path / "model")
     assert [(stage.name, stage.parts) for stage in seen.stages] == [

@@ -81,9 +81,9 @@ def crossing():
 def bubbles():
     """Spheres of 100 to 5,000 points, small ones inside larger ones, many of which lie in two parts."""
     dice, spheres = np.random.default_rng(2), []
-    for k in range(60):
+    for k in range(24):
         size = dice.uniform(0.2, 1)
-        spheres.append(sphere_points(int(dice.integers(100, 5000)), k) * size + dice.uniform(0, 12, 3))
+        spheres.append(sphere_points(int(dice.integers(100, 5000)), k) * size + dice.uniform(0, 9, 3))
     return np.concatenate(spheres)
 
 
@@ -116,7 +116,7 @@ def signs_of(cloud, folder, order=lambda parts: parts):
     return out[:]
 
 
-@pytest.mark.parametrize("name", ["bubbles", "crossing", "terrain", "lucy", long("statue")])
+@pytest.mark.parametrize("name", ["bubbles", "crossing", "terrain", long("lucy"), long("statue")])
 def test_parts_have_the_signs_of_the_whole(name, tmp_path, monkeypatch):
     monkeypatch.setattr("pointray.parts.ballots.PIECES", 1000)
     cloud = made(name)

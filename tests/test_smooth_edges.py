@@ -43,10 +43,11 @@ def test_points_near_edges_lie_on_faces_or_on_the_round_edge():
     near = along_edges(places)
     assert near.sum() > 1000
     off = np.linalg.norm(moved.positions - places, axis=1)[near] / H
-    assert np.sqrt((off**2).mean()) < 0.12
-    assert np.quantile(off, 0.99) < 0.45
+    # 16 seeds: 0.119 +- 0.009, 0.39 +- 0.03 and 3.7 +- 0.9 degrees. Points that stay where they are: 0.31 and 0.79.
+    assert np.sqrt((off**2).mean()) < 0.18
+    assert np.quantile(off, 0.99) < 0.6
     cosine = np.einsum("ij,ij->i", moved.normals, exact)[near]
-    assert np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1))) < 5
+    assert np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1))) < 10
     assert (cosine > 0.7).mean() > 0.985
 
 

@@ -35,6 +35,15 @@ def seen(scene: pr.Scene) -> np.ndarray:
     return pr.render(scene, CAMERA, pr.Settings())
 
 
+@pytest.fixture
+def quick_gc():
+    """Let the collector pass over what was there before: compiled kernels have many objects."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
+
+
+@pytest.mark.usefixtures("quick_gc")
 @pytest.mark.parametrize("holder", ["table", "snapshot", "picture"])
 def test_what_holds_addresses_holds_what_lies_there(holder):
     scene = one_ball()
@@ -91,6 +100,7 @@ def test_copies_show_the_same_and_change_by_themselves(method, built):
     assert not np.array_equal(seen(scene), before) and list(twin.shapes) == [floor, floor + 1]
 
 
+@pytest.mark.usefixtures("quick_gc")
 @pytest.mark.parametrize("method", ["deepcopy", "pickle"])
 def test_a_copy_outlives_its_original(method):
     scene = one_ball()

@@ -9,19 +9,20 @@ import tracemalloc
 import warnings
 from collections import namedtuple
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from pointray.data import choose_origin
 from pointray.parts import convert
 from pointray.parts import spool as own
 from pointray.parts.columns import Columns
 from pointray.parts.spool import Spooled, spool, spooled_in
 from pointray.points.files import open_files, request_of
-from pointray.points.formats._source import Chunk, Listing
+from pointray.points.formats._source import CHUNK, Chunk, Listing
+from pointray.points.formats.ply import ply
 from pointray.points.gather import gather
 from pointray.points.opening import Opener
 from pointray.points.selection import Selection
@@ -442,26 +443,30 @@ from pointray.points.files import open_files, request_of
 from pointray.points.selection import Selection
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
-try:
-    with open_files(sys.argv[2], request_of()) as files:
-        spool(files, Selection(), Columns(Path(sys.argv[3])))
-except OSError as error:
-    sys.exit(_reason(error))
+for limit in sys.argv[3:]:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(limit), resource.RLIM_INFINITY))
+    try:
+        with open_files(sys.argv[1], request_of()) as files:
+            spool(files, Selection(), Columns(Path(sys.argv[2]) / limit))
+        error = None
+    except OSError as raised:
+        error = raised
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    print(error and _reason(error))
 """
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of POSIX")
-@pytest.mark.parametrize("limit", [0, 1000, 11_999])
-def test_a_full_disk_is_told_and_cleared(tmp_path, limit):
+def test_a_full_disk_is_told_and_cleared(tmp_path):
     pr.write(tmp_path / "a.ply", pr.Points(XYZ, XYZ, attributes={"a": XYZ[:, 0]}))
     folder = tmp_path / "columns"
-    command = [sys.executable, "-c", COMMAND, str(limit), str(tmp_path / "a.ply"), str(folder)]
+    limits = ["0", "1000", "11999"]
+    command = [sys.executable, "-c", COMMAND, str(tmp_path / "a.ply"), str(folder), *limits]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.startswith(f"{folder}/raw.") and done.stderr.endswith(": File too large\n")
-    assert done.stderr.count("\n") == 1
-    assert list(folder.iterdir()) == []
+    assert (done.returncode, done.stderr) == (0, "")
+    for limit, line in zip(limits, done.stdout.splitlines(), strict=True):
+        assert line.startswith(f"{folder / limit}/raw.") and line.endswith(": File too large")
+        assert list((folder / limit).iterdir()) == []
 
 
 # --------------------------------------------------------------------------------------------- progress and memory
@@ -478,9 +483,12 @@ def test_progress_grows_to_one(tmp_path, columns):
     assert np.diff(shares).max() < 0.15  # a column that stays as it is takes no time
 
 
-def test_memory_for_a_few_chunks_is_enough(tmp_path, columns, large_chunks):
-    """4 million points, which take 170 MB, some of them not finite."""
-    n, path = 1 << 22, Path(tmp_path / "large.ply")
+@pytest.mark.parametrize(("n", "chunk", "most"), [(1 << 19, 1 << 14, 10e6), long(1 << 22, CHUNK, 60e6)])
+def test_memory_for_a_few_chunks_is_enough(tmp_path, columns, monkeypatch, large_chunks, n, chunk, most):
+    """4 million points take 170 MB, half a million 21 MB. Some are not finite."""
+    for module in (ply, convert):
+        monkeypatch.setattr(module, "CHUNK", chunk)
+    path = tmp_path / "large.ply"
     fields = [*((name, "<f8") for name in "xyz"), *((name, "<f4") for name in ("nx", "ny", "nz")), ("row", "<i4")]
     kinds = {"<f8": "double", "<f4": "float", "<i4": "int"}
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
@@ -500,8 +508,10 @@ def test_memory_for_a_few_chunks_is_enough(tmp_path, columns, large_chunks):
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert peak < 60e6
+    assert peak < most
     assert done.rows == n - len(range(0, n, 1 << 18)) * len(range(0, 1 << 18, 1000))
     kept = columns["attribute.0"][done.rows - 5 :]
     assert kept.tolist() == list(range(n - 5, n))
-    np.testing.assert_array_equal(columns["positions"][done.rows - 1 :][0] + done.origin, [4e5 + 2047, 5e6 + 2047, 0])
+    np.testing.assert_array_equal(
+        columns["positions"][done.rows - 1 :][0] + done.origin, [4e5 + 2047, 5e6 + n // 2048 - 1, 0]
+    )

@@ -280,7 +280,7 @@ CLOUDS = ["plane", "line", "two clusters", "duplicates", "nan", "few", "two", "n
 
 
 @pytest.mark.parametrize("name", CLOUDS)
-@pytest.mark.parametrize("share", [1e-9, 1e-2, 0.9])
+@pytest.mark.parametrize("share", [1e-9, long(1e-2), 0.9])
 def test_strange_clouds(name, share):
     points = clouds()[name]
     size = diagonal(points.select(points.finite))
