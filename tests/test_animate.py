@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import sphere_points
+from conftest import long, sphere_points
 from pointray.cli import execute
 from pointray.rendering import sequence
 
@@ -145,6 +145,7 @@ def test_an_mp4(scan, capsys):
         assert np.abs(film[k].mean(axis=(0, 1)) - still.mean(axis=(0, 1))).max() < 4
 
 
+@pytest.mark.long
 def test_an_mp4_of_odd_size(scan, capsys):
     assert animate(scan, "turn.mp4", "--seconds", "1", "--fps", "2", "--size", "23x17", "--background", "1,0,0") == 0
     assert "23x17 (an MP4 has even sides: 24x18), 2 frames" in capsys.readouterr().out
@@ -155,7 +156,7 @@ def test_an_mp4_of_odd_size(scan, capsys):
     assert np.abs(np.median(border, axis=0) - (255, 0, 0)).max() < 8  # players decode with the same colour matrix
 
 
-@pytest.mark.parametrize("name", ["keys.toml", "keys.json"])
+@pytest.mark.parametrize("name", ["keys.toml", long("keys.json")])
 def test_keys_from_a_file(name, scan, rendered):
     file = scan.with_name(name)
     if name == "keys.json":
@@ -222,6 +223,7 @@ def test_keys_through_a_scene_file(scene, rendered):
         assert (camera.size, camera.aperture, camera.focus) == ((24, 18), 0.2, 5.5)
 
 
+@pytest.mark.long
 def test_an_interrupted_film_of_a_scene_file_goes_on(scene, rendered, capsys):
     assert animate(scene, "whole") == 0
     del rendered[:]
@@ -233,7 +235,7 @@ def test_an_interrupted_film_of_a_scene_file_goes_on(scene, rendered, capsys):
     assert pictures(scene.with_name("out")) == pictures(scene.with_name("whole"))
 
 
-@pytest.mark.parametrize("name", ["scene.toml", "scan.ply"])
+@pytest.mark.parametrize("name", [long("scene.toml"), "scan.ply"])
 def test_when_a_file_of_the_scene_was_written_anew_so_are_the_frames(name, scene, rendered, capsys):
     rendered.stop = 2
     assert animate(scene, "out") == 130
@@ -310,6 +312,7 @@ def test_frames_of_other_settings_are_rendered_anew(scan, rendered, capsys):
     assert err.endswith("rendered anew: not as before: exposure, background\n") and len(rendered) == 6
 
 
+@pytest.mark.long
 def test_frames_of_another_color_by_are_rendered_anew(scan, rendered, capsys):
     rendered.stop = 2
     assert animate(scan, "out") == 130

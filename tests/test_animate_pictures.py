@@ -10,6 +10,7 @@ import pytest
 
 import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
+from conftest import long
 from pointray.rendering import picture, sequence
 
 CAMERAS = [camera_of(36, 24, turn) for turn in np.linspace(0, 6, 7)]
@@ -43,7 +44,9 @@ def assert_same(images: list[Any], scene: pr.Scene, settings: pr.Settings) -> No
         np.testing.assert_array_equal(image, pr.render(scene, camera, settings))
 
 
-@pytest.mark.parametrize("settings", [pr.Settings(spp=2), pr.Settings("ao", spp=2, denoise=True)], ids=["", "denoised"])
+@pytest.mark.parametrize(
+    "settings", [pr.Settings(spp=2), long(pr.Settings("ao", spp=2, denoise=True))], ids=["", "denoised"]
+)
 def test_each_picture_is_the_one_that_render_makes(client: Any, settings: pr.Settings) -> None:
     scene, told = new_scene(), list[float]()
     assert_same(list(pr.animate(scene, CAMERAS, settings, told.append, client)), scene, settings)
@@ -86,7 +89,7 @@ def test_an_error_in_progress_ends_the_film(client: Any) -> None:
 
 
 def test_a_film_that_is_left_leaves_no_work(workers: Any) -> None:
-    images = pr.animate(new_scene(), CAMERAS, pr.Settings("path", spp=150, max_depth=2), client=workers)
+    images = pr.animate(new_scene(), CAMERAS, pr.Settings("path", spp=40, max_depth=2), client=workers)
     next(images)
     images.close()  # type: ignore[attr-defined]  # of a generator, as a loop that is left does
     end = time.monotonic() + 120

@@ -187,7 +187,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "render": (pr.render, {"scene": t.scene, "camera": t.camera}),
         "render_layers": (pr.render_layers, {"scene": t.scene, "camera": t.camera}),
         "studio": (pr.studio, {}),
-        "subsample": (pr.subsample, {"points": t.points, "count": 300}),
+        "subsample": (pr.subsample, {"points": t.points.select(np.arange(100)), "count": 60}),
         "transform": (pr.transform, {}),
         "turntable": (pr.turntable, {"camera": t.camera, "frames": 3}),
         "view": (lambda **told: pr.view(**{"open_browser": False, **told}).close(), {"scene": t.scene, "block": False}),

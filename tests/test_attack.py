@@ -23,7 +23,7 @@ def patient(monkeypatch, name, limit):
 
 
 @needs_posix
-@pytest.mark.parametrize(("name", "few"), [("ply", 50), *(long(name, part.few) for name, part in PARTS.items())])
+@pytest.mark.parametrize(("name", "few"), [("ply", 12), *(long(name, part.few) for name, part in PARTS.items())])
 def test_a_few_inputs_of(name, few, monkeypatch):
     patient(monkeypatch, name, 120.0)
     with Attacker(name, SEED) as attacker:

@@ -203,6 +203,7 @@ def test_colors_hold_the_light(scan, capsys, paint, curve):
     assert 90 < found.colors.mean() < 170 and (found.colors == 255).mean() < 0.01
 
 
+@pytest.mark.long
 def test_colors_of_points_that_have_none_are_white_or_the_given_one(scan, capsys):
     points = ring()
     pr.write(scan, pr.Points(points.positions, points.normals))
@@ -341,7 +342,7 @@ def test_a_file_of_light_is_shown_as_what_was_baked(scan, bakes, capsys):
     assert run(capsys, "render", scan, "-o", picture, *SMALL, "--bake", light, "--view", "top")[2] == ""
 
 
-@pytest.mark.parametrize("program", ["render", "animate"])
+@pytest.mark.parametrize("program", ["render", long("animate")])
 def test_light_that_does_not_fit_is_refused(program, scan, bakes, capsys):
     light = scan.with_name("lit.bake")
     assert run(capsys, "bake", scan, "-o", light)[0] == 0
@@ -406,6 +407,7 @@ def test_a_film_with_a_file_of_light(scan, bakes, capsys, monkeypatch):
     assert len(list(frames.iterdir())) == 2
 
 
+@pytest.mark.long
 def test_an_interrupted_film_goes_on_with_the_same_light_only(scan, bakes, capsys, monkeypatch):
     from pointray.rendering import sequence
 
@@ -522,6 +524,7 @@ def test_a_film_of_a_scene_file_bakes_once(scene, bakes, capsys):
     assert run(capsys, *film)[0] == 0
 
 
+@pytest.mark.long
 def test_light_of_another_scene_is_told_with_its_line(scene, bakes, capsys):
     assert run(capsys, "bake", scene, "-o", scene.with_name("scene.bake"))[0] == 0
     picture = scene.with_name("a.png")
@@ -636,7 +639,7 @@ FAR = (412345.6, 5412345.7, 101.3)
 
 @pytest.mark.parametrize(
     ("origin", "lights"),
-    [((0, 0, 0), ["point:0.3,-3,4"]), (FAR, None), long((0, 0, 0), None), long(FAR, ["point:0.3,-3,4"])],
+    [((0, 0, 0), ["point:0.3,-3,4"]), long(FAR, None), long((0, 0, 0), None), long(FAR, ["point:0.3,-3,4"])],
 )
 def test_the_viewer_reads_what_bake_has_written(scan, bakes, capsys, lights, origin):
     """Its lights and its ground are those of `render`, to the last bit."""
@@ -653,6 +656,7 @@ def test_the_viewer_reads_what_bake_has_written(scan, bakes, capsys, lights, ori
     assert "does not fit" in shared.problem and shared.scene is None
 
 
+@pytest.mark.long
 def test_the_viewer_shows_a_large_scan_with_light_from_a_file_as_a_whole(scan, bakes, capsys, monkeypatch):
     """No coarse version and no levels of detail, which that light is not of."""
     monkeypatch.setattr("pointray.viewer.loading.WORTH", 100)

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import sphere_points
+from conftest import long, sphere_points
 from pointray.cli import execute
 
 SMALL = ["--size", "32x24", "--spp", "1"]
@@ -52,12 +52,19 @@ def bad_input(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return err
 
 
-@pytest.mark.parametrize("module", ["pointray", "pointray.cli"])
-def test_the_command_is_a_module_too(module: str) -> None:
-    done = subprocess.run([sys.executable, "-m", module, "--version"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"{pr.__version__}\n", "")
-    done = subprocess.run([sys.executable, "-m", module, "info", "absent.ply"], capture_output=True, text=True)
-    assert done.returncode == 2 and done.stderr == "pointray: absent.ply: No such file or directory\n"
+VERSION = "--version", 0, f"{pr.__version__}\n", ""
+ABSENT = "info absent.ply", 2, "", "pointray: absent.ply: No such file or directory\n"
+
+
+@pytest.mark.parametrize(
+    ("module", "call"),
+    [("pointray", VERSION), ("pointray.cli", VERSION), long("pointray", ABSENT), long("pointray.cli", ABSENT)],
+)
+def test_the_command_is_a_module_too(module: str, call: tuple[str, int, str, str]) -> None:
+    words, *wanted = call
+    command = [sys.executable, "-m", module, *words.split()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert [done.returncode, done.stdout, done.stderr] == wanted
 
 
 # ------------------------------------------------------------------------------------------------ what it makes
@@ -93,8 +100,9 @@ def test_render_from_an_eye(scan: Path) -> None:
 
 def test_target_alone_moves_the_framed_camera(scan: Path) -> None:
     pictures = [scan.with_name(name) for name in ("a.png", "b.png")]
+    plain = [*SMALL, "--background", "none", "--light", "headlight"]
     for picture, more in zip(pictures, ([], ["--target", "0,0,50"]), strict=True):
-        assert execute(["render", str(scan), "-o", str(picture), *SMALL, "--background", "none", *more]) == 0
+        assert execute(["render", str(scan), "-o", str(picture), *plain, *more]) == 0
     covered = [(np.asarray(Image.open(picture).convert("RGBA"))[..., 3] > 0).any() for picture in pictures]
     assert covered == [True, False]
 
@@ -120,7 +128,7 @@ def test_projections(scan: Path) -> None:
     covered = {}
     for projection in ("perspective", "orthographic", "panorama"):
         picture = scan.with_name("a.png")
-        more = ["--size", "60x60", "--background", "none", "--projection", projection]
+        more = ["--size", "60x60", "--background", "none", "--projection", projection, "--light", "headlight"]
         assert execute(["render", str(scan), "-o", str(picture), "--spp", "1", *more]) == 0
         covered[projection] = (np.asarray(Image.open(picture).convert("RGBA"))[..., 3] > 0).mean()
     assert covered["panorama"] == 1
@@ -133,7 +141,7 @@ def test_aperture_focus_and_filter(scan: Path) -> None:
     def half_covered(*more: str) -> float:
         picture = scan.with_name("a.png")
         view = ["--eye", "0,-4,0", "--target", "0,0,0", "--size", "48x48", "--background", "none", "--spp", "16"]
-        assert execute(["render", str(scan), "-o", str(picture), *view, *more]) == 0
+        assert execute(["render", str(scan), "-o", str(picture), *view, "--light", "headlight", *more]) == 0
         alpha = np.asarray(Image.open(picture))[..., 3]
         return float(((alpha > 20) & (alpha < 235)).mean())
 
@@ -346,7 +354,7 @@ main()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
-@pytest.mark.parametrize("command", ["render scan.ply -o a.png", "demo -o a.png --points 20000"])
+@pytest.mark.parametrize("command", ["render scan.ply -o a.png", long("demo -o a.png --points 20000")])
 def test_interrupted_while_compiling(command: str, scan: Path, tmp_path: Path) -> None:
     """The status is 130, nothing more is printed, and nothing is left behind."""
     environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path / "cache")}

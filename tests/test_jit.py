@@ -152,8 +152,8 @@ def use(folder: Path, cache: Path, program: str = USE, *arguments: str) -> list[
 
 
 def copied(folder):
-    """Copy the package into a folder."""
-    shutil.copytree(PACKAGE, folder / "pointray", ignore=shutil.ignore_patterns("__pycache__"))
+    """Copy the package into a folder, with its bytecode, which would take a second to make."""
+    shutil.copytree(PACKAGE, folder / "pointray")
     return folder
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from pointray.choices import AUTO
 from pointray.cli import baked_light, execute, serve
 from pointray.cli.read_options import Reading
@@ -178,6 +179,7 @@ def test_the_viewer_shows_a_studio_and_the_panel_offers_a_headlight(scan):
     assert again.integrator == "baked" and light_row(again, shared).value == "studio"
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:the normals look inwards")
 def test_the_viewer_of_a_headlight_and_of_a_room(scan, room):
     shared = viewed(scan, look=["headlight"], quick=False)
@@ -275,7 +277,7 @@ class Page:
         pytest.fail(text)
 
 
-@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("known", [False, long(True)])
 def test_an_export_bakes_with_a_bar_unless_there_is_light(known):
     scene, page = ball(), Page()
     light = pr.bake(scene, pr.BakeSettings(patches=300, links=8))

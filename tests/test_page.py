@@ -127,21 +127,18 @@ def coordinates(page):
     return np.array([float(re.search(rf"^{axis} (\S+)", text, re.MULTILINE)[1]) for axis in "xyz"])
 
 
-def test_it_shows_the_model(page, scene, model):
+def test_it_shows_the_model_and_a_drag_turns_it(page, scene, model):
     assert page.tab.title() == "statue.ply - pointray"
-    assert shows(page, scene)
+    assert becomes(page, scene)
     assert f"{len(model.points):,} points" in page.tab.locator("#status").inner_text()
     icon = page.tab.evaluate("document.querySelector('link[rel=icon]').href")
     assert icon.startswith("data:") or page.tab.request.get(icon).ok
-
-
-def test_a_drag_turns_the_model(page, scene):
     first = page.camera
     with page.another(SAMPLES):
         page.drag(MODEL, (60, 20))
     assert away(page.camera) @ away(first) < 0.95 * (away(first) @ away(first))
     assert np.linalg.norm(away(page.camera)) == pytest.approx(np.linalg.norm(away(first)))
-    assert shows(page, scene)
+    assert becomes(page, scene)
     assert apart(page, scene, first) > 3.0
 
 
@@ -209,6 +206,7 @@ def test_the_panel_acts(page, scene):
     assert becomes(page, scene, exposure=-1.0)
 
 
+@pytest.mark.long
 def test_a_material_for_the_model(page, scene, model):
     page.open_folder("Material")
     with page.another(SAMPLES):
@@ -247,6 +245,7 @@ def test_a_double_click_looks_there(page, scene):
     assert page.tab.locator("#picked").is_hidden()
 
 
+@pytest.mark.long
 def test_clicks_show_coordinates_and_measure(page, scene):
     box, line = page.tab.locator("#picked"), page.tab.locator("#line-text")
     point, pixel = surface_at(scene, page.camera, *MODEL)
@@ -278,6 +277,7 @@ def test_quick_clicks_at_two_places_are_two(page):
     page.tab.locator("#line-text").wait_for()
 
 
+@pytest.mark.long
 def test_a_saved_picture_is_that_of_render(page, scene, tmp_path):
     page.open_folder("Picture")
     for name, value in (("width", 90), ("height", 70), ("samples", SAMPLES)):
@@ -341,6 +341,7 @@ def waits_for_free(page, wanted):
     return free_area(page)
 
 
+@pytest.mark.long
 def test_the_page_tells_what_the_panel_leaves_free(page):
     panel = page.tab.locator("#panel").bounding_box()
     sizes = [message for message in map(json.loads, page.said) if message["type"] == "size"]

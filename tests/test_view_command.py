@@ -22,7 +22,7 @@ SIZE = (160, 120)
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "statue.ply"
-    pr.write(path, pr.procedural("statue", 5_000))
+    pr.write(path, pr.procedural("statue", 2_000))
     return path
 
 
@@ -37,6 +37,15 @@ def browse():
         yield begin
 
 
+def test_it_shows_a_scan(scan, browse):
+    browser = browse(scan, "--light", "sun:1,1,-2", "--ground", size=(40, 30))
+    browser.arrive()
+    browser.refined(64)
+    assert browser.told[0]["title"] == "statue.ply"
+    assert "lamps.0.azimuth" in browser.controls() and "copy.command" in browser.controls()
+
+
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
 def test_it_shows_a_scan_until_it_is_interrupted(scan):
     process, url, _ = serve(scan, "--light", "sun:1,1,-2", "--ground")
@@ -70,9 +79,9 @@ def test_listening_beyond_this_machine_is_said(scan, capsys):
 
 
 def test_several_files_and_saved_models_together(scan, browse, tmp_path):
-    points = pr.procedural("sphere", 5_000)
+    points = pr.procedural("sphere", 1_000)
     pr.Model(pr.Points(points.positions + np.float32(3), points.normals)).save(tmp_path / "ball.pointray")
-    browser = browse(scan, tmp_path / "ball.pointray", size=(40, 30))
+    browser = browse(scan, tmp_path / "ball.pointray", "--light", "headlight", size=(40, 30))
     browser.arrive()
     browser.refined(64)
     assert browser.last("hello")["title"] == "2 files"
@@ -194,7 +203,7 @@ def test_bad_input(arguments, message, scan, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scan.ply").write_bytes(scan.read_bytes())
     (tmp_path / "note.txt").write_text("x")
-    (tmp_path / "cut.ply").write_bytes(scan.read_bytes()[:50_000])
+    (tmp_path / "cut.ply").write_bytes(scan.read_bytes()[:20_000])
     (tmp_path / "empty").mkdir()
     (tmp_path / "a.toml").write_text("")
     assert execute(["view", *arguments.split()]) == 2

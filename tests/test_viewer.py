@@ -121,6 +121,7 @@ def test_another_camera_is_another_picture(browser, scene):
     assert np.abs(levels_in(browser.frames[-1][1]) - expected(scene, camera, SAMPLES)).mean() > 3.0
 
 
+@pytest.mark.long
 def test_two_browsers_have_cameras_of_their_own(viewer, scene):
     one, two = visit(viewer), visit(viewer, (100, 100))
     first, second = one.arrive(), two.listen(lambda: two.last("camera"))
@@ -160,6 +161,7 @@ def test_lights_come_and_go(browser, scene):
     assert len(scene.lights) == 1  # the scene itself is unchanged
 
 
+@pytest.mark.long
 def test_lights_that_hold_arrays_can_go(browser, scene):
     edges = np.array([0.0, 0, 1]), np.array([1.0, 0, 0])
     scene.lights = [pr.RectLight(np.array([0.0, -3, k]), *edges, np.array([k, 1.0, 1])) for k in (2.0, 3.0)]
@@ -286,6 +288,7 @@ def test_a_surface_for_all_browsers(browser, viewer):
     browser.listen(lambda: browser.controls()["build.radius_scale"]["value"] == 1.5)
 
 
+@pytest.mark.long
 def test_a_rebuilt_model_goes_on_following_its_scene(browser, scene, model):
     camera = browser.arrive()
     browser.refined(SAMPLES)
