@@ -34,11 +34,13 @@ def test_smooth_shapes_are_hit_where_they_are(even):
     assert discs.normal_mean >= 5 * ours.normal_mean
 
 
+@pytest.mark.long
 def test_half_the_radii_leave_holes(even):
     found = errors_of(pr.Model(even.points, radius_scale=0.5), even)
     assert found.holes > 100 and found.holes >= found.missed > 0
 
 
+@pytest.mark.long
 def test_turned_normals_are_noticed(even):
     rng = np.random.default_rng(0)
     normals = even.points.normals + rng.normal(scale=0.1, size=(N, 3))
@@ -48,6 +50,7 @@ def test_turned_normals_are_noticed(even):
     assert np.concatenate(turned.degrees).mean() > 10 * np.concatenate(exact.degrees).mean()
 
 
+@pytest.mark.long
 def test_a_surface_elsewhere_is_phantom(even):
     lifted = pr.Points(even.points.positions + 0.6 * even.h * even.points.normals, even.points.normals)
     depths = np.concatenate(errors_of(pr.Model(lifted), even).depths)
@@ -185,6 +188,7 @@ def test_verdicts_tell_good_from_bad():
     assert len(failed) == 6
 
 
+@pytest.mark.long
 def test_a_run_writes_its_table_and_plot(tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr("measure.PIXELS", 64)

@@ -158,6 +158,7 @@ direction = [1, 1, -1]
 """
 
 
+@pytest.mark.long
 def test_the_command_bakes_the_same_on_a_cluster(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from distributed import LocalCluster
 

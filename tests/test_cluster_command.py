@@ -64,6 +64,7 @@ def test_pictures_of_a_cluster_are_the_same(scan: Path, tmp_path: Path, address:
         assert (tmp_path / "here.png").read_bytes() == (tmp_path / "there.png").read_bytes()
 
 
+@pytest.mark.long
 def test_films_of_a_cluster_are_the_same(scan: Path, tmp_path: Path, address: str) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE)

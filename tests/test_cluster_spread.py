@@ -81,6 +81,7 @@ def test_pictures_are_the_same(client: Any, folder: Path, settings: pr.Settings)
     assert shares == sorted(shares) and shares[-1] == 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("settings", [pr.Settings("path", noise=0.3, spp=64, max_depth=2), long(pr.Settings(spp=70))])
 def test_passes_are_the_same(client: Any, folder: Path, settings: pr.Settings) -> None:
     scene, camera = scene_with(folder), camera_of(32, 24)

@@ -21,7 +21,7 @@ def parts_of(points, size):
 
 CLOUDS = {
     "sphere": lambda: sphere_points(50_000, 2),
-    "uneven": lambda: uneven_points(100_000),
+    "uneven": lambda: uneven_points(40_000),
     "small and large": lambda: np.random.default_rng(11).normal(size=(30_000, 3)) * [1e-30, 1e-3, 1e20],
     "one more than two parts": lambda: sphere_points(2 * 4096 + 1, 3),
     "two parts": lambda: sphere_points(2 * 4096, 4),

@@ -17,6 +17,7 @@ from pathlib import Path
 import pointray
 from pointray import dependencies, jit
 from pointray.dependencies import ROOT, files_of
+from test_house import statements
 
 FILES = sorted(ROOT.rglob("*.py"))
 
@@ -41,7 +42,7 @@ def naive_imports(path: Path, nodes: Iterable[ast.AST]) -> set[Path]:
 def test_imports_found_by_text_are_those_of_the_syntax_tree():
     for path in FILES:
         tree = ast.parse(path.read_bytes())
-        for deferred, nodes in ((False, tree.body), (True, ast.walk(tree))):
+        for deferred, nodes in ((False, tree.body), (True, statements(tree))):
             assert dependencies._imports(path, deferred) == naive_imports(path, nodes), path
 
 

@@ -163,6 +163,7 @@ def elsewhere(tmp_path_factory):
     return copied(tmp_path_factory.mktemp("copy"))
 
 
+@pytest.mark.long
 def test_the_cache_serves_the_second_process_and_never_runs_stale_code(tmp_path):
     copy, cache = copied(tmp_path / "copy"), tmp_path / "cache"
     assert use(copy, cache) == ["5.0", "1"]

@@ -138,6 +138,7 @@ def test_verdicts(value, word):
     assert verdict({OURS: least}) == {"aim": "NOT met", "met": "met", "NOT met": "aim"}[word]
 
 
+@pytest.mark.long
 def test_a_run_writes_its_table_and_plot(tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(noise, "QUICK", 3000)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import sphere_points
 from pointray.cli.report import describe
 from pointray.progress import part_of, tell
 
@@ -54,7 +55,7 @@ def test_normals_tell_how_many_are_done():
 @pytest.mark.parametrize("form", ["binary", "ascii"])
 def test_reading_tells_how_much_is_read(tmp_path, form):
     path = tmp_path / "a.ply"
-    points = pr.procedural("sphere", 600_000 if form == "binary" else 60_000)
+    points = pr.Points(sphere_points(600_000 if form == "binary" else 60_000))
     if form == "binary":
         pr.write(path, points)
     else:
@@ -78,7 +79,7 @@ def test_a_part_lies_between_its_ends():
 
 
 def test_looking_for_flaws_tells_how_much_is_done():
-    points = pr.procedural("sphere", 100_000)
+    points = pr.Points(sphere_points(100_000), sphere_points(100_000))
     shares, facts = [], []
     pr.find_flaws(points, progress=shares.append)
     assert moves(shares, 3, 0.6)

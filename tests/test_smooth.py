@@ -48,7 +48,7 @@ def test_normals_are_those_of_the_surface_and_face_as_before(rng):
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean() < 3
 
 
-@pytest.mark.parametrize("name", ["torus", "statue", "lattice"])
+@pytest.mark.parametrize("name", ["torus", long("statue"), long("lattice")])
 @pytest.mark.parametrize("count", [10_000, long(50_000)])
 def test_clean_points_stay_to_the_bit(name, count):
     points = pr.procedural(name, count)

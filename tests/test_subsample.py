@@ -341,7 +341,7 @@ def test_a_scan():
     assert (traced(points, subset, radii, (1.2 * tolerance, 5 * tolerance)) <= tolerance).mean() >= 0.999
 
 
-@pytest.mark.parametrize(("n", "count"), [(2000, 800), long(8000, 3000)])
+@pytest.mark.parametrize(("n", "count"), [long(2000, 800), long(8000, 3000)])
 def test_noise_is_smoothed_away_before(n, count):
     clean = pr.procedural("torus", n)
     h, rng = pr.Model(clean).spacing, np.random.default_rng(4)

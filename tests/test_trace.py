@@ -44,7 +44,7 @@ def test_depth_and_normal_of_a_sphere(surface, depth):
     assert np.abs(np.linalg.norm(hits.normal[hit], axis=-1) - 1).max() < 1e-5
 
 
-@pytest.mark.parametrize(("name", "inside"), [("sphere", 0.7), ("torus", 0.25), long("statue", None)])
+@pytest.mark.parametrize(("name", "inside"), [("sphere", 0.7), long("torus", 0.25), long("statue", None)])
 @pytest.mark.parametrize("count", [100_000, long(10_000_000)])
 def test_no_ray_escapes_from_inside(name, inside, count, rng):
     scene, _ = scene_of(name, 1_000_000 if name == "statue" else 60_000)
@@ -262,7 +262,7 @@ def test_a_step_of_density_is_no_border(rng):
 @pytest.mark.parametrize(
     ("sampling", "gap"),
     [("even", 0.5), *(long("even", gap) for gap in (1.0, 2.0, 3.0))]
-    + [*(long("random", gap) for gap in (0.5, 1.0, 2.0)), ("random", 3.0)],
+    + [long("random", gap) for gap in (0.5, 1.0, 2.0, 3.0)],
 )
 def test_of_two_sheets_the_side_that_faces_the_ray_is_hit(sampling, gap, rng):
     """A wall of half a spacing to three is hit from both sides, down to 10 degrees above it, and from inside."""
