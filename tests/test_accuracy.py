@@ -138,6 +138,7 @@ def test_depth_of_a_ray_in_a_mesh(ball):
     assert (exact.depth(origins, directions, np.zeros(2000), 0.05) == 0).all()
 
 
+@pytest.mark.long
 def test_counts_of_splats(even):
     small = Cloud(even.truth, "even", even.points.select(np.arange(0, N, 10)), 0.0)
     model = model_of(small, Setting("apss"))

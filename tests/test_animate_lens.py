@@ -34,6 +34,7 @@ def heights(frames):
     return [int(np.ptp(np.flatnonzero(frame[..., 3].any(axis=1)))) + 1 for frame in frames]
 
 
+@pytest.mark.long
 def test_a_film_without_perspective(scan):
     """A sphere at 2 units, by 90 degrees, has 1/2 of the picture's height without perspective, else 0.58."""
     near = ["--eye", "0,-2,0", "--target", "0,0,0", "--fov", "90", "--background", "none"]

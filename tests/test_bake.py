@@ -45,6 +45,7 @@ def test_the_outside_of_a_closed_body_is_lit_alone(n):
     assert baked.nbytes == 16 * len(ball.tree.order)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("edge", "n"), [(80, 5_000), long(300, 20_000)])
 def test_the_shade_below_a_ball(edge, n):
     """A unit sphere on a plane hides so much of the sky from a point at the distance d: 1 - (1 + d^2)^-1.5."""

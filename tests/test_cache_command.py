@@ -41,6 +41,7 @@ def test_a_picture_is_the_same_from_the_cache(scan, tmp_path, monkeypatch):
     assert len({path.read_bytes() for path in pictures[:3]}) == 1
 
 
+@pytest.mark.long
 def test_other_options_of_reading_and_building_are_other_models(scan, tmp_path):
     for more in ([], ["--every", "2"], ["--samples", "5"], ["--normals", "fit"], ["--samples", "5"]):
         assert execute(["render", str(scan), "-o", str(tmp_path / "a.png"), *SIZE, *more]) == 0

@@ -353,8 +353,9 @@ main()
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
-@pytest.mark.parametrize("command", ["render scan.ply -o a.png", long("demo -o a.png --points 20000")])
+@pytest.mark.parametrize("command", ["render scan.ply -o a.png", "demo -o a.png --points 20000"])
 def test_interrupted_while_compiling(command: str, scan: Path, tmp_path: Path) -> None:
     """The status is 130, nothing more is printed, and nothing is left behind."""
     environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path / "cache")}

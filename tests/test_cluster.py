@@ -352,6 +352,7 @@ def test_a_worker_does_one_job_at_a_time_with_all_its_threads() -> None:
         assert [result for _, result in Crew(client, scene_of(MODEL)).run(jobs, lambda: None)] == [(3, 1)] * 5
 
 
+@pytest.mark.long
 def test_no_dask_is_imported_without_a_client_or_an_array_of_it() -> None:
     import subprocess
     import sys

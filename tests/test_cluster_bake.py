@@ -87,6 +87,7 @@ def test_light_is_the_same(client: Any, make: Any) -> None:
     assert found.stale is None
 
 
+@pytest.mark.long
 def test_what_is_baked_there_is_updated_here(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = matt()
     found, wanted = pr.bake(scene, FEW, client=client), pr.bake(scene, FEW)
@@ -128,6 +129,7 @@ def test_stretches_are_all_tiles_and_small_enough_to_be_sent(monkeypatch: pytest
     assert len(cut) == len(whole)
 
 
+@pytest.mark.long
 def test_an_error_in_progress_ends_the_bake(client: Any) -> None:
     def stop(share: float) -> None:
         if share > 0.15:

@@ -49,6 +49,7 @@ def test_cleaned_and_made_smaller(scan, capsys):
     assert (points.colors == 200).all()
 
 
+@pytest.mark.long
 def test_render_uses_the_radii(scan, capsys, tmp_path, monkeypatch):
     small = tmp_path / "small.ply"
     assert run(capsys, "prepare", scan, "-o", small, "--count", 300, "--drop-outliers")[0] == 0

@@ -66,8 +66,9 @@ def test_normals_are_the_gradient(name, n):
     assert np.quantile(np.abs(slope - normals), 0.99) < 1e-5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "n"), [("sphere", 20_000), *(long(name, 100_000) for name in ("sphere", "torus", "lattice", "statue"))]
+    ("name", "n"), [("sphere", 20_000), *((name, 100_000) for name in ("sphere", "torus", "lattice", "statue"))]
 )
 def test_points_are_spread_evenly(name, n):
     positions = drawn(name, n)[0]
@@ -78,7 +79,8 @@ def test_points_are_spread_evenly(name, n):
     assert gaps.max() < 1.5
 
 
-@pytest.mark.parametrize("name", [long("statue"), "sphere"])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["statue", "sphere"])
 def test_the_same_points_with_any_number_of_threads(name, monkeypatch):
     first = sample(name, 10_000, seed=3)
     monkeypatch.setenv("POINTRAY_THREADS", "1")

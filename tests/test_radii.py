@@ -150,6 +150,7 @@ def test_two_sheets_have_the_radii_of_one(gap, rng):
     assert all(rows[inner].any(axis=1).mean() < FALSE_BORDERS for rows in (borders[:5000], ends))
 
 
+@pytest.mark.long
 def test_borders_end_in_small_radii_that_know_the_way_out(rng):
     x = square(rng, 20_000)
     radii, borders = survey(x, UP)
@@ -163,6 +164,7 @@ def test_borders_end_in_small_radii_that_know_the_way_out(rng):
     assert ((borders[found, :2] * np.sign(out[found])).sum(axis=1) > 0.7).mean() > 0.9
 
 
+@pytest.mark.long
 def test_a_mirrored_cloud_has_the_same_radii(rng):
     """Points are random with open borders. The result once depended on the handedness of a cell's corner."""
     x = square(rng, 10_000)
@@ -182,7 +184,7 @@ def test_a_clump_counts_once(rng):
     assert (np.median(radii[N:]) / usual[0]) == pytest.approx(1, rel=0.3)
 
 
-@pytest.mark.parametrize("count", [1, long(5), 20])
+@pytest.mark.parametrize("count", [1, long(5), long(20)])
 def test_stray_points_stay_small(count):
     stray = np.float32(1000) + 50 * sphere_points(count, seed=4)
     radii, _ = survey(np.vstack([SPHERE, stray]))
@@ -280,6 +282,7 @@ def test_a_crowd_at_one_place_is_thinned():
     assert (model.tree.order >= 0).sum() == 2015
 
 
+@pytest.mark.long
 def test_no_radius_is_much_smaller_than_those_around(rng):
     x = square(rng, 20_000)
     radii, _ = survey(x, UP)

@@ -5,6 +5,7 @@ import json
 import mmap
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -145,7 +146,7 @@ def test_memory_of_all_processes_is_seen(tmp_path):
         assert process.stdout.readline() == "ready\n"
         watch = Watch(process.pid)
         while not watch._samples:
-            pass
+            time.sleep(0.01)
         seen = watch.end()
         process.stdin.close()
     assert 100 * MIB < seen.resident < 250 * MIB and 60 * MIB < seen.anonymous < seen.resident - 40 * MIB

@@ -108,7 +108,7 @@ def test_odd_clouds_stay(rows):
     assert merge_for_model(points) is points
 
 
-@pytest.mark.parametrize(("gap", "tilt"), [long(0.5, 0), long(2, 0), (2.5, 0), (0, 1)])
+@pytest.mark.parametrize(("gap", "tilt"), [long(0.5, 0), long(2, 0), (2.5, 0), long(0, 1)])
 def test_two_scans_of_one_wall_become_one_surface(gap, tilt):
     rows, scan = scans(gap, tilt)
     points = pr.Points(rows, attributes={"scan": scan}, survey=pr.Survey(stations=STATIONS))

@@ -67,7 +67,7 @@ def inside_of(rng, name, inside, count):
 
 
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss"])
-@pytest.mark.parametrize("degrees", [0.5, long(3), 10, long(45), 90])
+@pytest.mark.parametrize("degrees", [0.5, *map(long, (3, 10, 45)), 90])
 def test_rays_from_a_sphere_leave_outside_and_are_blocked_inside(surface, degrees, rng):
     scene, _ = scene_of("sphere", surface=surface)
     origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), fov=26, size=(100, 100)).rays()
@@ -181,7 +181,7 @@ def test_refine_and_samples_are_honoured():
     assert errors[1] < errors[0]
 
 
-@pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
+@pytest.mark.parametrize("surface", ["paper", long("imls"), "apss", long("disc")])
 def test_rays_in_a_tile_hit_what_they_hit_alone(surface, rng):
     """Neighbouring rays are traced together; in random order few are: all bits are the same."""
     scene, model = scene_of("statue", surface=surface)
@@ -196,7 +196,7 @@ def test_rays_in_a_tile_hit_what_they_hit_alone(surface, rng):
         np.testing.assert_array_equal(getattr(together, name)[order], getattr(alone, name), name)
 
 
-@pytest.mark.parametrize("name", ["sphere", "statue"])
+@pytest.mark.parametrize("name", ["sphere", long("statue")])
 def test_rays_from_hits_do_not_depend_on_their_tile(name, rng):
     """Shadow rays and reflected rays start on the surface; the order of the batch changes next to nothing."""
     scene, model = scene_of(name)

@@ -38,9 +38,7 @@ def torus():
     return splats("torus")
 
 
-@pytest.mark.parametrize(
-    "name", [long("sphere"), "torus", long("lattice"), long("statue"), long("stanford_bunny"), "uneven"]
-)
+@pytest.mark.parametrize("name", [*map(long, ("sphere", "torus", "lattice", "statue", "stanford_bunny")), "uneven"])
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
     positions = 4000 if name not in ("torus", "uneven") else 1000
@@ -227,7 +225,7 @@ def test_slabs_and_boxes_lose_nothing(name, rng):
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize("name", ["torus", long("statue"), long("stanford_bunny"), "uneven"])
+@pytest.mark.parametrize("name", [*map(long, ("torus", "statue", "stanford_bunny")), "uneven"])
 def test_the_size_of_voxels_changes_nothing(name, factor, rng):
     cloud = splats(name)
     rays = random_rays(rng, cloud)
