@@ -1,9 +1,10 @@
 # Two commands do all the set-up: make demo, make test. They need Python 3.11+ and make, nothing else.
-# make test SHUFFLE=3 runs the tests in a random order with that seed; JOBS=1 in one process.
+# make test SHUFFLE=3 runs the tests in a random order with that seed; JOBS=1 in one process. By default there is one
+# process more than cores, up to four, as tests wait for other processes now and then.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-JOBS ?= logical
+JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 PYTEST = $(BIN)/python -m pytest --numprocesses $(JOBS) --maxprocesses 4 --dist worksteal \
 	$(if $(SHUFFLE),-p randomly --randomly-seed=$(SHUFFLE)) $(if $(REPORTS),--junitxml=$(REPORTS)/$@.xml)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1

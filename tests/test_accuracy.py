@@ -57,6 +57,7 @@ def test_a_surface_elsewhere_is_phantom(even):
     assert 0.58 < np.median(depths) < 0.62 and (depths > 0.5).mean() > 0.99
 
 
+@pytest.mark.long
 def test_noise_is_of_the_size_asked_for():
     cloud = cloud_of(truth("sphere"), "random", 20_000, 0.5)
     away = np.linalg.norm(cloud.points.positions, axis=1) - 1

@@ -82,6 +82,7 @@ def test_light_is_rough_then_fine_then_follows_the_lights(scene):
     baker.close()
 
 
+@pytest.mark.long
 def test_another_model_is_baked_anew(scene):
     heard = Listener()
     baker = Baker(heard.hear, heard.say)

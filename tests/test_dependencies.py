@@ -14,6 +14,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+import pytest
+
 import pointray
 from pointray import dependencies, jit
 from pointray.dependencies import ROOT, files_of
@@ -39,6 +41,7 @@ def naive_imports(path: Path, nodes: Iterable[ast.AST]) -> set[Path]:
     return {file for file in found if file.is_file()}
 
 
+@pytest.mark.long
 def test_imports_found_by_text_are_those_of_the_syntax_tree():
     for path in FILES:
         tree = ast.parse(path.read_bytes())

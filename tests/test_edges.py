@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from pointray.neighbors import distinct
 
 
@@ -76,7 +77,7 @@ SOLIDS = {
 }
 
 
-@pytest.mark.parametrize("k", [4, 5, 6])
+@pytest.mark.parametrize("k", [4, long(5), long(6)])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_no_ray_leaves_a_small_solid(name, k):
     hits = scene_of(*cloud(SOLIDS[name], k)).intersect(*rays_from(SOLIDS[name], 20_000))

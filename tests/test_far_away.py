@@ -90,6 +90,7 @@ def test_the_headlight_shows_the_same(files):
     assert (levels > 0).mean() < 2 * SHARE and (levels > 1).mean() < SHARE
 
 
+@pytest.mark.long
 def test_fitted_normals_show_nearly_the_same(files):
     levels, _ = differing(files, "--light", "headlight", "--normals", "fit")
     assert (levels > 1).mean() < 10 * SHARE

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import naive_fits
+from conftest import long
 from pointray.points.normals.jets import _fit_rows, fit_residuals
 from pointray.points.normals.layers import Layers
 from pointray.points.smoothing.creases import fit_creases
@@ -97,7 +98,7 @@ def test_planes_are_those_of_the_twin():
     np.testing.assert_allclose(layers.moved, moved, atol=1e-5)
 
 
-@pytest.mark.parametrize("k", [16, 63, 64, 128])
+@pytest.mark.parametrize("k", [16, long(63), 64, long(128)])
 def test_creases_are_those_of_the_twin(k):
     """Points of a cube near its edges and corners. (Through two of few neighbours any plane is right.)"""
     rng = np.random.default_rng(7)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from pointray.kernels.records import MATERIAL_SIZE, TOP_BOUNDS, TOP_CENTER, TOP_NODE
 from pointray.kernels.tree import ROW
 from pointray.tree.instance_bvh import DEEP, FEW, build_top
@@ -33,7 +34,7 @@ def random_rays(rng, count, spread):
     return origins, (towards - origins) * rng.uniform(0.3, 3, (count, 1))
 
 
-@pytest.mark.parametrize("shift", [0, 4e6])
+@pytest.mark.parametrize("shift", [long(0), 4e6])
 def test_many_are_as_the_nearest_of_each(rng, models, shift):
     """Rays of a picture and random rays, in tiles and a few at a time, also far from the origin."""
     transforms = [random_transform(rng, 5) for _ in range(60)]

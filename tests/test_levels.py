@@ -28,6 +28,7 @@ def moved(x, scale=1.0):
     return out
 
 
+@pytest.mark.long
 def test_levels_are_ever_coarser(statue):
     counts = [len(statue.points), *(len(level.points) for level in statue.levels)]
     assert len(counts) >= 4 and min(counts) >= 700

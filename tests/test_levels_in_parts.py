@@ -77,7 +77,7 @@ def large(points: pr.Points, folder: Path) -> None:
 
 
 FORMS = [  # a cloud, and how its model in parts is made
-    pytest.param((name, way), id=f"{name}-{way}", marks=() if (name, way) == ("plate", "large") else pytest.mark.long)
+    pytest.param((name, way), id=f"{name}-{way}", marks=pytest.mark.long)
     for name in CLOUDS
     for way in ("split", "large")
 ]

@@ -79,6 +79,7 @@ def error(got, want):
     return np.sqrt(np.mean((got - want) ** 2)) / want.mean()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "level", "in_picture", "on_body", "on_sheet"),
     [

@@ -69,7 +69,7 @@ def run(capsys, *arguments):
 # ------------------------------------------------------------------------------------------------- the command line
 
 
-@pytest.mark.parametrize("more", [[], ["--light", "studio"], ["--material", "phong"], ["--ground"]])
+@pytest.mark.parametrize("more", [[], *map(long, (["--light", "studio"], ["--material", "phong"], ["--ground"]))])
 def test_light_is_baked_quickly_and_a_line_tells_how_to_have_the_headlight(scan, bakes, capsys, more):
     said = run(capsys, "render", scan, "-o", scan.with_name("a.png"), *SMALL, "--seed", "5", *more)
     (settings,) = bakes

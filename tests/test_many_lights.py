@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from pointray.jit import borrow, kernel
 from pointray.kernels.records import LIGHT, LIGHT_AREA, LIGHT_KIND, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT
 from pointray.shade.choice import chance_of, choose_light, nearest_lamp, sun_after
@@ -125,7 +126,7 @@ def test_no_power_is_too_large_for_the_table():
     assert np.isfinite(share).all() and (share > 0.4 / 20).all() and share.sum() == pytest.approx(1)
 
 
-@pytest.mark.parametrize("count", [1, 4, 20, 25, 60, 1000])
+@pytest.mark.parametrize("count", [1, 4, 20, 25, 60, long(1000)])
 def test_rays_meet_the_lights_that_a_walk_over_all_meets(count):
     rng = np.random.default_rng(count)
     lights = lights_of(count, rng)

@@ -160,6 +160,7 @@ def test_a_smoothed_surface_gets_a_column_beside_that_without(monkeypatch):
     assert len(noise_surfaces.surfaces(cloud, [])) == 2
 
 
+@pytest.mark.long
 def test_what_is_missing_is_told(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(noise_surfaces.PEERS, POISSON, ("no_such_module",))
     here, messages = peers([POISSON])

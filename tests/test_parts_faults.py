@@ -155,6 +155,7 @@ def test_a_folder_that_has_just_been_finished_is_not_written_to(
     assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.long
 def test_a_run_that_ends_before_it_has_tidied_up_goes_on(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

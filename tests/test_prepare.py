@@ -170,6 +170,7 @@ def saved(model_of_all: tuple[pr.Points, Path], tmp_path: Path) -> tuple[pr.Poin
     return points, Path(shutil.copy(file, tmp_path))
 
 
+@pytest.mark.long
 def test_the_points_of_a_model_come_back(saved, capsys):
     points, file = saved
     out = file.with_name("out.ply")

@@ -42,7 +42,7 @@ def test_exactly_n_points(name, n):
     assert (positions.dtype, normals.dtype, colors.dtype) == (np.float32, np.float32, np.uint8)
 
 
-@pytest.mark.parametrize("n", [1, 2, 17])
+@pytest.mark.parametrize("n", [1, long(2), long(17)])
 @pytest.mark.parametrize("name", ["sphere", "torus"])
 def test_very_few_points(name, n):
     assert sample(name, n)[0].shape == (n, 3)
@@ -154,6 +154,7 @@ def test_statue_has_relief_finer_than_32000_points():
     assert turns[1] > turns[0] + 0.03
 
 
+@pytest.mark.long
 def test_areas():
     assert area("sphere") == pytest.approx(4 * np.pi, rel=1e-4)
     assert area("torus") == pytest.approx(4 * np.pi**2 * 0.4, rel=1e-4)

@@ -77,7 +77,7 @@ def test_cells_are_those_of_a_brute_force_search(rng):
         )
 
 
-@pytest.mark.parametrize("angle", [60, 90, 120, -60, -120])
+@pytest.mark.parametrize("angle", [long(60), 90, long(120), long(-60), -120])
 def test_a_fold_is_unfolded(angle, rng):
     """Two planes that meet at an angle have the cells of one plane."""
     x = square(rng, 4000) * np.float32([2, 1, 0]) - np.float32([1, 0, 0])

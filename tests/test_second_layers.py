@@ -135,7 +135,7 @@ def test_two_sheets_stay_two():
     assert stays(*scans(0)) and stays(scans(0)[0], np.arange(N) % 5)
 
 
-@pytest.mark.parametrize("wrong", [-1, 7, np.nan, 0.5, np.inf, 1e30])
+@pytest.mark.parametrize("wrong", [-1, long(7), np.nan, *map(long, (0.5, np.inf, 1e30))])
 def test_scans_that_do_not_exist_are_none(wrong):
     rows, scan = scans(2)
     assert stays(rows, np.where(scan == 1, wrong, 0.0))

@@ -42,6 +42,7 @@ def test_a_ball_is_a_disc_without_gaps_lit_from_above_left(with_normals, project
     assert bright[inner & (x < 0) & (y < 0)].mean() > 2 * bright[inner & (x > 0) & (y > 0)].mean()
 
 
+@pytest.mark.long
 def test_what_is_near_hides_what_is_behind(rng):
     """A red wall hides a green one, and colours are linear."""
     positions = rng.random((20_000, 3)) * (1, 0, 1)

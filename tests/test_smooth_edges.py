@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from conftest import long
 from pointray.points.smoothing.edges import ROUNDING, Edges
 
 N = 20_000
@@ -51,6 +52,7 @@ def test_points_near_edges_lie_on_faces_or_on_the_round_edge():
     assert (cosine > 0.7).mean() > 0.985
 
 
+@pytest.mark.long
 def test_creases_of_a_valley_are_those_of_a_ridge():
     rng = np.random.default_rng(2)
     xy = rng.uniform(-1, 1, (20_000, 2))
@@ -63,7 +65,7 @@ def test_creases_of_a_valley_are_those_of_a_ridge():
         assert np.sqrt((off**2).mean()) < 0.1
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 1.0])
+@pytest.mark.parametrize("share", [long(0.1), 0.3, long(0.5), 1.0])
 def test_smooth_surfaces_have_no_creases(share, monkeypatch):
     settled = []
     original = Edges.settle

@@ -338,7 +338,7 @@ def test_files_that_hold_nothing(columns):
         spool([Opener(str(k), lambda: Rows(*nothing)) for k in range(2)], Selection(), columns)
 
 
-@pytest.mark.parametrize("shift", [0.0, 3e6, -2e9])
+@pytest.mark.parametrize("shift", [0.0, long(3e6), -2e9])
 def test_origins(columns, monkeypatch, shift):
     """The sample is of all rows: two files whose rows are no multiple of its step."""
     samples = []

@@ -172,6 +172,7 @@ def test_kinds_are_told_in_words():
     assert len(left) < N + 10
 
 
+@pytest.mark.long
 def test_commands_leave_them_out(tmp_path, capsys):
     scan, small = tmp_path / "a.ply", tmp_path / "b.ply"
     points, _ = layered(2)

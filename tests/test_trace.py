@@ -66,7 +66,7 @@ def inside_of(rng, name, inside, count):
     return x[pr.procedural_distance(name, x) < -0.03]
 
 
-@pytest.mark.parametrize("surface", ["paper", "imls", "apss"])
+@pytest.mark.parametrize("surface", ["paper", long("imls"), "apss"])
 @pytest.mark.parametrize("degrees", [0.5, *map(long, (3, 10, 45)), 90])
 def test_rays_from_a_sphere_leave_outside_and_are_blocked_inside(surface, degrees, rng):
     scene, _ = scene_of("sphere", surface=surface)
