@@ -22,6 +22,7 @@ def patient(monkeypatch, name, limit):
     monkeypatch.setitem(KNOWN, name, KNOWN[name]._replace(limit=limit))
 
 
+@pytest.mark.long
 @needs_posix
 @pytest.mark.parametrize(("name", "few"), [("ply", 12), *(long(name, part.few) for name, part in PARTS.items())])
 def test_a_few_inputs_of(name, few, monkeypatch):

@@ -194,6 +194,7 @@ def sky(up=1.0, horizon=0.0, ground=0.0):
     return pr.EnvironmentLight(up, horizon=horizon, ground=ground)
 
 
+@pytest.mark.long
 def test_moments_are_those_of_the_sky_and_add_up(ball):
     """A plane under a sky has the moments of the sky's gradient; those of two skies add up to those of their sum."""
     scene = pr.Scene()

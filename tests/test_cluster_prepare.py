@@ -365,6 +365,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: Any) -> str:
     return lines[0]
 
 
+@pytest.mark.long
 def test_the_command_prepares_on_a_cluster(
     few: tuple[Path, dict[str, bytes]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -176,6 +176,7 @@ def run(package: Path, code: str, *arguments: str, **variables: str) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 def test_a_format_is_its_own_file(tmp_path: Path, package: Path) -> None:
     """No kernel depends on it, so the copy uses the kernels compiled so far."""
     scan, again, broken = (tmp_path / f"{name}.cubes" for name in ("scan", "again", "broken"))

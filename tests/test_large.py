@@ -393,6 +393,7 @@ def test_facts_of_parts_are_json(tmp_path, monkeypatch):
     shutil.rmtree(folder)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("has_normals", [long(True), False])
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_points_at_one_place(has_normals, tmp_path):

@@ -277,6 +277,7 @@ class Page:
         pytest.fail(text)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [False, long(True)])
 def test_an_export_bakes_with_a_bar_unless_there_is_light(known):
     scene, page = ball(), Page()

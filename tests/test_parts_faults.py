@@ -183,6 +183,7 @@ def test_unfinished_work_of_another_version_is_refused(
     assert begun_points(tmp_path / "a") == SIZE
 
 
+@pytest.mark.long
 def test_what_was_found_and_is_lost_is_named(scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(Large, "_write", lambda self: 1 / 0)
@@ -241,6 +242,7 @@ def test_a_disk_that_fills_at_any_stage_is_told_and_the_work_goes_on(
     assert {"raw", "scattered", "points"} <= {Path(name).name.partition(".")[0] for name in named}, set(named)
 
 
+@pytest.mark.long
 def test_any_column_may_be_half_written(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

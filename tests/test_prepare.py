@@ -86,6 +86,7 @@ def test_nothing_to_do_copies(scan, capsys):
     assert (status, len(pr.read(out))) == (0, 5102) and "nothing was to be done" in text
 
 
+@pytest.mark.long
 def test_a_tolerance_is_told_once(scan, capsys):
     """If the tolerance is not met, only the line of the result tells the share that meets it."""
     out = scan.with_name("out.ply")

@@ -138,7 +138,7 @@ def test_lines_of_a_scan_reach_each_other(rng):
     assert covers(x.astype(np.float32), radii, samples)[1].max() < 1.01 / OVERLAP
 
 
-@pytest.mark.parametrize("gap", [long(1.0), 0.25])
+@pytest.mark.parametrize("gap", [long(1.0), long(0.25)])
 def test_two_sheets_have_the_radii_of_one(gap, rng):
     x = square(rng, 5000)
     h = np.sqrt(1 / 5000)

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
 SMALL = {"points": "points = 5000", "spp": "spp = 1"}  # of the examples
 # Words of blocks that take long.
-EXPENSIVE = "animate", "path", "--workers", "bake", "--fov", "prepare", "examples/", "--legend"
+EXPENSIVE = "animate", "path", "--workers", "bake", "--fov", "prepare", "examples/", "--legend", "view"
 
 
 def blocks(language: str) -> list[str]:

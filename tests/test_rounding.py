@@ -128,6 +128,7 @@ def test_a_real_scan_in_float32_on_a_map():
     assert find_rounding(moved)[0][1] == 0.5
 
 
+@pytest.mark.long
 def test_info_and_render_name_them(file, tmp_path, capsys, rng):
     assert execute(["info", str(file), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)

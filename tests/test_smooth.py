@@ -185,6 +185,7 @@ def test_a_saved_model_knows_its_smoothing(tmp_path, rng):
         assert pr.Model.load(tmp_path / "a.pointray").smooth == smooth
 
 
+@pytest.mark.long
 def test_levels_are_made_of_the_smooth_points(rng):
     rows, _, h = noisy(rng, 0.5, 50_000)
     model = pr.Model(rows)

@@ -198,6 +198,7 @@ def test_a_model_keeps_what_points_have():
         assert pr.check_normals(pr.Model(ripple(2.2, 3_000)).points).wrong
 
 
+@pytest.mark.long
 def test_render_says_so_and_how_to_keep_them(file, tmp_path, capsys):
     picture = tmp_path / "a.png"
     assert execute(["render", str(file), "-o", str(picture), *SMALL]) == 0
