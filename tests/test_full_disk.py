@@ -220,12 +220,13 @@ print(json.dumps(found))
 """
 
 
-def test_the_command_line_says_that_the_disk_is_full(tmp_path):
+@pytest.mark.parametrize("names", [("a.png",), long(("a.jpg", "a.npz"))])
+def test_the_command_line_says_that_the_disk_is_full(tmp_path, names):
     """The limits of all pictures are tried in one process, because its start takes longest."""
     pr.write(tmp_path / "scan.ply", pr.Points(sphere_points(500), sphere_points(500)))
     arguments = ["render", str(tmp_path / "scan.ply"), "--size", "48x32", "--spp", "1", "--light", "headlight"]
     pictures = []
-    for name in ("a.jpg", "a.png", "a.npz"):
+    for name in names:
         path = tmp_path / name / name
         path.parent.mkdir()
         assert execute([*arguments, "-o", str(path)]) == 0
