@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -142,17 +142,31 @@ def test_a_job_that_kills_workers_is_given_up(client: Any) -> None:
         list(Crew(client, scene_of(ball())).run(deque([Job("deadly", die, ())]), lambda: None))
 
 
+def render_until_at_work(client: Any, then: Callable[[], Any]) -> None:
+    """Render what takes long; as soon as a part of it is done, something happens in another thread."""
+    thread, begun = threading.Thread(target=then), threading.Event()
+
+    def progress(share: float) -> None:
+        if share > 0 and not begun.is_set():
+            begun.set()
+            thread.start()
+
+    try:
+        pr.render(scene_of(ball()), camera_of(400, 300), pr.Settings("path", spp=20_000), progress, client=client)
+    finally:
+        if begun.is_set():
+            thread.join()
+
+
 def test_a_crew_without_workers_gives_up(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(crew, "ALONE", 1.0)
-    threading.Timer(1.0, lambda: client.cluster.scale(0)).start()
     with pytest.raises(RuntimeError, match="all workers of Dask are gone"):
-        pr.render(scene_of(ball()), camera_of(400, 300), pr.Settings("path", spp=20_000), client=client)
+        render_until_at_work(client, lambda: client.cluster.scale(0))
 
 
 def test_a_scheduler_that_ends_is_noticed(client: Any) -> None:
-    threading.Timer(1.0, client.cluster.close).start()
     with pytest.raises(RuntimeError, match="the scheduler of Dask is lost"):
-        pr.render(scene_of(ball()), camera_of(400, 300), pr.Settings("path", spp=20_000), client=client)
+        render_until_at_work(client, client.cluster.close)
 
 
 def set_version(version: str = "0.0.9") -> None:

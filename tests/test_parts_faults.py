@@ -234,8 +234,8 @@ def test_a_disk_that_fills_at_any_stage_is_told_and_the_work_goes_on(
                     "No space left on device: make room and run the same command again, it goes on"
                 )
             assert not (tmp_path / "disk" / "a" / INDEX).exists()
-            runs, size = runs + 1, size + (1 << 17)
-            assert runs < 100
+            runs, size = runs + 1, size + (1 << 15)
+            assert runs < 400
             resize(size)
     assert found == {path.name: path.read_bytes() for path in whole.iterdir()}
     assert len(named) > 10
