@@ -41,9 +41,9 @@ from pointray.image.frames import Frames
 from pointray.image.mp4 import write_mp4
 
 folder, pictures, names = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:]
-rng = np.random.default_rng(1)
-image = rng.random((40, 36, 4), dtype=np.float32)
-points = pr.Points(rng.random((300, 3)))
+random = np.random.default_rng(1).random
+image = random((40, 36, 4), dtype=np.float32)
+points = pr.Points(random((300, 3)))
 model = pr.Model(pr.procedural("sphere", 300)) if {"model.pointray", "light.bake"} & set(names) else None
 if "light.bake" in names:
     scene = pr.Scene()

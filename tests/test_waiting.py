@@ -39,7 +39,7 @@ for _ in range(int(sys.argv[2])):
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
 @pytest.mark.parametrize("count", [10, long(1_000)])
 def test_an_interrupt_at_any_moment_is_one(count: int) -> None:
-    """While the main thread waited by an Event, one of some thousand was a RuntimeError or waited for ever."""
+    """When the main thread still waited with an Event, some in ten thousand hung or became a RuntimeError."""
     done = subprocess.run([sys.executable, "-c", PROGRAM, "1", str(count)], capture_output=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, b"")
 
